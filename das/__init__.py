@@ -1,0 +1,3 @@
+"""Driver advisory system: what rides in the cab."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,1 @@
+"""The world as frozen data in SI units: vehicles, routes, loss models, trajectories."""

@@ -1,0 +1,1 @@
+"""One module per file format; `load` picks the right one for a name or path."""

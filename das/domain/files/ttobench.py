@@ -1,0 +1,188 @@
+"""Reader for TTOBench tracks and trains (Kouzoupis, Pendharkar, Corman 2023): JSON that states each unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from das.domain.errors import MISSING, InputError
+from das.domain.files.reading import Fields, number, read_json
+from das.domain.losses import EfficiencyLoss, Level
+from das.domain.route import Route, Stop, Stretches, Tunnel
+from das.domain.units import FACTORS, to_si
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+
+
+def read_train(path: Path) -> Vehicle:
+    """Read a TTOBench train; its constant efficiencies become its own losses.
+
+    Raises DasError for a missing file, InputError (file, key, value, expectation) for anything unusable in it.
+    """
+    fields = read_json(path)
+    friction_brake_n = _quantity(fields, "max pn braking force", "force", 0.0)
+    has_electric_brake = _quantity(fields, "max reg braking force", "force", 0.0) > 0
+    own = EfficiencyLoss.from_efficiencies(
+        _efficiency(fields, "efficiency traction"),
+        _efficiency(fields, "efficiency reg brake") if has_electric_brake else 1.0,
+    )
+    areas, coefficients = _tunnel_resistance(fields)
+    return Vehicle(
+        id=_identity(fields),
+        name=_identity(fields),
+        source=str(path),
+        mass_kg=_quantity(fields, "mass", "mass"),
+        rotating_mass_ratio=_quantity(fields, "rho", "ratio", 0.0),
+        length_m=_quantity(fields, "length", "length", 0.0),
+        max_speed_mps=_quantity(fields, "max speed", "speed"),
+        resistance=Resistance(
+            c0_n=_quantity(fields, "rolling resistance r0", "force"),
+            c1_n_per_mps=_quantity(fields, "rolling resistance r1", "resistance_1"),
+            c2_n_per_mps2=_quantity(fields, "rolling resistance r2", "resistance_2"),
+        ),
+        traction=EffortEnvelope(
+            max_force_n=_quantity(fields, "max traction force", "force"),
+            max_power_w=_quantity(fields, "max traction power", "power"),
+        ),
+        electric_brake=EffortEnvelope(
+            max_force_n=_quantity(fields, "max reg braking force", "force", 0.0),
+            max_power_w=_quantity(fields, "max reg braking power", "power", 0.0),
+        ),
+        friction_brake_force_n=friction_brake_n,
+        brake_policy=BrakePolicy.BLENDED if friction_brake_n > 0 else BrakePolicy.ELECTRIC,
+        max_acceleration_mps2=_quantity(fields, "max acceleration", "acceleration", np.inf),
+        max_deceleration_mps2=_quantity(fields, "max deceleration", "acceleration", np.inf),
+        tunnel_area_m2=areas,
+        tunnel_resistance_n_per_mps2=coefficients,
+        losses=MappingProxyType({Level.OWN: own}),
+    )
+
+
+def read_track(path: Path) -> Route:
+    """Read a TTOBench track. Stops get their number as name, for the format has none.
+
+    Raises DasError for a missing file, InputError (file, key, value, expectation) for anything unusable in it.
+    """
+    fields = read_json(path)
+    stops = _stop_positions(fields)
+    length_m = stops[-1]
+    limits = _rows(fields, "speed limits", ("position", "length"), ("velocity", "speed"))
+    gradients = _rows(fields, "gradients", ("position", "length"), ("slope", "gradient"))
+    identity = _identity(fields)
+    return Route(
+        id=identity,
+        name=identity,
+        source=str(path),
+        illustrative=False,
+        length_m=length_m,
+        stops=tuple(Stop(name=f"stop {i}", position_m=x) for i, x in enumerate(stops, 1)),
+        limits_mps=_stretches(limits),
+        gradients_ratio=_stretches(gradients),
+        curvature_per_m=curvature_stretches(
+            str(path),
+            _rows(fields, "curvatures", ("position", "length"), ("radius at start", "length"), ("radius at end", "length"))
+            if fields.has("curvatures")
+            else [[0.0, np.inf, np.inf]],
+        ),
+        tunnels=tuple(
+            Tunnel(start_m=a, length_m=b, area_m2=c)
+            for a, b, c in (
+                _rows(fields, "tunnels", ("position", "length"), ("length", "length"), ("cross section", "area"))
+                if fields.has("tunnels")
+                else []
+            )
+        ),
+        altitude_at_start_m=_quantity(fields, "altitude", "length", 0.0),
+        geometry_position_m=np.empty(0),
+        geometry_latitude_deg=np.empty(0),
+        geometry_longitude_deg=np.empty(0),
+    )
+
+
+def curvature_stretches(source: str, rows: list[list[float]]) -> Stretches:
+    """Mean |curvature| of each stretch from rows of position and signed radii at its start and end (m).
+
+    A radius under 60 m is refused: no main line has it and the resistance formula has a pole at 55 m.
+    """
+    for i, (_, start, end) in enumerate(rows):
+        if min(abs(start), abs(end)) < 60:
+            raise InputError(source, f"curves[{i}] radius", min(start, end, key=abs), "a radius of at least 60 m")
+    return Stretches(
+        start_m=np.array([row[0] for row in rows]),
+        value=np.array([abs(1 / start + 1 / end) / 2 for _, start, end in rows]),
+    )
+
+
+def _identity(fields: Fields) -> str:
+    return fields.table("metadata").text("id", fields.source.stem) if fields.has("metadata") else fields.source.stem
+
+
+def _unit_factor(fields: Fields, key: str, unit: object, dimension: str) -> str:
+    if not isinstance(unit, str) or unit not in FACTORS[dimension]:
+        known = ", ".join(u for u in FACTORS[dimension] if not u.isidentifier() or len(u) < 3)
+        raise fields.error(key, unit, f"a unit of {dimension.replace('_', ' ')}, one of {known}")
+    return unit
+
+
+def _quantity(fields: Fields, key: str, dimension: str, default: float | None = None) -> float:
+    """`{"unit": …, "value": …}` in SI."""
+    if not fields.has(key):
+        if default is None:
+            raise fields.error(key, MISSING, '{"unit": …, "value": …}')
+        return default
+    entry = fields.table(key)
+    unit = _unit_factor(entry, "unit", entry.data.get("unit", MISSING), dimension)
+    return to_si(number(fields.source, f"{entry.prefix}value", entry.data.get("value", MISSING)), unit, dimension)
+
+
+def _efficiency(fields: Fields, key: str) -> float:
+    value = _quantity(fields, key, "ratio")
+    if not 0 < value <= 1:
+        raise fields.error(key, fields.table(key).data["value"], "more than 0 and at most 100 %")
+    return value
+
+
+def _stop_positions(fields: Fields) -> list[float]:
+    table = fields.table("stops")
+    unit = _unit_factor(table, "unit", table.data.get("unit", MISSING), "length")
+    values = table.data.get("values", MISSING)
+    if not isinstance(values, list) or len(values) < 2:
+        raise table.error("values", values, "at least two positions")
+    return [to_si(number(fields.source, f"stops.values[{i}]", x), unit, "length") for i, x in enumerate(values)]
+
+
+def _rows(fields: Fields, key: str, *columns: tuple[str, str]) -> list[list[float]]:
+    """`{"units": {column: unit}, "values": [[…], …]}` in SI; "infinity" is a number here."""
+    table = fields.table(key)
+    units_table = table.table("units")
+    units = [
+        _unit_factor(units_table, name, units_table.data.get(name, MISSING), dimension) for name, dimension in columns
+    ]
+    values = table.data.get("values", MISSING)
+    if not isinstance(values, list) or not values:
+        raise table.error("values", values, "a list of rows")
+    return [_row(fields, f"{key}.values[{i}]", row, columns, units) for i, row in enumerate(values)]
+
+
+def _row(fields: Fields, key: str, row: Any, columns: tuple[tuple[str, str], ...], units: list[str]) -> list[float]:
+    if not isinstance(row, list) or len(row) != len(columns):
+        raise fields.error(key, row, f"{len(columns)} numbers: {', '.join(name for name, _ in columns)}")
+    cells = [float(cell) if cell in ("infinity", "-infinity") else cell for cell in row]
+    return [
+        to_si(number(fields.source, f"{key}.{name}", cell), unit, dimension)
+        for cell, unit, (name, dimension) in zip(cells, units, columns, strict=True)
+    ]
+
+
+def _stretches(rows: list[list[float]]) -> Stretches:
+    return Stretches(start_m=np.array([row[0] for row in rows]), value=np.array([row[1] for row in rows]))
+
+
+def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    if not fields.has("tunnel resistance"):
+        return (), ()
+    rows = _rows(fields, "tunnel resistance", ("cross section", "area"), ("coefficient", "resistance_2"))
+    rows.sort()
+    return tuple(row[0] for row in rows), tuple(row[1] for row in rows)

@@ -1,0 +1,222 @@
+"""Losses of the traction chain: efficiency models (levels L0 to L2) and loss maps (level L3).
+
+The levels are those of Nold & Corman (2024), section 3. A loss is the power in W that the chain from current
+collector to wheel turns into heat at wheel force `force_n` (negative = electric brake) and speed `speed_mps`; at
+standstill it is zero at every level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from das.domain.errors import DasError, InputError
+from das.domain.units import KMH
+
+Floats = NDArray[np.float64]
+
+GRID_EVENNESS = 1e-6
+"""Relative deviation from even spacing allowed on the axes of a loss map."""
+
+
+class Level(StrEnum):
+    """Realism of the loss model (Nold & Corman 2024, section 3); OWN: the losses the vehicle's file gives."""
+
+    L0_NOREG = "l0-noreg"
+    L0_REG = "l0-reg"
+    L1 = "l1"
+    L2 = "l2"
+    L3 = "l3"
+    OWN = "own"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EfficiencyLoss:
+    """Loss proportional to wheel power, with an idle part: eqs. 8 to 11 of the paper.
+
+    P_L = traction_ratio·max(F·v, 0) + brake_ratio·max(−F·v, 0) + idle_w.
+    """
+
+    traction_ratio: float
+    brake_ratio: float
+    idle_w: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("traction_ratio", "brake_ratio", "idle_w"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value < 0:
+                raise InputError("efficiency loss", name, value, "a finite number >= 0")
+
+    @classmethod
+    def from_efficiencies(cls, traction: float, brake: float, idle_w: float = 0.0) -> EfficiencyLoss:
+        """Constant efficiencies: F·v/η at the collector when driving, F·v·η when braking (TTOBench's meaning)."""
+        return cls(traction_ratio=1.0 / traction - 1.0, brake_ratio=1.0 - brake, idle_w=idle_w)
+
+    @classmethod
+    def symmetric(cls, mean_efficiency: float, idle_w: float = 0.0) -> EfficiencyLoss:
+        """Levels L1 and L2 of the paper: (1/η̄ − 1)·|P_mech| + c0 (eqs. 10, 11)."""
+        ratio = 1.0 / mean_efficiency - 1.0
+        return cls(traction_ratio=ratio, brake_ratio=ratio, idle_w=idle_w)
+
+    def loss_w(self, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
+        """Loss (W) at each pair of wheel force (N) and speed (m/s)."""
+        speed = np.asarray(speed_mps, dtype=float)
+        power = np.asarray(force_n, dtype=float) * speed
+        loss = self.traction_ratio * np.maximum(power, 0) + self.brake_ratio * np.maximum(-power, 0) + self.idle_w
+        return np.where(speed > 0, loss, 0.0)
+
+
+LOSSLESS = EfficiencyLoss(traction_ratio=0.0, brake_ratio=0.0)
+"""Level L0: no component losses."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LossMap:
+    """Loss in W on an even grid of speed and wheel force, read with bilinear interpolation.
+
+    `loss_w[i, j]` belongs to `speed_mps[i]`, `force_n[j]`; NaN = not covered. The covered forces of each speed must
+    be one unbroken range. `filled_w` continues each speed's losses linearly past its range, so that a cell cut by
+    the edge of the map (a power hyperbola runs through cells) can be interpolated up to that edge.
+    """
+
+    name: str
+    speed_mps: Floats
+    force_n: Floats
+    loss_w_table: Floats
+    filled_w: Floats = field(init=False)
+    force_low_n: Floats = field(init=False)
+    force_high_n: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        _check_even("speed", self.name, self.speed_mps)
+        _check_even("force", self.name, self.force_n)
+        if self.speed_mps[0] != 0:
+            raise InputError(self.name, "first speed", self.speed_mps[0] / KMH, "a map that begins at 0 km/h")
+        if not (self.force_n <= 0).any() or not (self.force_n >= 0).any():
+            raise InputError(self.name, "force", (self.force_n[0], self.force_n[-1]), "a range that contains 0 N")
+        if np.abs(self.force_n).min() > GRID_EVENNESS * (self.force_n[-1] - self.force_n[0]):
+            raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N to be a point of the grid")
+        _check_losses(self)
+        low, high = _covered_range(self)
+        filled = self.loss_w_table.copy()
+        for row in filled:
+            _continue_linearly(row)
+        for name, value in (("filled_w", filled), ("force_low_n", low), ("force_high_n", high)):
+            object.__setattr__(self, name, value)
+        for array in (self.speed_mps, self.force_n, self.loss_w_table, filled, low, high):
+            array.setflags(write=False)
+
+    @property
+    def force_step_n(self) -> float:
+        return float((self.force_n[-1] - self.force_n[0]) / (len(self.force_n) - 1))
+
+    @property
+    def speed_step_mps(self) -> float:
+        return float((self.speed_mps[-1] - self.speed_mps[0]) / (len(self.speed_mps) - 1))
+
+    def covers(self, force_n: ArrayLike, speed_mps: ArrayLike) -> NDArray[np.bool_]:
+        """Whether each state lies in the map (to within the grid cell through which its edge runs)."""
+        force, speed = np.asarray(force_n, dtype=float), np.asarray(speed_mps, dtype=float)
+        slack = 1e-6 * self.force_step_n
+        low = np.interp(speed, self.speed_mps, self.force_low_n) - self.force_step_n - slack
+        high = np.interp(speed, self.speed_mps, self.force_high_n) + self.force_step_n + slack
+        on_axes = (force >= self.force_n[0] - slack) & (force <= self.force_n[-1] + slack)
+        result: NDArray[np.bool_] = (
+            (speed <= self.speed_mps[-1] * (1 + 1e-9)) & (force >= low) & (force <= high) & on_axes
+        )
+        return result
+
+    def loss_w(self, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
+        """Loss (W), bilinear; raises DasError naming the first state that is outside the map."""
+        force, speed = np.broadcast_arrays(np.asarray(force_n, dtype=float), np.asarray(speed_mps, dtype=float))
+        inside = self.covers(force, speed)
+        if not inside.all():
+            where = np.flatnonzero(~inside.ravel())[0]
+            raise outside_map(self, float(force.ravel()[where]), float(speed.ravel()[where]))
+        x = np.clip(speed / self.speed_step_mps, 0, len(self.speed_mps) - 1)
+        y = np.clip((force - self.force_n[0]) / self.force_step_n, 0, len(self.force_n) - 1)
+        i = np.minimum(x.astype(np.intp), len(self.speed_mps) - 2)
+        j = np.minimum(y.astype(np.intp), len(self.force_n) - 2)
+        a, b = x - i, y - j
+        table = self.filled_w
+        loss = (1 - a) * ((1 - b) * table[i, j] + b * table[i, j + 1]) + a * (
+            (1 - b) * table[i + 1, j] + b * table[i + 1, j + 1]
+        )
+        return np.where(speed > 0, loss, 0.0)
+
+
+LossModel = EfficiencyLoss | LossMap
+
+
+def outside_map(loss_map: LossMap, force_n: float, speed_mps: float) -> DasError:
+    """The error for a state the map does not cover."""
+    return DasError(
+        f"{loss_map.name}: the state {force_n / 1e3:.1f} kN at {speed_mps / KMH:.1f} km/h "
+        f"({force_n * speed_mps / 1e3:.0f} kW at the wheel) is outside the loss map"
+    )
+
+
+def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) -> EfficiencyLoss:
+    """Least-squares fit of levels L1 (`with_idle=False`) and L2 to a loss map over its operating points.
+
+    Fits P_L ≈ k·|F·v| (+ c0) over all covered points of the map with speed > 0 and wheel power up to `max_power_w`;
+    η̄ = 1/(1 + k). Digest of the paper: L1 has a fit of its own, without the constant.
+    """
+    speed, force = np.meshgrid(model.speed_mps, model.force_n, indexing="ij")
+    power = np.abs(force * speed)
+    use = np.isfinite(model.loss_w_table) & (speed > 0) & (power <= max_power_w * (1 + 1e-9))
+    columns = [power[use]] + ([np.ones(int(use.sum()))] if with_idle else [])
+    solution = np.linalg.lstsq(np.stack(columns, axis=1), model.loss_w_table[use], rcond=None)[0]
+    return EfficiencyLoss(
+        traction_ratio=float(solution[0]),
+        brake_ratio=float(solution[0]),
+        idle_w=float(solution[1]) if with_idle else 0.0,
+    )
+
+
+def _check_even(what: str, name: str, axis: Floats) -> None:
+    if len(axis) < 2:
+        raise InputError(name, what, len(axis), "at least two different values")
+    steps = np.diff(axis)
+    mean = (axis[-1] - axis[0]) / (len(axis) - 1)
+    bad = np.flatnonzero(np.abs(steps - mean) > GRID_EVENNESS * abs(mean))
+    if len(bad) or mean <= 0:
+        where = int(bad[0]) if len(bad) else 0
+        raise InputError(name, f"{what} step after {axis[where]:g}", float(steps[where]), f"an even grid, step {mean:g}")
+
+
+def _check_losses(loss_map: LossMap) -> None:
+    table = loss_map.loss_w_table
+    bad = np.argwhere(np.isinf(table) | (table < 0))
+    if len(bad):
+        i, j = bad[0]
+        key = f"loss at {loss_map.speed_mps[i] / KMH:g} km/h, {loss_map.force_n[j]:g} N"
+        raise InputError(loss_map.name, key, float(table[i, j]), "a finite loss >= 0 W")
+
+
+def _covered_range(loss_map: LossMap) -> tuple[Floats, Floats]:
+    """Lowest and highest covered force of each speed (N)."""
+    low, high = np.empty(len(loss_map.speed_mps)), np.empty(len(loss_map.speed_mps))
+    for i, row in enumerate(loss_map.loss_w_table):
+        known = np.flatnonzero(np.isfinite(row))
+        if len(known) < 2 or known[-1] - known[0] + 1 != len(known):
+            raise InputError(
+                loss_map.name,
+                f"forces at {loss_map.speed_mps[i] / KMH:g} km/h",
+                f"{len(known)} points",
+                "one unbroken range of at least two forces",
+            )
+        low[i], high[i] = loss_map.force_n[known[0]], loss_map.force_n[known[-1]]
+    return low, high
+
+
+def _continue_linearly(row: Floats) -> None:
+    """Fill the NaN at both ends of a row with its end slopes, never below zero."""
+    known = np.flatnonzero(np.isfinite(row))
+    first, last = int(known[0]), int(known[-1])
+    before, after = np.arange(first, 0, -1), np.arange(1, len(row) - last)
+    row[:first] = np.maximum(row[first] + (row[first] - row[first + 1]) * before, 0.0)
+    row[last + 1 :] = np.maximum(row[last] + (row[last] - row[last - 1]) * after, 0.0)

@@ -1,0 +1,208 @@
+"""The line: stops, speed limits, gradients, curves, tunnels, geometry, as functions of position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from das.domain.errors import DasError, InputError
+from das.domain.units import STANDARD_GRAVITY_MPS2
+
+Floats = NDArray[np.float64]
+
+POSITION_TOLERANCE_M = 1e-6
+"""Two positions nearer than this are the same point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """A place where trains stop."""
+
+    name: str
+    position_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stretches:
+    """A piecewise constant quantity: `value[i]` holds from `start_m[i]` to the next start or the end of the line."""
+
+    start_m: Floats
+    value: Floats
+
+    def __post_init__(self) -> None:
+        self.start_m.setflags(write=False)
+        self.value.setflags(write=False)
+
+    def at(self, position_m: ArrayLike) -> Floats:
+        """Value at each position; the first and the last value go on beyond the ends."""
+        i = np.searchsorted(self.start_m, np.asarray(position_m, dtype=float), side="right") - 1
+        return self.value[np.clip(i, 0, len(self.value) - 1)]
+
+    def mean(self, from_m: ArrayLike, to_m: ArrayLike) -> Floats:
+        """Mean over each interval (from < to), the ends continued."""
+        from_m, to_m = np.asarray(from_m, dtype=float), np.asarray(to_m, dtype=float)
+        return (self._integral(to_m) - self._integral(from_m)) / (to_m - from_m)
+
+    def _integral(self, position_m: Floats) -> Floats:
+        lengths = np.diff(self.start_m)
+        upto = np.concatenate(([0.0], np.cumsum(lengths * self.value[:-1])))
+        i = np.clip(np.searchsorted(self.start_m, position_m, side="right") - 1, 0, len(self.value) - 1)
+        return upto[i] + (position_m - self.start_m[i]) * self.value[i]
+
+    def minimum(self, from_m: Floats, to_m: Floats) -> Floats:
+        """Smallest value on each interval (from < to)."""
+        first = np.clip(np.searchsorted(self.start_m, from_m + POSITION_TOLERANCE_M, side="right") - 1, 0, None)
+        last = np.searchsorted(self.start_m, to_m - POSITION_TOLERANCE_M, side="left")
+        return np.array([self.value[a : max(b, a + 1)].min() for a, b in zip(first, last, strict=True)])
+
+    def reversed(self, length_m: float, sign: float = 1.0) -> Stretches:
+        """The same quantity seen from the other end of a line of `length_m`."""
+        ends = np.append(self.start_m[1:], length_m)
+        return Stretches(start_m=(length_m - ends)[::-1].copy(), value=sign * self.value[::-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tunnel:
+    """A tunnel from `start_m` over `length_m` with a free cross section `area_m2`."""
+
+    start_m: float
+    length_m: float
+    area_m2: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Route:
+    """A line from position 0 to `length_m`.
+
+    `curve_curvature_per_m` holds |κ| of each stretch at its mean (a clothoid is taken as its mean curvature).
+    `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where unknown.
+    """
+
+    id: str
+    name: str
+    source: str
+    illustrative: bool
+    length_m: float
+    stops: tuple[Stop, ...]
+    limits_mps: Stretches
+    gradients_ratio: Stretches
+    curvature_per_m: Stretches
+    tunnels: tuple[Tunnel, ...] = ()
+    altitude_at_start_m: float = 0.0
+    geometry_position_m: Floats
+    geometry_latitude_deg: Floats
+    geometry_longitude_deg: Floats
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.length_m) or self.length_m <= 0:
+            raise InputError(self.source, "length", self.length_m, "a length > 0 m")
+        if len(self.stops) < 2:
+            raise InputError(self.source, "stops", len(self.stops), "at least two stops")
+        _check_positions(self.source, "stops", np.array([s.position_m for s in self.stops]), self.length_m)
+        for key, stretches in self._lists():
+            _check_positions(self.source, key, stretches.start_m, self.length_m, first_at_zero=True)
+            _check_finite(self.source, key, stretches.value)
+        bad = np.flatnonzero(self.limits_mps.value <= 0)
+        if len(bad):
+            raise InputError(self.source, f"speed limits[{bad[0]}]", self.limits_mps.value[bad[0]], "a speed > 0")
+        if len(self.geometry_position_m):
+            _check_positions(self.source, "geometry", self.geometry_position_m, self.length_m)
+        for array in (self.geometry_position_m, self.geometry_latitude_deg, self.geometry_longitude_deg):
+            _check_finite(self.source, "geometry", array)
+            array.setflags(write=False)
+
+    def _lists(self) -> tuple[tuple[str, Stretches], ...]:
+        return (
+            ("speed limits", self.limits_mps),
+            ("gradients", self.gradients_ratio),
+            ("curves", self.curvature_per_m),
+        )
+
+    def breakpoints_m(self) -> Floats:
+        """Every position where a limit, gradient, curve or tunnel changes, sorted."""
+        parts = [stretches.start_m for _, stretches in self._lists()]
+        parts += [np.array([t.start_m, t.start_m + t.length_m]) for t in self.tunnels]
+        return np.unique(np.concatenate(parts))
+
+    def stop(self, wanted: str) -> Stop:
+        """The stop with this name (case does not matter), or with this number counted from 1."""
+        for candidate in self.stops:
+            if candidate.name.casefold() == wanted.casefold():
+                return candidate
+        if wanted.isdigit() and 1 <= int(wanted) <= len(self.stops):
+            return self.stops[int(wanted) - 1]
+        names = ", ".join(f"{i}: {s.name}" for i, s in enumerate(self.stops, 1))
+        raise DasError(f"{self.source}: no stop {wanted!r}; it has {names}")
+
+    def reversed(self) -> Route:
+        """The same line driven the other way; positions count from its other end."""
+        length = self.length_m
+        return replace(
+            self,
+            name=f"{self.name} (reversed)",
+            stops=tuple(Stop(name=s.name, position_m=length - s.position_m) for s in reversed(self.stops)),
+            limits_mps=self.limits_mps.reversed(length),
+            gradients_ratio=self.gradients_ratio.reversed(length, sign=-1.0),
+            curvature_per_m=self.curvature_per_m.reversed(length),
+            tunnels=tuple(
+                Tunnel(start_m=length - t.start_m - t.length_m, length_m=t.length_m, area_m2=t.area_m2)
+                for t in reversed(self.tunnels)
+            ),
+            altitude_at_start_m=float(self.altitude_m(length)),
+            geometry_position_m=length - self.geometry_position_m[::-1],
+            geometry_latitude_deg=self.geometry_latitude_deg[::-1].copy(),
+            geometry_longitude_deg=self.geometry_longitude_deg[::-1].copy(),
+        )
+
+    def altitude_m(self, position_m: ArrayLike) -> Floats:
+        """Altitude above sea level (m), from the altitude at the start and the gradients."""
+        return self.altitude_at_start_m + self.gradients_ratio._integral(np.asarray(position_m, dtype=float))
+
+    def location_deg(self, position_m: ArrayLike) -> tuple[Floats, Floats] | None:
+        """Latitude and longitude at each position, or None where the route has no geometry."""
+        if not len(self.geometry_position_m):
+            return None
+        x = np.asarray(position_m, dtype=float)
+        return (
+            np.interp(x, self.geometry_position_m, self.geometry_latitude_deg),
+            np.interp(x, self.geometry_position_m, self.geometry_longitude_deg),
+        )
+
+
+def curve_resistance_mps2(curvature_per_m: ArrayLike) -> Floats:
+    """Curve resistance per mass (m/s²) after Röckl, as the public benchmark uses it.
+
+    g·0.5κ/(1−30κ) for R >= 300 m, else g·0.65κ/(1−55κ), κ = |1/R| in 1/m.
+    """
+    k = np.abs(np.asarray(curvature_per_m, dtype=float))
+    wide = 0.5 * k / (1 - 30 * np.minimum(k, 1 / 300))
+    tight = 0.65 * k / (1 - 55 * k)
+    return STANDARD_GRAVITY_MPS2 * np.where(k <= 1 / 300, wide, tight)
+
+
+def _check_positions(
+    source: str, key: str, position_m: Floats, length_m: float, *, first_at_zero: bool = False
+) -> None:
+    _check_finite(source, f"{key}: position", position_m)
+    if not len(position_m):
+        raise InputError(source, key, "[]", "at least one entry")
+    bad = np.flatnonzero(np.diff(position_m) <= 0)
+    if len(bad):
+        i = int(bad[0]) + 1
+        raise InputError(source, f"{key}[{i}] position", f"{position_m[i]:g} m", f"more than {position_m[i - 1]:g} m")
+    if first_at_zero and position_m[0] != 0:
+        raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "0 m, so that the whole line is covered")
+    if position_m[0] < 0:
+        raise InputError(source, f"{key}[0] position", f"{position_m[0]:g} m", "a position >= 0 m")
+    if position_m[-1] > length_m + POSITION_TOLERANCE_M:
+        raise InputError(
+            source, f"{key}[{len(position_m) - 1}] position", f"{position_m[-1]:g} m", f"at most {length_m:g} m"
+        )
+
+
+def _check_finite(source: str, key: str, values: Floats) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise InputError(source, f"{key}[{bad[0]}]", float(values[bad[0]]), "a finite number")

@@ -1,0 +1,107 @@
+"""Trajectory: a run over the nodes of a section, its energy ledger, and its energy at any level of losses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.losses import LossModel
+from das.domain.units import STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import Resistance, Vehicle
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ledger:
+    """Where the energy of a run went, in J (design: input = resistance + component_loss + friction_brake + Δ + Δ).
+
+    `input` is the net energy at the current collector without comfort systems; `comfort` is beside it.
+    """
+
+    resistance: float
+    component_loss: float
+    friction_brake: float
+    kinetic: float
+    potential: float
+    input: float
+    comfort: float
+
+    @property
+    def irreversible(self) -> float:
+        """E_IC of the paper: what is gone after the trip."""
+        return self.resistance + self.component_loss + self.friction_brake
+
+    @property
+    def residual_ratio(self) -> float:
+        """How far the ledger is from closing, relative to its largest term."""
+        difference = self.input - self.irreversible - self.kinetic - self.potential
+        scale = max(abs(self.input), self.resistance, abs(self.potential), abs(self.kinetic), 1.0)
+        return abs(difference) / scale
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """A run: n nodes, n − 1 intervals of constant acceleration.
+
+    Per node: `s_m` (route position), `t_s` (from 0), `v_mps`. Per interval (from its node to the next): wheel forces
+    `force_el_n` (traction > 0, electric brake < 0) and `force_friction_n` (<= 0), `grade_ratio` (train-averaged),
+    `grade_and_curve_n`, `tunnel_n_per_mps2` and `limit_mps`.
+    """
+
+    s_m: Floats
+    t_s: Floats
+    v_mps: Floats
+    force_el_n: Floats
+    force_friction_n: Floats
+    grade_ratio: Floats
+    grade_and_curve_n: Floats
+    tunnel_n_per_mps2: Floats
+    limit_mps: Floats
+
+    @property
+    def time_s(self) -> float:
+        return float(self.t_s[-1])
+
+    def interval_s(self) -> Floats:
+        """Duration of each interval."""
+        return np.diff(self.t_s)
+
+    def mean_speed_mps(self) -> Floats:
+        """Mean speed of each interval over time."""
+        return 0.5 * (self.v_mps[:-1] + self.v_mps[1:])
+
+    def loss_j(self, loss: LossModel) -> Floats:
+        """Component loss of each interval under any loss model (J)."""
+        return loss.loss_w(self.force_el_n, self.mean_speed_mps()) * self.interval_s()
+
+    def ledger(self, vehicle: Vehicle, loss: LossModel) -> Ledger:
+        """Energy ledger of the run with this vehicle's masses and resistance and the given losses.
+
+        Every term is computed on its own, so that its closing is a check, not an identity.
+        """
+        step = np.diff(self.s_m)
+        v2 = self.v_mps**2
+        running = mean_resistance_n(vehicle.resistance, self.v_mps, self.tunnel_n_per_mps2)
+        weight = vehicle.mass_kg * STANDARD_GRAVITY_MPS2 * self.grade_ratio
+        loss_j = self.loss_j(loss)
+        return Ledger(
+            resistance=float((running + self.grade_and_curve_n - weight) @ step),
+            component_loss=float(loss_j.sum()),
+            friction_brake=float(-self.force_friction_n @ step),
+            kinetic=float(0.5 * vehicle.inertial_mass_kg * (v2[-1] - v2[0])),
+            potential=float(weight @ step),
+            input=float(self.force_el_n @ step + loss_j.sum()),
+            comfort=vehicle.comfort_power_w * self.time_s,
+        )
+
+
+def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:
+    """Running and tunnel resistance averaged over the way of each interval of constant acceleration (exact)."""
+    a, b = v_mps[:-1], v_mps[1:]
+    total = np.maximum(a + b, 1e-12)
+    mean_v = (2.0 / 3.0) * (a * a + a * b + b * b) / total
+    quadratic = resistance.c2_n_per_mps2 + tunnel_n_per_mps2
+    return resistance.c0_n + resistance.c1_n_per_mps * mean_v + quadratic * 0.5 * (a * a + b * b)

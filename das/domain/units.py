@@ -1,0 +1,80 @@
+"""Every unit factor of the project, and nothing else: SI inside, other units only through this file.
+
+A quantity read from a file names its unit; `to_si` multiplies by the factor of its dimension or refuses.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+STANDARD_GRAVITY_MPS2: Final = 9.81
+"""Gravity used by the public benchmark and by this project (m/s²)."""
+
+KMH: Final = 1.0 / 3.6
+"""1 km/h in m/s."""
+KN: Final = 1e3
+"""1 kN in N."""
+KW: Final = 1e3
+"""1 kW in W."""
+KM: Final = 1e3
+"""1 km in m."""
+TONNE: Final = 1e3
+"""1 t in kg."""
+PERMILLE: Final = 1e-3
+PERCENT: Final = 1e-2
+KWH: Final = 3.6e6
+"""1 kWh in J."""
+NS: Final = 1e-9
+"""1 ns in s."""
+MS: Final = 1e-3
+"""1 ms in s."""
+
+FACTORS: Final[dict[str, dict[str, float]]] = {
+    "length": {"m": 1.0, "km": KM},
+    "area": {"m^2": 1.0, "m2": 1.0},
+    "speed": {"m/s": 1.0, "mps": 1.0, "km/h": KMH, "kmh": KMH},
+    "acceleration": {"m/s^2": 1.0, "mps2": 1.0},
+    "time": {"s": 1.0, "min": 60.0, "ms": MS},
+    "mass": {"kg": 1.0, "t": TONNE},
+    "force": {"N": 1.0, "n": 1.0, "kN": KN, "kn": KN},
+    "power": {"W": 1.0, "w": 1.0, "kW": KW, "kw": KW, "MW": 1e6, "mw": 1e6},
+    "ratio": {"-": 1.0, "ratio": 1.0, "%": PERCENT, "percent": PERCENT},
+    "gradient": {"permil": PERMILLE, "permille": PERMILLE, "‰": PERMILLE, "%": PERCENT, "ratio": 1.0, "-": 1.0},
+    "resistance_1": {
+        "N/(m/s)": 1.0,
+        "n_per_mps": 1.0,
+        "kN/(m/s)": KN,
+        "kn_per_mps": KN,
+        "kN/(km/h)": KN / KMH,
+        "kn_per_kmh": KN / KMH,
+        "N/(km/h)": 1.0 / KMH,
+        "n_per_kmh": 1.0 / KMH,
+    },
+    "resistance_2": {
+        "N/(m/s)^2": 1.0,
+        "n_per_mps2": 1.0,
+        "kN/(m/s)^2": KN,
+        "kn_per_mps2": KN,
+        "kN/(km/h)^2": KN / KMH**2,
+        "kn_per_kmh2": KN / KMH**2,
+        "N/(km/h)^2": 1.0 / KMH**2,
+        "n_per_kmh2": 1.0 / KMH**2,
+    },
+    "angle": {"deg": 1.0},
+}
+"""Factor to SI of every unit accepted in a file, by dimension (angles stay in degrees: WGS 84)."""
+
+
+def to_si(value: float, unit: str, dimension: str) -> float:
+    """Convert `value` from `unit` to the SI unit of `dimension`; KeyError if the unit is not of that dimension."""
+    return value * FACTORS[dimension][unit]
+
+
+def kmh(speed_mps: float) -> float:
+    """Speed in km/h."""
+    return speed_mps / KMH
+
+
+def kwh(energy_j: float) -> float:
+    """Energy in kWh."""
+    return energy_j / KWH

@@ -1,0 +1,163 @@
+"""The train: mass, resistance, force envelopes, brakes, losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from das.domain.errors import DasError, InputError
+from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossMap, LossModel, fit_mean_efficiency
+
+Floats = NDArray[np.float64]
+
+
+class BrakePolicy(StrEnum):
+    """Which brakes a planned trajectory may use."""
+
+    ELECTRIC = "electric"
+    """Electric brake only; what it recovers goes back to the line."""
+    BLENDED = "blended"
+    """Electric brake first, friction brake for the rest."""
+    FRICTION = "friction"
+    """Everything is dissipated (level L0 NOREG); the force limit stays that of both brakes together."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resistance:
+    """Running resistance R(v) = c0 + c1·v + c2·v² in N, v in m/s (Davis; eq. 15 of the paper)."""
+
+    c0_n: float
+    c1_n_per_mps: float
+    c2_n_per_mps2: float
+
+    def force_n(self, speed_mps: ArrayLike) -> Floats:
+        """Resistance (N, >= 0) at each speed (m/s)."""
+        v = np.asarray(speed_mps, dtype=float)
+        return self.c0_n + self.c1_n_per_mps * v + self.c2_n_per_mps2 * v**2
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffortEnvelope:
+    """Largest wheel force: the smaller of a force and a power hyperbola, min(F, P/v)."""
+
+    max_force_n: float
+    max_power_w: float
+
+    def force_n(self, speed_mps: ArrayLike) -> Floats:
+        """Largest force (N, >= 0) at each speed (m/s)."""
+        v = np.maximum(np.asarray(speed_mps, dtype=float), 1e-9)
+        return np.minimum(self.max_force_n, self.max_power_w / v)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """A train as the planner sees it, in SI units.
+
+    `rotating_mass_ratio` is the share of rotating mass on top of `mass_kg` (0.06 = 6 %). `losses` holds the loss
+    model of each level the file gives; the others follow from them (see `loss_model`). Accelerations may be inf.
+    """
+
+    id: str
+    name: str
+    source: str
+    mass_kg: float
+    rotating_mass_ratio: float
+    length_m: float
+    max_speed_mps: float
+    resistance: Resistance
+    traction: EffortEnvelope
+    electric_brake: EffortEnvelope
+    friction_brake_force_n: float
+    brake_policy: BrakePolicy
+    max_acceleration_mps2: float = np.inf
+    max_deceleration_mps2: float = np.inf
+    comfort_power_w: float = 0.0
+    tunnel_area_m2: tuple[float, ...] = ()
+    tunnel_resistance_n_per_mps2: tuple[float, ...] = ()
+    default_level: Level = Level.OWN
+    losses: Mapping[Level, LossModel] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        for key, low in _LOWER_BOUNDS.items():
+            value = _dig(self, key)
+            if not np.isfinite(value) or value < low or (low == 0 and key in _POSITIVE and value <= 0):
+                bound = "> 0" if key in _POSITIVE else f">= {low:g}"
+                raise InputError(self.source, key, value, f"a finite number {bound}")
+        for key in ("max_acceleration_mps2", "max_deceleration_mps2"):
+            value = getattr(self, key)
+            if np.isnan(value) or value <= 0:
+                raise InputError(self.source, key, value, "a number > 0")
+        if self.default_level not in (*self.losses, Level.L0_NOREG, Level.L0_REG):
+            raise InputError(self.source, "default_level", str(self.default_level), "a level this vehicle has")
+
+    @property
+    def inertial_mass_kg(self) -> float:
+        """Mass that accelerates: with the rotating parts."""
+        return self.mass_kg * (1.0 + self.rotating_mass_ratio)
+
+    def loss_model(self, level: Level) -> LossModel:
+        """The component losses at `level`.
+
+        L0 has none. L1 and L2 are the file's, or fitted to the vehicle's L3 map. L3 and OWN must be given.
+        Raises DasError where the vehicle has nothing to derive the level from.
+        """
+        if level in (Level.L0_NOREG, Level.L0_REG):
+            return LOSSLESS
+        if level in self.losses:
+            return self.losses[level]
+        l3 = self.losses.get(Level.L3)
+        if isinstance(l3, LossMap) and level in (Level.L1, Level.L2):
+            return fit_mean_efficiency(l3, self.traction.max_power_w, with_idle=level is Level.L2)
+        own = self.losses.get(Level.OWN)
+        if isinstance(own, EfficiencyLoss) and level is Level.L1:
+            mean = 0.5 * (own.traction_ratio + own.brake_ratio)
+            return EfficiencyLoss(traction_ratio=mean, brake_ratio=mean)
+        have = ", ".join(str(x) for x in (Level.L0_NOREG, Level.L0_REG, *self.losses))
+        hint = "give a loss map with --loss-map" if level is not Level.OWN else "choose another level"
+        raise DasError(f"{self.source}: no data for level {level} (it has {have}); {hint}")
+
+    def brakes_at(self, level: Level) -> BrakePolicy:
+        """Brake policy at a level: L0 NOREG dissipates everything, the others brake as the train does."""
+        return BrakePolicy.FRICTION if level is Level.L0_NOREG else self.brake_policy
+
+    def tunnel_coefficient_n_per_mps2(self, area_m2: float) -> float:
+        """Additional resistance coefficient in a tunnel of this cross section (N/(m/s)²), 0 where the file has none.
+
+        Linear between the file's cross sections, constant beyond.
+        """
+        if not self.tunnel_area_m2:
+            return 0.0
+        return float(np.interp(area_m2, self.tunnel_area_m2, self.tunnel_resistance_n_per_mps2))
+
+    def with_loss_map(self, loss_map: LossMap) -> Vehicle:
+        """The same train with the losses of `loss_map` and nothing else of it."""
+        return replace(self, losses=MappingProxyType({Level.L3: loss_map}), default_level=Level.L3)
+
+
+_POSITIVE = frozenset({"mass_kg", "max_speed_mps", "traction.max_force_n", "traction.max_power_w"})
+_LOWER_BOUNDS = {
+    "mass_kg": 0,
+    "rotating_mass_ratio": 0,
+    "length_m": 0,
+    "max_speed_mps": 0,
+    "resistance.c0_n": 0,
+    "resistance.c1_n_per_mps": 0,
+    "resistance.c2_n_per_mps2": 0,
+    "traction.max_force_n": 0,
+    "traction.max_power_w": 0,
+    "electric_brake.max_force_n": 0,
+    "electric_brake.max_power_w": 0,
+    "friction_brake_force_n": 0,
+    "comfort_power_w": 0,
+}
+
+
+def _dig(thing: object, path: str) -> float:
+    for name in path.split("."):
+        thing = getattr(thing, name)
+    return float(thing)  # type: ignore[arg-type]

@@ -1,0 +1,1 @@
+"""Time–energy optimisation of one section (stop to stop)."""

@@ -1,0 +1,293 @@
+"""Numba kernels of the solver: they fill arrays they are given or return plain tuples, and check nothing.
+
+Symbols: s position (m), v speed (m/s), h step (m), w = v² (m²/s²), m inertial mass (kg), f wheel force (N),
+g constant resisting force of an interval (gradient and curves, N), q tunnel coefficient (N/(m/s)²), lam the
+multiplier λ (W): the price of a second. Within a step of integration the acceleration is constant.
+
+Preconditions of every kernel: float64 C-contiguous arrays of matching lengths, steps > 0, a TrainParams and a
+LossParams as `das.solver.section` makes them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT
+
+kernel = njit(cache=True, nogil=True, error_model="numpy")
+"""Compile once, release the GIL, divide as IEEE 754 does."""
+
+SPECIAL_LANDINGS = 2
+"""Coasting and holding the speed."""
+LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
+
+_FIXED_POINT_STEPS = 60
+_FIXED_POINT_TOLERANCE = 1e-13
+
+
+@kernel
+def mean_resistance(v0, v1, q, p):
+    """Running and tunnel resistance averaged over the way at constant acceleration from v0 to v1 (exact)."""
+    total = v0 + v1
+    if total <= 0.0:
+        return p.c0_n
+    mean_v = (2.0 / 3.0) * (v0 * v0 + v0 * v1 + v1 * v1) / total
+    return p.c0_n + p.c1_n_per_mps * mean_v + (p.c2_n_per_mps2 + q) * 0.5 * (v0 * v0 + v1 * v1)
+
+
+@kernel
+def traction_limit(v, p):
+    if v * p.traction_force_n <= p.traction_power_w:
+        return p.traction_force_n
+    return p.traction_power_w / v
+
+
+@kernel
+def electric_limit(v, p):
+    if v * p.electric_force_n <= p.electric_power_w:
+        return p.electric_force_n
+    return p.electric_power_w / v
+
+
+@kernel
+def loss_power(f, v, c):
+    """Component loss (W) at wheel force f and speed v > 0."""
+    if not c.is_map:
+        power = f * v
+        if power >= 0.0:
+            return c.traction_ratio * power + c.idle_w
+        return c.idle_w - c.brake_ratio * power
+    x = v * c.steps_per_mps
+    y = (f - c.force0_n) * c.steps_per_n
+    i = min(max(int(x), 0), c.table_w.shape[0] - 2)
+    j = min(max(int(y), 0), c.table_w.shape[1] - 2)
+    a = x - i
+    b = y - j
+    low = c.table_w[i, j] + b * (c.table_w[i, j + 1] - c.table_w[i, j])
+    high = c.table_w[i + 1, j] + b * (c.table_w[i + 1, j + 1] - c.table_w[i + 1, j])
+    return low + a * (high - low)
+
+
+@kernel
+def electric_share(f, v, p, dissipative):
+    """The part of wheel force f that motors give or take: all traction; braking up to the electric limit."""
+    if f >= 0.0:
+        return f
+    if dissipative:
+        return 0.0
+    return max(f, -electric_limit(v, p))
+
+
+@kernel
+def braking_envelope(step, g, q, limit, end_speed, p):
+    """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
+
+    Returns it with the index of the first interval (from the end) where braking is impossible, or -1.
+    The brake power limit is taken at the faster end of each step, so it holds over the whole step.
+    """
+    n = step.size
+    v = np.empty(n + 1)
+    v[n] = min(end_speed, limit[n - 1])
+    for i in range(n - 1, -1, -1):
+        cap = limit[i] if i == 0 else min(limit[i], limit[i - 1])
+        v1 = v[i + 1]
+        v0 = v1
+        for _ in range(_FIXED_POINT_STEPS):
+            brake = electric_limit(max(v0, v1), p) + p.friction_force_n
+            rate = (brake + mean_resistance(v0, v1, q[i], p) + g[i]) / p.inertial_mass_kg
+            w0 = v1 * v1 + 2.0 * step[i] * min(rate, p.max_deceleration_mps2)
+            if w0 <= 0.0:
+                return v, i
+            new = min(math.sqrt(w0), cap)
+            if abs(new - v0) <= _FIXED_POINT_TOLERANCE * new:
+                v0 = new
+                break
+            v0 = new
+        v[i] = v0
+    return v, -1
+
+
+@kernel
+def full_traction_speed(v0, h, g, q, p):
+    """Speed after a step at full traction; the power limit holds over the whole step. 0 where the train stalls."""
+    v1 = v0
+    for _ in range(_FIXED_POINT_STEPS):
+        rate = (traction_limit(max(v0, v1), p) - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
+        w1 = v0 * v0 + 2.0 * h * min(rate, p.max_acceleration_mps2)
+        if w1 <= 0.0:
+            return 0.0
+        new = math.sqrt(w1)
+        # The power limit at the reached speed makes this an oscillating iteration: damping halves it.
+        new = 0.5 * (new + v1) if v1 > v0 and p.traction_force_n * new > p.traction_power_w else new
+        if abs(new - v1) <= _FIXED_POINT_TOLERANCE * new:
+            return new
+        v1 = new
+    return v1
+
+
+@kernel
+def fastest_run(step, g, q, envelope, start_speed, p):
+    """Speeds of the fastest run under the envelope, with the index of the interval where it stalls, or -1."""
+    n = step.size
+    v = np.empty(n + 1)
+    v[0] = start_speed
+    for i in range(n):
+        v1 = min(full_traction_speed(v[i], step[i], g[i], q[i], p), envelope[i + 1])
+        if v1 <= 0.0 and i < n - 1:
+            return v, i
+        v[i + 1] = v1
+    return v, -1
+
+
+@kernel
+def landing_speed(v0, h, f_power_w, f_max_n, sign, g, q, p):
+    """Speed after a decision step under the force sign·min(f_max, f_power/v̄), mid-speed rule; 0 if it stops."""
+    v1 = v0
+    for _ in range(4):
+        mid = 0.5 * (v0 + v1)
+        f = f_max_n
+        if mid * f > f_power_w:
+            f = f_power_w / mid
+        rate = (sign * f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
+        rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
+        w1 = v0 * v0 + 2.0 * h * rate
+        if w1 <= 0.0:
+            return 0.0
+        v1 = math.sqrt(w1)
+    return v1
+
+
+@kernel
+def step_cost(v0, v1, h, g, q, p, c, dissipative):
+    """Time (s) and energy at the collector (J) of a decision step at constant acceleration from v0 to v1."""
+    mid = 0.5 * (v0 + v1)
+    dt = h / mid
+    f = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * h) + mean_resistance(v0, v1, q, p) + g
+    el = electric_share(f, mid, p, dissipative)
+    return dt, el * h + loss_power(el, mid, c) * dt
+
+
+@kernel
+def landings(v0, h, g, q, top, last, p, dissipative, out):
+    """Fill `out` with the landing speeds worth trying from v0; returns how many, hardest brake first.
+
+    `top` is the envelope at the landing node; at the section's last node it is the only landing.
+    """
+    high = landing_speed(v0, h, p.traction_power_w, p.traction_force_n, 1.0, g, q, p)
+    if last:
+        if high < top:
+            return 0
+        out[0] = top
+        return 1
+    high = min(high, top)
+    if high <= 0.0:
+        return 0
+    coast = landing_speed(v0, h, 1.0, 0.0, 1.0, g, q, p)
+    electric = coast
+    if not dissipative and p.electric_force_n > 0.0:
+        electric = landing_speed(v0, h, p.electric_power_w, p.electric_force_n, -1.0, g, q, p)
+    low = electric
+    if p.friction_force_n > 0.0 or dissipative:
+        # Both brakes together; the electric part is taken at its limit at v0, exact where that is a force limit.
+        total = electric_limit(v0, p) + p.friction_force_n
+        low = min(landing_speed(v0, h, 1e30, total, -1.0, g, q, p), electric)
+    low, electric, coast = min(low, high), min(electric, high), min(coast, high)
+    n = 0
+    if low < electric:
+        for i in range(LANDINGS_BRAKE):
+            out[n] = low + (electric - low) * i / LANDINGS_BRAKE
+            n += 1
+    for i in range(LANDINGS_EFFORT):
+        out[n] = electric + (high - electric) * i / (LANDINGS_EFFORT - 1)
+        n += 1
+    out[n] = coast
+    n += 1
+    if low < v0 < high:
+        out[n] = v0
+        n += 1
+    return n
+
+
+@kernel
+def transitions(first, last, node, constant, tunnel, envelope, steps, p, c, dissipative, dt, energy, target, weight, count):
+    """All transitions of the decision nodes first … last − 1.
+
+    For node k, speed index j and landing i: dt[k, j, i] (s), energy (J), target (speed index below the landing at
+    node k + 1) and weight (share of the index above, linear in v²). count[k, j] landings are filled.
+    """
+    n = node.size - 1
+    out = np.empty(LANDINGS)
+    for k in range(first, last):
+        h = node[k + 1] - node[k]
+        top = envelope[k + 1]
+        final = k == n - 1
+        for j in range(steps + 1):
+            v0 = envelope[k] * j / steps
+            count[k, j] = 0
+            if j == 0:
+                continue
+            m = landings(v0, h, constant[k], tunnel[k], top, final, p, dissipative, out)
+            used = 0
+            for i in range(m):
+                v1 = out[i]
+                lower = 0
+                share = 0.0
+                if not final:
+                    x = v1 / top * steps
+                    if x < 1.0:
+                        continue
+                    lower = min(int(x), steps - 1)
+                    share = min((x * x - lower * lower) / (2.0 * lower + 1.0), 1.0)
+                a, b = step_cost(v0, v1, h, constant[k], tunnel[k], p, c, dissipative)
+                dt[k, j, used] = a
+                energy[k, j, used] = b
+                target[k, j, used] = lower
+                weight[k, j, used] = share
+                used += 1
+            count[k, j] = used
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def backward_sweep(first, last, lam, dt, energy, target, weight, count, value, time_to_go):
+    """Bellman sweep of the multipliers lam[first … last − 1] at once: value (J) and time-to-go (s) of every state.
+
+    value[k, j, l] = min over landings of energy + lam·dt + value at the landing (linear in v²). Row k = n of both
+    outputs must hold the end values; the other rows are filled.
+    """
+    n, states = count.shape
+    m = last - first
+    price = lam[first:last].copy()
+    best = np.empty(m)
+    choice = np.empty(m, dtype=np.int64)
+    for k in range(n - 1, -1, -1):
+        for j in range(states):
+            for l in range(m):
+                best[l] = INFEASIBLE
+                choice[l] = -1
+            for i in range(count[k, j]):
+                a = target[k, j, i]
+                s = float(weight[k, j, i])
+                e = float(energy[k, j, i])
+                t = float(dt[k, j, i])
+                below = value[k + 1, a, first:last]
+                above = value[k + 1, a + 1, first:last]
+                r = 1.0 - s
+                for l in range(m):
+                    cost = e + price[l] * t + r * below[l] + s * above[l]
+                    better = cost < best[l]
+                    best[l] = cost if better else best[l]
+                    choice[l] = i if better else choice[l]
+            for l in range(m):
+                value[k, j, first + l] = best[l]
+                i = choice[l]
+                if i < 0:
+                    time_to_go[k, j, first + l] = INFEASIBLE
+                else:
+                    a = target[k, j, i]
+                    s = weight[k, j, i]
+                    below_s = time_to_go[k + 1, a, first + l]
+                    above_s = time_to_go[k + 1, a + 1, first + l]
+                    time_to_go[k, j, first + l] = dt[k, j, i] + (1.0 - s) * below_s + s * above_s

@@ -1,0 +1,269 @@
+"""Numba kernels that follow a policy forward from any state, on the integration grid.
+
+Symbols as in `kernels`. A policy is a multiplier λ between two neighbours a and a + 1 of the ladder, given as the
+ladder index `a`, the offset λ − λ_a and the gap λ_{a+1} − λ_a (0 for λ_a itself). Values are interpolated in λ by the
+cubic through both values and both slopes (dV/dλ is the time-to-go) and in speed by a cubic, so that decisions are
+smooth where the optimum is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from das.solver.kernels import (
+    LANDINGS,
+    electric_limit,
+    full_traction_speed,
+    kernel,
+    landing_speed,
+    landings,
+    mean_resistance,
+    step_cost,
+    traction_limit,
+)
+from das.solver.tolerances import INFEASIBLE
+
+FASTEST = -1
+"""Ladder index of the policy that always takes the highest landing."""
+
+_GOLDEN = 0.3819660112501051
+_POLISH_STEPS = 10
+_BRAKE_STEPS = 60
+
+
+@kernel
+def _value_at_index(value, time_to_go, k, j, a, offset, gap):
+    va = value[k, j, a]
+    if gap <= 0.0:
+        return va
+    vb = value[k, j, a + 1]
+    if va >= 0.5 * INFEASIBLE or vb >= 0.5 * INFEASIBLE:
+        return INFEASIBLE
+    u = offset / gap
+    ta = time_to_go[k, j, a] * gap
+    tb = time_to_go[k, j, a + 1] * gap
+    r = 1.0 - u
+    return (1.0 + 2.0 * u) * r * r * va + u * r * r * ta + u * u * (3.0 - 2.0 * u) * vb - u * u * r * tb
+
+
+@kernel
+def value_at(value, time_to_go, k, v, top, a, offset, gap):
+    """Value (J) of the policy at decision node k and speed v, top the envelope there."""
+    steps = value.shape[1] - 1
+    x = v / top * steps
+    if x < 1.0:
+        return INFEASIBLE
+    i = min(int(x), steps - 1)
+    y1 = _value_at_index(value, time_to_go, k, i, a, offset, gap)
+    y2 = _value_at_index(value, time_to_go, k, i + 1, a, offset, gap)
+    u = x - i
+    if i < 2 or i > steps - 2:
+        s = (x * x - i * i) / (2.0 * i + 1.0)
+        return (1.0 - s) * y1 + s * y2
+    y0 = _value_at_index(value, time_to_go, k, i - 1, a, offset, gap)
+    y3 = _value_at_index(value, time_to_go, k, i + 2, a, offset, gap)
+    if max(max(y0, y1), max(y2, y3)) >= 0.5 * INFEASIBLE:
+        return (1.0 - u) * y1 + u * y2
+    return y1 + 0.5 * u * (y2 - y0 + u * (2.0 * y0 - 5.0 * y1 + 4.0 * y2 - y3 + u * (3.0 * (y1 - y2) + y3 - y0)))
+
+
+@kernel
+def _total_cost(v0, v1, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap):
+    if v0 + v1 <= 0.0:
+        return INFEASIBLE
+    dt, energy = step_cost(v0, v1, h, g, q, p, c, dissipative)
+    return energy + price * dt + value_at(value, time_to_go, k, v1, top, a, offset, gap)
+
+
+@kernel
+def best_landing(k, v0, h, g, q, top, final, price, a, offset, gap, value, time_to_go, p, c, dissipative, out):
+    """Landing speed at decision node k that minimises cost (at λ = price) plus value, and that least total.
+
+    Tries all landings of the step into k, then narrows between the best one's neighbours by golden section.
+    Returns (-1, INFEASIBLE) where no landing is feasible.
+    """
+    m = landings(v0, h, g, q, top, final, p, dissipative, out)
+    if m == 0:
+        return -1.0, INFEASIBLE
+    if final:
+        dt, energy = step_cost(v0, out[0], h, g, q, p, c, dissipative)
+        return out[0], energy + price * dt
+    if a == FASTEST:
+        return out[:m].max(), INFEASIBLE
+    best = INFEASIBLE
+    choice = -1.0
+    left = out[0]
+    right = out[0]
+    for i in range(m):
+        left = min(left, out[i])
+        right = max(right, out[i])
+        cost = _total_cost(v0, out[i], h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+        if cost < best:
+            best = cost
+            choice = out[i]
+    if choice < 0.0:
+        return -1.0, INFEASIBLE
+    for i in range(m):
+        if left < out[i] < choice:
+            left = out[i]
+        if choice < out[i] < right:
+            right = out[i]
+    x1 = left + _GOLDEN * (right - left)
+    x2 = right - _GOLDEN * (right - left)
+    y1 = _total_cost(v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+    y2 = _total_cost(v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+    for _ in range(_POLISH_STEPS):
+        if y1 <= y2:
+            right = x2
+            x2 = x1
+            y2 = y1
+            x1 = left + _GOLDEN * (right - left)
+            y1 = _total_cost(v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+        else:
+            left = x1
+            x1 = x2
+            y1 = y2
+            x2 = right - _GOLDEN * (right - left)
+            y2 = _total_cost(v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+    if min(y1, y2) < best:
+        if y1 <= y2:
+            return x1, y1
+        return x2, y2
+    return choice, best
+
+
+@kernel
+def _hardest_brake_speed(v0, h, g, q, p, friction_n):
+    """Speed after a step at full electric brake plus friction_n; the power limit holds over the whole step."""
+    v1 = v0
+    for _ in range(_BRAKE_STEPS):
+        brake = electric_limit(max(v0, v1), p) + friction_n
+        rate = (brake + mean_resistance(v0, v1, q, p) + g) / p.inertial_mass_kg
+        w1 = v0 * v0 - 2.0 * h * min(rate, p.max_deceleration_mps2)
+        new = math.sqrt(w1) if w1 > 0.0 else 0.0
+        if abs(new - v1) <= 1e-13 * v0:
+            return new
+        v1 = new
+    return v1
+
+
+@kernel
+def _attainable(a, b, h, g, q, p, friction_n):
+    """Whether the train can go from speed a to b in a step within its forces, powers and accelerations."""
+    rate = (b * b - a * a) / (2.0 * h)
+    if rate > p.max_acceleration_mps2 or -rate > p.max_deceleration_mps2:
+        return False
+    force = p.inertial_mass_kg * rate + mean_resistance(a, b, q, p) + g
+    faster = max(a, b)
+    if force >= 0.0:
+        return force <= traction_limit(faster, p)
+    return -force <= electric_limit(faster, p) + friction_n
+
+
+@kernel
+def drive(first, last, landing, friction_n, step, g, q, envelope, p, v):
+    """From v[first] towards the speed `landing` at integration node `last`, at constant acceleration.
+
+    Every step is cut to what the train allows, with at most `friction_n` of friction brake, and to the envelope (with
+    all brakes): at full traction the landing may be lower, at full electric brake or from above the envelope higher.
+    Fills v[first + 1 … last]; returns False after a stall.
+    """
+    length = 0.0
+    for i in range(first, last):
+        length += step[i]
+    w0 = v[first] * v[first]
+    w1 = landing * landing
+    done = 0.0
+    for i in range(first, last):
+        done += step[i]
+        a = v[i]
+        b = landing if i == last - 1 else math.sqrt(w0 + (w1 - w0) * done / length)
+        b = min(b, envelope[i + 1])
+        if not _attainable(a, b, step[i], g[i], q[i], p, friction_n):
+            top = full_traction_speed(a, step[i], g[i], q[i], p)
+            if b > top:
+                b = top
+            else:
+                b = max(b, _hardest_brake_speed(a, step[i], g[i], q[i], p, friction_n))
+                if b > envelope[i + 1]:
+                    b = max(envelope[i + 1], _hardest_brake_speed(a, step[i], g[i], q[i], p, p.friction_force_n))
+            if b <= 0.0 and landing > 0.0:
+                return False
+        v[i + 1] = b
+    return True
+
+
+@kernel
+def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, time_to_go, p, c, dissipative, v):
+    """Follow a policy from v[0] to the end; fills v, returns the trip time (s), or -1 after a stall.
+
+    `decision[m]` are the integration nodes of decision nodes k0 + m; decision[0] = 0.
+    """
+    out = np.empty(LANDINGS)
+    n = decision.size - 1
+    for m in range(n):
+        i0 = decision[m]
+        i1 = decision[m + 1]
+        h = 0.0
+        gh = 0.0
+        qh = 0.0
+        for i in range(i0, i1):
+            h += step[i]
+            gh += g[i] * step[i]
+            qh += q[i] * step[i]
+        landing, _ = best_landing(
+            k0 + m + 1, v[i0], h, gh / h, qh / h, envelope[i1], m == n - 1, price, a, offset, gap,
+            value, time_to_go, p, c, dissipative, out,
+        )
+        if landing < 0.0:
+            # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
+            landing = envelope[i1]
+        # A landing at or above full electric brake needs no friction brake: none shall slip in from rounding.
+        electric = landing_speed(v[i0], h, p.electric_power_w, p.electric_force_n, -1.0, gh / h, qh / h, p)
+        friction_n = p.friction_force_n if dissipative or landing < 0.999 * electric else 0.0
+        if not drive(i0, i1, landing, friction_n, step, g, q, envelope, p, v):
+            return -1.0
+    return trip_time(step, v)
+
+
+@kernel
+def blend_runs(share, quick, slow, step, g, q, envelope, p, v):
+    """Drive between two runs from the same state: v² is `share` of the quick one's and the rest of the slow one's.
+
+    Cut to what the train can do in every step. Fills v, returns the trip time (s), or -1 after a stall.
+    """
+    v[0] = slow[0]
+    for i in range(step.size):
+        landing = math.sqrt(share * quick[i + 1] ** 2 + (1.0 - share) * slow[i + 1] ** 2)
+        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, envelope, p, v):
+            return -1.0
+    return trip_time(step, v)
+
+
+@kernel
+def trip_time(step, v):
+    total = 0.0
+    for i in range(step.size):
+        total += 2.0 * step[i] / (v[i] + v[i + 1])
+    return total
+
+
+@kernel
+def one_step_totals(k0, v0, h, g, q, top, final, lam, value, time_to_go, p, c, dissipative, total, time_s):
+    """For every λ of the ladder: least total cost (J) and time (s) from speed v0, one step of length h before k0."""
+    out = np.empty(LANDINGS)
+    steps = value.shape[1] - 1
+    for a in range(lam.size):
+        x, cost = best_landing(k0, v0, h, g, q, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, dissipative, out)
+        total[a] = cost
+        if x < 0.0:
+            time_s[a] = INFEASIBLE
+            continue
+        time_s[a] = 2.0 * h / (v0 + x)
+        if not final:
+            y = x / top * steps
+            j = min(int(y), steps - 1)
+            s = (y * y - j * j) / (2.0 * j + 1.0)
+            time_s[a] += (1.0 - s) * time_to_go[k0, j, a] + s * time_to_go[k0, j + 1, a]

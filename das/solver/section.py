@@ -1,0 +1,293 @@
+"""A section: route × vehicle × level as arrays on the space grid, ready for the kernels.
+
+Two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, at most 100 m apart, finer at the
+stops); between them the motion is integrated over the finer *integration nodes*, on which trajectories are given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import DasError, InfeasibleError
+from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel, outside_map
+from das.domain.route import Route, Stretches, curve_resistance_mps2
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import BrakePolicy, Vehicle
+from das.solver import kernels
+from das.solver import tolerances as tol
+
+Floats = NDArray[np.float64]
+
+
+class TrainParams(NamedTuple):
+    """The train's numbers as the kernels take them (all float, SI)."""
+
+    inertial_mass_kg: float
+    c0_n: float
+    c1_n_per_mps: float
+    c2_n_per_mps2: float
+    traction_force_n: float
+    traction_power_w: float
+    electric_force_n: float
+    electric_power_w: float
+    friction_force_n: float
+    max_acceleration_mps2: float
+    max_deceleration_mps2: float
+
+
+class LossParams(NamedTuple):
+    """A loss model as the kernels take it; `table_w[i, j]` at speed i/per_mps, force force0_n + j/per_n."""
+
+    is_map: bool
+    traction_ratio: float
+    brake_ratio: float
+    idle_w: float
+    steps_per_mps: float
+    force0_n: float
+    steps_per_n: float
+    table_w: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Section:
+    """One run of one train from `start_m` to `end_m` of a route (positions in route coordinates).
+
+    Arrays with one value per integration interval: `step_m`, `grade_ratio` (gradient averaged over the train),
+    `constant_n` (gradient and curve force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train).
+    `envelope_mps` (per integration node) is the fastest speed from which everything ahead can be kept.
+    `decision` holds the indices of the decision nodes among the integration nodes.
+    """
+
+    route: Route
+    vehicle: Vehicle
+    level: Level
+    brakes: BrakePolicy
+    loss: LossModel
+    start_m: float
+    end_m: float
+    start_speed_mps: float
+    end_speed_mps: float
+    node_m: Floats
+    step_m: Floats
+    grade_ratio: Floats
+    constant_n: Floats
+    tunnel_n_per_mps2: Floats
+    limit_mps: Floats
+    envelope_mps: Floats
+    decision: NDArray[np.int64]
+    train: TrainParams
+    loss_params: LossParams
+
+    @property
+    def name(self) -> str:
+        return f"{self.route.id} {self.start_m:.0f}–{self.end_m:.0f} m, {self.vehicle.id}, {self.level}"
+
+
+def build_section(
+    route: Route,
+    vehicle: Vehicle,
+    *,
+    level: Level | None = None,
+    start_m: float | None = None,
+    end_m: float | None = None,
+    boundary_speed_mps: float = 0.0,
+    point_mass: bool = False,
+) -> Section:
+    """Discretise a section of a route for a train.
+
+    Defaults: from the first to the last stop, the vehicle's default level. `boundary_speed_mps` is the speed at
+    both ends. `point_mass` takes the train's length as 0.
+
+    Raises DasError where the loss map does not cover what the train can do here, InfeasibleError where the train
+    cannot brake or climb.
+    """
+    start_m = route.stops[0].position_m if start_m is None else start_m
+    end_m = route.stops[-1].position_m if end_m is None else end_m
+    if not end_m > start_m:
+        raise DasError(f"{route.source}: a section must lead forwards, not from {start_m:g} m to {end_m:g} m")
+    level = vehicle.default_level if level is None else level
+    loss, brakes = vehicle.loss_model(level), vehicle.brakes_at(level)
+    train, loss_params = _train_params(vehicle, brakes), _loss_params(loss)
+    length_m = 0.0 if point_mass else vehicle.length_m
+
+    decision_m = _decision_nodes(route, start_m, end_m, length_m)
+    coarse = _Profile.on(route, vehicle, decision_m, length_m)
+    envelope, fastest = _bounding_speeds(route, coarse, train, boundary_speed_mps)
+    counts = _substep_counts(decision_m, fastest)
+    node_m = _subdivide(decision_m, counts)
+    fine = _Profile.on(route, vehicle, node_m, length_m)
+    envelope, fastest = _bounding_speeds(route, fine, train, boundary_speed_mps)
+    if isinstance(loss, LossMap):
+        _check_coverage(loss, train, float(envelope.max()))
+    return Section(
+        route=route,
+        vehicle=vehicle,
+        level=level,
+        brakes=brakes,
+        loss=loss,
+        start_m=start_m,
+        end_m=end_m,
+        start_speed_mps=boundary_speed_mps,
+        end_speed_mps=boundary_speed_mps,
+        node_m=node_m,
+        step_m=fine.step_m,
+        grade_ratio=fine.grade_ratio,
+        constant_n=fine.constant_n,
+        tunnel_n_per_mps2=fine.tunnel_n_per_mps2,
+        limit_mps=fine.limit_mps,
+        envelope_mps=envelope,
+        decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
+        train=train,
+        loss_params=loss_params,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """What the line asks of the train in each interval of a grid."""
+
+    node_m: Floats
+    step_m: Floats
+    grade_ratio: Floats
+    constant_n: Floats
+    tunnel_n_per_mps2: Floats
+    limit_mps: Floats
+
+    @classmethod
+    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, length_m: float) -> _Profile:
+        grade = _over_train(route.gradients_ratio, node_m, length_m)
+        curve = _over_train(_curve_resistance(route), node_m, length_m)
+        constant_n = vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve)
+        limit = np.minimum(
+            route.limits_mps.minimum(node_m[:-1] - length_m, node_m[1:]),
+            vehicle.max_speed_mps,
+        )
+        tunnel = _over_train(_tunnel_coefficient(route, vehicle), node_m, length_m)
+        return cls(node_m, np.diff(node_m), grade, constant_n, tunnel, limit)
+
+
+def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats:
+    """Mean over each interval of a quantity that is itself averaged over the train's length."""
+    if length_m == 0:
+        return stretches.mean(node_m[:-1], node_m[1:])
+    # The train-averaged profile is linear between nodes that contain every breakpoint b and b + length.
+    at_nodes = stretches.mean(node_m - length_m, node_m)
+    return 0.5 * (at_nodes[:-1] + at_nodes[1:])
+
+
+def _curve_resistance(route: Route) -> Stretches:
+    return Stretches(
+        start_m=route.curvature_per_m.start_m.copy(), value=curve_resistance_mps2(route.curvature_per_m.value)
+    )
+
+
+def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
+    starts, values = [0.0], [0.0]
+    for tunnel in route.tunnels:
+        if tunnel.start_m == starts[-1]:
+            starts.pop(), values.pop()
+        starts += [tunnel.start_m, tunnel.start_m + tunnel.length_m]
+        values += [vehicle.tunnel_coefficient_n_per_mps2(tunnel.area_m2), 0.0]
+    return Stretches(start_m=np.array(starts), value=np.array(values))
+
+
+def _decision_nodes(route: Route, start_m: float, end_m: float, length_m: float) -> Floats:
+    breaks = route.breakpoints_m()
+    offsets = np.array([x for x in tol.STOP_OFFSETS_M if x < (end_m - start_m) / 2])
+    nodes = np.concatenate((breaks, breaks + length_m, start_m + offsets, end_m - offsets))
+    nodes = np.unique(nodes[(nodes > start_m + tol.MIN_STEP_M) & (nodes < end_m - tol.MIN_STEP_M)])
+    nodes = np.concatenate(([start_m], nodes, [end_m]))
+    nodes = nodes[np.concatenate(([True], np.diff(nodes) > tol.MIN_STEP_M))]
+    return _subdivide(nodes, np.ceil(np.diff(nodes) / tol.MAX_STEP_M - 1e-9).astype(np.int64))
+
+
+def _subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:
+    """Split interval i of `nodes` into `counts[i]` equal parts."""
+    index = np.repeat(np.arange(len(counts)), counts)
+    part = np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)
+    inner = nodes[index] + np.diff(nodes)[index] * part / counts[index]
+    return np.append(inner, nodes[-1])
+
+
+def _substep_counts(decision_m: Floats, fastest_mps: Floats) -> NDArray[np.int64]:
+    mean = np.maximum(0.5 * (fastest_mps[:-1] + fastest_mps[1:]), 0.1)
+    change = np.abs(np.diff(fastest_mps)) / mean
+    counts = np.ceil(change / tol.SUBSTEP_SPEED_RATIO).astype(np.int64)
+    # Near a standstill the force limit, not the power, bounds the effort: a few steps are enough.
+    at_rest = np.minimum(fastest_mps[:-1], fastest_mps[1:]) < 2.0
+    counts = np.where(at_rest, np.minimum(counts, 4), counts)
+    return np.clip(counts, 1, tol.MAX_SUBSTEPS)
+
+
+def _bounding_speeds(
+    route: Route, profile: _Profile, train: TrainParams, boundary_speed_mps: float
+) -> tuple[Floats, Floats]:
+    """Braking envelope and fastest run over a grid; InfeasibleError where either is impossible."""
+    arrays = (profile.step_m, profile.constant_n, profile.tunnel_n_per_mps2)
+    envelope, stuck = kernels.braking_envelope(*arrays, profile.limit_mps, boundary_speed_mps, train)
+    if stuck >= 0:
+        raise InfeasibleError(
+            f"{route.source}: the train cannot brake on the descent at {profile.node_m[stuck]:.0f} m "
+            f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
+        )
+    if boundary_speed_mps > envelope[0] + tol.SPEED_TOLERANCE_MPS:
+        raise InfeasibleError(f"{route.source}: a start at {boundary_speed_mps / KMH:.1f} km/h is above the limit")
+    fastest, stuck = kernels.fastest_run(*arrays, envelope, boundary_speed_mps, train)
+    if stuck >= 0:
+        raise InfeasibleError(
+            f"{route.source}: the train stalls at {profile.node_m[stuck]:.0f} m "
+            f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
+        )
+    return envelope, fastest
+
+
+def _train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
+    electric = vehicle.electric_brake
+    friction_n = vehicle.friction_brake_force_n if vehicle.brake_policy is not BrakePolicy.ELECTRIC else 0.0
+    if brakes is BrakePolicy.ELECTRIC:
+        friction_n = 0.0
+    return TrainParams(
+        vehicle.inertial_mass_kg,
+        vehicle.resistance.c0_n,
+        vehicle.resistance.c1_n_per_mps,
+        vehicle.resistance.c2_n_per_mps2,
+        vehicle.traction.max_force_n,
+        vehicle.traction.max_power_w,
+        electric.max_force_n,
+        electric.max_power_w,
+        friction_n,
+        min(vehicle.max_acceleration_mps2, 1e6),
+        min(vehicle.max_deceleration_mps2, 1e6),
+        )
+
+
+def _loss_params(loss: LossModel) -> LossParams:
+    if isinstance(loss, EfficiencyLoss):
+        empty = np.zeros((2, 2))
+        return LossParams(False, loss.traction_ratio, loss.brake_ratio, loss.idle_w, 1.0, 0.0, 1.0, empty)
+    return LossParams(
+        True,
+        0.0,
+        0.0,
+        0.0,
+        1.0 / loss.speed_step_mps,
+        float(loss.force_n[0]),
+        1.0 / loss.force_step_n,
+        np.ascontiguousarray(loss.filled_w),
+    )
+
+
+def _check_coverage(loss: LossMap, train: TrainParams, top_speed_mps: float) -> None:
+    """The map must cover every force the train can use up to the highest speed it may reach here."""
+    speeds = np.append(np.arange(0.0, top_speed_mps, 0.5 * loss.speed_step_mps), top_speed_mps)
+    slow = np.maximum(speeds, 1e-9)
+    traction = np.minimum(train.traction_force_n, train.traction_power_w / slow)
+    brake = -np.minimum(train.electric_force_n, train.electric_power_w / slow)
+    for force in (traction, brake):
+        outside = np.flatnonzero(~loss.covers(force, speeds))
+        if len(outside):
+            raise outside_map(loss, float(force[outside[0]]), float(speeds[outside[0]]))

@@ -1,0 +1,33 @@
+"""Every tolerance and grid parameter of the solver, in one place."""
+
+from typing import Final
+
+MAX_STEP_M: Final = 100.0
+"""Longest step of the decision grid."""
+STOP_OFFSETS_M: Final = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
+"""Decision nodes at these distances from both ends of a section."""
+SPEED_STEPS: Final = 160
+"""Number of speed steps J of the fitted speed grid v = v_env·j/J."""
+LANDINGS_EFFORT: Final = 17
+"""Landing speeds between full electric brake and full traction."""
+LANDINGS_BRAKE: Final = 6
+"""Landing speeds between the hardest brake and full electric brake."""
+LADDER_SIZE: Final = 64
+"""Number of multipliers λ of a front."""
+LADDER_LOWEST_RATIOS: Final = (0.0, 0.0005, 0.002)
+"""The first multipliers of the ladder, as multiples of the train's traction power: very slow runs."""
+LADDER_LOW_RATIO: Final = 0.005
+LADDER_HIGH_RATIO: Final = 10.0
+"""The other multipliers run geometrically between these multiples of the train's traction power."""
+SUBSTEP_SPEED_RATIO: Final = 0.01
+"""Within a step of integration the speed of the fastest run changes by at most about this ratio."""
+MAX_SUBSTEPS: Final = 40
+"""Most steps of integration in one step of the decision grid."""
+MIN_STEP_M: Final = 1e-3
+"""Breakpoints nearer than this are one."""
+SPEED_TOLERANCE_MPS: Final = 1e-6
+"""A speed this little above a bound is on it."""
+TIME_TOLERANCE_S: Final = 0.02
+"""A requested time is hit to within this."""
+INFEASIBLE: Final = 1e30
+"""Cost of a state from which the section cannot be finished (finite, so that interpolation stays defined)."""
