@@ -31,6 +31,8 @@ FASTEST = -1
 _GOLDEN = 0.3819660112501051
 _POLISH_STEPS = 10
 _BRAKE_STEPS = 60
+_ROUNDING_W = 1e-9
+"""A v² this little above the envelope's is rounding of the iterations."""
 
 
 @kernel
@@ -189,6 +191,8 @@ def drive(first, last, landing, friction_n, step, g, q, envelope, p, v):
                 b = max(b, _hardest_brake_speed(a, step[i], g[i], q[i], p, friction_n))
                 if b > envelope[i + 1]:
                     b = max(envelope[i + 1], _hardest_brake_speed(a, step[i], g[i], q[i], p, p.friction_force_n))
+                    if b * b <= envelope[i + 1] ** 2 + _ROUNDING_W:
+                        b = envelope[i + 1]
             if b <= 0.0 and landing > 0.0:
                 return False
         v[i + 1] = b

@@ -277,7 +277,7 @@ def _loss_params(loss: LossModel) -> LossParams:
         1.0 / loss.speed_step_mps,
         float(loss.force_n[0]),
         1.0 / loss.force_step_n,
-        np.ascontiguousarray(loss.filled_w),
+        np.array(loss.filled_w),  # a writable copy: numba compiles anew for read-only arrays
     )
 
 

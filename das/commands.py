@@ -1,0 +1,39 @@
+"""What every command of the project does alike: one-line errors, exit codes, clean Ctrl-C."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+
+from rich.console import Console
+
+from das.domain.errors import DasError
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def run_command(main: Callable[[], object]) -> None:
+    """Run a command's main function; user errors become one line and exit code 2, Ctrl-C ends with 130."""
+    try:
+        main()
+    except DasError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of our output has gone (`… | head`): nothing to say, nowhere to say it.
+        sys.stderr.close()
+        sys.exit(1)
+
+
+@contextlib.contextmanager
+def busy(what: str) -> Iterator[None]:
+    """Show on a terminal that something is under way."""
+    with err.status(what):
+        yield

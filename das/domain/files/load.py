@@ -1,0 +1,41 @@
+"""Vehicles and routes by bundled name or by file."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from das.domain.errors import DasError
+from das.domain.files import native, ttobench
+from das.domain.route import Route
+from das.domain.vehicle import Vehicle
+
+
+def catalogue(kind: str) -> dict[str, Path]:
+    """Bundled files of a kind ("vehicles" or "routes") by name."""
+    folder = Path(str(files("das.domain") / "catalogue" / kind))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_vehicle(name_or_path: str) -> Vehicle:
+    """A bundled vehicle, a native TOML file or a TTOBench JSON train; raises DasError for anything unusable."""
+    path = _locate(name_or_path, "vehicles")
+    return ttobench.read_train(path) if path.suffix.lower() == ".json" else native.read_vehicle(path)
+
+
+def load_route(name_or_path: str) -> Route:
+    """A bundled route, a native TOML file or a TTOBench JSON track; raises DasError for anything unusable."""
+    path = _locate(name_or_path, "routes")
+    return ttobench.read_track(path) if path.suffix.lower() == ".json" else native.read_route(path)
+
+
+def _locate(name_or_path: str, kind: str) -> Path:
+    bundled = catalogue(kind)
+    if name_or_path in bundled:
+        return bundled[name_or_path]
+    path = Path(name_or_path)
+    if path.suffix.lower() not in (".toml", ".json"):
+        raise DasError(f"{name_or_path}: no bundled {kind[:-1]} of that name (there are {', '.join(bundled)}) and not a .toml or .json file")
+    if not path.is_file():
+        raise DasError(f"{name_or_path}: no such file")
+    return path

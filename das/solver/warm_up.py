@@ -1,0 +1,53 @@
+"""Compile (or load from cache) every kernel before time matters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from das.domain.losses import EfficiencyLoss, Level
+from das.domain.route import Route, Stop, Stretches
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.solver.front import solve_front
+from das.solver.section import build_section
+
+
+def warm_up() -> None:
+    """Solve a tiny section through every entry point of the solver; about 10 s the first time on a machine."""
+    effort = EffortEnvelope(max_force_n=1e5, max_power_w=1e6)
+    vehicle = Vehicle(
+        id="warm-up",
+        name="warm-up",
+        source="warm-up",
+        mass_kg=1e5,
+        rotating_mass_ratio=0.0,
+        length_m=0.0,
+        max_speed_mps=30.0,
+        resistance=Resistance(c0_n=1e3, c1_n_per_mps=10.0, c2_n_per_mps2=5.0),
+        traction=effort,
+        electric_brake=effort,
+        friction_brake_force_n=0.0,
+        brake_policy=BrakePolicy.ELECTRIC,
+        losses={Level.OWN: EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.1)},
+    )
+
+    def level(value: float) -> Stretches:
+        return Stretches(start_m=np.zeros(1), value=np.array([value]))
+
+    route = Route(
+        id="warm-up",
+        name="warm-up",
+        source="warm-up",
+        illustrative=True,
+        length_m=400.0,
+        stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=400.0)),
+        limits_mps=level(20.0),
+        gradients_ratio=level(0.0),
+        curvature_per_m=level(0.0),
+        geometry_position_m=np.empty(0),
+        geometry_latitude_deg=np.empty(0),
+        geometry_longitude_deg=np.empty(0),
+    )
+    front = solve_front(build_section(route, vehicle), lambda_w=np.array([1e4, 1e5, 1e6]))
+    shortest_s = front.fastest().time_s
+    for buffer_ratio in (0.01, 0.1, 0.3):
+        front.trajectory(shortest_s * (1 + buffer_ratio))

@@ -1,0 +1,1 @@
+"""Offline: solves sections, whole trade-offs and (later) tables for a network."""

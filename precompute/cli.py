@@ -1,0 +1,214 @@
+"""The command das-precompute."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from das.commands import busy, run_command
+from das.domain.errors import DasError
+from das.domain.files.trajectory_csv import write_trajectory
+from das.domain.files.writing import check_writable
+from das.domain.losses import Level
+from precompute.pose import Pose
+
+app = typer.Typer(
+    help="Solve the time–energy trade-off of a train on a section, offline.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+RouteArgument = Annotated[str, typer.Argument(help="Bundled route name, TOML file or TTOBench track (JSON).")]
+VehicleArgument = Annotated[str, typer.Argument(help="Bundled vehicle name, TOML file or TTOBench train (JSON).")]
+FromOption = Annotated[str | None, typer.Option("--from", help="First stop: name or number [default: the route's].")]
+ToOption = Annotated[str | None, typer.Option("--to", help="Last stop: name or number [default: the route's].")]
+ReverseOption = Annotated[bool, typer.Option("--reverse", help="Drive the route the other way.")]
+LevelOption = Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")]
+LossMapOption = Annotated[
+    Path | None, typer.Option(help="CSV loss map (speed_kmh, force_n, loss_w): its losses and nothing else.")
+]
+PointMassOption = Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")]
+BoundaryOption = Annotated[float, typer.Option(help="Speed at both ends of the section.", min=0)]
+PowerOption = Annotated[float | None, typer.Option(help="Power of traction and of the electric brake.")]
+ForceOption = Annotated[float | None, typer.Option(help="Largest traction force.")]
+BrakeForceOption = Annotated[float | None, typer.Option(help="Largest force of the electric brake.")]
+SpeedOption = Annotated[float | None, typer.Option(help="Largest speed of the train.")]
+NoFrictionOption = Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+
+
+@app.command(
+    epilog="Example: das-precompute solve zurich-luzern re460-ic --from Zug --to Luzern --buffer 7 --plot run.png"
+)
+def solve(
+    route: RouteArgument,
+    vehicle: VehicleArgument,
+    time_s: Annotated[float | None, typer.Option("--time", help="Trip time in s.")] = None,
+    buffer_percent: Annotated[
+        float | None, typer.Option("--buffer", help="Trip time as % above the least possible.")
+    ] = None,
+    from_stop: FromOption = None,
+    to_stop: ToOption = None,
+    reverse: ReverseOption = False,
+    level: LevelOption = None,
+    loss_map: LossMapOption = None,
+    point_mass: PointMassOption = False,
+    boundary_speed_mps: BoundaryOption = 0.0,
+    max_power_kw: PowerOption = None,
+    max_force_kn: ForceOption = None,
+    max_brake_force_kn: BrakeForceOption = None,
+    max_speed_kmh: SpeedOption = None,
+    no_friction_brake: NoFrictionOption = False,
+    as_json: JsonOption = False,
+    csv: Annotated[Path | None, typer.Option(help="Write the trajectory as CSV, one row a node.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG).")] = None,
+) -> None:
+    """The least-energy run of a train over a section in a given time.
+
+    A time below the least possible gives the fastest run; a time beyond the least-energy run gives that run. Both
+    are said ("fit": late, early).
+    """
+    if (time_s is None) == (buffer_percent is None):
+        raise DasError("give either --time (s) or --buffer (%)")
+    pose = _pose(locals())
+    for path in (csv, plot):
+        if path is not None:
+            check_writable(path)
+    section, front, min_time_s, front_s = _front(pose)
+    wanted_s = time_s if time_s is not None else _buffered(min_time_s, buffer_percent)
+    began = time.perf_counter()
+    solution = front.trajectory(wanted_s)
+    solve_s = front_s + time.perf_counter() - began
+
+    from precompute import report
+
+    if csv is not None:
+        write_trajectory(csv, solution.trajectory)
+    if plot is not None:
+        report.draw_solution(plot, section, solution)
+    result = report.solution_json(solution, min_time_s, solve_s)
+    if as_json:
+        print(json.dumps(result))
+        return
+    _print_solutions(section.name, [result])
+    for path in (csv, plot):
+        if path is not None:
+            print(f"written: {path}")
+
+
+@app.command(epilog="Example: das-precompute front flat-6km re460-ic --buffers 0,5,10 --json")
+def front(
+    route: RouteArgument,
+    vehicle: VehicleArgument,
+    buffers: Annotated[str, typer.Option(help="Buffers in %, with commas between.")] = "0,2,5,7,10,15,20",
+    from_stop: FromOption = None,
+    to_stop: ToOption = None,
+    reverse: ReverseOption = False,
+    level: LevelOption = None,
+    loss_map: LossMapOption = None,
+    point_mass: PointMassOption = False,
+    boundary_speed_mps: BoundaryOption = 0.0,
+    max_power_kw: PowerOption = None,
+    max_force_kn: ForceOption = None,
+    max_brake_force_kn: BrakeForceOption = None,
+    max_speed_kmh: SpeedOption = None,
+    no_friction_brake: NoFrictionOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """The trade-off between time and energy: the least-energy run for each of a list of buffers."""
+    wanted = _numbers(buffers)
+    pose = _pose(locals())
+    section, solved, min_time_s, front_s = _front(pose)
+
+    from precompute import report
+
+    points = []
+    for buffer_percent in wanted:
+        began = time.perf_counter()
+        solution = solved.trajectory(_buffered(min_time_s, buffer_percent))
+        point = report.solution_json(solution, min_time_s, time.perf_counter() - began)
+        points.append({"buffer_percent": buffer_percent, **point})
+    if as_json:
+        print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
+        return
+    _print_solutions(section.name, points)
+
+
+def _pose(options: dict[str, Any]) -> Pose:
+    pose = Pose(**{name: options[name] for name in Pose.__dataclass_fields__})
+    for name in ("max_power_kw", "max_force_kn", "max_brake_force_kn", "max_speed_kmh"):
+        value = getattr(pose, name)
+        if value is not None and not 0 < value < 1e9:
+            raise DasError(f"--{name.replace('_', '-')} {value}: expected a number > 0")
+    if not 0 <= pose.boundary_speed_mps < 200:
+        raise DasError(f"--boundary-speed-mps {pose.boundary_speed_mps}: expected a speed from 0 to 200 m/s")
+    return pose
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise DasError(f"--buffers {text}: expected numbers with commas between, like 0,5,10") from None
+    for value in values:
+        _buffered(1.0, value)
+    return values
+
+
+def _buffered(min_time_s: float, buffer_percent: float | None) -> float:
+    if buffer_percent is None or not 0 <= buffer_percent < 1e4:
+        raise DasError(f"buffer {buffer_percent} %: expected a number from 0 to 10000")
+    return min_time_s * (1 + buffer_percent / 100)
+
+
+def _front(pose: Pose) -> tuple[Any, Any, float, float]:
+    """Section, front, least time, and the seconds the front took once everything was compiled."""
+    with busy("compiling the solver (once on a machine, about 10 s) …"):
+        from das.solver.front import solve_front
+        from das.solver.warm_up import warm_up
+
+        section = pose.section()
+        warm_up()
+    began = time.perf_counter()
+    solved = solve_front(section)
+    min_time_s = solved.fastest().time_s
+    return section, solved, min_time_s, time.perf_counter() - began
+
+
+def _print_solutions(title: str, results: list[dict[str, Any]]) -> None:
+    table = Table(title=title, title_justify="left")
+    names = ("time s", "buffer %", "input kWh", "irreversible kWh", "saved %", "λ kW", "gap %", "solved in ms", "fit")
+    for name in names:
+        table.add_column(name, justify="right")
+    first = results[0]["energy_input_kwh"]
+    for result in results:
+        buffer = 100 * (result["time_s"] / result["min_time_s"] - 1)
+        table.add_row(
+            f"{result['time_s']:.1f}",
+            f"{buffer:.2f}",
+            f"{result['energy_input_kwh']:.2f}",
+            f"{result['energy_irreversible_kwh']:.2f}",
+            f"{100 * (1 - result['energy_input_kwh'] / first):.1f}" if len(results) > 1 and first else "–",
+            f"{result['lambda_kw']:.0f}" if result["lambda_kw"] is not None else "∞",
+            f"{100 * result['gap_ratio']:.3f}" if result["gap_ratio"] is not None else "–",
+            f"{1e3 * result['solve_s']:.0f}",
+            result["fit"],
+        )
+    Console(highlight=False).print(table)
+
+
+def main() -> None:
+    """Entry point of das-precompute."""
+    run_command(lambda: app(standalone_mode=True))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""From what the command line says to a section: route, train, overrides, level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.losses import Level
+from das.domain.units import KMH, KN, KW
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
+from das.solver.section import Section, build_section
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose:
+    """One problem as posed by a user; None = as the files say."""
+
+    route: str
+    vehicle: str
+    from_stop: str | None = None
+    to_stop: str | None = None
+    reverse: bool = False
+    level: Level | None = None
+    loss_map: Path | None = None
+    point_mass: bool = False
+    boundary_speed_mps: float = 0.0
+    max_power_kw: float | None = None
+    max_force_kn: float | None = None
+    max_brake_force_kn: float | None = None
+    max_speed_kmh: float | None = None
+    no_friction_brake: bool = False
+
+    def section(self) -> Section:
+        """Read the files and build the section; raises DasError for anything unusable."""
+        route = load_route(self.route)
+        if self.reverse:
+            route = route.reversed()
+        start = route.stop(self.from_stop) if self.from_stop is not None else route.stops[0]
+        end = route.stop(self.to_stop) if self.to_stop is not None else route.stops[-1]
+        if end.position_m <= start.position_m:
+            raise DasError(
+                f"{route.source}: {end.name!r} does not come after {start.name!r} in this direction; see --reverse"
+            )
+        return build_section(
+            route,
+            self.train(),
+            level=self.level,
+            start_m=start.position_m,
+            end_m=end.position_m,
+            boundary_speed_mps=self.boundary_speed_mps,
+            point_mass=self.point_mass,
+        )
+
+    def train(self) -> Vehicle:
+        """The vehicle with the overrides; a loss map changes its losses and nothing else."""
+        vehicle = load_vehicle(self.vehicle)
+        if self.loss_map is not None:
+            vehicle = vehicle.with_loss_map(read_loss_map(self.loss_map))
+        traction, electric = vehicle.traction, vehicle.electric_brake
+        power_w = self.max_power_kw * KW if self.max_power_kw is not None else None
+        return replace(
+            vehicle,
+            traction=_changed(traction, self.max_force_kn, power_w),
+            electric_brake=_changed(electric, self.max_brake_force_kn, power_w),
+            max_speed_mps=self.max_speed_kmh * KMH if self.max_speed_kmh is not None else vehicle.max_speed_mps,
+            brake_policy=BrakePolicy.ELECTRIC if self.no_friction_brake else vehicle.brake_policy,
+        )
+
+
+def _changed(envelope: EffortEnvelope, force_kn: float | None, power_w: float | None) -> EffortEnvelope:
+    return EffortEnvelope(
+        max_force_n=force_kn * KN if force_kn is not None else envelope.max_force_n,
+        max_power_w=power_w if power_w is not None else envelope.max_power_w,
+    )
