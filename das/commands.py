@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import sys
 from collections.abc import Callable, Iterator
+from types import FrameType
 
 from rich.console import Console
 
@@ -37,3 +39,15 @@ def busy(what: str) -> Iterator[None]:
     """Show on a terminal that something is under way."""
     with err.status(what):
         yield
+
+
+class StopFlag:
+    """Set by SIGTERM or SIGINT, so that a loop ends cleanly."""
+
+    def __init__(self) -> None:
+        self.stopped = False
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._stop)
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        self.stopped = True

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import Level
+from das.domain.route import section_stops
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
 from das.solver.section import Section, build_section
@@ -38,12 +38,7 @@ class Pose:
         route = load_route(self.route)
         if self.reverse:
             route = route.reversed()
-        start = route.stop(self.from_stop) if self.from_stop is not None else route.stops[0]
-        end = route.stop(self.to_stop) if self.to_stop is not None else route.stops[-1]
-        if end.position_m <= start.position_m:
-            raise DasError(
-                f"{route.source}: {end.name!r} does not come after {start.name!r} in this direction; see --reverse"
-            )
+        start, end = section_stops(route, self.from_stop, self.to_stop)
         return build_section(
             route,
             self.train(),

@@ -171,6 +171,20 @@ class Route:
         )
 
 
+def section_stops(route: Route, from_stop: str | None, to_stop: str | None) -> tuple[Stop, Stop]:
+    """The two stops of a section by name or number, by default the route's first and last.
+
+    Raises DasError for an unknown stop or an order against the direction of the route.
+    """
+    start = route.stop(from_stop) if from_stop is not None else route.stops[0]
+    end = route.stop(to_stop) if to_stop is not None else route.stops[-1]
+    if end.position_m <= start.position_m:
+        raise DasError(
+            f"{route.source}: {end.name!r} does not come after {start.name!r} in this direction; see --reverse"
+        )
+    return start, end
+
+
 def curve_resistance_mps2(curvature_per_m: ArrayLike) -> Floats:
     """Curve resistance per mass (m/s²) after Röckl, as the public benchmark uses it.
 

@@ -40,7 +40,7 @@ class Fit(StrEnum):
 class Solution:
     """A trajectory with its ledger and certificate.
 
-    `lambda_w` is the price of time at the solution (W; inf for the fastest run). `bound_j` bounds the energy of any
+    `least_time_s` is the time of the fastest run from the same state. `lambda_w` is the price of time at the solution (W; inf for the fastest run). `bound_j` bounds the energy of any
     trajectory of this discretisation and time from below (the dual bound); `gap_ratio` = (input − bound)/|input|. It
     can be slightly negative, because the trajectory is integrated more finely than the table.
     """
@@ -48,6 +48,7 @@ class Solution:
     trajectory: Trajectory
     ledger: Ledger
     fit: Fit
+    least_time_s: float
     requested_s: float
     lambda_w: float
     bound_j: float
@@ -125,13 +126,20 @@ class Front:
         """The fastest run from a state (default: the start of the section)."""
         state = self._state(s_m, v_mps)
         run = self._roll(state, FASTEST_POLICY)
-        return self._solution(state, run, run.time_s, Fit.ON_TIME, math.inf)
+        return self._solution(state, run, run.time_s, run.time_s, Fit.ON_TIME, math.inf)
 
-    def trajectory(self, time_s: float, s_m: float | None = None, v_mps: float | None = None) -> Solution:
+    def trajectory(
+        self,
+        time_s: float,
+        s_m: float | None = None,
+        v_mps: float | None = None,
+        *,
+        tolerance_s: float = tol.TIME_TOLERANCE_S,
+    ) -> Solution:
         """The least-energy run of duration `time_s` from a state (default: the start of the section).
 
         A time below the least possible gives the fastest run (`Fit.LATE`); one beyond the least-energy run gives
-        that run (`Fit.EARLY`). Otherwise the time is hit to within `tolerances.TIME_TOLERANCE_S`.
+        that run (`Fit.EARLY`). Otherwise the time is hit to within `tolerance_s`.
 
         Raises DasError for a state outside the section or a time that is not positive, InfeasibleError where the
         section cannot be finished from the state.
@@ -140,10 +148,10 @@ class Front:
             raise DasError(f"trip time {time_s} s: expected a finite time > 0 s")
         state = self._state(s_m, v_mps)
         quickest = self._roll(state, FASTEST_POLICY)
-        if time_s <= quickest.time_s + tol.TIME_TOLERANCE_S:
-            fit = Fit.ON_TIME if time_s >= quickest.time_s - tol.TIME_TOLERANCE_S else Fit.LATE
-            return self._solution(state, quickest, time_s, fit, math.inf)
-        return _TimeSearch(self, state, time_s, quickest).run()
+        if time_s <= quickest.time_s + tolerance_s:
+            fit = Fit.ON_TIME if time_s >= quickest.time_s - tolerance_s else Fit.LATE
+            return self._solution(state, quickest, quickest.time_s, time_s, fit, math.inf)
+        return _TimeSearch(self, state, time_s, quickest, tolerance_s).run()
 
     def _state(self, s_m: float | None, v_mps: float | None) -> _State:
         section = self.section
@@ -218,7 +226,9 @@ class Front:
         )  # fmt: skip
         return total, time_s
 
-    def _solution(self, state: _State, run: _Run, requested_s: float, fit: Fit, lambda_w: float) -> Solution:
+    def _solution(
+        self, state: _State, run: _Run, least_time_s: float, requested_s: float, fit: Fit, lambda_w: float
+    ) -> Solution:
         speeds = run.speeds_mps
         trajectory = _trajectory(self.section, state, speeds)
         section = self.section
@@ -230,6 +240,7 @@ class Front:
             trajectory=trajectory,
             ledger=trajectory.ledger(section.vehicle, section.loss),
             fit=fit,
+            least_time_s=least_time_s,
             requested_s=requested_s,
             lambda_w=lambda_w,
             bound_j=float(bounds.max()) if known.any() else -math.inf,
@@ -243,13 +254,14 @@ class _TimeSearch:
     MAX_ROLL_OUTS = 7
     MAX_BLENDS = 40
 
-    def __init__(self, front: Front, state: _State, time_s: float, quickest: _Run) -> None:
+    def __init__(self, front: Front, state: _State, time_s: float, quickest: _Run, tolerance_s: float) -> None:
         self.front, self.state, self.time_s, self.quickest = front, state, time_s, quickest
+        self.tolerance_s = tolerance_s
 
     def run(self) -> Solution:
         slow, quick, policies = self._neighbours()
         if quick is None:
-            on_time = abs(slow.time_s - self.time_s) <= tol.TIME_TOLERANCE_S
+            on_time = abs(slow.time_s - self.time_s) <= self.tolerance_s
             return self._answer(slow, policies[0].price_w, Fit.ON_TIME if on_time else Fit.EARLY)
         price_w = policies[0].price_w
         if policies[1].index != rollout_kernels.FASTEST:
@@ -257,7 +269,7 @@ class _TimeSearch:
         return self._answer(self._blend(slow, quick), price_w, Fit.ON_TIME)
 
     def _answer(self, run: _Run, price_w: float, fit: Fit) -> Solution:
-        return self.front._solution(self.state, run, self.time_s, fit, price_w)
+        return self.front._solution(self.state, run, self.quickest.time_s, self.time_s, fit, price_w)
 
     def _neighbours(self) -> tuple[_Run, _Run | None, tuple[_Policy, _Policy]]:
         """Two neighbours of the ladder that enclose the time; None where even the smallest λ is early."""
@@ -289,7 +301,7 @@ class _TimeSearch:
         low, high = 0.0, gap
         above, below = slow.time_s - self.time_s, quick.time_s - self.time_s
         for _ in range(self.MAX_ROLL_OUTS):
-            if min(abs(slow.time_s - self.time_s), abs(quick.time_s - self.time_s)) <= tol.TIME_TOLERANCE_S:
+            if min(abs(slow.time_s - self.time_s), abs(quick.time_s - self.time_s)) <= self.tolerance_s:
                 break
             offset = low + (high - low) * float(np.clip(above / (above - below), 0.02, 0.98))
             policy = _Policy(price_w=lower.price_w + offset, index=lower.index, offset_w=offset, gap_w=gap)
@@ -304,7 +316,7 @@ class _TimeSearch:
     def _blend(self, slow: _Run, quick: _Run) -> _Run:
         """The run of the wanted time between two runs; its energy is near the chord between theirs."""
         for run in (slow, quick):
-            if abs(run.time_s - self.time_s) <= tol.TIME_TOLERANCE_S:
+            if abs(run.time_s - self.time_s) <= self.tolerance_s:
                 return run
         low, high, above, below = 0.0, 1.0, slow.time_s - self.time_s, quick.time_s - self.time_s
         best = slow
@@ -312,7 +324,7 @@ class _TimeSearch:
             share = low + (high - low) * float(np.clip(above / (above - below), 0.02, 0.98))
             best = self.front._blend(self.state, share, quick, slow)
             miss = best.time_s - self.time_s
-            if abs(miss) <= 0.1 * tol.TIME_TOLERANCE_S:
+            if abs(miss) <= 0.1 * self.tolerance_s:
                 break
             if miss > 0:
                 low, above, below = share, miss, 0.5 * below

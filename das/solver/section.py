@@ -115,11 +115,11 @@ def build_section(
     length_m = 0.0 if point_mass else vehicle.length_m
 
     decision_m = _decision_nodes(route, start_m, end_m, length_m)
-    coarse = _Profile.on(route, vehicle, decision_m, length_m)
+    coarse = LineProfile.on(route, vehicle, decision_m, length_m)
     envelope, fastest = _bounding_speeds(route, coarse, train, boundary_speed_mps)
     counts = _substep_counts(decision_m, fastest)
     node_m = _subdivide(decision_m, counts)
-    fine = _Profile.on(route, vehicle, node_m, length_m)
+    fine = LineProfile.on(route, vehicle, node_m, length_m)
     envelope, fastest = _bounding_speeds(route, fine, train, boundary_speed_mps)
     if isinstance(loss, LossMap):
         _check_coverage(loss, train, float(envelope.max()))
@@ -147,7 +147,7 @@ def build_section(
 
 
 @dataclass(frozen=True, eq=False)
-class _Profile:
+class LineProfile:
     """What the line asks of the train in each interval of a grid."""
 
     node_m: Floats
@@ -158,7 +158,7 @@ class _Profile:
     limit_mps: Floats
 
     @classmethod
-    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, length_m: float) -> _Profile:
+    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, length_m: float) -> LineProfile:
         grade = _over_train(route.gradients_ratio, node_m, length_m)
         curve = _over_train(_curve_resistance(route), node_m, length_m)
         constant_n = vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve)
@@ -224,7 +224,7 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats) -> NDArray[np.int64
 
 
 def _bounding_speeds(
-    route: Route, profile: _Profile, train: TrainParams, boundary_speed_mps: float
+    route: Route, profile: LineProfile, train: TrainParams, boundary_speed_mps: float
 ) -> tuple[Floats, Floats]:
     """Braking envelope and fastest run over a grid; InfeasibleError where either is impossible."""
     arrays = (profile.step_m, profile.constant_n, profile.tunnel_n_per_mps2)

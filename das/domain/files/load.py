@@ -19,14 +19,24 @@ def catalogue(kind: str) -> dict[str, Path]:
 
 def load_vehicle(name_or_path: str) -> Vehicle:
     """A bundled vehicle, a native TOML file or a TTOBench JSON train; raises DasError for anything unusable."""
-    path = _locate(name_or_path, "vehicles")
+    path = locate_vehicle(name_or_path)
     return ttobench.read_train(path) if path.suffix.lower() == ".json" else native.read_vehicle(path)
 
 
 def load_route(name_or_path: str) -> Route:
     """A bundled route, a native TOML file or a TTOBench JSON track; raises DasError for anything unusable."""
-    path = _locate(name_or_path, "routes")
+    path = locate_route(name_or_path)
     return ttobench.read_track(path) if path.suffix.lower() == ".json" else native.read_route(path)
+
+
+def locate_vehicle(name_or_path: str) -> Path:
+    """The file of a vehicle; DasError where there is none."""
+    return _locate(name_or_path, "vehicles")
+
+
+def locate_route(name_or_path: str) -> Path:
+    """The file of a route; DasError where there is none."""
+    return _locate(name_or_path, "routes")
 
 
 def _locate(name_or_path: str, kind: str) -> Path:

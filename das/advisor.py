@@ -1,0 +1,408 @@
+"""The advisor: from position, timetable and a solved section to advice. No bus, no clock and no randomness of its own.
+
+The same inputs give the same advice, bit for bit. A plan (the optimal continuation from a state) is kept while the
+train stays near it, so that the advice does not chase the driver; outside the band it is made anew from where the
+train is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import DasError
+from das.domain.units import KMH, NS
+from das.solver.front import Fit, Front, Solution
+from das.solver.section import Section
+
+Floats = NDArray[np.float64]
+
+HORIZON_S = 30
+"""Advice looks this many seconds ahead, in steps of 1 s."""
+STALE_AFTER_S = 3.0
+"""A position older than this withdraws the advice."""
+VALID_FOR_S = 3.0
+PLAN_SPEED_BAND_MPS = 0.3
+PLAN_TIME_BAND_S = 1.0
+PLAN_MAX_AGE_S = 30.0
+"""A plan is kept while speed and time stay in these bands around it, and not longer than this."""
+PLAN_TIME_TOLERANCE_S = 0.2
+MODE_HOLD_S = 3.0
+"""A new mode is shown only after the one before has lasted this long, unless the new one brakes."""
+STANDSTILL_MPS = 0.3
+AT_STOP_M = 50.0
+"""A standing train this near to a stop is at it; further beyond it than this, it has run past."""
+OVERSPEED_RATIO = 1.3
+"""A speed above the train's by this ratio is a fault of the sensor."""
+FULL_EFFORT_RATIO = 0.97
+IDLE_EFFORT_RATIO = 0.01
+"""Effort over this share of the largest is full; under this one it is none."""
+CRUISE_ACCELERATION_MPS2 = 0.02
+
+
+class Mode(IntEnum):
+    """What to do with the controller; the numbers are those of the bus message."""
+
+    NONE = 0
+    FULL_TRACTION = 1
+    REDUCED_TRACTION = 2
+    CRUISE = 3
+    COAST = 4
+    REDUCED_BRAKE = 5
+    FULL_BRAKE = 6
+    FRICTION_BRAKE = 7
+    STOP = 8
+
+
+class Source(IntEnum):
+    """Where advice comes from; the numbers are those of the bus message."""
+
+    NONE = 0
+    TABLE = 1
+    SOLVED = 2
+    FALLBACK = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionFix:
+    """A position as heard: route position of the head (m), speed (m/s), its time; `usable` is the sender's word."""
+
+    time_ns: int
+    s_m: float
+    speed_mps: float
+    usable: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timetable:
+    """Departure and arrival of the section's two stops (ns since 1970)."""
+
+    departure_ns: int
+    arrival_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Advice:
+    """One advice (design §7; units and signs as in das.proto). Mode NONE: withdrawn, the reason says why."""
+
+    time_ns: int
+    position_time_ns: int = 0
+    s_m: float = math.nan
+    speed_mps: float = math.nan
+    mode: Mode = Mode.NONE
+    advised_speed_mps: float = math.nan
+    advised_force_n: float = math.nan
+    advised_force_ratio: float = math.nan
+    horizon_speed_mps: tuple[float, ...] = ()
+    horizon_force_n: tuple[float, ...] = ()
+    next_mode: Mode = Mode.NONE
+    next_change_m: float = math.nan
+    next_change_s: float = math.nan
+    predicted_arrival_ns: int = 0
+    predicted_deviation_s: float = math.nan
+    buffer_ratio: float = math.nan
+    energy_to_go_j: float = math.nan
+    source: Source = Source.NONE
+    reason: str = ""
+    valid_until_ns: int = 0
+    limit_mps: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A solution from a state, with what advice reads from it."""
+
+    made_ns: int
+    solution: Solution
+    force_n: Floats
+    modes: NDArray[np.int64]
+    energy_j: Floats
+
+    @classmethod
+    def of(cls, solution: Solution, section: Section, now_ns: int) -> Plan:
+        run = solution.trajectory
+        energy = run.force_el_n * np.diff(run.s_m) + run.loss_j(section.loss)
+        return cls(
+            made_ns=now_ns,
+            solution=solution,
+            force_n=run.force_el_n + run.force_friction_n,
+            modes=classify_modes(solution, section),
+            energy_j=energy,
+        )
+
+    def interval(self, s_m: float) -> int:
+        nodes = self.solution.trajectory.s_m
+        return int(np.clip(np.searchsorted(nodes, s_m, side="right") - 1, 0, len(nodes) - 2))
+
+    def speed_at(self, s_m: float) -> float:
+        """Planned speed at a position; v² is linear within an interval."""
+        run = self.solution.trajectory
+        return math.sqrt(float(np.interp(s_m, run.s_m, run.v_mps**2)))
+
+    def time_at(self, s_m: float) -> float:
+        """Planned time from the plan's start at which the train passes a position (s)."""
+        run, i = self.solution.trajectory, self.interval(s_m)
+        way = min(max(s_m - run.s_m[i], 0.0), run.s_m[i + 1] - run.s_m[i])
+        mean = 0.5 * (run.v_mps[i] + self.speed_at(s_m))
+        return float(run.t_s[i] + (way / mean if mean > 0 else 0.0))
+
+
+def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
+    """Mode of each interval of a run, by its forces against what is available and its acceleration."""
+    run, train = solution.trajectory, section.train
+    mean = np.maximum(run.mean_speed_mps(), 1e-3)
+    accelerating = np.abs(np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)) > CRUISE_ACCELERATION_MPS2
+    traction = np.minimum(train.traction_force_n, train.traction_power_w / mean)
+    electric = np.minimum(train.electric_force_n, train.electric_power_w / mean)
+    idle = IDLE_EFFORT_RATIO * train.traction_force_n
+    force, friction = run.force_el_n, run.force_friction_n
+    return np.select(
+        [
+            friction < -idle,
+            ~accelerating & (np.abs(force) > idle),
+            force >= FULL_EFFORT_RATIO * traction,
+            force > idle,
+            (force <= -FULL_EFFORT_RATIO * electric) & (electric > 0),
+            force < -idle,
+        ],
+        [
+            Mode.FRICTION_BRAKE,
+            Mode.CRUISE,
+            Mode.FULL_TRACTION,
+            Mode.REDUCED_TRACTION,
+            Mode.FULL_BRAKE,
+            Mode.REDUCED_BRAKE,
+        ],
+        Mode.COAST,
+    ).astype(np.int64)
+
+
+class Advisor:
+    """Advice for one section; feed it with `set_…`, ask it with `update`."""
+
+    def __init__(self, front: Front, source: Source = Source.SOLVED) -> None:
+        self.front, self.section, self.source = front, front.section, source
+        self._timetable: Timetable | None = None
+        self._fix: PositionFix | None = None
+        self._plan: Plan | None = None
+        self._mode, self._mode_since_ns = Mode.NONE, 0
+        self.delay_s: float | None = None
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan behind the last advice."""
+        return self._plan
+
+    def set_timetable(self, timetable: Timetable) -> None:
+        """Take over a timetable; raises DasError where it leaves no time."""
+        if timetable.arrival_ns <= timetable.departure_ns:
+            raise DasError("timetable: the arrival is not after the departure")
+        if timetable != self._timetable:
+            self._timetable, self._plan = timetable, None
+
+    def set_position(self, fix: PositionFix) -> None:
+        """Take over a position; one older than what is known is ignored."""
+        if self._fix is None or fix.time_ns >= self._fix.time_ns:
+            self._fix = fix
+
+    def set_delay(self, delay_s: float) -> None:
+        """Take over the operator's word on the delay; it is said with the reason, the time left is the timetable's."""
+        self.delay_s = delay_s if math.isfinite(delay_s) else None
+
+    def update(self, now_ns: int) -> Advice:
+        """The advice at a moment."""
+        problem = self._problem(now_ns)
+        if problem:
+            return self._withdrawn(now_ns, problem)
+        assert self._timetable is not None
+        assert self._fix is not None
+        s_m, v_mps = self._extrapolated(self._fix, now_ns)
+        if v_mps < STANDSTILL_MPS:
+            if s_m >= self.section.end_m - AT_STOP_M:
+                late_s = (now_ns - self._timetable.arrival_ns) * NS
+                return self._standing(now_ns, s_m, f"arrived, {_deviation(late_s)}")
+            if s_m <= self.section.start_m + AT_STOP_M and now_ns < self._timetable.departure_ns:
+                return self._standing(now_ns, s_m, f"depart in {(self._timetable.departure_ns - now_ns) * NS:.0f} s")
+        if s_m >= self.section.end_m - 1.0:
+            return self._standing(now_ns, s_m, "at the stop")
+        try:
+            plan = self._current_plan(s_m, v_mps, now_ns)
+        except DasError as error:
+            return self._withdrawn(now_ns, str(error))
+        return self._advice(plan, s_m, v_mps, now_ns)
+
+    def _problem(self, now_ns: int) -> str:
+        """Why there can be no advice, or nothing."""
+        fix, section = self._fix, self.section
+        if self._timetable is None:
+            return "no timetable yet"
+        if fix is None:
+            return "no position yet"
+        age_s = (now_ns - fix.time_ns) * NS
+        if age_s > STALE_AFTER_S:
+            return f"the position is {age_s:.1f} s old"
+        if age_s < -STALE_AFTER_S:
+            return f"the position is {-age_s:.1f} s ahead of the clock"
+        if not fix.usable:
+            return "the position is marked unusable"
+        if not (math.isfinite(fix.s_m) and math.isfinite(fix.speed_mps)):
+            return "the position is not a number"
+        if not -STANDSTILL_MPS <= fix.speed_mps <= OVERSPEED_RATIO * section.vehicle.max_speed_mps:
+            return f"a speed of {fix.speed_mps / KMH:.0f} km/h cannot be"
+        if not section.start_m - AT_STOP_M <= fix.s_m <= section.end_m + AT_STOP_M:
+            return f"position {fix.s_m:.0f} m is outside the section {section.start_m:.0f} … {section.end_m:.0f} m"
+        return ""
+
+    def _extrapolated(self, fix: PositionFix, now_ns: int) -> tuple[float, float]:
+        """Position and speed now, at constant speed since the fix, within the section."""
+        speed = max(fix.speed_mps, 0.0)
+        s_m = fix.s_m + speed * max((now_ns - fix.time_ns) * NS, 0.0)
+        return min(max(s_m, self.section.start_m), self.section.end_m), speed
+
+    def _withdrawn(self, now_ns: int, reason: str) -> Advice:
+        self._plan = None
+        self._mode, self._mode_since_ns = Mode.NONE, now_ns
+        fix = self._fix
+        return Advice(
+            time_ns=now_ns,
+            position_time_ns=fix.time_ns if fix else 0,
+            s_m=fix.s_m if fix else math.nan,
+            speed_mps=fix.speed_mps if fix else math.nan,
+            reason=reason,
+            valid_until_ns=now_ns,
+        )
+
+    def _standing(self, now_ns: int, s_m: float, reason: str) -> Advice:
+        assert self._fix is not None
+        self._mode, self._mode_since_ns = Mode.STOP, now_ns
+        return Advice(
+            time_ns=now_ns,
+            position_time_ns=self._fix.time_ns,
+            s_m=s_m,
+            speed_mps=self._fix.speed_mps,
+            mode=Mode.STOP,
+            advised_speed_mps=0.0,
+            advised_force_n=0.0,
+            advised_force_ratio=0.0,
+            horizon_speed_mps=(0.0,) * HORIZON_S,
+            horizon_force_n=(0.0,) * HORIZON_S,
+            source=self.source,
+            reason=reason,
+            valid_until_ns=now_ns + round(VALID_FOR_S / NS),
+            limit_mps=self._limit(s_m),
+        )
+
+    def _current_plan(self, s_m: float, v_mps: float, now_ns: int) -> Plan:
+        assert self._timetable is not None
+        if self._plan is not None and self._follows(self._plan, s_m, v_mps, now_ns):
+            return self._plan
+        left_s = max((self._timetable.arrival_ns - now_ns) * NS, 1e-3)
+        solution = self.front.trajectory(left_s, s_m, v_mps, tolerance_s=PLAN_TIME_TOLERANCE_S)
+        self._plan = Plan.of(solution, self.section, now_ns)
+        return self._plan
+
+    def _follows(self, plan: Plan, s_m: float, v_mps: float, now_ns: int) -> bool:
+        age_s = (now_ns - plan.made_ns) * NS
+        return (
+            0 <= age_s <= PLAN_MAX_AGE_S
+            and abs(v_mps - plan.speed_at(s_m)) <= PLAN_SPEED_BAND_MPS
+            and abs(age_s - plan.time_at(s_m)) <= PLAN_TIME_BAND_S
+        )
+
+    def _advice(self, plan: Plan, s_m: float, v_mps: float, now_ns: int) -> Advice:
+        assert self._timetable is not None
+        assert self._fix is not None
+        run, i = plan.solution.trajectory, plan.interval(s_m)
+        here_s = plan.time_at(s_m)
+        speed = min(plan.speed_at(s_m), self._allowed(s_m))
+        force = float(plan.force_n[i])
+        horizon_speed, horizon_force = self._horizon(plan, here_s)
+        mode = self._held_mode(Mode(int(plan.modes[i])), now_ns)
+        changes = np.flatnonzero(plan.modes[i:] != plan.modes[i])
+        change = i + int(changes[0]) if len(changes) else len(run.s_m) - 1
+        arrival_ns = now_ns + round((run.time_s - here_s) / NS)
+        deviation_s = (arrival_ns - self._timetable.arrival_ns) * NS
+        left_s = (self._timetable.arrival_ns - now_ns) * NS
+        least_s = plan.solution.least_time_s - here_s * plan.solution.least_time_s / run.time_s
+        part = (run.s_m[i + 1] - s_m) / (run.s_m[i + 1] - run.s_m[i])
+        return Advice(
+            time_ns=now_ns,
+            position_time_ns=self._fix.time_ns,
+            s_m=s_m,
+            speed_mps=v_mps,
+            mode=mode,
+            advised_speed_mps=speed,
+            advised_force_n=force,
+            advised_force_ratio=force / self._available_n(force, v_mps),
+            horizon_speed_mps=horizon_speed,
+            horizon_force_n=horizon_force,
+            next_mode=Mode(int(plan.modes[change])) if change < len(plan.modes) else Mode.STOP,
+            next_change_m=float(run.s_m[change]) - s_m,
+            next_change_s=float(run.t_s[change]) - here_s,
+            predicted_arrival_ns=arrival_ns,
+            predicted_deviation_s=deviation_s,
+            buffer_ratio=left_s / max(least_s, 1e-3) - 1.0,
+            energy_to_go_j=float(plan.energy_j[i] * part + plan.energy_j[i + 1 :].sum()),
+            source=self.source,
+            reason=self._reason(plan.solution.fit, deviation_s),
+            valid_until_ns=now_ns + round(VALID_FOR_S / NS),
+            limit_mps=self._limit(s_m),
+        )
+
+    def _horizon(self, plan: Plan, here_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Speed and force at the next seconds of the plan, never above what limits and the stop allow there."""
+        run = plan.solution.trajectory
+        times = here_s + np.arange(1, HORIZON_S + 1)
+        speeds = np.interp(times, run.t_s, run.v_mps)
+        i = np.clip(np.searchsorted(run.t_s, times, side="right") - 1, 0, len(run.t_s) - 2)
+        into = np.minimum(times - run.t_s[i], run.t_s[i + 1] - run.t_s[i])
+        places = run.s_m[i] + into * 0.5 * (run.v_mps[i] + speeds)
+        speeds = np.minimum(speeds, [self._allowed(float(x)) for x in places])
+        forces = np.where(times < run.t_s[-1], plan.force_n[i], 0.0)
+        return tuple(speeds.tolist()), tuple(forces.tolist())
+
+    def _held_mode(self, wanted: Mode, now_ns: int) -> Mode:
+        """The mode to show: a new one only after the last was held a while, unless it brakes."""
+        urgent = wanted in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE, Mode.REDUCED_BRAKE)
+        held_s = (now_ns - self._mode_since_ns) * NS
+        settled = self._mode in (Mode.NONE, Mode.STOP) or held_s >= MODE_HOLD_S
+        if wanted is not self._mode and (urgent or settled):
+            self._mode, self._mode_since_ns = wanted, now_ns
+        return self._mode
+
+    def _reason(self, fit: Fit, deviation_s: float) -> str:
+        if fit is Fit.LATE:
+            return f"fastest, {_deviation(deviation_s)}"
+        if fit is Fit.EARLY:
+            return f"least energy, {_deviation(deviation_s)}"
+        said = f", operator says {_deviation(self.delay_s)}" if self.delay_s is not None and self.delay_s >= 1 else ""
+        return f"least energy on time{said}"
+
+    def _interval(self, s_m: float) -> int:
+        nodes = self.section.node_m
+        return int(np.clip(np.searchsorted(nodes, s_m, side="right") - 1, 0, len(nodes) - 2))
+
+    def _limit(self, s_m: float) -> float:
+        return float(self.section.limit_mps[self._interval(s_m)])
+
+    def _allowed(self, s_m: float) -> float:
+        """The highest speed from which limits and the stop can still be kept."""
+        envelope = math.sqrt(float(np.interp(s_m, self.section.node_m, self.section.envelope_mps**2)))
+        return min(envelope, self._limit(s_m))
+
+    def _available_n(self, force_n: float, v_mps: float) -> float:
+        """The largest force in the direction of `force_n` (N, > 0)."""
+        train, v = self.section.train, max(v_mps, 0.1)
+        if force_n >= 0:
+            return min(train.traction_force_n, train.traction_power_w / v)
+        return max(min(train.electric_force_n, train.electric_power_w / v) + train.friction_force_n, 1.0)
+
+
+def _deviation(late_s: float) -> str:
+    if abs(late_s) < 1.0:
+        return "on time"
+    return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"

@@ -1,0 +1,183 @@
+"""The locked-down Zenoh session: loopback only, no scouting, explicit peers; one ordered stream of messages in.
+
+Zenoh's default session listens on every interface and multicasts; it is never opened here. All messages of a train
+arrive through one subscriber, so their order is the order of sending for each sender.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import re
+import socket
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import zenoh
+from google.protobuf.message import DecodeError, Message
+
+from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
+from das.domain.errors import DasError
+
+LEASE_MS = 2000
+"""A frozen peer is noticed after this."""
+RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
+ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message as heard. `message` is None where the payload is not of the topic's type."""
+
+    topic: Topic
+    key: str
+    message: Any
+    payload: bytes
+
+
+def free_port() -> int:
+    """A TCP port of 127.0.0.1 that is free now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def endpoint(port: int) -> str:
+    """The loopback endpoint of a port."""
+    return f"tcp/127.0.0.1:{port}"
+
+
+def check_endpoint(text: str) -> str:
+    """An endpoint on this machine, `tcp/127.0.0.1:PORT`; DasError for anything else."""
+    match = ENDPOINT.fullmatch(text)
+    if not match or not 0 < int(match[1]) < 65536:
+        raise DasError(f"endpoint {text!r}: expected tcp/127.0.0.1:PORT (the bus stays on this machine)")
+    return text
+
+
+class Bus:
+    """A session for one train; use with `with`, for a session left open hangs at exit.
+
+    `listen` is this process's endpoint, `connect` those of the others (tried again until they are there). `hear`
+    names the topics to receive; none of them: receive nothing.
+    """
+
+    def __init__(
+        self, train: str, *, listen: str | None, connect: Sequence[str] = (), hear: Sequence[Topic] = ()
+    ) -> None:
+        self.train = check_train_name(train)
+        self.listen = check_endpoint(listen) if listen else None
+        self.connect = [check_endpoint(x) for x in connect]
+        self._hear = frozenset(topic.name for topic in hear)
+        self._queue: queue.SimpleQueue[Received] = queue.SimpleQueue()
+        self._stack = ExitStack()
+        self._publishers: dict[str, Any] = {}
+        self._declared: list[Any] = []
+
+    def __enter__(self) -> Bus:
+        try:
+            self._session = self._stack.enter_context(zenoh.open(self._config()))
+        except zenoh.ZError as error:
+            raise DasError(f"bus: cannot open {self.listen or 'a session'}: {_first_line(error)}") from error
+        try:
+            self._subscribe()
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def _subscribe(self) -> None:
+        """Latched topics with their last message, all others in one ordered stream."""
+        for topic in TOPICS:
+            if topic.latched and topic.name in self._hear:
+                subscriber = zenoh.ext.declare_advanced_subscriber(
+                    self._session,
+                    topic.key(self.train),
+                    self._on_sample,
+                    history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+                    allowed_origin=zenoh.Locality.REMOTE,
+                )
+                self._declared.append(subscriber)
+        if self._hear:
+            subscriber = self._session.declare_subscriber(
+                f"*/{self.train}/*", self._on_ordered, allowed_origin=zenoh.Locality.REMOTE
+            )
+            self._declared.append(subscriber)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def publish(self, topic: Topic, message: Message) -> None:
+        """Send a message, reliably; blocks rather than drops when a receiver is slow."""
+        publisher = self._publishers.get(topic.name)
+        if publisher is None:
+            publisher = self._publishers[topic.name] = self._declare(topic)
+        publisher.put(message.SerializeToString())
+
+    def receive(self, timeout_s: float) -> Received | None:
+        """The next message, or None after `timeout_s`."""
+        try:
+            return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
+        except queue.Empty:
+            return None
+
+    def _declare(self, topic: Topic) -> Any:
+        common: dict[str, Any] = {
+            "congestion_control": zenoh.CongestionControl.BLOCK,
+            "reliability": zenoh.Reliability.RELIABLE,
+            "express": True,
+        }
+        key = topic.key(self.train)
+        if topic.latched:
+            return zenoh.ext.declare_advanced_publisher(
+                self._session,
+                key,
+                cache=zenoh.ext.CacheConfig(max_samples=1),
+                publisher_detection=True,
+                **common,
+            )
+        return self._session.declare_publisher(key, **common)
+
+    def _on_ordered(self, sample: zenoh.Sample) -> None:
+        topic = topic_of(str(sample.key_expr))
+        if topic is not None and not topic.latched:
+            self._on_sample(sample)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        topic = topic_of(str(sample.key_expr))
+        if topic is None or topic.name not in self._hear:
+            return
+        payload = sample.payload.to_bytes()
+        message: Message | None = topic.message()
+        try:
+            message.ParseFromString(payload)  # type: ignore[union-attr]
+        except DecodeError:
+            message = None
+        self._queue.put(Received(topic, str(sample.key_expr), message, payload))
+
+    def _config(self) -> zenoh.Config:
+        config = zenoh.Config()
+        settings: dict[str, Any] = {
+            "mode": "peer",
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            "listen/endpoints": [self.listen] if self.listen else [],
+            "connect/endpoints": self.connect,
+            "connect/timeout_ms": -1,
+            "connect/exit_on_failure": False,
+            "connect/retry": RETRY,
+            "transport/link/tx/lease": LEASE_MS,
+            "timestamping/enabled": True,
+        }
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        return config
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0][:200]

@@ -1,0 +1,71 @@
+"""The registry of topics: key, message, rate, publisher, recorded. Publishing, recording and viewing read it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.message import Message
+
+from das.bus import das_pb2
+from das.domain.errors import DasError
+
+TRAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """One topic: its key is `<root>/<train>/<name>`.
+
+    `rate_hz` is the usual rate, None for messages sent when something happens. `latched` topics keep their last
+    message for subscribers that come late. All topics are reliable and block rather than drop.
+    """
+
+    name: str
+    root: str
+    message: type[Message]
+    rate_hz: float | None
+    publisher: str
+    recorded: bool = True
+    latched: bool = False
+
+    def key(self, train: str) -> str:
+        """Zenoh key, and channel name in a recording."""
+        return f"{self.root}/{train}/{self.name}"
+
+
+POSITION: Final = Topic(name="position", root="das", message=das_pb2.Position, rate_hz=1.0, publisher="localisation")
+DELAY: Final = Topic(name="delay", root="das", message=das_pb2.Delay, rate_hz=None, publisher="operator")
+JOURNEY: Final = Topic(
+    name="journey", root="das", message=das_pb2.Journey, rate_hz=None, publisher="operator", latched=True
+)
+CONTROL: Final = Topic(name="control", root="das", message=das_pb2.Control, rate_hz=1.0, publisher="simulator")
+ADVICE: Final = Topic(name="advice", root="das", message=das_pb2.Advice, rate_hz=1.0, publisher="node")
+PLAN: Final = Topic(name="plan", root="das", message=das_pb2.Plan, rate_hz=0.1, publisher="node")
+STATUS: Final = Topic(name="status", root="das", message=das_pb2.Status, rate_hz=1.0, publisher="node", latched=True)
+EVENT: Final = Topic(name="event", root="das", message=Log, rate_hz=None, publisher="node, simulator")
+TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, rate_hz=1.0, publisher="simulator")
+LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, rate_hz=1.0, publisher="simulator")
+RECORDER: Final = Topic(
+    name="recorder", root="das", message=das_pb2.RecorderStatus, rate_hz=1.0, publisher="recorder", recorded=False
+)
+
+TOPICS: Final = (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION, RECORDER)
+RECORDED: Final = tuple(topic for topic in TOPICS if topic.recorded)
+
+
+def check_train_name(train: str) -> str:
+    """The name, if it can be part of a key; DasError otherwise."""
+    if not TRAIN_NAME.fullmatch(train):
+        raise DasError(f"train name {train!r}: expected 1 to 64 letters, digits, '.', '_' or '-'")
+    return train
+
+
+def topic_of(key: str) -> Topic | None:
+    """The topic of a key or channel name, None if it is not one of ours."""
+    root, _, rest = key.partition("/")
+    _, _, name = rest.partition("/")
+    return next((topic for topic in TOPICS if topic.root == root and topic.name == name), None)

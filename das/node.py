@@ -1,0 +1,240 @@
+"""The das-node process: bus in, advisor, bus out. Glue only; the decisions are the advisor's."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from das import __version__
+from das.advisor import Advice, Advisor, Mode, Plan, PositionFix, Timetable
+from das.bus import das_pb2
+from das.bus.session import Bus, Received, check_endpoint
+from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, PLAN, POSITION, STATUS
+from das.commands import StopFlag, err, run_command
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.losses import Level
+from das.domain.route import Route, section_stops
+from das.domain.vehicle import Vehicle
+from das.solver.front import solve_front
+from das.solver.section import build_section
+from das.solver.warm_up import warm_up
+
+POSITION_SLACK_M = 1.0
+"""A journey's stops must lie this near to the section's ends for its front to be used."""
+PLAN_EVERY_S = 10.0
+State = das_pb2.Status.State
+
+
+class Node:
+    """One train's advice: keeps an advisor for the journey's section and answers every tick."""
+
+    def __init__(self, bus: Bus, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool) -> None:
+        self.bus, self.route, self.vehicle, self.level, self.point_mass = bus, route, vehicle, level, point_mass
+        self.advisor: Advisor | None = None
+        self.finished = False
+        self._solve_s = 0.0
+        self._advice_s = 0.0
+        self._advices = 0
+        self._reason = "waiting for a journey"
+        self._refused = ""
+        self._plan: Plan | None = None
+        self._plan_sent_ns = 0
+        self._said_mode: Mode | None = None
+
+    def solve(self, start_m: float, end_m: float) -> None:
+        """Solve a section and make its advisor; DasError where that cannot be done."""
+        began = time.perf_counter()
+        section = build_section(
+            self.route, self.vehicle, level=self.level, start_m=start_m, end_m=end_m, point_mass=self.point_mass
+        )
+        self.advisor = Advisor(solve_front(section))
+        self._solve_s = time.perf_counter() - began
+
+    def take(self, received: Received) -> None:
+        """Act on one message as heard."""
+        message, topic = received.message, received.topic
+        if message is None:
+            self.event(time.time_ns(), Log.WARNING, f"{topic.name}: a message that cannot be read was ignored")
+        elif topic is JOURNEY:
+            self._take_journey(message)
+        elif topic is POSITION and self.advisor is not None:
+            usable = message.quality != das_pb2.Position.QUALITY_INVALID
+            fix = PositionFix(time_ns=message.time_ns, s_m=message.s_m, speed_mps=message.speed_mps, usable=usable)
+            self.advisor.set_position(fix)
+        elif topic is DELAY and self.advisor is not None:
+            self.advisor.set_delay(message.delay_s)
+        elif topic is CONTROL:
+            if message.command == das_pb2.Control.COMMAND_FINISH:
+                self.finished = True
+            else:
+                self.tick(message.time_ns, message.tick)
+
+    def tick(self, now_ns: int, tick: int = 0) -> None:
+        """Advise once and say how we are."""
+        began = time.perf_counter()
+        if self.advisor is None:
+            advice = Advice(time_ns=now_ns, reason=self._refused or self._reason)
+        else:
+            advice = self.advisor.update(now_ns)
+        self._advice_s = time.perf_counter() - began
+        self.bus.publish(ADVICE, advice_message(advice, tick))
+        self._advices += 1
+        self._say_changes(advice)
+        self._send_plan(now_ns)
+        state = State.STATE_WITHDRAWN if advice.mode is Mode.NONE else State.STATE_ADVISING
+        self.status(now_ns, state, advice.reason)
+
+    def status(self, now_ns: int, state: State, reason: str) -> None:
+        """Publish how the node is."""
+        message = das_pb2.Status(
+            time_ns=now_ns,
+            state=state,
+            reason=reason,
+            version=__version__,
+            section=self.advisor.section.name if self.advisor else "",
+            solve_s=self._solve_s,
+            last_advice_s=self._advice_s,
+            advices=self._advices,
+        )
+        self.bus.publish(STATUS, message)
+
+    def event(self, now_ns: int, level: Any, text: str) -> None:
+        """Publish an event for people to read."""
+        log = Log(level=level, message=text, name="das-node")
+        log.timestamp.FromNanoseconds(now_ns)
+        self.bus.publish(EVENT, log)
+
+    def _take_journey(self, journey: das_pb2.Journey) -> None:
+        """A journey of one section: departure at the first stop, arrival at the second."""
+        try:
+            self._check_journey(journey)
+            start_m, end_m = journey.stops[0].s_m, journey.stops[1].s_m
+            section = self.advisor.section if self.advisor else None
+            if section is None or max(abs(section.start_m - start_m), abs(section.end_m - end_m)) > POSITION_SLACK_M:
+                self.solve(start_m, end_m)
+            assert self.advisor is not None
+            departure, arrival = journey.stops[0].departure_ns, journey.stops[1].arrival_ns
+            self.advisor.set_timetable(Timetable(departure_ns=departure, arrival_ns=arrival))
+        except DasError as error:
+            self._refused = f"journey refused: {error}"
+            self.advisor = None
+            self.event(journey.time_ns, Log.ERROR, self._refused)
+            self.status(journey.time_ns, State.STATE_WITHDRAWN, self._refused)
+            return
+        self._refused = ""
+        names = " – ".join(stop.name for stop in journey.stops)
+        self.event(journey.time_ns, Log.INFO, f"journey {names}, section solved in {self._solve_s:.2f} s")
+        self.status(journey.time_ns, State.STATE_READY, f"ready for {names}")
+
+    def _check_journey(self, journey: das_pb2.Journey) -> None:
+        if journey.route_id != self.route.id:
+            raise DasError(f"it is for route {journey.route_id!r}, this node has {self.route.id!r}")
+        if journey.vehicle_id != self.vehicle.id:
+            raise DasError(f"it is for vehicle {journey.vehicle_id!r}, this node has {self.vehicle.id!r}")
+        if len(journey.stops) != 2:
+            raise DasError(f"it has {len(journey.stops)} stops, this version advises one section with 2")
+
+    def _say_changes(self, advice: Advice) -> None:
+        """An event whenever the mode changes, with its reason."""
+        if advice.mode is not self._said_mode:
+            level = Log.WARNING if advice.mode is Mode.NONE else Log.INFO
+            self.event(advice.time_ns, level, f"{mode_name(advice.mode)}: {advice.reason}")
+            self._said_mode = advice.mode
+
+    def _send_plan(self, now_ns: int) -> None:
+        """The plan, when there is a new one and the last was sent a while ago."""
+        plan = self.advisor.plan if self.advisor else None
+        if plan is None or plan is self._plan or now_ns - self._plan_sent_ns < PLAN_EVERY_S * 1e9:
+            return
+        self._plan, self._plan_sent_ns = plan, now_ns
+        run = plan.solution.trajectory
+        message = das_pb2.Plan(
+            time_ns=plan.made_ns, s_m=run.s_m, t_s=run.t_s, speed_mps=run.v_mps, force_n=[*plan.force_n, 0.0]
+        )
+        self.bus.publish(PLAN, message)
+
+
+def mode_name(mode: Mode) -> str:
+    """A mode in words."""
+    return "no advice" if mode is Mode.NONE else mode.name.lower().replace("_", " ")
+
+
+def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
+    """The advice as a bus message; the field names are the same."""
+    return das_pb2.Advice(tick=tick, **dataclasses.asdict(advice))
+
+
+def command(
+    route: Annotated[str, typer.Option(help="Bundled route name, TOML file or TTOBench track (JSON).")],
+    vehicle: Annotated[str, typer.Option(help="Bundled vehicle name, TOML file or TTOBench train (JSON).")],
+    train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
+    listen: Annotated[str, typer.Option(help="Own endpoint on this machine.")] = "tcp/127.0.0.1:7447",
+    connect: Annotated[list[str] | None, typer.Option(help="Endpoint of another process (may be repeated).")] = None,
+    reverse: Annotated[bool, typer.Option("--reverse", help="The route is driven from its end.")] = False,
+    from_stop: Annotated[str | None, typer.Option("--from", help="First stop: name or number [default: first].")] = None,
+    to_stop: Annotated[str | None, typer.Option("--to", help="Second stop: name or number [default: last].")] = None,
+    level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
+    loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
+    point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
+    clock: Annotated[str, typer.Option(help="wall: advise every second; bus: at every Control message.")] = "wall",
+) -> None:
+    """Advise a train: hears journey, position and delay on the bus, publishes speed and force advice once a second."""
+    if clock not in ("wall", "bus"):
+        raise DasError(f"--clock {clock}: expected wall or bus")
+    check_endpoint(listen)
+    stop = StopFlag()
+    the_route = load_route(route)
+    the_route = the_route.reversed() if reverse else the_route
+    the_vehicle = load_vehicle(vehicle)
+    if loss_map is not None:
+        from das.domain.files.loss_map_csv import read_loss_map
+
+        the_vehicle = the_vehicle.with_loss_map(read_loss_map(loss_map))
+    start, end = section_stops(the_route, from_stop, to_stop)
+    with Bus(train, listen=listen, connect=connect or [], hear=(JOURNEY, POSITION, DELAY, CONTROL)) as bus:
+        node = Node(bus, the_route, the_vehicle, level, point_mass=point_mass)
+        node.status(time.time_ns(), State.STATE_STARTING, "solving the section")
+        warm_up()
+        node.solve(start.position_m, end.position_m)
+        err.print(f"das-node {train}: {the_route.id}, {the_vehicle.id}, listening on {listen}")
+        node.status(time.time_ns(), State.STATE_WAITING, "waiting for a journey")
+        _run(node, stop, wall_clock=clock == "wall")
+        node.status(time.time_ns(), State.STATE_STOPPING, "stopped")
+
+
+def _run(node: Node, stop: StopFlag, *, wall_clock: bool) -> None:
+    """Answer until told to stop. With the wall clock, advice comes at whole seconds."""
+    due = time.monotonic() + 1.0
+    said = 0.0
+    while not stop.stopped and not node.finished:
+        received = node.bus.receive(min(max(due - time.monotonic(), 0.0), 0.1) if wall_clock else 0.1)
+        if received is not None:
+            node.take(received)
+        now = time.monotonic()
+        if wall_clock and now >= due:
+            node.tick(time.time_ns())
+            due = max(due + 1.0, now)
+        elif not wall_clock and node.advisor is None and now - said > 1.0:
+            node.status(time.time_ns(), State.STATE_WAITING, node._refused or "waiting for a journey")
+            said = now
+
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+app.command(
+    epilog="Example: das-node --route zurich-luzern --vehicle re460-ic --from 'Zürich HB' --to Zug --train IC1"
+)(command)
+
+
+def main() -> None:
+    """Entry point of das-node."""
+    run_command(lambda: app())
+
+
+if __name__ == "__main__":
+    main()

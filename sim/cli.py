@@ -1,0 +1,261 @@
+"""The command das-sim."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from das.commands import busy, err, run_command
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.files.writing import check_writable
+from das.domain.losses import Level
+from das.domain.route import section_stops
+from das.domain.units import NS, kwh
+from sim.options import ReplayOptions
+
+app = typer.Typer(
+    help="Replay a train's trip against a live advice node, record it, look at it.\n\n"
+    "Without a command: replays the bundled recording and tells how to view it.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+BUNDLED = "zurich-zug-late.mcap"
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+
+
+def bundled_recording() -> Path:
+    """The recording that comes with the program: in an installed package, or in the checkout."""
+    package = Path(__file__).parent
+    for path in (package / "bundled" / BUNDLED, package.parent / "recordings" / BUNDLED):
+        if path.is_file():
+            return path
+    raise DasError(f"{BUNDLED}: the bundled recording is missing from this installation")
+
+
+@app.callback(invoke_without_command=True, epilog="Example: das-sim")
+def default(context: typer.Context) -> None:
+    """Without a command, replay the bundled recording."""
+    if context.invoked_subcommand is None:
+        path = bundled_recording()
+        err.print(f"replaying the bundled recording {BUNDLED}: a late train on an illustrative Zürich–Luzern route")
+        _replay(path, ReplayOptions())
+
+
+@app.command(
+    epilog="Example: das-sim replay trip.csv --route track.json --vehicle train.json --line kmposts.csv --reverse"
+)
+def replay(
+    trip: Annotated[Path, typer.Argument(help="GPS record (CSV: latitude, longitude, km/h, ms) or MCAP of ours.")],
+    route: Annotated[
+        str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
+    ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's].")
+    ] = None,
+    reverse: Annotated[bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")] = False,
+    line: Annotated[
+        Path | None, typer.Option(help="Kilometre posts (CSV) to match GPS to [default: the route's geometry].")
+    ] = None,
+    from_stop: Annotated[str | None, typer.Option("--from", help="Stop the trip starts at [default: first].")] = None,
+    to_stop: Annotated[str | None, typer.Option("--to", help="Stop the trip ends at [default: last].")] = None,
+    arrival_s: Annotated[
+        float | None, typer.Option("--arrival", help="Timetable's running time in s [default: as long as the trip took].")
+    ] = None,
+    delay_s: Annotated[float, typer.Option("--delay", help="Seconds by which the trip departs late.")] = 0.0,
+    speed: Annotated[str, typer.Option(help="Times real time, or max.")] = "max",
+    level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
+    loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
+    point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
+    train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
+    out: Annotated[Path | None, typer.Option(help="Recording to write [default: recordings/<time>.mcap].")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Replay a trip: the node answers with advice every second, everything lands in an MCAP file."""
+    options = ReplayOptions(
+        route=route,
+        vehicle=vehicle,
+        reverse=reverse,
+        line=line,
+        from_stop=from_stop,
+        to_stop=to_stop,
+        arrival_s=arrival_s,
+        delay_s=delay_s,
+        speed=_speed(speed),
+        level=level,
+        loss_map=loss_map,
+        point_mass=point_mass,
+        train=train,
+        out=out,
+        as_json=as_json,
+    )
+    _replay(trip, options)
+
+
+@app.command(epilog="Example: das-sim view recordings/run.mcap --save run.rrd")
+def view(
+    file: Annotated[Path, typer.Argument(help="Recording (MCAP) to look at.")],
+    save: Annotated[Path | None, typer.Option(help="Write a rerun file (.rrd) instead of opening the viewer.")] = None,
+) -> None:
+    """Look at a recording in rerun: speed, advice, forces, gradient, delay, map, events."""
+    from sim.review.rerun_view import open_view, save_view
+
+    if save is None:
+        open_view(file)
+        return
+    check_writable(save)
+    with busy(f"writing {save} …"):
+        save_view(file, save)
+    print(f"written: {save}\nopen it with: rerun --bind 127.0.0.1 {shlex.quote(str(save))}")
+
+
+@app.command(
+    "make-trip",
+    epilog="Example: das-sim make-trip --route zurich-luzern --vehicle re460-ic --to Zug --delay 90 --out trip.mcap",
+)
+def make_trip(
+    route: Annotated[str, typer.Option(help="Bundled route, TOML or TTOBench track.")],
+    vehicle: Annotated[str, typer.Option(help="Bundled vehicle, TOML or TTOBench train.")],
+    out: Annotated[Path, typer.Option(help="MCAP file to write.")],
+    from_stop: Annotated[str | None, typer.Option("--from", help="First stop [default: the route's].")] = None,
+    to_stop: Annotated[str | None, typer.Option("--to", help="Last stop [default: the route's].")] = None,
+    reverse: Annotated[bool, typer.Option("--reverse", help="Drive the route from its end.")] = False,
+    delay_s: Annotated[float, typer.Option("--delay", help="Seconds by which the train leaves late.", min=0)] = 0.0,
+    buffer_percent: Annotated[
+        float, typer.Option("--buffer", help="Timetable: % above the least running time.", min=0, max=1000)
+    ] = 15.0,
+    departure: Annotated[str, typer.Option(help="Timetable's departure, ISO 8601 UTC.")] = "2026-11-21T08:04:00",
+    seed: Annotated[int, typer.Option(help="Seed of driver and receiver noise.", min=0)] = 1,
+    train: Annotated[str, typer.Option(help="Train name.")] = "train-1",
+) -> None:
+    """Make a trip by simulation: a driver without advice on a simulated train, as a GPS receiver would tell it."""
+    check_writable(out)
+    with busy("driving the simulated train …"):
+        from das.bus.topics import check_train_name
+        from das.solver.front import solve_front
+        from das.solver.section import build_section
+        from sim.make_trip import TripPlan, drive, write_trip
+
+        the_route, the_vehicle = load_route(route), load_vehicle(vehicle)
+        the_route = the_route.reversed() if reverse else the_route
+        start, end = section_stops(the_route, from_stop, to_stop)
+        section = build_section(the_route, the_vehicle, start_m=start.position_m, end_m=end.position_m)
+        least_s = solve_front(section).fastest().time_s
+        plan = TripPlan(
+            route=the_route,
+            vehicle=the_vehicle,
+            level=section.level,
+            start=start,
+            end=end,
+            reversed=reverse,
+            departure_ns=_utc_ns(departure),
+            running_time_s=round(least_s * (1 + buffer_percent / 100)),
+            delay_s=delay_s,
+            seed=seed,
+            train=check_train_name(train),
+        )
+        states = drive(plan)
+        write_trip(out, plan, states, _command())
+    late_s = delay_s + states[-1].time_s - plan.running_time_s
+    print(f"{start.name} – {end.name}: {states[-1].time_s:.0f} s, timetable {plan.running_time_s:.0f} s, arrival {late_s:+.0f} s")
+    print(f"energy of the simulated train {kwh(states[-1].energy_input_j):.1f} kWh; written: {out}")
+
+
+def _replay(trip: Path, options: ReplayOptions) -> None:
+    out = options.out or _default_out()
+    check_writable(out)
+    with busy("reading the trip and solving its section …"):
+        from sim.job import prepare
+        from sim.replay import replay as run_replay
+        from sim.replay_report import print_result, result
+
+        job = prepare(trip, options, out, _command())
+    try:
+        with _progress(f"replaying {trip.name}") as progress:
+            outcome = run_replay(job, progress)
+    except KeyboardInterrupt:
+        print(f"stopped; recorded so far: {out}", file=sys.stderr)
+        raise
+    found = result(job, outcome)
+    if options.as_json:
+        print(json.dumps(found))
+    else:
+        print_result(found)
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on a terminal, a line every few seconds elsewhere."""
+    if not err.is_terminal:
+        said = time.monotonic()
+
+        def line(tick: int, ticks: int) -> None:
+            nonlocal said
+            if time.monotonic() - said > 2.0 or tick == ticks:
+                print(f"{title}: {tick} of {ticks} s", file=sys.stderr)
+                said = time.monotonic()
+
+        print(f"{title}: starting node and recorder", file=sys.stderr)
+        yield line
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(f"{title}: starting node and recorder", total=None)
+        yield lambda tick, ticks: bar.update(task, completed=tick, total=ticks, description=title)
+
+
+def _speed(text: str) -> float | None:
+    """Times real time; None for as fast as it goes."""
+    if text == "max":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0.01 <= value <= 1e6:
+        raise DasError(f"--speed {text}: expected max or a number of times real time, 0.01 to 1000000")
+    return value
+
+
+def _utc_ns(text: str) -> int:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise DasError(f"--departure {text}: expected a time like 2026-11-21T08:04:00") from None
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return round(moment.timestamp() / NS)
+
+
+def _default_out() -> Path:
+    """A new file in ./recordings, named by the time."""
+    folder = Path("recordings")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
+    return folder / f"replay-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap"
+
+
+def _command() -> str:
+    return shlex.join(["das-sim", *sys.argv[1:]])
+
+
+def main() -> None:
+    """Entry point of das-sim."""
+    run_command(lambda: app())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""From options to a replay ready to run: everything is read, checked and solved before a process starts."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+from das import __version__
+from das.bus.topics import check_train_name
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle, locate_route, locate_vehicle
+from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.route import section_stops
+from das.domain.units import NS
+from das.solver.front import solve_front
+from das.solver.section import Section, build_section
+from das.solver.warm_up import warm_up
+from sim.estimate import estimate_run
+from sim.options import ReplayOptions
+from sim.replay import Job, plan_timing
+from sim.trips.trip import Trip, load_trip, peek_journey
+
+
+def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) -> Job:
+    """Read trip, route and vehicle, solve the section, estimate the run as driven; DasError for anything unusable."""
+    check_train_name(options.train)
+    for name, value in (("--arrival", options.arrival_s), ("--delay", options.delay_s)):
+        if value is not None and not -86400 < value < 86400:
+            raise DasError(f"{name} {value}: expected seconds, less than a day")
+    if options.arrival_s is not None and options.arrival_s <= 0:
+        raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
+    if out.resolve() == trip_path.resolve():
+        raise DasError(f"{out}: the recording to write is the trip to read")
+    options = _completed(trip_path, options)
+    assert options.route is not None
+    assert options.vehicle is not None
+    section = _section(options)
+    start, end = section_stops(section.route, options.from_stop, options.to_stop)
+    trip = load_trip(trip_path, section.route, start, end, options.line)
+    warm_up()
+    front = solve_front(section)
+    timing = plan_timing(trip, options.arrival_s, options.delay_s)
+    run = trip.run
+    return Job(
+        train=options.train,
+        trip=trip,
+        front=front,
+        timing=timing,
+        reference=front.trajectory((timing.arrival_ns - timing.departure_ns) * NS),
+        driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
+        names=(start.name, end.name),
+        reversed=options.reverse,
+        node_arguments=_node_arguments(options, start.name, end.name),
+        out=out,
+        speed=options.speed,
+        metadata=_metadata(trip, section, options, command),
+        attachments=(locate_route(options.route), locate_vehicle(options.vehicle)),
+    )
+
+
+def _completed(trip_path: Path, options: ReplayOptions) -> ReplayOptions:
+    """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
+    journey = peek_journey(trip_path)
+    if journey is None:
+        for name in ("route", "vehicle"):
+            if getattr(options, name) is None:
+                raise DasError(f"{trip_path}: a trip without a journey needs --{name}")
+        return options
+    same_route = options.route is None
+    return replace(
+        options,
+        route=options.route or journey.route_id,
+        vehicle=options.vehicle or journey.vehicle_id,
+        reverse=journey.reversed if same_route else options.reverse,
+        from_stop=options.from_stop or (journey.from_stop if same_route else None),
+        to_stop=options.to_stop or (journey.to_stop if same_route else None),
+    )
+
+
+def _section(options: ReplayOptions) -> Section:
+    assert options.route is not None
+    assert options.vehicle is not None
+    route, vehicle = load_route(options.route), load_vehicle(options.vehicle)
+    route = route.reversed() if options.reverse else route
+    if options.loss_map is not None:
+        vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
+    start, end = section_stops(route, options.from_stop, options.to_stop)
+    return build_section(
+        route,
+        vehicle,
+        level=options.level,
+        start_m=start.position_m,
+        end_m=end.position_m,
+        point_mass=options.point_mass,
+    )
+
+
+def _node_arguments(options: ReplayOptions, start: str, end: str) -> tuple[str, ...]:
+    arguments = ["--route", str(options.route), "--vehicle", str(options.vehicle), "--from", start, "--to", end]
+    if options.reverse:
+        arguments.append("--reverse")
+    if options.level is not None:
+        arguments += ["--level", str(options.level)]
+    if options.loss_map is not None:
+        arguments += ["--loss-map", str(options.loss_map)]
+    if options.point_mass:
+        arguments.append("--point-mass")
+    return tuple(arguments)
+
+
+def _metadata(trip: Trip, section: Section, options: ReplayOptions, command: str) -> dict[str, str]:
+    report = trip.matched.report
+    return {
+        "kind": "replay",
+        "command": command,
+        "version": __version__,
+        "train": options.train,
+        "trip": trip.path.name,
+        "trip_sha256": _sha256(trip.path),
+        "route": section.route.name,
+        "route_sha256": _sha256(locate_route(str(options.route))),
+        "vehicle": section.vehicle.name,
+        "vehicle_sha256": _sha256(locate_vehicle(str(options.vehicle))),
+        "level": str(section.level),
+        "map_anchor": report.anchor,
+        "map_scale": f"{report.scale:.6f}",
+        "map_offset_m": f"{report.offset_m:.1f}",
+        "map_median_cross_track_m": f"{report.median_cross_track_m:.1f}",
+        "gps_dropout_points": str(report.dropout_points),
+    }
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,118 @@
+"""What came out of a replay, as an object and as a table."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from das.domain.units import NS, kwh
+from das.solver.front import Fit
+from sim.replay import Job, Outcome
+
+
+def result(job: Job, outcome: Outcome) -> dict[str, Any]:
+    """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
+
+    `energy_optimum_kwh` is the least energy for the same arrival as driven; `timetable_*` are for the arrival the
+    timetable wants, as far as the train can.
+    """
+    run, timing = job.trip.run, job.timing
+    trip_s = float(run.time_s[-1])
+    optimum = job.front.trajectory(trip_s)
+    left_s = (timing.arrival_ns - run.start_time_ns) * NS
+    wanted = job.front.trajectory(max(left_s, 1e-3))
+    driven_kwh, optimum_kwh = kwh(job.driven.ledger.input), kwh(optimum.ledger.input)
+    report = job.trip.matched.report
+    replayed_s = outcome.ticks * 1.0
+    return {
+        "trip_time_s": trip_s,
+        "ends_standing": job.trip.matched.ends_standing,
+        "min_time_s": optimum.least_time_s,
+        "advices": outcome.ticks,
+        "advices_given": outcome.advices_given,
+        "advices_withdrawn": outcome.advices_withdrawn,
+        "advices_above_limit": outcome.above_limit,
+        "energy_driven_kwh": driven_kwh,
+        "energy_optimum_kwh": optimum_kwh,
+        "optimum_time_s": optimum.time_s,
+        "optimum_fit": str(optimum.fit),
+        "saved_kwh": driven_kwh - optimum_kwh,
+        "saved_ratio": (driven_kwh - optimum_kwh) / driven_kwh if driven_kwh > 0 else None,
+        "beyond_vehicle_ratio": job.driven.beyond_ratio,
+        "timetable_time_left_s": left_s,
+        "timetable_fit": str(wanted.fit),
+        "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
+        "timetable_energy_kwh": kwh(wanted.ledger.input),
+        "driven_late_s": trip_s - left_s,
+        "messages_sent": sum(outcome.sent.values()),
+        "messages_recorded": sum(outcome.recorded.values()),
+        "messages_lost": outcome.lost,
+        "start_s": outcome.start_s,
+        "replay_s": outcome.replay_s,
+        "real_time_factor": replayed_s / outcome.replay_s if outcome.replay_s > 0 else None,
+        "map_anchor": report.anchor,
+        "map_scale": report.scale,
+        "map_median_cross_track_m": report.median_cross_track_m,
+        "map_max_cross_track_m": report.max_cross_track_m,
+        "gps_dropout_points": report.dropout_points,
+        "file": str(job.out),
+    }
+
+
+def print_result(found: dict[str, Any]) -> None:
+    """The table at the end of a replay, with what should be known about its figures."""
+    table = Table(title="replay", title_justify="left", show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    for name, value in _rows(found):
+        table.add_row(name, value)
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(table)
+    for note in _notes(found):
+        console.print(f"note: {note}")
+    console.print(f"view it: das-sim view {shlex.quote(found['file'])}")
+
+
+def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    saved = f"{found['saved_kwh']:.1f} kWh"
+    if found["saved_ratio"] is not None:
+        saved += f" ({100 * found['saved_ratio']:.0f} %)"
+    return [
+        ("trip time", f"{found['trip_time_s']:.0f} s"),
+        ("least possible time", f"{found['min_time_s']:.0f} s"),
+        ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
+        ("energy as driven (estimated)", f"{found['energy_driven_kwh']:.1f} kWh"),
+        ("energy of the optimum, same arrival", f"{found['energy_optimum_kwh']:.1f} kWh"),
+        ("advice would have saved", saved),
+        ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
+        ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
+        ("file", found["file"]),
+    ]
+
+
+def _notes(found: dict[str, Any]) -> list[str]:
+    notes = []
+    if found["optimum_fit"] == Fit.LATE:
+        late = found["optimum_time_s"] - found["trip_time_s"]
+        notes.append(
+            f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {late:.1f} s later"
+        )
+    if found["timetable_fit"] == Fit.LATE:
+        notes.append(
+            f"the timetable's arrival is earlier than possible: the fastest run is {found['timetable_late_s']:.1f} s late"
+        )
+    if not found["ends_standing"]:
+        notes.append("the trip does not end standing at a stop: its energy is not comparable with the optimum's")
+    if found["beyond_vehicle_ratio"] > 0.005:
+        share = 100 * found["beyond_vehicle_ratio"]
+        notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
+    if found["map_anchor"] in ("start", "end"):
+        notes.append(f"the kilometrage is anchored at the {found['map_anchor']} only (lengths differ by over 1 %)")
+    if found["gps_dropout_points"]:
+        notes.append(f"{found['gps_dropout_points']} points with a dropped speed: their speed is from the positions")
+    if found["advices_above_limit"]:
+        notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
+    return notes

@@ -1,0 +1,1 @@
+"""Reading recordings and looking at them."""

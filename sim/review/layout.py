@@ -1,0 +1,104 @@
+"""Our blueprint: plots over time beside map, summary and events; the picture over distance in a second tab.
+
+A plot of rerun follows the active timeline and starts at ±30 s about the cursor unless its axis is given; linked axes
+ignore what is given. So the plots show the whole trip on `trip_time`, and what is over distance is a picture.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from das.bus.topics import ADVICE, DELAY, EVENT, POSITION, STATUS, TRUTH, Topic
+from das.domain.units import NS
+from sim.review.entities import TRIP_TIME
+from sim.review.recording import Recording
+from sim.review.series import EARTH_RADIUS_M, Trip, Way
+
+MARGIN_RATIO: Final = 0.02
+BUFFER_PERCENT: Final = (-5.0, 25.0)
+"""What the axis of the buffer shows: at the end of a trip it goes to infinity."""
+
+MAP_PX: Final = (380.0, 210.0)
+"""Room for the way on the map in the window this is made for."""
+
+
+class Row(NamedTuple):
+    """A view over time: title, origin of its entities, share of the height, topics it is made of, corner of the legend."""
+
+    title: str
+    origin: str
+    share: float
+    topics: tuple[Topic, ...]
+    legend: str | None = None
+
+
+ROWS: Final = (
+    Row("Speed (km/h)", "speed", 3.0, (TRUTH, POSITION, ADVICE), "LeftTop"),
+    Row("Advised mode and state of the node", "mode", 1.35, (ADVICE, STATUS)),
+    Row("Force at the wheels (kN)", "force", 2.0, (TRUTH, ADVICE), "LeftBottom"),
+    Row("Gradient (permille)", "gradient", 1.0, (TRUTH,)),
+    Row("Deviation from the timetable, late > 0 (s)", "deviation", 1.3, (ADVICE, DELAY), "RightTop"),
+    Row("Buffer: time left over the least possible (%)", "buffer", 1.0, (ADVICE,)),
+)
+
+
+def blueprint(recording: Recording, trip: Trip, way: Way | None) -> rrb.Blueprint:
+    """The layout, made for a window of about 1600 × 1000; views without anything to show are left out."""
+    rows = [row for row in ROWS if any(recording.of(topic) for topic in row.topics)]
+    axis = _whole_trip(trip)
+    over_time = rrb.Vertical(*(_view(row, axis) for row in rows), row_shares=[row.share for row in rows], name="Over time")
+    over_distance = rrb.Spatial2DView(
+        origin="distance", name="Over distance", overrides={"distance/picture": rrb.EntityBehavior(interactive=False)}
+    )
+    side: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="summary", name="Summary")]
+    if way is not None:
+        side.insert(0, _track(way))
+    if recording.of(EVENT):
+        columns = rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
+        side.append(rrb.TextLogView(origin="events", name="Events", columns=columns))
+    return rrb.Blueprint(
+        rrb.Horizontal(rrb.Tabs(over_time, over_distance), rrb.Vertical(*side), column_shares=[2.6, 1.0]),
+        rrb.TimePanel(timeline=TRIP_TIME, state="collapsed", play_state="Paused"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+    )
+
+
+def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
+    if row.origin == "mode":
+        return rrb.StateTimelineView(origin=row.origin, name=row.title, time_view=axis)
+    legend = rrb.PlotLegend(row.legend, visible=row.legend is not None)
+    heights = rrb.ScalarAxis(range=BUFFER_PERCENT) if row.origin == "buffer" else None
+    return rrb.TimeSeriesView(origin=row.origin, name=row.title, axis_x=axis, axis_y=heights, plot_legend=legend)
+
+
+def _whole_trip(trip: Trip) -> rrb.TimeAxis:
+    duration_s = float(trip.time_ns[-1] - trip.time_ns[0]) * NS
+    margin_s = max(MARGIN_RATIO * duration_s, 1.0)
+    start = rrb.TimeRangeBoundary.absolute(seconds=-margin_s)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start, rrb.TimeRangeBoundary.absolute(seconds=duration_s + margin_s)))
+
+
+def _track(way: Way) -> rrb.Tabs:
+    low, high = way.plane_m.min(axis=0), way.plane_m.max(axis=0)
+    margin = 2.0 * MARGIN_RATIO * max(float((high - low).max()), 100.0)
+    (left, top), (right, bottom) = low - margin, high + margin
+    return rrb.Tabs(
+        rrb.Spatial2DView(
+            origin="track",
+            name="Track (colour: speed)",
+            visual_bounds=rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom)),
+        ),
+        rrb.MapView(origin="map", name="Map (tiles need a network)", zoom=_zoom(way)),
+    )
+
+
+def _zoom(way: Way) -> float:
+    """Zoom level (a tile of 256 px shows 1/2^zoom of a parallel) at which the way fits the panel."""
+    extent_m = np.maximum(np.ptp(way.plane_m, axis=0), 100.0)
+    parallel_m = 2.0 * np.pi * EARTH_RADIUS_M * np.cos(np.radians(way.degrees[:, 0].mean()))
+    return float(np.log2(parallel_m / 256.0 * np.min(np.array(MAP_PX) / extent_m)))

@@ -1,0 +1,102 @@
+"""Recordings in the rerun viewer: as a file with our own layout, or in a viewer started for it."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from das.domain.errors import DasError
+from das.domain.files.writing import check_writable
+from sim.review.recording import Recording, read_recording
+
+APPLICATION = "das-review"
+CLOSING_S = 5.0
+
+
+def save_view(recording_path: Path, rrd_path: Path) -> None:
+    """Write a recording as a rerun file with our layout in it.
+
+    Raises DasError for an unusable recording, a place that cannot be written to, or where rerun is not installed.
+    """
+    _check_installed()
+    check_writable(rrd_path)
+    recording = read_recording(recording_path)
+    with tempfile.TemporaryDirectory(dir=rrd_path.parent, prefix=f".{rrd_path.name}.") as folder:
+        beside = Path(folder) / "view.rrd"
+        _write(recording, beside)
+        os.replace(beside, rrd_path)
+
+
+def open_view(recording_path: Path) -> None:
+    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C closes it.
+
+    The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
+    """
+    _check_installed()
+    _check_display()
+    with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
+        rrd = Path(folder) / f"{recording_path.stem}.rrd"
+        save_view(recording_path, rrd)
+        _run_viewer(rrd)
+
+
+def viewer_command(rrd_path: Path) -> list[str]:
+    """The command that shows a rerun file: a viewer of its own, on a free port of this machine only."""
+    return [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", "auto", str(rrd_path)]
+
+
+def viewer_environment() -> dict[str, str]:
+    """The environment of the viewer; it sends no usage data where `CI` is set, and has no other switch for one run."""
+    kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
+    return {**kept, "CI": "1"}
+
+
+def _run_viewer(rrd_path: Path) -> None:
+    viewer = subprocess.Popen(viewer_command(rrd_path), env=viewer_environment())
+    try:
+        code = viewer.wait()
+    finally:
+        _close(viewer)
+    if code != 0:
+        raise DasError(f"the rerun viewer ended with code {code}")
+
+
+def _close(viewer: subprocess.Popen[bytes]) -> None:
+    if viewer.poll() is None:
+        viewer.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            viewer.wait(CLOSING_S)
+            return
+        viewer.kill()
+        viewer.wait()
+
+
+def _write(recording: Recording, path: Path) -> None:
+    import rerun as rr
+
+    from sim.review import entities, layout
+    from sim.review.series import Trip, Way
+
+    trip, way = Trip.of(recording), Way.of(recording)
+    with rr.RecordingStream(APPLICATION, recording_id=recording.path.stem) as out:
+        out.save(path, default_blueprint=layout.blueprint(recording, trip, way))
+        out.send_recording_name(f"{recording.train} ({recording.path.name})")
+        entities.send(out, recording, trip, way)
+        out.flush()
+        out.disconnect()
+
+
+def _check_installed() -> None:
+    missing = [name for name in ("rerun", "rerun_cli", "matplotlib") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise DasError(f"{missing[0]} is not installed: pip install 'driver-advisory-system[view]'")
+
+
+def _check_display() -> None:
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise DasError("no display to open a viewer on: save the view to a .rrd file and open that where there is one")

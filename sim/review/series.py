@@ -1,0 +1,117 @@
+"""The quantities of a trip in the units and colours of the pictures, and where the train was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.bus import das_pb2, topics
+from das.domain.errors import DasError
+from das.domain.units import KN, PERCENT, PERMILLE, kmh
+from sim.review.recording import Recording
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+EARTH_RADIUS_M: Final = 6_371_000.0
+
+
+class Style(NamedTuple):
+    """How a series looks everywhere: label (with its unit), colour (RGBA), width of the line, held or interpolated."""
+
+    label: str
+    color: int
+    width: float = 1.4
+    held: bool = False
+
+
+STYLES: Final = {
+    "speed/limit": Style("limit, km/h", 0xC8646EFF, held=True),
+    "speed/advised": Style("advised, km/h", 0xFFA028FF, width=3.0),
+    "speed/driven": Style("driven, km/h", 0x4AA3FFFF),
+    "force/advised": Style("advised, kN", 0xFFA028FF, width=3.0),
+    "force/driven": Style("driven, kN", 0x4AA3FFFF),
+    "gradient/permille": Style("gradient, permille", 0x9AC48BFF, held=True),
+    "deviation/operator": Style("known to the operator, s", 0xB08CE0FF, held=True),
+    "deviation/predicted": Style("predicted arrival, s", 0xFFA028FF),
+    "buffer/percent": Style("buffer, %", 0x6FD0C5FF),
+}
+"""By series, in drawing order: what is advised lies wider under what is driven, so that both show where they agree."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trip:
+    """Where the train was and how fast: the truth if it was recorded, else its own localisation."""
+
+    time_ns: Times
+    s_m: Floats
+    speed_mps: Floats
+
+    @classmethod
+    def of(cls, recording: Recording) -> Trip:
+        """The trip of a recording; DasError if it has no position at all."""
+        for topic in (topics.TRUTH, topics.POSITION, topics.ADVICE):
+            data = recording.columns(topic, "time_ns", "s_m", "speed_mps")
+            if len(data["time_ns"]):
+                order = np.argsort(data["time_ns"], kind="stable")
+                return cls(**{name: data[name][order] for name in ("time_ns", "s_m", "speed_mps")})
+        raise DasError(f"{recording.path}: holds no positions of train {recording.train}, so there is nothing to show")
+
+    def trip_ns(self, time_ns: Times) -> Times:
+        """Time since the first position; what was sent before it is put at 0 (rerun draws no pictures before 0)."""
+        return np.maximum(time_ns - self.time_ns[0], 0)
+
+    def at(self, time_ns: Times, values: Floats) -> Floats:
+        """Values of the trip (one per position) at other times, before and after the trip those of its ends."""
+        return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Way:
+    """The fixes of the trip: WGS 84, and in a plane (m to the east and to the south of their middle)."""
+
+    time_ns: Times
+    degrees: Floats
+    plane_m: Floats
+
+    @classmethod
+    def of(cls, recording: Recording) -> Way | None:
+        """The way of a recording, None if no locations were recorded."""
+        fixes = [entry.message for entry in recording.of(topics.LOCATION)]
+        if not fixes:
+            return None
+        degrees = np.array([(fix.latitude, fix.longitude) for fix in fixes])
+        middle = degrees.mean(axis=0)
+        north, east = (np.radians(degrees - middle) * EARTH_RADIUS_M).T
+        return cls(
+            time_ns=np.array([fix.timestamp.ToNanoseconds() for fix in fixes]),
+            degrees=degrees,
+            plane_m=np.column_stack((east * np.cos(np.radians(middle[0])), -north)),
+        )
+
+
+def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
+    """Times and values of everything plotted, by the names of `STYLES`; advice that was withdrawn is a gap (NaN)."""
+    advice = recording.columns(
+        topics.ADVICE, "time_ns", "source", "advised_speed_mps", "advised_force_n", "limit_mps",
+        "predicted_deviation_s", "buffer_ratio",
+    )  # fmt: skip
+    fields = ("time_ns", "force_el_n", "force_friction_n", "gradient_ratio", "limit_mps")
+    truth = recording.columns(topics.TRUTH, *fields)
+    delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
+    limits = truth if len(truth["time_ns"]) else advice
+    at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
+    return {
+        "speed/limit": (limits["time_ns"], kmh(limits["limit_mps"])),
+        "speed/advised": (at, kmh(advice["advised_speed_mps"]) * gap),
+        "speed/driven": (trip.time_ns, kmh(trip.speed_mps)),
+        "force/advised": (at, advice["advised_force_n"] / KN * gap),
+        "force/driven": (truth["time_ns"], (truth["force_el_n"] + truth["force_friction_n"]) / KN),
+        "gradient/permille": (truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
+        "deviation/operator": (delay["time_ns"], delay["delay_s"]),
+        "deviation/predicted": (at, advice["predicted_deviation_s"] * gap),
+        "buffer/percent": (at, advice["buffer_ratio"] / PERCENT * gap),
+    }

@@ -1,0 +1,57 @@
+"""What a recording is, in words: the text beside the plots."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from das.bus import topics
+from das.domain.units import KM, NS, kwh
+from sim.review.recording import Recording
+
+
+def summary(recording: Recording) -> str:
+    """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote."""
+    lines = [f"### Train {recording.train}", ""]
+    if not recording.complete:
+        lines += ["**This recording was cut off; it holds what was written before.**", ""]
+    if len(recording.trains) > 1:
+        lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
+    lines += _table("Trip", _trip(recording))
+    for name, entries in recording.metadata.items():
+        lines += _table(name.capitalize(), [_readable(key, value) for key, value in entries.items()])
+    return "\n".join(lines)
+
+
+def _trip(recording: Recording) -> list[tuple[str, str]]:
+    rows = []
+    for entry in recording.of(topics.JOURNEY)[-1:]:
+        journey = entry.message
+        rows += [("route", journey.route_id + (" (reversed)" if journey.reversed else "")), ("vehicle", journey.vehicle_id)]
+        rows += [("stops", " – ".join(stop.name for stop in journey.stops))]
+    where = recording.columns(topics.TRUTH, "time_ns", "s_m", "energy_input_j")
+    if len(where["s_m"]):
+        rows += [
+            ("start (UTC)", f"{datetime.fromtimestamp(where['time_ns'][0] * NS, UTC):%Y-%m-%d %H:%M:%S}"),
+            ("driven", f"{(where['s_m'][-1] - where['s_m'][0]) / KM:.2f} km"),
+            ("time", f"{(where['time_ns'][-1] - where['time_ns'][0]) * NS:.0f} s"),
+            ("energy at the collector", f"{kwh(where['energy_input_j'][-1]):.1f} kWh"),
+        ]
+    for status in recording.of(topics.STATUS)[-1:]:
+        rows += [("node", f"version {status.message.version}, {status.message.advices} advices")]
+    rows += [("messages", str(sum(len(entries) for entries in recording.messages.values())))]
+    return [*rows, ("attachments", ", ".join(recording.attachments) or "none")]
+
+
+def _readable(key: str, value: str) -> tuple[str, str]:
+    """An entry of the metadata, energies in kWh and hashes short."""
+    if key.endswith("_j"):
+        try:
+            return key[:-2].replace("_", " "), f"{kwh(float(value)):.1f} kWh"
+        except ValueError:
+            return key, value
+    return key.replace("_", " "), value[:12] + "…" if "sha256" in key and len(value) > 12 else value
+
+
+def _table(title: str, rows: list[tuple[str, str]]) -> list[str]:
+    body = [f"| {name} | {value.replace('|', '/')} |" for name, value in rows]
+    return [f"| {title} | |", "|---|---|", *body, ""]

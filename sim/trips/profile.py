@@ -1,0 +1,160 @@
+"""A matched trip as an even run: time, position, speed and acceleration that belong together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from das.domain.errors import DasError
+from das.domain.route import Floats
+from das.domain.units import NS
+from sim.trips.matching import Bools, MatchedTrip
+
+POSITION_SIGMA_M = 25.0
+"""Weight of a matched position per second: some 6 m of error that last for about 15 s, so σ·√15."""
+SPEED_SIGMA_MPS = 0.5
+JERK_PSD_M2PS5 = 0.03
+"""With the speed's σ the smoothing acts like a local fit over (σ²/psd)^¼ ≈ 1.7 s either side, 8 s in all."""
+EXACT = 1e-3
+"""σ of what is known: the position of a stop (m) and that the train stands there (m/s)."""
+MAX_SPEED_GAP_S = 3.0
+"""Reported speeds further apart than this are not joined; positions alone lead through the gap."""
+LAGS_S = np.arange(-2.0, 5.01, 0.25)
+MIN_LAG_GAIN_RATIO, MIN_LAG_GAIN_M = 0.2, 1.0
+"""A lag must explain this much of the spread between integrated speed and position, or it is taken as 0."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenRun:
+    """A run on an even grid from departure to arrival, arrays of shape (steps + 1,).
+
+    s is the trapezoidal integral of the speed and the acceleration its slope. `dropout` marks times whose reported
+    speed dropped out. `position_rms_m` is the distance of s from the matched positions, `speed_lag_s` how late the
+    reported speed was.
+    """
+
+    time_s: Floats
+    s_m: Floats
+    speed_mps: Floats
+    acceleration_mps2: Floats
+    start_time_ns: int
+    dropout: Bools
+    speed_lag_s: float
+    position_rms_m: float
+
+
+def to_profile(matched: MatchedTrip, step_s: float = 1.0) -> DrivenRun:
+    """Resample from departure to arrival to steps of `step_s`, smooth and consistent.
+
+    GPS receivers filter the speed, so it comes seconds late: the lag is estimated by sliding the integrated speed
+    against the positions, and departure and arrival, which the speed tells, move with it. Then the likeliest motion
+    under white jerk is taken (Kalman filter and Rauch–Tung–Striebel smoother for s, v, a): positions, weighted little,
+    lead over long distances; speeds, weighted more, give the detail over some 8 s; dropouts and gaps are bridged by
+    positions and inertia. A standing end is exact in position and speed, and moved to the next step. Negative speeds
+    become 0, and s is integrated from the speed. Raises DasError for a run shorter than 3 steps.
+    """
+    time_s, dropout = matched.elapsed_s(), matched.dropout
+    lag = speed_lag_s(time_s, matched.s_m, matched.speed_mps)
+    begin, end = _run_times(matched, time_s, lag)
+    count = (end - begin) / step_s
+    steps = int(np.ceil(count - 1e-6) if matched.ends_standing else np.floor(count + 1e-6))
+    if steps < 3:
+        raise DasError(f"{matched.source}: a run of {end - begin:g} s is too short, expected at least {3 * step_s:g} s")
+    grid = np.arange(steps + 1, dtype=np.float64) * step_s
+    position = np.interp(begin + grid, time_s, matched.s_m)
+    speed, unseen = _joined_speed(begin + grid, time_s[~dropout] - lag, matched.speed_mps[~dropout])
+    variance = np.full((2, steps + 1), [[POSITION_SIGMA_M**2], [SPEED_SIGMA_MPS**2]]) / step_s
+    variance[1, unseen] = np.inf
+    ends = ((0, matched.departure, matched.starts_standing), (-1, matched.arrival, matched.ends_standing))
+    for k, point, standing in ends:
+        if standing:
+            position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, EXACT**2
+    s, v = _integrated(matched, position, np.maximum(_smoothed(step_s, position, speed, variance), 0.0), step_s)
+    return DrivenRun(
+        time_s=grid,
+        s_m=s,
+        speed_mps=v,
+        acceleration_mps2=np.gradient(v, step_s),
+        start_time_ns=int(matched.time_ns[0]) + round(begin / NS),
+        dropout=np.interp(begin + grid, time_s - lag, dropout.astype(float)) > 0,
+        speed_lag_s=lag,
+        position_rms_m=float(np.sqrt(np.mean((s - position) ** 2))),
+    )
+
+
+def _run_times(matched: MatchedTrip, time_s: Floats, lag_s: float) -> tuple[float, float]:
+    """Departure and arrival, as far as the record goes; its ends where it does not stand."""
+    begin = time_s[matched.departure] - lag_s if matched.starts_standing else time_s[0]
+    end = time_s[matched.arrival] - lag_s if matched.ends_standing else time_s[-1]
+    return float(max(begin, time_s[0])), float(min(end, time_s[-1]))
+
+
+def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
+    """How late the speed is against the positions; 0 where no lag stands out.
+
+    Least spread of s(t) − c − k·∫v(t + lag)dt; the free k keeps a speed that is all too low from looking late.
+    """
+    spread = []
+    for lag in LAGS_S:
+        shifted = np.interp(time_s + lag, time_s, speed_mps)
+        driven = np.append(0.0, np.cumsum((shifted[1:] + shifted[:-1]) / 2 * np.diff(time_s)))
+        around = driven - driven.mean()
+        k = np.dot(around, position_m) / max(np.dot(around, around), 1e-9)
+        spread.append(float(np.std(position_m - k * driven)))
+    best = int(np.argmin(spread))
+    none = spread[int(np.argmin(np.abs(LAGS_S)))]
+    gain = none - spread[best]
+    return float(LAGS_S[best]) if gain > max(MIN_LAG_GAIN_RATIO * none, MIN_LAG_GAIN_M) else 0.0
+
+
+def _joined_speed(grid: Floats, time_s: Floats, speed_mps: Floats) -> tuple[Floats, Bools]:
+    """Speeds on the grid, and where there is none: outside the points or in a gap."""
+    if not len(time_s):
+        return np.zeros_like(grid), np.ones(len(grid), dtype=bool)
+    after = np.searchsorted(time_s, grid)
+    inside = (after > 0) & (after < len(time_s))
+    i = np.clip(after, 1, max(len(time_s) - 1, 1))
+    wide = np.append(np.inf, np.diff(time_s))[np.minimum(i, len(time_s) - 1)] > MAX_SPEED_GAP_S
+    return np.interp(grid, time_s, speed_mps), ~inside | wide
+
+
+def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Floats) -> Floats:
+    """Speed of the likeliest motion under white jerk; `variance` (2 × n) of positions and speeds, inf = not seen."""
+    h = step_s
+    move = np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]])
+    noise = JERK_PSD_M2PS5 * np.array(
+        [[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]]
+    )
+    n = len(position_m)
+    states, covariances = np.empty((n, 3)), np.empty((n, 3, 3))
+    x, p = np.array([position_m[0], speed_mps[0], 0.0]), np.diag([1e4, 1e3, 1.0])
+    for k in range(n):
+        if k:
+            x, p = move @ x, move @ p @ move.T + noise
+        for j, value in enumerate((position_m[k], speed_mps[k])):
+            gain = p[:, j] / (p[j, j] + variance[j, k])
+            x, p = x + gain * (value - x[j]), p - np.outer(gain, p[j])
+        states[k], covariances[k] = x, p
+    for k in range(n - 2, -1, -1):
+        p = covariances[k]
+        gain = np.linalg.solve(move @ p @ move.T + noise, move @ p).T
+        states[k] += gain @ (states[k + 1] - move @ states[k])
+    return states[:, 1].copy()
+
+
+def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats, step_s: float) -> tuple[Floats, Floats]:
+    """Position from speed, from a standing end; between two, both are scaled by the rest of a metre that is left."""
+    if matched.starts_standing:
+        v[0] = 0.0
+    if matched.ends_standing:
+        v[-1] = 0.0
+    s = np.append(0.0, np.cumsum((v[1:] + v[:-1]) / 2 * step_s))
+    if matched.starts_standing and matched.ends_standing:
+        factor = (position_m[-1] - position_m[0]) / s[-1]
+        return position_m[0] + factor * s, factor * v
+    if matched.starts_standing:
+        return position_m[0] + s, v
+    if matched.ends_standing:
+        return position_m[-1] - s[-1] + s, v
+    return s + np.mean(position_m - s), v
