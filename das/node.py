@@ -28,7 +28,6 @@ from das.solver.warm_up import warm_up
 POSITION_SLACK_M = 1.0
 """A journey's stops must lie this near to the section's ends for its front to be used."""
 PLAN_EVERY_S = 10.0
-State = das_pb2.Status.State
 
 
 class Node:
@@ -87,10 +86,10 @@ class Node:
         self._advices += 1
         self._say_changes(advice)
         self._send_plan(now_ns)
-        state = State.STATE_WITHDRAWN if advice.mode is Mode.NONE else State.STATE_ADVISING
+        state = das_pb2.Status.STATE_WITHDRAWN if advice.mode is Mode.NONE else das_pb2.Status.STATE_ADVISING
         self.status(now_ns, state, advice.reason)
 
-    def status(self, now_ns: int, state: State, reason: str) -> None:
+    def status(self, now_ns: int, state: das_pb2.Status.State.ValueType, reason: str) -> None:
         """Publish how the node is."""
         message = das_pb2.Status(
             time_ns=now_ns,
@@ -125,12 +124,12 @@ class Node:
             self._refused = f"journey refused: {error}"
             self.advisor = None
             self.event(journey.time_ns, Log.ERROR, self._refused)
-            self.status(journey.time_ns, State.STATE_WITHDRAWN, self._refused)
+            self.status(journey.time_ns, das_pb2.Status.STATE_WITHDRAWN, self._refused)
             return
         self._refused = ""
         names = " – ".join(stop.name for stop in journey.stops)
         self.event(journey.time_ns, Log.INFO, f"journey {names}, section solved in {self._solve_s:.2f} s")
-        self.status(journey.time_ns, State.STATE_READY, f"ready for {names}")
+        self.status(journey.time_ns, das_pb2.Status.STATE_READY, f"ready for {names}")
 
     def _check_journey(self, journey: das_pb2.Journey) -> None:
         if journey.route_id != self.route.id:
@@ -177,7 +176,9 @@ def command(
     listen: Annotated[str, typer.Option(help="Own endpoint on this machine.")] = "tcp/127.0.0.1:7447",
     connect: Annotated[list[str] | None, typer.Option(help="Endpoint of another process (may be repeated).")] = None,
     reverse: Annotated[bool, typer.Option("--reverse", help="The route is driven from its end.")] = False,
-    from_stop: Annotated[str | None, typer.Option("--from", help="First stop: name or number [default: first].")] = None,
+    from_stop: Annotated[
+        str | None, typer.Option("--from", help="First stop: name or number [default: first].")
+    ] = None,
     to_stop: Annotated[str | None, typer.Option("--to", help="Second stop: name or number [default: last].")] = None,
     level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
     loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
@@ -199,13 +200,13 @@ def command(
     start, end = section_stops(the_route, from_stop, to_stop)
     with Bus(train, listen=listen, connect=connect or [], hear=(JOURNEY, POSITION, DELAY, CONTROL)) as bus:
         node = Node(bus, the_route, the_vehicle, level, point_mass=point_mass)
-        node.status(time.time_ns(), State.STATE_STARTING, "solving the section")
+        node.status(time.time_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
         node.solve(start.position_m, end.position_m)
         err.print(f"das-node {train}: {the_route.id}, {the_vehicle.id}, listening on {listen}")
-        node.status(time.time_ns(), State.STATE_WAITING, "waiting for a journey")
+        node.status(time.time_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
         _run(node, stop, wall_clock=clock == "wall")
-        node.status(time.time_ns(), State.STATE_STOPPING, "stopped")
+        node.status(time.time_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
 
 
 def _run(node: Node, stop: StopFlag, *, wall_clock: bool) -> None:
@@ -221,7 +222,7 @@ def _run(node: Node, stop: StopFlag, *, wall_clock: bool) -> None:
             node.tick(time.time_ns())
             due = max(due + 1.0, now)
         elif not wall_clock and node.advisor is None and now - said > 1.0:
-            node.status(time.time_ns(), State.STATE_WAITING, node._refused or "waiting for a journey")
+            node.status(time.time_ns(), das_pb2.Status.STATE_WAITING, node._refused or "waiting for a journey")
             said = now
 
 
@@ -233,7 +234,7 @@ app.command(
 
 def main() -> None:
     """Entry point of das-node."""
-    run_command(lambda: app())
+    run_command(app)
 
 
 if __name__ == "__main__":

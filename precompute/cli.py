@@ -207,7 +207,7 @@ def _print_solutions(title: str, results: list[dict[str, Any]]) -> None:
 
 def main() -> None:
     """Entry point of das-precompute."""
-    run_command(lambda: app(standalone_mode=True))
+    run_command(app)
 
 
 if __name__ == "__main__":

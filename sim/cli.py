@@ -65,14 +65,17 @@ def replay(
     vehicle: Annotated[
         str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's].")
     ] = None,
-    reverse: Annotated[bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")] = False,
+    reverse: Annotated[
+        bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")
+    ] = False,
     line: Annotated[
         Path | None, typer.Option(help="Kilometre posts (CSV) to match GPS to [default: the route's geometry].")
     ] = None,
     from_stop: Annotated[str | None, typer.Option("--from", help="Stop the trip starts at [default: first].")] = None,
     to_stop: Annotated[str | None, typer.Option("--to", help="Stop the trip ends at [default: last].")] = None,
     arrival_s: Annotated[
-        float | None, typer.Option("--arrival", help="Timetable's running time in s [default: as long as the trip took].")
+        float | None,
+        typer.Option("--arrival", help="Timetable's running time in s [default: as long as the trip took]."),
     ] = None,
     delay_s: Annotated[float, typer.Option("--delay", help="Seconds by which the trip departs late.")] = 0.0,
     speed: Annotated[str, typer.Option(help="Times real time, or max.")] = "max",
@@ -168,8 +171,9 @@ def make_trip(
         )
         states = drive(plan)
         write_trip(out, plan, states, _command())
-    late_s = delay_s + states[-1].time_s - plan.running_time_s
-    print(f"{start.name} – {end.name}: {states[-1].time_s:.0f} s, timetable {plan.running_time_s:.0f} s, arrival {late_s:+.0f} s")
+    late_s = delay_s + states[-1].time_s - plan.running_time_s  # against the timetable
+    took_s, due_s = states[-1].time_s, plan.running_time_s
+    print(f"{start.name} – {end.name}: {took_s:.0f} s, timetable {due_s:.0f} s, arrival {late_s:+.0f} s")
     print(f"energy of the simulated train {kwh(states[-1].energy_input_j):.1f} kWh; written: {out}")
 
 
@@ -254,7 +258,7 @@ def _command() -> str:
 
 def main() -> None:
     """Entry point of das-sim."""
-    run_command(lambda: app())
+    run_command(app)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,9 @@ class HurriedDriver:
         """Wheel force the driver sets now (N)."""
         style = self.style
         decay = math.exp(-step_s / style.wander_s)
-        self._wander = decay * self._wander + style.wander_mps * math.sqrt(1 - decay**2) * self._random.standard_normal()
+        self._wander = (
+            decay * self._wander + style.wander_mps * math.sqrt(1 - decay**2) * self._random.standard_normal()
+        )
         error = self._aim(s_m) - speed_mps
         share = min(max(error / style.full_effort_error_mps, -1.0), 1.0)
         hold = float(self.vehicle.resistance.force_n(speed_mps))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from das.domain.losses import LossMap
 from das.domain.route import Floats
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
+from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from das.solver.section import LineProfile, Section
 
@@ -85,7 +86,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
 
 def _ledger(trajectory: Trajectory, vehicle: Vehicle, loss_j: float) -> Ledger:
     step, v2 = np.diff(trajectory.s_m), trajectory.v_mps**2
-    potential = float(vehicle.mass_kg * 9.81 * trajectory.grade_ratio @ step)
+    potential = float(vehicle.mass_kg * STANDARD_GRAVITY_MPS2 * trajectory.grade_ratio @ step)
     running = mean_resistance_n(vehicle.resistance, trajectory.v_mps, trajectory.tunnel_n_per_mps2)
     return Ledger(
         resistance=float((running + trajectory.grade_and_curve_n) @ step) - potential,
@@ -124,4 +125,4 @@ def _in_map(section: Section, force_n: Floats, speed_mps: Floats) -> Floats:
 def _speed_in_map(section: Section, speed_mps: Floats) -> Floats:
     if not isinstance(section.loss, LossMap):
         return speed_mps
-    return np.minimum(speed_mps, section.loss.speed_mps[-1])
+    return np.asarray(np.minimum(speed_mps, section.loss.speed_mps[-1]), dtype=float)

@@ -75,9 +75,7 @@ def write_trip(path: Path, plan: TripPlan, states: list[PlantState], command: st
         start_ns = plan.departure_ns + round(plan.delay_s / NS)
         first_ns = start_ns - round(STANDING_S / NS)
         file.add(JOURNEY, JOURNEY.key(plan.train), _journey(plan, first_ns), first_ns)
-        file.add(
-            DELAY, DELAY.key(plan.train), das_pb2.Delay(time_ns=first_ns, delay_s=plan.delay_s), first_ns
-        )
+        file.add(DELAY, DELAY.key(plan.train), das_pb2.Delay(time_ns=first_ns, delay_s=plan.delay_s), first_ns)
         offset = 0.0
         decay = math.exp(-FIX_EVERY_S / POSITION_CORRELATION_S)
         standing = [states[0]] * STANDING_S

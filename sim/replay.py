@@ -224,9 +224,7 @@ class _Player:
             ANSWER_TIMEOUT_S,
             f"the node's advice for second {tick}",
         )
-        self._until(
-            lambda: tick - self._written_tick <= RECORDER_WINDOW, ANSWER_TIMEOUT_S, "the recorder to keep up"
-        )
+        self._until(lambda: tick - self._written_tick <= RECORDER_WINDOW, ANSWER_TIMEOUT_S, "the recorder to keep up")
         self._count(self._answered)
 
     def _count(self, advice: Any) -> None:
@@ -303,7 +301,9 @@ class _Feed:
         yield from self._truth()
         timing = self.job.timing
         late_s = (self.job.trip.run.start_time_ns - timing.departure_ns) * NS
-        log = Log(level=Log.INFO, message=f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late", name="das-sim")
+        log = Log(
+            level=Log.INFO, message=f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late", name="das-sim"
+        )
         log.timestamp.FromNanoseconds(timing.first_tick_ns)
         yield timing.first_tick_ns, EVENT, log
 
@@ -372,4 +372,3 @@ def _recorded_counts(path: Path) -> Counter[str]:
         for channel, count in summary.statistics.channel_message_counts.items():
             counts[summary.channels[channel].topic.rpartition("/")[2]] += count
     return counts
-

@@ -16,8 +16,8 @@ from sim.replay import Job, Outcome
 def result(job: Job, outcome: Outcome) -> dict[str, Any]:
     """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
 
-    `energy_optimum_kwh` is the least energy for the same arrival as driven; `timetable_*` are for the arrival the
-    timetable wants, as far as the train can.
+    `energy_optimum_kwh` is the least energy for the same arrival as driven (of the fastest run, where the train cannot
+    arrive so early; nothing is said to be saved then); `timetable_*` are for the arrival the timetable wants.
     """
     run, timing = job.trip.run, job.timing
     trip_s = float(run.time_s[-1])
@@ -25,6 +25,8 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
     left_s = (timing.arrival_ns - run.start_time_ns) * NS
     wanted = job.front.trajectory(max(left_s, 1e-3))
     driven_kwh, optimum_kwh = kwh(job.driven.ledger.input), kwh(optimum.ledger.input)
+    comparable = optimum.fit is not Fit.LATE and job.trip.matched.ends_standing
+    saved_kwh = driven_kwh - optimum_kwh if comparable else None
     report = job.trip.matched.report
     replayed_s = outcome.ticks * 1.0
     return {
@@ -39,8 +41,8 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
         "energy_optimum_kwh": optimum_kwh,
         "optimum_time_s": optimum.time_s,
         "optimum_fit": str(optimum.fit),
-        "saved_kwh": driven_kwh - optimum_kwh,
-        "saved_ratio": (driven_kwh - optimum_kwh) / driven_kwh if driven_kwh > 0 else None,
+        "saved_kwh": saved_kwh,
+        "saved_ratio": saved_kwh / driven_kwh if saved_kwh is not None and driven_kwh > 0 else None,
         "beyond_vehicle_ratio": job.driven.beyond_ratio,
         "timetable_time_left_s": left_s,
         "timetable_fit": str(wanted.fit),
@@ -77,16 +79,21 @@ def print_result(found: dict[str, Any]) -> None:
 
 
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    saved = f"{found['saved_kwh']:.1f} kWh"
+    saved = "not comparable" if found["saved_kwh"] is None else f"{found['saved_kwh']:.1f} kWh"
     if found["saved_ratio"] is not None:
         saved += f" ({100 * found['saved_ratio']:.0f} %)"
+    late = found["optimum_fit"] == Fit.LATE
     return [
         ("trip time", f"{found['trip_time_s']:.0f} s"),
         ("least possible time", f"{found['min_time_s']:.0f} s"),
         ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
         ("energy as driven (estimated)", f"{found['energy_driven_kwh']:.1f} kWh"),
-        ("energy of the optimum, same arrival", f"{found['energy_optimum_kwh']:.1f} kWh"),
+        (
+            f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
+            f"{found['energy_optimum_kwh']:.1f} kWh",
+        ),
         ("advice would have saved", saved),
+        ("energy of the optimum, timetable's arrival", f"{found['timetable_energy_kwh']:.1f} kWh"),
         ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
         ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
         ("file", found["file"]),
@@ -101,9 +108,8 @@ def _notes(found: dict[str, Any]) -> list[str]:
             f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {late:.1f} s later"
         )
     if found["timetable_fit"] == Fit.LATE:
-        notes.append(
-            f"the timetable's arrival is earlier than possible: the fastest run is {found['timetable_late_s']:.1f} s late"
-        )
+        late = found["timetable_late_s"]
+        notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")
     if not found["ends_standing"]:
         notes.append("the trip does not end standing at a stop: its energy is not comparable with the optimum's")
     if found["beyond_vehicle_ratio"] > 0.005:

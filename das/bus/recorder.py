@@ -40,7 +40,7 @@ class RecordingFile:
             raise DasError(f"{path}: cannot be written ({error.strerror})") from error
         self.path = path
         self.messages = 0
-        self._writer = McapWriter(self._file, compression=CompressionType.ZSTD)
+        self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"driver-advisory-system {__version__}")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -85,7 +85,7 @@ class RecordingFile:
         schema = self._schemas.get(name)
         if schema is None:
             schema = self._schemas[name] = register_schema(self._writer, topic.message)
-        return self._writer.register_channel(key, "protobuf", schema)
+        return int(self._writer.register_channel(key, "protobuf", schema))
 
 
 def message_time_ns(message: Any) -> int:
@@ -154,7 +154,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="das.bus.recorder", description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--train", required=True, help="train name, the second part of every key")
     parser.add_argument("--listen", type=check_endpoint, required=True, help="own endpoint, tcp/127.0.0.1:PORT")
-    parser.add_argument("--connect", type=check_endpoint, action="append", default=[], help="endpoint of another process")
+    parser.add_argument(
+        "--connect", type=check_endpoint, action="append", default=[], help="endpoint of another process"
+    )
     parser.add_argument("--out", required=True, help="MCAP file to write")
     parser.add_argument("--metadata", help="JSON object of texts, stored as metadata record 'run'")
     parser.add_argument("--attach", action="append", default=[], help="file to attach")

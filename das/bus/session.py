@@ -102,10 +102,10 @@ class Bus:
                 )
                 self._declared.append(subscriber)
         if self._hear:
-            subscriber = self._session.declare_subscriber(
-                f"*/{self.train}/*", self._on_ordered, allowed_origin=zenoh.Locality.REMOTE
+            everything = f"*/{self.train}/*"
+            self._declared.append(
+                self._session.declare_subscriber(everything, self._on_ordered, allowed_origin=zenoh.Locality.REMOTE)
             )
-            self._declared.append(subscriber)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

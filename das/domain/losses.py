@@ -185,7 +185,9 @@ def _check_even(what: str, name: str, axis: Floats) -> None:
     bad = np.flatnonzero(np.abs(steps - mean) > GRID_EVENNESS * abs(mean))
     if len(bad) or mean <= 0:
         where = int(bad[0]) if len(bad) else 0
-        raise InputError(name, f"{what} step after {axis[where]:g}", float(steps[where]), f"an even grid, step {mean:g}")
+        raise InputError(
+            name, f"{what} step after {axis[where]:g}", float(steps[where]), f"an even grid, step {mean:g}"
+        )
 
 
 def _check_losses(loss_map: LossMap) -> None:

@@ -38,12 +38,12 @@ class Stretches:
     def at(self, position_m: ArrayLike) -> Floats:
         """Value at each position; the first and the last value go on beyond the ends."""
         i = np.searchsorted(self.start_m, np.asarray(position_m, dtype=float), side="right") - 1
-        return self.value[np.clip(i, 0, len(self.value) - 1)]
+        return np.asarray(self.value[np.clip(i, 0, len(self.value) - 1)], dtype=float)
 
     def mean(self, from_m: ArrayLike, to_m: ArrayLike) -> Floats:
         """Mean over each interval (from < to), the ends continued."""
         from_m, to_m = np.asarray(from_m, dtype=float), np.asarray(to_m, dtype=float)
-        return (self._integral(to_m) - self._integral(from_m)) / (to_m - from_m)
+        return np.asarray((self._integral(to_m) - self._integral(from_m)) / (to_m - from_m), dtype=float)
 
     def _integral(self, position_m: Floats) -> Floats:
         lengths = np.diff(self.start_m)
@@ -193,7 +193,7 @@ def curve_resistance_mps2(curvature_per_m: ArrayLike) -> Floats:
     k = np.abs(np.asarray(curvature_per_m, dtype=float))
     wide = 0.5 * k / (1 - 30 * np.minimum(k, 1 / 300))
     tight = 0.65 * k / (1 - 55 * k)
-    return STANDARD_GRAVITY_MPS2 * np.where(k <= 1 / 300, wide, tight)
+    return np.asarray(STANDARD_GRAVITY_MPS2 * np.where(k <= 1 / 300, wide, tight), dtype=float)
 
 
 def _check_positions(

@@ -5,7 +5,12 @@ A quantity read from a file names its unit; `to_si` multiplies by the factor of 
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Number = TypeVar("_Number", float, NDArray[np.float64])
 
 STANDARD_GRAVITY_MPS2: Final = 9.81
 """Gravity used by the public benchmark and by this project (m/s²)."""
@@ -70,11 +75,11 @@ def to_si(value: float, unit: str, dimension: str) -> float:
     return value * FACTORS[dimension][unit]
 
 
-def kmh(speed_mps: float) -> float:
+def kmh(speed_mps: _Number) -> _Number:
     """Speed in km/h."""
     return speed_mps / KMH
 
 
-def kwh(energy_j: float) -> float:
+def kwh(energy_j: _Number) -> _Number:
     """Energy in kWh."""
     return energy_j / KWH

@@ -51,7 +51,7 @@ class EffortEnvelope:
     def force_n(self, speed_mps: ArrayLike) -> Floats:
         """Largest force (N, >= 0) at each speed (m/s)."""
         v = np.maximum(np.asarray(speed_mps, dtype=float), 1e-9)
-        return np.minimum(self.max_force_n, self.max_power_w / v)
+        return np.asarray(np.minimum(self.max_force_n, self.max_power_w / v), dtype=float)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,11 @@ times-to-go are feedback policies. `Front.trajectory` answers for one trip time 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +42,8 @@ class Fit(StrEnum):
 class Solution:
     """A trajectory with its ledger and certificate.
 
-    `least_time_s` is the time of the fastest run from the same state. `lambda_w` is the price of time at the solution (W; inf for the fastest run). `bound_j` bounds the energy of any
+    `least_time_s` is the time of the fastest run from the same state.
+    `lambda_w` is the price of time at the solution (W; inf for the fastest run). `bound_j` bounds the energy of any
     trajectory of this discretisation and time from below (the dual bound); `gap_ratio` = (input − bound)/|input|. It
     can be slightly negative, because the trajectory is integrated more finely than the table.
     """
@@ -398,13 +401,12 @@ def sweep(section: Section, moves: Transitions, lambda_w: Floats, *, threads: in
     return Front(section=section, lambda_w=lambda_w, value_j=value, time_to_go_s=time_to_go)
 
 
-def _in_blocks(work: object, size: int, threads: int) -> None:
-    edges = np.linspace(0, size, threads + 1).astype(int)
-    if threads == 1:
-        work(0, size)  # type: ignore[operator]
-        return
+def _in_blocks(work: Callable[[int, int], None], size: int, threads: int) -> None:
+    """Call work(first, last) for equal blocks of range(size), on that many threads."""
+    edges = [round(size * i / threads) for i in range(threads + 1)]
     with ThreadPoolExecutor(threads) as pool:
-        for future in [pool.submit(work, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]:  # type: ignore[arg-type]
+        futures = [pool.submit(work, a, b) for a, b in pairwise(edges)]
+        for future in futures:
             future.result()
 
 

@@ -212,7 +212,9 @@ def landings(v0, h, g, q, top, last, p, dissipative, out):
 
 
 @kernel
-def transitions(first, last, node, constant, tunnel, envelope, steps, p, c, dissipative, dt, energy, target, weight, count):
+def transitions(
+    first, last, node, constant, tunnel, envelope, steps, p, c, dissipative, dt, energy, target, weight, count
+):
     """All transitions of the decision nodes first … last − 1.
 
     For node k, speed index j and landing i: dt[k, j, i] (s), energy (J), target (speed index below the landing at

@@ -218,8 +218,23 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, t
             gh += g[i] * step[i]
             qh += q[i] * step[i]
         landing, _ = best_landing(
-            k0 + m + 1, v[i0], h, gh / h, qh / h, envelope[i1], m == n - 1, price, a, offset, gap,
-            value, time_to_go, p, c, dissipative, out,
+            k0 + m + 1,
+            v[i0],
+            h,
+            gh / h,
+            qh / h,
+            envelope[i1],
+            m == n - 1,
+            price,
+            a,
+            offset,
+            gap,
+            value,
+            time_to_go,
+            p,
+            c,
+            dissipative,
+            out,
         )
         if landing < 0.0:
             # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
@@ -260,7 +275,9 @@ def one_step_totals(k0, v0, h, g, q, top, final, lam, value, time_to_go, p, c, d
     out = np.empty(LANDINGS)
     steps = value.shape[1] - 1
     for a in range(lam.size):
-        x, cost = best_landing(k0, v0, h, g, q, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, dissipative, out)
+        x, cost = best_landing(
+            k0, v0, h, g, q, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, dissipative, out
+        )
         total[a] = cost
         if x < 0.0:
             time_s[a] = INFEASIBLE

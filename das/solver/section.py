@@ -262,7 +262,7 @@ def _train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
         friction_n,
         min(vehicle.max_acceleration_mps2, 1e6),
         min(vehicle.max_deceleration_mps2, 1e6),
-        )
+    )
 
 
 def _loss_params(loss: LossModel) -> LossParams:

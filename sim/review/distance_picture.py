@@ -40,8 +40,9 @@ class Picture:
 def draw(recording: Recording, trip: Trip) -> Picture:
     """Draw the trip over distance: what was driven, advised and allowed, with the stops of the last journey."""
     figure = Figure(figsize=SIZE_IN, dpi=DPI, facecolor=BACKGROUND)
-    canvas = FigureCanvasAgg(figure)
-    axes = dict(zip(("speed", "force", "gradient"), figure.subplots(3, sharex=True, height_ratios=(4, 2, 1.2)), strict=True))
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(3, sharex=True, height_ratios=(4, 2, 1.2))
+    axes = dict(zip(("speed", "force", "gradient"), panels, strict=True))
     figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.065, hspace=0.09)
     for (name, axis), unit in zip(axes.items(), ("km/h", "kN", "permille"), strict=True):
         _plain(axis, f"{name.capitalize()} ({unit})")
@@ -61,7 +62,7 @@ def draw(recording: Recording, trip: Trip) -> Picture:
     gradient.set_xlim((trip.s_m.min() - margin_m) / KM, (trip.s_m.max() + margin_m) / KM)
     _stops(recording, speed)
     png = io.BytesIO()
-    canvas.print_png(png)
+    figure.savefig(png, format="png", facecolor=BACKGROUND)
     height = figure.bbox.height
     (x0, y0), (x1, y1) = speed.transData.transform(((0.0, 0.0), (1.0, 1.0)))
     return Picture(

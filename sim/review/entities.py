@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -10,7 +11,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from matplotlib import colormaps
 
 from das.bus import das_pb2, topics
-from das.domain.units import NS, kmh
+from das.domain.units import KMH, NS
 from sim.review.distance_picture import Picture, draw
 from sim.review.recording import Recording, Stamped
 from sim.review.series import STYLES, Floats, Times, Trip, Way, series
@@ -21,17 +22,38 @@ TRIP_TIME, POSITION = "trip_time", "position_m"
 TRACK_PIECES: Final = 300
 WHITE: Final = 0xFFFFFFFF
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
-MODE_COLORS: Final = {
-    "full traction": 0x2E9E5BFF,
-    "reduced traction": 0x7CC576FF,
-    "cruise": 0x3D7FD6FF,
-    "coast": 0xB8B8B8FF,
-    "reduced brake": 0xF2B134FF,
-    "full brake": 0xE8762BFF,
-    "friction brake": 0xD13B3BFF,
-    "stop": 0x6B5B95FF,
-}
-STATE_COLORS: Final = {"advising": 0x3D7FD6FF, "withdrawn": 0xD13B3BFF, "ready": 0x7CC576FF, "waiting": 0xB8B8B8FF}
+
+
+class Lane(NamedTuple):
+    """A lane of states: its entity, the field with its enumeration, and colours (RGBA) by state."""
+
+    name: str
+    field: str
+    enum: Any
+    colors: dict[str, int]
+
+
+MODES: Final = Lane(
+    "mode/advised",
+    "mode",
+    das_pb2.Mode,
+    {
+        "full traction": 0x2E9E5BFF,
+        "reduced traction": 0x7CC576FF,
+        "cruise": 0x3D7FD6FF,
+        "coast": 0xB8B8B8FF,
+        "reduced brake": 0xF2B134FF,
+        "full brake": 0xE8762BFF,
+        "friction brake": 0xD13B3BFF,
+        "stop": 0x6B5B95FF,
+    },
+)
+STATES: Final = Lane(
+    "mode/node",
+    "state",
+    das_pb2.Status.State,
+    {"advising": 0x3D7FD6FF, "withdrawn": 0xD13B3BFF, "ready": 0x7CC576FF, "waiting": 0xB8B8B8FF},
+)
 
 
 def send(out: rr.RecordingStream, recording: Recording, trip: Trip, way: Way | None) -> None:
@@ -39,8 +61,8 @@ def send(out: rr.RecordingStream, recording: Recording, trip: Trip, way: Way | N
     for name, (time_ns, values) in series(recording, trip).items():
         if len(time_ns):
             _series(out, trip, name, time_ns, values)
-    _states(out, trip, "mode/advised", recording.of(topics.ADVICE), "mode", das_pb2.Mode, MODE_COLORS)
-    _states(out, trip, "mode/node", recording.of(topics.STATUS), "state", das_pb2.Status.State, STATE_COLORS)
+    _states(out, trip, MODES, recording.of(topics.ADVICE))
+    _states(out, trip, STATES, recording.of(topics.STATUS))
     _events(out, trip, recording.of(topics.EVENT))
     if way is not None:
         _location(out, trip, way)
@@ -69,20 +91,18 @@ def _series(out: rr.RecordingStream, trip: Trip, name: str, time_ns: Times, valu
     out.send_columns(name, _index(trip, time_ns), rr.Scalars.columns(scalars=values))
 
 
-def _states(
-    out: rr.RecordingStream, trip: Trip, name: str, messages: tuple[Stamped, ...], field: str, enum: Any,
-    colors: dict[str, int],
-) -> None:  # fmt: skip
-    """A lane of states, a row for each change; the name of an enumeration's value without its prefix."""
-    prefix = len(enum.Name(0)) - len(enum.Name(0).split("_")[-1])
-    texts = [enum.Name(getattr(m.message, field))[prefix:].replace("_", " ").lower() for m in messages]
-    changes = [i for i, text in enumerate(texts) if i == 0 or text != texts[i - 1]]
+def _states(out: rr.RecordingStream, trip: Trip, lane: Lane, messages: tuple[Stamped, ...]) -> None:
+    """A lane of states with a row for each change; nothing where there is no state."""
+    values = [getattr(entry.message, lane.field) for entry in messages]
+    changes = [i for i, value in enumerate(values) if i == 0 or value != values[i - 1]]
     if changes:
+        names = {number: name.split("_", 1)[1].replace("_", " ").lower() for name, number in lane.enum.items()}
+        names[0] = "" if names[0] == "none" else names[0]
+        shades = np.array(list(lane.colors.values()), dtype=np.uint32)
         time_ns = np.array([messages[i].message.time_ns for i in changes])
-        shades = np.array(list(colors.values()), dtype=np.uint32)
-        out.log(name, rr.StateConfiguration(values=list(colors), colors=shades), static=True)
-        states = ["" if texts[i] == "none" else texts[i] for i in changes]
-        out.send_columns(name, _index(trip, time_ns), rr.StateChange.columns(state=states))
+        states = [names.get(values[i], str(values[i])) for i in changes]
+        out.log(lane.name, rr.StateConfiguration(values=list(lane.colors), colors=shades), static=True)
+        out.send_columns(lane.name, _index(trip, time_ns), rr.StateChange.columns(state=states))
 
 
 def _events(out: rr.RecordingStream, trip: Trip, messages: tuple[Stamped, ...]) -> None:
@@ -111,7 +131,7 @@ def _location(out: rr.RecordingStream, trip: Trip, way: Way) -> None:
     ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
     speed = trip.at(way.time_ns[ends[:-1]], trip.speed_mps)
     shades = colormaps["turbo"](speed / max(float(speed.max(initial=0.0)), 1.0), bytes=True)
-    pieces = [way.plane_m[a : b + 1] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    pieces = [way.plane_m[a : b + 1] for a, b in pairwise(ends)]
     out.log("track/way", rr.LineStrips2D(pieces, colors=shades, radii=rr.Radius.ui_points(2.5)), static=True)
     out.log("track/train", rr.Points2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(7.0)), static=True)
     out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
@@ -121,7 +141,7 @@ def _distance(out: rr.RecordingStream, trip: Trip, picture: Picture) -> None:
     """The picture over distance, with a line and a dot that follow the train."""
     out.log("distance/picture", rr.EncodedImage(contents=picture.png, media_type="image/png"), static=True)
     index = _index(trip, trip.time_ns)
-    x, y = picture.pixel(trip.s_m, kmh(trip.speed_mps))
+    x, y = picture.pixel(trip.s_m, trip.speed_mps / KMH)
     lines = [((at, picture.top_px), (at, picture.bottom_px)) for at in x]
     out.log("distance/here", rr.LineStrips2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(0.6)), static=True)
     out.send_columns("distance/here", index, rr.LineStrips2D.columns(strips=lines))

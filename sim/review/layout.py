@@ -6,7 +6,7 @@ ignore what is given. So the plots show the whole trip on `trip_time`, and what 
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -26,13 +26,13 @@ MAP_PX: Final = (380.0, 210.0)
 
 
 class Row(NamedTuple):
-    """A view over time: title, origin of its entities, share of the height, topics it is made of, corner of the legend."""
+    """A view over time: title, origin of its entities, share of the height, topics it needs, corner of its legend."""
 
     title: str
     origin: str
     share: float
     topics: tuple[Topic, ...]
-    legend: str | None = None
+    legend: Literal["LeftTop", "LeftBottom", "RightTop"] | None = None
 
 
 ROWS: Final = (
@@ -49,7 +49,8 @@ def blueprint(recording: Recording, trip: Trip, way: Way | None) -> rrb.Blueprin
     """The layout, made for a window of about 1600 × 1000; views without anything to show are left out."""
     rows = [row for row in ROWS if any(recording.of(topic) for topic in row.topics)]
     axis = _whole_trip(trip)
-    over_time = rrb.Vertical(*(_view(row, axis) for row in rows), row_shares=[row.share for row in rows], name="Over time")
+    views, shares = [_view(row, axis) for row in rows], [row.share for row in rows]
+    over_time = rrb.Vertical(*views, row_shares=shares, name="Over time")
     over_distance = rrb.Spatial2DView(
         origin="distance", name="Over distance", overrides={"distance/picture": rrb.EntityBehavior(interactive=False)}
     )

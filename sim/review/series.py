@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from das.bus import das_pb2, topics
 from das.domain.errors import DasError
-from das.domain.units import KN, PERCENT, PERMILLE, kmh
+from das.domain.units import KMH, KN, PERCENT, PERMILLE
 from sim.review.recording import Recording
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,8 @@ class Trip:
 
     def trip_ns(self, time_ns: Times) -> Times:
         """Time since the first position; what was sent before it is put at 0 (rerun draws no pictures before 0)."""
-        return np.maximum(time_ns - self.time_ns[0], 0)
+        since_ns: Times = np.maximum(time_ns - self.time_ns[0], 0)
+        return since_ns
 
     def at(self, time_ns: Times, values: Floats) -> Floats:
         """Values of the trip (one per position) at other times, before and after the trip those of its ends."""
@@ -105,9 +106,9 @@ def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
     limits = truth if len(truth["time_ns"]) else advice
     at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
     return {
-        "speed/limit": (limits["time_ns"], kmh(limits["limit_mps"])),
-        "speed/advised": (at, kmh(advice["advised_speed_mps"]) * gap),
-        "speed/driven": (trip.time_ns, kmh(trip.speed_mps)),
+        "speed/limit": (limits["time_ns"], limits["limit_mps"] / KMH),
+        "speed/advised": (at, advice["advised_speed_mps"] / KMH * gap),
+        "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
         "force/advised": (at, advice["advised_force_n"] / KN * gap),
         "force/driven": (truth["time_ns"], (truth["force_el_n"] + truth["force_friction_n"]) / KN),
         "gradient/permille": (truth["time_ns"], truth["gradient_ratio"] / PERMILLE),

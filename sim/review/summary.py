@@ -26,8 +26,11 @@ def _trip(recording: Recording) -> list[tuple[str, str]]:
     rows = []
     for entry in recording.of(topics.JOURNEY)[-1:]:
         journey = entry.message
-        rows += [("route", journey.route_id + (" (reversed)" if journey.reversed else "")), ("vehicle", journey.vehicle_id)]
-        rows += [("stops", " – ".join(stop.name for stop in journey.stops))]
+        rows += [
+            ("route", journey.route_id + (" (reversed)" if journey.reversed else "")),
+            ("vehicle", journey.vehicle_id),
+            ("stops", " – ".join(stop.name for stop in journey.stops)),
+        ]
     where = recording.columns(topics.TRUTH, "time_ns", "s_m", "energy_input_j")
     if len(where["s_m"]):
         rows += [

@@ -106,7 +106,9 @@ def _as_gps(path: Path, recording: Any, data: dict[str, Any]) -> GpsTrip:
     late = np.flatnonzero(np.diff(time_ns) <= 0)
     if len(late):
         raise InputError(path, f"position[{late[0] + 1}].time_ns", int(time_ns[late[0] + 1]), "increasing times")
-    fixes = [(m.message.timestamp.ToNanoseconds(), m.message.latitude, m.message.longitude) for m in recording.of(LOCATION)]
+    fixes = [
+        (m.message.timestamp.ToNanoseconds(), m.message.latitude, m.message.longitude) for m in recording.of(LOCATION)
+    ]
     latitude, longitude = np.full(len(time_ns), np.nan), np.full(len(time_ns), np.nan)
     if fixes:
         t, a, b = np.array(fixes).T
@@ -129,7 +131,9 @@ def _as_matched(gps: GpsTrip, s_m: Any, start: Stop, end: Stop) -> MatchedTrip:
         raise DasError(f"{gps.source}: the train never moves")
     departure, arrival = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(standing) - 1)
     if flat[0] > end.position_m or flat[-1] < start.position_m:
-        raise DasError(f"{gps.source}: positions {flat[0]:.0f} … {flat[-1]:.0f} m are not between {start.name} and {end.name}")
+        raise DasError(
+            f"{gps.source}: positions {flat[0]:.0f} … {flat[-1]:.0f} m are not between {start.name} and {end.name}"
+        )
     return MatchedTrip(
         source=gps.source,
         time_ns=gps.time_ns,

@@ -45,7 +45,8 @@ def _locate(name_or_path: str, kind: str) -> Path:
         return bundled[name_or_path]
     path = Path(name_or_path)
     if path.suffix.lower() not in (".toml", ".json"):
-        raise DasError(f"{name_or_path}: no bundled {kind[:-1]} of that name (there are {', '.join(bundled)}) and not a .toml or .json file")
+        names = ", ".join(bundled)
+        raise DasError(f"{name_or_path}: not a bundled {kind[:-1]} ({names}) and not a .toml or .json file")
     if not path.is_file():
         raise DasError(f"{name_or_path}: no such file")
     return path

@@ -1,4 +1,4 @@
-"""Loss maps as CSV: columns speed_kmh, force_n, loss_w (or speed_mps, force_kn, loss_kw); missing points = not covered."""
+"""Loss maps as CSV: speed_kmh, force_n, loss_w (or speed_mps, force_kn, loss_kw); missing points are not covered."""
 
 from __future__ import annotations
 

@@ -86,8 +86,10 @@ def read_route(path: Path) -> Route:
     )
     main = fields.table("route")
     main.check_keys(
-        ["id", "name", "source", "description", "illustrative"]
-        + main.quantity_keys({"length": "length", "altitude_at_start": "length"})
+        [
+            *("id", "name", "source", "description", "illustrative"),
+            *main.quantity_keys({"length": "length", "altitude_at_start": "length"}),
+        ]
     )
     length_m = main.quantity("length", "length")
     geometry: dict[str, list[float]] = {"position": [], "latitude": [], "longitude": []}
@@ -214,12 +216,8 @@ def _stops(fields: Fields) -> tuple[Stop, ...]:
     stops = []
     for i, entry in enumerate(entries):
         table = Fields.of(fields.source, entry, f"stops[{i}].")
-        table.check_keys(
-            ["name", "source"]
-            + table.quantity_keys(
-                {"position": "length", "altitude": "length", "latitude": "angle", "longitude": "angle"}
-            )
-        )
+        places = {"position": "length", "altitude": "length", "latitude": "angle", "longitude": "angle"}
+        table.check_keys(["name", "source", *table.quantity_keys(places)])
         stops.append(Stop(name=table.text("name"), position_m=table.quantity("position", "length")))
     return tuple(stops)
 
@@ -233,11 +231,13 @@ def _tunnels(fields: Fields) -> tuple[Tunnel, ...]:
     if not fields.has("tunnels"):
         return ()
     columns = fields.columns("tunnels", {"position": "length", "length": "length", "cross_section": "area"})
-    tunnels = []
+    tunnels: list[Tunnel] = []
     for i, (start, length, area) in enumerate(zip(*columns.values(), strict=True)):
         if length <= 0 or area <= 0:
             raise InputError(fields.source, f"tunnels.rows[{i}]", [start, length, area], "length and area > 0")
         if tunnels and start < tunnels[-1].start_m + tunnels[-1].length_m:
-            raise InputError(fields.source, f"tunnels.rows[{i}].position", start, "the end of the tunnel before, or more")
+            raise InputError(
+                fields.source, f"tunnels.rows[{i}].position", start, "the end of the tunnel before, or more"
+            )
         tunnels.append(Tunnel(start_m=start, length_m=length, area_m2=area))
     return tuple(tunnels)

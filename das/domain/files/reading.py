@@ -126,7 +126,9 @@ class Fields:
         for index, (name, dimension) in enumerate(wanted.items()):
             unit = _column_unit(table, str(names[index]), name, dimension)
             result[name] = [
-                to_si(number(self.source, f"{table.prefix}rows[{i}].{name}", _cell(table, i, row, index)), unit, dimension)
+                to_si(
+                    number(self.source, f"{table.prefix}rows[{i}].{name}", _cell(table, i, row, index)), unit, dimension
+                )
                 for i, row in enumerate(rows)
             ]
         return result

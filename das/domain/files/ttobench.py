@@ -82,7 +82,9 @@ def read_track(path: Path) -> Route:
         gradients_ratio=_stretches(gradients),
         curvature_per_m=curvature_stretches(
             str(path),
-            _rows(fields, "curvatures", ("position", "length"), ("radius at start", "length"), ("radius at end", "length"))
+            _rows(
+                fields, "curvatures", ("position", "length"), ("radius at start", "length"), ("radius at end", "length")
+            )
             if fields.has("curvatures")
             else [[0.0, np.inf, np.inf]],
         ),
