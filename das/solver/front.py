@@ -84,7 +84,7 @@ class _State:
 
 @dataclass(frozen=True, kw_only=True)
 class _Policy:
-    """A multiplier between two neighbours of the ladder (see rollout_kernels); index FASTEST is the fastest run."""
+    """A multiplier between two neighbours of the ladder (see rollout_kernels)."""
 
     price_w: float
     index: int
@@ -97,9 +97,6 @@ class _Run(NamedTuple):
 
     speeds_mps: Floats
     time_s: float
-
-
-FASTEST_POLICY = _Policy(price_w=math.inf, index=rollout_kernels.FASTEST)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,7 +125,7 @@ class Front:
     def fastest(self, s_m: float | None = None, v_mps: float | None = None) -> Solution:
         """The fastest run from a state (default: the start of the section)."""
         state = self._state(s_m, v_mps)
-        run = self._roll(state, FASTEST_POLICY)
+        run = self._fastest(state)
         return self._solution(state, run, run.time_s, run.time_s, Fit.ON_TIME, math.inf)
 
     def trajectory(
@@ -150,7 +147,7 @@ class Front:
         if not time_s > 0 or math.isinf(time_s):
             raise DasError(f"trip time {time_s} s: expected a finite time > 0 s")
         state = self._state(s_m, v_mps)
-        quickest = self._roll(state, FASTEST_POLICY)
+        quickest = self._fastest(state)
         if time_s <= quickest.time_s + tolerance_s:
             fit = Fit.ON_TIME if time_s >= quickest.time_s - tolerance_s else Fit.LATE
             return self._solution(state, quickest, quickest.time_s, time_s, fit, math.inf)
@@ -192,10 +189,19 @@ class Front:
         speeds = np.empty(len(state.node_m))
         speeds[0] = state.speed_mps
         time_s = rollout_kernels.roll_out(
-            state.k0, min(policy.price_w, 1e12), policy.index, policy.offset_w, policy.gap_w, state.decision,
+            state.k0, policy.price_w, policy.index, policy.offset_w, policy.gap_w, state.decision,
             state.step_m, state.constant_n, state.tunnel_n_per_mps2, state.envelope_mps, self.value_j,
             self.time_to_go_s, section.train, section.loss_params, section.brakes is BrakePolicy.FRICTION, speeds,
         )  # fmt: skip
+        return self._checked(state, speeds, time_s)
+
+    def _fastest(self, state: _State) -> _Run:
+        """The fastest run; from above the envelope it brakes first."""
+        speeds = np.empty(len(state.node_m))
+        speeds[0] = state.speed_mps
+        time_s = rollout_kernels.fastest_roll_out(
+            state.step_m, state.constant_n, state.tunnel_n_per_mps2, state.envelope_mps, self.section.train, speeds
+        )
         return self._checked(state, speeds, time_s)
 
     def _blend(self, state: _State, share: float, quick: _Run, slow: _Run) -> _Run:
@@ -255,6 +261,8 @@ class _TimeSearch:
     """Finds the run that takes a given time: a multiplier, or what lies between two of them where the front jumps."""
 
     MAX_ROLL_OUTS = 7
+    BLENDABLE_S = 0.5
+    """Two runs this near in time are blended: what another multiplier would gain is of second order."""
     MAX_BLENDS = 40
 
     def __init__(self, front: Front, state: _State, time_s: float, quickest: _Run, tolerance_s: float) -> None:
@@ -262,27 +270,30 @@ class _TimeSearch:
         self.tolerance_s = tolerance_s
 
     def run(self) -> Solution:
-        slow, quick, policies = self._neighbours()
+        slow, quick, index = self._neighbours()
+        price_w = float(self.front.lambda_w[index])
         if quick is None:
             on_time = abs(slow.time_s - self.time_s) <= self.tolerance_s
-            return self._answer(slow, policies[0].price_w, Fit.ON_TIME if on_time else Fit.EARLY)
-        price_w = policies[0].price_w
-        if policies[1].index != rollout_kernels.FASTEST:
-            slow, quick, price_w = self._narrow(slow, quick, *policies)
+            return self._answer(slow, price_w, Fit.ON_TIME if on_time else Fit.EARLY)
+        if quick is not self.quickest:
+            slow, quick, price_w = self._narrow(slow, quick, index)
         return self._answer(self._blend(slow, quick), price_w, Fit.ON_TIME)
 
     def _answer(self, run: _Run, price_w: float, fit: Fit) -> Solution:
         return self.front._solution(self.state, run, self.quickest.time_s, self.time_s, fit, price_w)
 
-    def _neighbours(self) -> tuple[_Run, _Run | None, tuple[_Policy, _Policy]]:
-        """Two neighbours of the ladder that enclose the time; None where even the smallest λ is early."""
+    def _neighbours(self) -> tuple[_Run, _Run | None, int]:
+        """Runs that enclose the time, at a multiplier and the next (or the fastest run), and the first one's index.
+
+        The quick one is None where even the smallest multiplier is early.
+        """
         front, last = self.front, len(self.front.lambda_w) - 1
         _, estimate_s = front.one_step_totals(self.state)
         index = int(np.clip(np.count_nonzero(estimate_s >= self.time_s) - 1, 0, last))
         slow, quick = front._roll(self.state, self._ladder(index)), None
         while slow.time_s < self.time_s:
             if index == 0:
-                return slow, None, (self._ladder(0), self._ladder(0))
+                return slow, None, 0
             index, quick = index - 1, slow
             slow = front._roll(self.state, self._ladder(index))
         while quick is None and index < last:
@@ -291,30 +302,30 @@ class _TimeSearch:
                 quick = faster
             else:
                 index, slow = index + 1, faster
-        if quick is None:
-            return slow, self.quickest, (self._ladder(index), FASTEST_POLICY)
-        return slow, quick, (self._ladder(index), self._ladder(index + 1))
+        return slow, quick or self.quickest, index
 
     def _ladder(self, index: int) -> _Policy:
         return _Policy(price_w=float(self.front.lambda_w[index]), index=index)
 
-    def _narrow(self, slow: _Run, quick: _Run, lower: _Policy, upper: _Policy) -> tuple[_Run, _Run, float]:
+    def _narrow(self, slow: _Run, quick: _Run, index: int) -> tuple[_Run, _Run, float]:
         """Move both runs towards the time by multipliers between two neighbours (Illinois false position)."""
-        gap = upper.price_w - lower.price_w
+        base = float(self.front.lambda_w[index])
+        gap = float(self.front.lambda_w[index + 1]) - base
         low, high = 0.0, gap
         above, below = slow.time_s - self.time_s, quick.time_s - self.time_s
         for _ in range(self.MAX_ROLL_OUTS):
-            if min(abs(slow.time_s - self.time_s), abs(quick.time_s - self.time_s)) <= self.tolerance_s:
+            near = min(abs(slow.time_s - self.time_s), abs(quick.time_s - self.time_s)) <= self.tolerance_s
+            if near or slow.time_s - quick.time_s <= self.BLENDABLE_S:
                 break
             offset = low + (high - low) * float(np.clip(above / (above - below), 0.02, 0.98))
-            policy = _Policy(price_w=lower.price_w + offset, index=lower.index, offset_w=offset, gap_w=gap)
+            policy = _Policy(price_w=base + offset, index=index, offset_w=offset, gap_w=gap)
             run = self.front._roll(self.state, policy)
             miss = run.time_s - self.time_s
             if miss > 0:
                 slow, low, above, below = run, offset, miss, 0.5 * below
             else:
                 quick, high, below, above = run, offset, miss, 0.5 * above
-        return slow, quick, lower.price_w + 0.5 * (low + high)
+        return slow, quick, base + 0.5 * (low + high)
 
     def _blend(self, slow: _Run, quick: _Run) -> _Run:
         """The run of the wanted time between two runs; its energy is near the chord between theirs."""
@@ -348,10 +359,11 @@ def solve_front(section: Section, *, threads: int = 2, lambda_w: Floats | None =
 
 
 def default_ladder(section: Section) -> Floats:
-    """A few very small multipliers, then a geometric ladder to well above the traction power (W)."""
+    """A few very small multipliers, then a geometric ladder to well above the power the train can use here (W)."""
     lowest = np.array(tol.LADDER_LOWEST_RATIOS)
     ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, tol.LADDER_SIZE - len(lowest))
-    return section.train.traction_power_w * np.concatenate((lowest, ladder))
+    usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
+    return np.asarray(usable_w * np.concatenate((lowest, ladder)), dtype=float)
 
 
 def transitions(section: Section, *, threads: int = 2) -> Transitions:

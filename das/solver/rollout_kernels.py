@@ -25,9 +25,6 @@ from das.solver.kernels import (
 )
 from das.solver.tolerances import INFEASIBLE
 
-FASTEST = -1
-"""Ladder index of the policy that always takes the highest landing."""
-
 _GOLDEN = 0.3819660112501051
 _POLISH_STEPS = 10
 _BRAKE_STEPS = 60
@@ -92,8 +89,6 @@ def best_landing(k, v0, h, g, q, top, final, price, a, offset, gap, value, time_
     if final:
         dt, energy = step_cost(v0, out[0], h, g, q, p, c, dissipative)
         return out[0], energy + price * dt
-    if a == FASTEST:
-        return out[:m].max(), INFEASIBLE
     best = INFEASIBLE
     choice = -1.0
     left = out[0]
@@ -239,11 +234,34 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, t
         if landing < 0.0:
             # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
             landing = envelope[i1]
-        # A landing at or above full electric brake needs no friction brake: none shall slip in from rounding.
-        electric = landing_speed(v[i0], h, p.electric_power_w, p.electric_force_n, -1.0, gh / h, qh / h, p)
-        friction_n = p.friction_force_n if dissipative or landing < 0.999 * electric else 0.0
-        if not drive(i0, i1, landing, friction_n, step, g, q, envelope, p, v):
+        full = landing_speed(v[i0], h, p.traction_power_w, p.traction_force_n, 1.0, gh / h, qh / h, p)
+        if landing >= full:
+            # The decision step's full traction is a little rough: integrate it finely.
+            moving = hurry(i0, i1, step, g, q, envelope, p, v)
+        else:
+            # A landing at or above full electric brake needs no friction brake: none shall slip in from rounding.
+            electric = landing_speed(v[i0], h, p.electric_power_w, p.electric_force_n, -1.0, gh / h, qh / h, p)
+            friction_n = p.friction_force_n if dissipative or landing < 0.999 * electric else 0.0
+            moving = drive(i0, i1, landing, friction_n, step, g, q, envelope, p, v)
+        if not moving:
             return -1.0
+    return trip_time(step, v)
+
+
+@kernel
+def hurry(first, last, step, g, q, envelope, p, v):
+    """From v[first] to integration node `last` as fast as train and envelope allow; False after a stall."""
+    for i in range(first, last):
+        if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, step, g, q, envelope, p, v):
+            return False
+    return True
+
+
+@kernel
+def fastest_roll_out(step, g, q, envelope, p, v):
+    """The fastest run from v[0]; fills v, returns the trip time (s), or -1 after a stall."""
+    if not hurry(0, step.size, step, g, q, envelope, p, v):
+        return -1.0
     return trip_time(step, v)
 
 

@@ -15,10 +15,10 @@ LANDINGS_BRAKE: Final = 6
 LADDER_SIZE: Final = 64
 """Number of multipliers λ of a front."""
 LADDER_LOWEST_RATIOS: Final = (0.0, 0.0005, 0.002)
-"""The first multipliers of the ladder, as multiples of the train's traction power: very slow runs."""
+"""The first multipliers of the ladder, as multiples of the traction power usable on the section: very slow runs."""
 LADDER_LOW_RATIO: Final = 0.005
 LADDER_HIGH_RATIO: Final = 10.0
-"""The other multipliers run geometrically between these multiples of the train's traction power."""
+"""The other multipliers run geometrically between these multiples of it."""
 SUBSTEP_SPEED_RATIO: Final = 0.01
 """Within a step of integration the speed of the fastest run changes by at most about this ratio."""
 MAX_SUBSTEPS: Final = 40

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -53,11 +54,11 @@ def viewer_command(rrd_path: Path) -> list[str]:
 def viewer_environment() -> dict[str, str]:
     """The environment of the viewer; it sends no usage data where `CI` is set, and has no other switch for one run."""
     kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
-    return {**kept, "CI": "1"}
+    return {"RUST_LOG": "error", **kept, "CI": "1"}
 
 
 def _run_viewer(rrd_path: Path) -> None:
-    viewer = subprocess.Popen(viewer_command(rrd_path), env=viewer_environment())
+    viewer = subprocess.Popen(viewer_command(rrd_path), env=viewer_environment(), start_new_session=True)
     try:
         code = viewer.wait()
     finally:
@@ -67,13 +68,12 @@ def _run_viewer(rrd_path: Path) -> None:
 
 
 def _close(viewer: subprocess.Popen[bytes]) -> None:
-    if viewer.poll() is None:
-        viewer.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            viewer.wait(CLOSING_S)
-            return
-        viewer.kill()
-        viewer.wait()
+    """End the viewer if it still runs, with the program behind its starter: both are a process group of their own."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        if viewer.poll() is None:
+            os.killpg(viewer.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                viewer.wait(CLOSING_S)
 
 
 def _write(recording: Recording, path: Path) -> None:
