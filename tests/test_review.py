@@ -25,7 +25,7 @@ Publish = Callable[[topics.Topic, object, float], None]
 
 def write_recording(
     path: Path, *, trains: tuple[str, ...] = ("t1",), only: tuple[topics.Topic, ...] = topics.RECORDED,
-    seconds: int = SECONDS, data_crcs: bool = True,
+    seconds: int = SECONDS, data_crcs: bool = True, before: Callable[[Publish], None] | None = None,
 ) -> Path:  # fmt: skip
     """A trip of 600 s at 1 Hz, its speed a half sine to 40 m/s, flushed every second; the first train starts first."""
     with path.open("wb") as file:
@@ -50,6 +50,8 @@ def write_recording(
                     writer.add_message(channels[key], sent + 1_000_000 + index, data, sent)
 
             publish_head(publish, train)
+            if before is not None:
+                before(publish)
             for t_s in range(seconds):
                 publish_second(publish, t_s)
                 writer.flush()
@@ -74,6 +76,13 @@ def publish_head(publish: Publish, train: str) -> None:
     journey = das_pb2.Journey(time_ns=at_ns(-5), train=train, route_id="route", vehicle_id="vehicle", stops=stops)
     publish(topics.JOURNEY, journey, -5)
     publish_event(publish, -5, "section solved", Log.INFO)
+
+
+def publish_before(publish: Publish) -> None:
+    """What a node sends before the first position, and at its end with another clock than a replay's."""
+    publish(topics.DELAY, das_pb2.Delay(time_ns=at_ns(-4), delay_s=20.0), -4)
+    publish(topics.ADVICE, das_pb2.Advice(time_ns=at_ns(-3), mode=8, source=2), -3)
+    publish(topics.STATUS, das_pb2.Status(time_ns=at_ns(-9000), state=5), SECONDS)
 
 
 def publish_event(publish: Publish, t_s: float, text: str, level: int) -> None:
@@ -279,7 +288,7 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     )
     for name in every_second:
         assert found[f"/{name}"] == SECONDS, name
-    assert found["/deviation/operator"] == 10
+    assert found["/deviation/operator"] == 11  # held to the end of the trip
     assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
     assert found["/mode/node"] == 3
     assert found["/events"] == 2
@@ -397,3 +406,19 @@ def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch, tmp_p
     with pytest.raises(KeyboardInterrupt):
         rerun_view._run_viewer(tmp_path / "x.rrd")
     assert started[0].poll() is not None
+
+
+def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    from sim.review.series import Trip, series
+
+    path = tmp_path / "early.mcap"
+    write_recording(path, seconds=30, before=publish_before)
+    recording = read_recording(path)
+    data = series(recording, Trip.of(recording))
+    assert data["deviation/operator"][1].tolist() == [20.0, 30.0, 30.0]
+    assert len(data["speed/advised"][0]) == 30
+    rerun_view.save_view(path, tmp_path / "view.rrd")
+    found = rows_by_entity(tmp_path / "view.rrd")
+    assert found["/mode/node"] == 1
+    assert found["/mode/advised"] == 1

@@ -92,7 +92,8 @@ def _series(out: rr.RecordingStream, trip: Trip, name: str, time_ns: Times, valu
 
 
 def _states(out: rr.RecordingStream, trip: Trip, lane: Lane, messages: tuple[Stamped, ...]) -> None:
-    """A lane of states with a row for each change; nothing where there is no state."""
+    """A lane of states with a row for each change, on the trip only: beside it a node's clock is not a replay's."""
+    messages = tuple(m for m in messages if trip.time_ns[0] <= m.message.time_ns <= trip.time_ns[-1])
     values = [getattr(entry.message, lane.field) for entry in messages]
     changes = [i for i, value in enumerate(values) if i == 0 or value != values[i - 1]]
     if changes:

@@ -95,7 +95,10 @@ class Way:
 
 
 def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
-    """Times and values of everything plotted, by the names of `STYLES`; advice that was withdrawn is a gap (NaN)."""
+    """Times and values of everything plotted, by the names of `STYLES`, from the first position on.
+
+    Advice that was withdrawn is a gap (NaN).
+    """
     advice = recording.columns(
         topics.ADVICE, "time_ns", "source", "advised_speed_mps", "advised_force_n", "limit_mps",
         "predicted_deviation_s", "buffer_ratio",
@@ -105,7 +108,7 @@ def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
     limits = truth if len(truth["time_ns"]) else advice
     at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
-    return {
+    found = {
         "speed/limit": (limits["time_ns"], limits["limit_mps"] / KMH),
         "speed/advised": (at, advice["advised_speed_mps"] / KMH * gap),
         "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
@@ -116,3 +119,15 @@ def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
         "deviation/predicted": (at, advice["predicted_deviation_s"] * gap),
         "buffer/percent": (at, advice["buffer_ratio"] / PERCENT * gap),
     }
+    return {name: _on_trip(trip, *entry, held=STYLES[name].held) for name, entry in found.items()}
+
+
+def _on_trip(trip: Trip, time_ns: Times, values: Floats, *, held: bool) -> tuple[Times, Floats]:
+    """What lies on the trip; of a quantity that is held, also the last value before it, and its value at the end."""
+    keep = time_ns >= trip.time_ns[0]
+    if held and len(time_ns):
+        keep[np.flatnonzero(~keep)[-1:]] = True
+        if time_ns[-1] < trip.time_ns[-1]:
+            time_ns, values = np.append(time_ns, trip.time_ns[-1]), np.append(values, values[-1])
+            keep = np.append(keep, True)
+    return time_ns[keep], values[keep]

@@ -1,0 +1,214 @@
+"""The advisor: what it says, when it says nothing, and that it never advises above limit or brake curve."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from das.advisor import Advice, Advisor, Mode, PositionFix, Source, Timetable
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.units import NS
+from das.solver.front import Front, solve_front
+from das.solver.section import build_section
+
+T0 = 1_800_000_000_000_000_000
+
+
+def ns(seconds: float) -> int:
+    return T0 + round(seconds / NS)
+
+
+@pytest.fixture(scope="module")
+def front() -> Front:
+    return solve_front(build_section(load_route("zurich-luzern"), load_vehicle("re460-ic"), end_m=29_000.0))
+
+
+def advisor_at(
+    front: Front, s_m: float, v_mps: float, *, now_s: float, arrival_s: float, departure_s: float = 0.0
+) -> tuple[Advisor, Advice]:
+    advisor = Advisor(front)
+    advisor.set_timetable(Timetable(departure_ns=ns(departure_s), arrival_ns=ns(arrival_s)))
+    advisor.set_position(PositionFix(time_ns=ns(now_s), s_m=s_m, speed_mps=v_mps))
+    return advisor, advisor.update(ns(now_s))
+
+
+def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Front) -> None:
+    """A follower that has exactly the advised speed at every second: arrives when promised."""
+    least = front.fastest().time_s
+    arrival_s = round(least * 1.1)
+    advisor = Advisor(front)
+    advisor.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(arrival_s)))
+    s, v, first = 0.0, 0.0, None
+    for second in range(2 * arrival_s):
+        advisor.set_position(PositionFix(time_ns=ns(second), s_m=s, speed_mps=v))
+        advice = advisor.update(ns(second))
+        if advice.mode is Mode.STOP:
+            break
+        first = first or advice
+        after = advice.horizon_speed_mps[0]
+        s, v = s + 0.5 * (v + after), after
+    assert advice.mode is Mode.STOP
+    assert s == pytest.approx(29_000.0, abs=30.0)
+    assert second == pytest.approx(arrival_s, abs=5)
+    assert first is not None
+    assert first.energy_to_go_j == pytest.approx(front.trajectory(arrival_s).ledger.input, rel=1e-3)
+    assert first.predicted_deviation_s == pytest.approx(0.0, abs=0.5)
+    assert first.buffer_ratio == pytest.approx(arrival_s / least - 1, abs=1e-3)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    place=st.floats(0.0, 0.9999),
+    speed=st.floats(0.0, 1.2),
+    left_ratio=st.floats(-0.5, 2.0),
+)
+def test_never_above_limit_or_brake_curve(front: Front, place: float, speed: float, left_ratio: float) -> None:
+    section = front.section
+    s_m = place * section.end_m
+    v_mps = min(speed * float(np.interp(s_m, section.node_m, section.envelope_mps)), 60.0)
+    _, advice = advisor_at(front, s_m, v_mps, now_s=0.0, arrival_s=1_100.0 * left_ratio + 600.0, departure_s=-2_000.0)
+    if advice.mode in (Mode.NONE, Mode.STOP):
+        return
+
+    def allowed(x: float) -> float:
+        limit = section.limit_mps[max(int(np.searchsorted(section.node_m, x, side="right")) - 1, 0)]
+        return min(math.sqrt(float(np.interp(x, section.node_m, section.envelope_mps**2))), float(limit))
+
+    assert advice.advised_speed_mps <= allowed(s_m) + 1e-6
+    assert advice.advised_speed_mps <= advice.limit_mps + 1e-6
+    assert len(advice.horizon_speed_mps) == len(advice.horizon_force_n) == 30
+    highest = max(section.limit_mps)
+    assert max(advice.horizon_speed_mps) <= highest + 1e-6
+    assert -1.0 - 1e-6 <= advice.advised_force_ratio <= 1.05
+    assert advice.valid_until_ns > advice.time_ns
+
+
+def test_above_the_brake_curve_it_says_brake(front: Front) -> None:
+    section = front.section
+    drop = int(np.flatnonzero(np.diff(section.limit_mps) < -5)[0])
+    s_m, limit = float(section.node_m[drop + 1]), float(section.limit_mps[drop])
+    _, advice = advisor_at(front, s_m - 5.0, limit, now_s=0.0, arrival_s=900.0)
+    assert advice.mode in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+    assert advice.advised_force_n < -1e5
+
+
+def test_same_inputs_same_advice(front: Front) -> None:
+    a = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)[1]
+    b = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)[1]
+    assert a == b
+
+
+def test_too_late_gives_the_fastest_run_and_says_how_late(front: Front) -> None:
+    _, advice = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=900.0)
+    least = front.fastest().time_s
+    assert advice.predicted_deviation_s == pytest.approx(least - 900.0, abs=0.1)
+    assert advice.reason == f"fastest, {least - 900:.0f} s late"
+    assert advice.buffer_ratio < 0
+
+
+def test_an_arrival_in_the_past_still_gives_the_fastest_run(front: Front) -> None:
+    _, advice = advisor_at(front, 20_000.0, 20.0, now_s=2_000.0, arrival_s=1_000.0)
+    assert advice.mode is not Mode.NONE
+    assert advice.reason.startswith("fastest")
+
+
+def test_never_departs_early(front: Front) -> None:
+    _, advice = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_500.0, departure_s=42.0)
+    assert (advice.mode, advice.advised_speed_mps, advice.reason) == (Mode.STOP, 0.0, "depart in 42 s")
+
+
+def test_standing_at_the_end_is_arrived(front: Front) -> None:
+    _, advice = advisor_at(front, 28_990.0, 0.0, now_s=1_260.0, arrival_s=1_250.0)
+    assert (advice.mode, advice.reason) == (Mode.STOP, "arrived, 10 s late")
+
+
+def test_position_is_extrapolated_to_now(front: Front) -> None:
+    advisor, _ = advisor_at(front, 5_000.0, 20.0, now_s=100.0, arrival_s=1_250.0)
+    assert advisor.update(ns(101.5)).s_m == pytest.approx(5_030.0)
+
+
+@pytest.mark.parametrize(
+    ("fix", "now_s", "reason"),
+    [
+        ({"s_m": 5_000.0, "speed_mps": 20.0, "time_s": 0.0}, 3.5, "the position is 3.5 s old"),
+        ({"s_m": 5_000.0, "speed_mps": 20.0, "time_s": 10.0}, 0.0, "the position is 10.0 s ahead of the clock"),
+        ({"s_m": math.nan, "speed_mps": 20.0, "time_s": 0.0}, 0.0, "the position is not a number"),
+        ({"s_m": 5_000.0, "speed_mps": math.inf, "time_s": 0.0}, 0.0, "the position is not a number"),
+        ({"s_m": 5_000.0, "speed_mps": 99.0, "time_s": 0.0}, 0.0, "a speed of 356 km/h cannot be"),
+        ({"s_m": 5_000.0, "speed_mps": -5.0, "time_s": 0.0}, 0.0, "a speed of -18 km/h cannot be"),
+        ({"s_m": 40_000.0, "speed_mps": 20.0, "time_s": 0.0}, 0.0, "position 40000 m is outside the section 0 … 29000 m"),
+        ({"s_m": 5_000.0, "speed_mps": 20.0, "time_s": 0.0, "usable": False}, 0.0, "the position is marked unusable"),
+    ],
+)
+def test_no_advice_with_its_reason(front: Front, fix: dict[str, float], now_s: float, reason: str) -> None:
+    advisor = Advisor(front)
+    advisor.set_timetable(Timetable(departure_ns=ns(-100), arrival_ns=ns(1_250)))
+    usable = bool(fix.get("usable", True))
+    advisor.set_position(
+        PositionFix(time_ns=ns(fix["time_s"]), s_m=fix["s_m"], speed_mps=fix["speed_mps"], usable=usable)
+    )
+    advice = advisor.update(ns(now_s))
+    assert (advice.mode, advice.source, advice.reason) == (Mode.NONE, Source.NONE, reason)
+    assert math.isnan(advice.advised_speed_mps)
+    assert math.isnan(advice.advised_force_n)
+
+
+def test_advice_comes_back_when_the_position_does(front: Front) -> None:
+    advisor, _ = advisor_at(front, 5_000.0, 20.0, now_s=100.0, arrival_s=1_250.0)
+    assert advisor.update(ns(110.0)).mode is Mode.NONE
+    advisor.set_position(PositionFix(time_ns=ns(111.0), s_m=5_220.0, speed_mps=20.0))
+    assert advisor.update(ns(111.0)).mode is not Mode.NONE
+
+
+def test_without_timetable_or_position_it_says_so(front: Front) -> None:
+    advisor = Advisor(front)
+    assert advisor.update(T0).reason == "no timetable yet"
+    advisor.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(1_250)))
+    assert advisor.update(T0).reason == "no position yet"
+
+
+def test_a_timetable_that_leaves_no_time_is_refused(front: Front) -> None:
+    with pytest.raises(DasError, match="not after the departure"):
+        Advisor(front).set_timetable(Timetable(departure_ns=ns(10), arrival_ns=ns(10)))
+
+
+def test_a_plan_is_kept_while_the_train_stays_near_it(front: Front) -> None:
+    advisor, advice = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
+    plan = advisor.plan
+    s, v = 5_000.0, 25.0
+    for second in range(201, 210):
+        after = advice.horizon_speed_mps[0]
+        s, v = s + 0.5 * (v + after), after
+        advisor.set_position(PositionFix(time_ns=ns(second), s_m=s + 2.0, speed_mps=v + 0.1))
+        advice = advisor.update(ns(second))
+    assert advisor.plan is plan
+    advisor.set_position(PositionFix(time_ns=ns(210), s_m=s, speed_mps=v - 2.0))
+    advisor.update(ns(210))
+    assert advisor.plan is not plan
+
+
+def test_a_new_mode_waits_unless_it_brakes(front: Front) -> None:
+    advisor = Advisor(front)
+    assert advisor._held_mode(Mode.CRUISE, ns(0)) is Mode.CRUISE
+    assert advisor._held_mode(Mode.COAST, ns(1)) is Mode.CRUISE
+    assert advisor._held_mode(Mode.COAST, ns(3)) is Mode.COAST
+    assert advisor._held_mode(Mode.FULL_BRAKE, ns(4)) is Mode.FULL_BRAKE
+
+
+def test_every_field_of_the_advice_is_in_the_message() -> None:
+    from das.bus import das_pb2
+
+    ours = {field.name for field in dataclasses.fields(Advice)}
+    assert ours | {"tick"} == set(das_pb2.Advice.DESCRIPTOR.fields_by_name)
+    assert {m.name: m.value for m in Mode} == {
+        name.removeprefix("MODE_"): number for name, number in das_pb2.Mode.items()
+    }
+    assert {s.name: s.value for s in Source} == {
+        name.removeprefix("SOURCE_"): number for name, number in das_pb2.Advice.Source.items()
+    }

@@ -1,0 +1,102 @@
+"""Trajectories: the ledger of hand-built motions closes, and does not for wrong ones; resistance against quadrature."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from das.domain.files.load import load_vehicle
+from das.domain.losses import EfficiencyLoss
+from das.domain.trajectory import Trajectory, mean_resistance_n
+from das.domain.vehicle import Vehicle
+
+GAUSS_X, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(60)
+
+
+def train() -> Vehicle:
+    return replace(load_vehicle("re460-ic"), rotating_mass_ratio=0.1, mass_kg=400e3)
+
+
+def mean_over_way(vehicle: Vehicle, a: float, b: float, tunnel: float) -> float:
+    """Resistance at constant acceleration averaged over the way, by quadrature over time: ∫R·v dt / ∫v dt."""
+    v = a + (b - a) * 0.5 * (GAUSS_X + 1)
+    r = vehicle.resistance
+    force = r.c0_n + r.c1_n_per_mps * v + (r.c2_n_per_mps2 + tunnel) * v**2
+    return float((force * v) @ GAUSS_WEIGHT / (v @ GAUSS_WEIGHT))
+
+
+@given(st.floats(0, 60), st.floats(0.01, 60), st.floats(0, 10))
+def test_mean_resistance_against_quadrature(a: float, b: float, tunnel: float) -> None:
+    mean = mean_resistance_n(train().resistance, np.array([a, b]), np.array([tunnel]))
+    assert float(mean[0]) == pytest.approx(mean_over_way(train(), a, b, tunnel), rel=1e-9)
+
+
+@st.composite
+def motions(draw: st.DrawFn) -> Trajectory:
+    """Any speeds over any line; forces from Newton's law with the resistance by quadrature."""
+    n = draw(st.integers(1, 6))
+    several = st.lists(st.floats(0, 1), min_size=n, max_size=n)
+    v = np.array([draw(st.floats(0, 50)), *(0.5 + 50 * np.array(draw(several)))])
+    step = 1 + 200 * np.array(draw(several))
+    grade, curve, tunnel = (scale * np.array(draw(several)) for scale in (0.04, 5e3, 9.0))
+    grade = grade - 0.02
+    constant = train().mass_kg * 9.81 * grade + curve
+    running = [mean_over_way(train(), a, b, t) for a, b, t in zip(v[:-1], v[1:], tunnel, strict=True)]
+    force = train().mass_kg * 1.1 * np.diff(v**2) / (2 * step) + running + constant
+    friction = np.minimum(force, 0) * np.array(draw(several))
+    return Trajectory(
+        s_m=np.concatenate(([0], np.cumsum(step))),
+        t_s=np.concatenate(([0], np.cumsum(2 * step / (v[:-1] + v[1:])))),
+        v_mps=v,
+        force_el_n=force - friction,
+        force_friction_n=friction,
+        grade_ratio=grade,
+        grade_and_curve_n=constant,
+        tunnel_n_per_mps2=tunnel,
+        limit_mps=np.full(n, 60.0),
+    )
+
+
+@given(motions())
+def test_the_ledger_closes(run: Trajectory) -> None:
+    loss = EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.2, idle_w=1e5)
+    ledger = run.ledger(train(), loss)
+    assert ledger.residual_ratio < 1e-6
+    assert ledger.irreversible == pytest.approx(ledger.input - ledger.kinetic - ledger.potential, rel=1e-6, abs=10)
+    assert min(ledger.resistance, ledger.component_loss, ledger.friction_brake + 1) > 0
+
+
+def climb(force_el_n: float = 70e3, force_friction_n: float = -10e3) -> Trajectory:
+    """1 km at 20 m/s up 10 ‰ against R(20) = 8200 + 776 + 3440 N, m·g·i = 39 240 N."""
+    return Trajectory(
+        s_m=np.array([0.0, 1000.0]),
+        t_s=np.array([0.0, 50.0]),
+        v_mps=np.array([20.0, 20.0]),
+        force_el_n=np.array([force_el_n]),
+        force_friction_n=np.array([force_friction_n]),
+        grade_ratio=np.array([0.01]),
+        grade_and_curve_n=np.array([0.01 * 400e3 * 9.81]),
+        tunnel_n_per_mps2=np.array([0.0]),
+        limit_mps=np.array([40.0]),
+    )
+
+
+def test_the_ledger_of_a_climb_by_hand() -> None:
+    wheel_n = 12_416 + 39_240 + 10_000
+    ledger = climb(wheel_n).ledger(train(), EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.0, idle_w=1e5))
+    assert ledger.resistance == pytest.approx(12.416e6)
+    assert ledger.potential == pytest.approx(39.24e6)
+    assert ledger.friction_brake == pytest.approx(10e6)
+    assert ledger.kinetic == 0
+    assert ledger.component_loss == pytest.approx(0.1 * wheel_n * 1000 + 1e5 * 50)
+    assert ledger.input == pytest.approx(1.1 * wheel_n * 1000 + 5e6)
+    assert ledger.comfort == pytest.approx(250e3 * 50)
+    assert ledger.residual_ratio < 1e-12
+
+
+def test_a_ledger_of_forces_that_do_not_fit_the_motion_does_not_close() -> None:
+    assert climb(70e3).ledger(train(), EfficiencyLoss.symmetric(0.9)).residual_ratio > 0.05

@@ -1,0 +1,299 @@
+"""TTOBench files: all of the library read, units honoured, a table of bad files with their messages."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import re
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from das.domain.files.ttobench import read_track, read_train
+from das.domain.losses import EfficiencyLoss, Level
+from das.domain.vehicle import BrakePolicy, Vehicle
+
+TRACKS = [
+    "00_reference",
+    "00_reference_with_tunnels",
+    "00_var_gradient_minus_10",
+    "00_var_gradient_minus_5",
+    "00_var_gradient_minusplus_6",
+    "00_var_gradient_plus_10",
+    "00_var_gradient_plus_5",
+    "00_var_speed_limit_100",
+    "00_var_speed_limit_110",
+    "00_var_speed_limit_120",
+    "00_var_speed_limit_wind",
+    "CH_Fribourg_Bern",
+    "CH_StGallen_Wil",
+    "CH_Stadelhofen_Altstetten",
+    "CN_Songjiazhuang_Yizhuang",
+    "SE_Vasteras_Kolback",
+]
+TRAINS = {  # mass kg, kN and kW of traction, R(72 km/h) in kN by hand, brakes
+    "CH_Stadler_FLIRT_TPF": (122_000, 200, 2600, 2.37888 + 0.01698165 * 72 + 0.00093264 * 72**2, BrakePolicy.BLENDED),
+    "CN_Beijing_Subway": (278_000, 310, 3100, 3.9476 + 0.0022294 * 72**2, BrakePolicy.ELECTRIC),
+    "NL_Intercity_VIRM6": (391_000, 213.9, 2157, 5.854 + 0.0206 * 72 + 0.001 * 72**2, BrakePolicy.BLENDED),
+    "CH_Stadler_KISS_SBB": (297_000, None, None, None, BrakePolicy.BLENDED),
+}
+
+
+def test_every_file_of_the_library_is_in_these_tests(shared: Path) -> None:
+    assert {p.stem for p in (shared / "ttobench" / "tracks").glob("*.json")} == set(TRACKS)
+    assert {p.stem for p in (shared / "ttobench" / "trains").glob("*.json")} == set(TRAINS)
+
+
+@pytest.mark.parametrize("name", TRACKS)
+def test_a_track_of_the_library_is_read(shared: Path, name: str) -> None:
+    path = shared / "ttobench" / "tracks" / f"{name}.json"
+    route, data = read_track(path), json.loads(path.read_text())
+    assert (route.id, route.illustrative) == (name, False)
+    assert [stop.position_m for stop in route.stops] == data["stops"]["values"]
+    assert route.length_m == data["stops"]["values"][-1]
+    positions, limits_kmh = zip(*data["speed limits"]["values"], strict=True)
+    assert route.limits_mps.start_m.tolist() == list(positions)
+    assert route.limits_mps.value * 3.6 == pytest.approx(np.array(limits_kmh))
+    positions, slopes = zip(*data["gradients"]["values"], strict=True)
+    assert route.gradients_ratio.start_m.tolist() == list(positions)
+    assert route.gradients_ratio.value * 1000 == pytest.approx(np.array(slopes))
+    assert route.altitude_at_start_m == data["altitude"]["value"]
+    assert len(route.tunnels) == len(data.get("tunnels", {"values": []})["values"])
+    assert route.reversed().reversed().stops[0].position_m == route.stops[0].position_m
+
+
+def test_clothoids_count_with_their_mean_curvature(shared: Path) -> None:
+    path = shared / "ttobench" / "tracks" / "CH_StGallen_Wil.json"
+    rows = json.loads(path.read_text())["curvatures"]["values"]
+    curvature = read_track(path).curvature_per_m
+    expected = [abs(sum(0 if r == "infinity" else 1 / r for r in row[1:])) / 2 for row in rows]
+    assert curvature.start_m.tolist() == [row[0] for row in rows]
+    assert curvature.value == pytest.approx(expected)
+    assert any(row[1] != row[2] for row in rows)
+
+
+@pytest.mark.parametrize("name", TRAINS)
+def test_a_train_of_the_library_is_read(shared: Path, name: str) -> None:
+    train = read_train(shared / "ttobench" / "trains" / f"{name}.json")
+    mass_kg, force_kn, power_kw, resistance_kn, brakes = TRAINS[name]
+    assert (train.id, train.mass_kg, train.brake_policy) == (name, mass_kg, brakes)
+    assert train.default_level is Level.OWN
+    if force_kn:
+        assert (train.traction.max_force_n, train.traction.max_power_w) == pytest.approx(
+            (force_kn * 1e3, power_kw * 1e3)
+        )
+        assert float(train.resistance.force_n(20.0)) == pytest.approx(resistance_kn * 1e3)
+
+
+def test_the_flirt_by_hand(shared: Path) -> None:
+    train = read_train(shared / "ttobench" / "trains" / "CH_Stadler_FLIRT_TPF.json")
+    assert train.inertial_mass_kg == pytest.approx(134_200)
+    assert (train.length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
+        (58.6, 44.4444444, 1.22e6)
+    )
+    assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 1.1)
+    assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - 0.9)
+    assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(1.1698 * 12.96)
+    assert train.tunnel_coefficient_n_per_mps2(32) == pytest.approx(0.5 * (1.1698 + 0.5579) * 12.96)
+
+
+OTHER_UNITS = {
+    ("kg", "mass"): ("t", 1e-3),
+    ("m", "length"): ("km", 1e-3),
+    ("%", ""): ("-", 1e-2),
+    ("kN", ""): ("N", 1e3),
+    ("kW", ""): ("W", 1e3),
+    ("km/h", ""): ("m/s", 1 / 3.6),
+    ("kN/(km/h)", ""): ("N/(m/s)", 3600),
+    ("kN/(km/h)^2", ""): ("N/(m/s)^2", 12_960),
+}
+
+
+def numbers(thing: Any) -> list[float]:
+    """Every number in a dataclass, in order."""
+    if is_dataclass(thing):
+        return [x for f in fields(thing) for x in numbers(getattr(thing, f.name))]
+    if isinstance(thing, tuple):
+        return [x for item in thing for x in numbers(item)]
+    return [] if isinstance(thing, str) or not isinstance(thing, int | float) else [float(thing)]
+
+
+def test_the_same_train_in_other_units_is_the_same_train(shared: Path, tmp_path: Path) -> None:
+    path = shared / "ttobench" / "trains" / "CH_Stadler_FLIRT_TPF.json"
+    data, changed = json.loads(path.read_text()), 0
+    for key, entry in data.items():
+        unit, factor = OTHER_UNITS.get((entry.get("unit"), key)) or OTHER_UNITS.get((entry.get("unit"), ""), (None, 1))
+        if unit:
+            entry.update(unit=unit, value=entry["value"] * factor)
+            changed += 1
+    tunnel = data["tunnel resistance"]
+    tunnel["units"]["coefficient"] = "N/(m/s)^2"
+    tunnel["values"] = [[area, c * 12_960] for area, c in reversed(tunnel["values"])]
+    other_path = tmp_path / "other.json"
+    other_path.write_text(json.dumps(data))
+    one, other = read_train(path), read_train(other_path)
+    assert changed == 14
+    assert numbers(other) == pytest.approx(numbers(one), rel=1e-12)
+    assert len(numbers(one)) > 15
+    assert numbers(other.losses[Level.OWN]) == pytest.approx(numbers(one.losses[Level.OWN]), rel=1e-12)
+    assert (other.brake_policy, other.default_level) == (one.brake_policy, one.default_level)
+
+
+def rows(units: dict[str, str], *values: list[Any]) -> dict[str, Any]:
+    return {"units": units, "values": list(values)}
+
+
+TRACK = {
+    "metadata": {"id": "T"},
+    "altitude": {"unit": "m", "value": 400},
+    "stops": {"unit": "m", "values": [0, 5000]},
+    "speed limits": rows({"position": "m", "velocity": "km/h"}, [0, 80], [2000, 120]),
+    "gradients": rows({"position": "m", "slope": "permil"}, [0, 1], [900, -2]),
+    "curvatures": rows(
+        {"position": "m", "radius at start": "m", "radius at end": "m"}, [0, "infinity", "infinity"], [900, -500, -500]
+    ),
+    "tunnels": rows({"position": "m", "length": "m", "cross section": "m^2"}, [1000, 200, 42], [3000, 400, 24]),
+}
+TRAIN = {
+    "mass": {"unit": "t", "value": 100},
+    "max traction power": {"unit": "kW", "value": 2000},
+    "max reg braking power": {"unit": "kW", "value": 2000},
+    "max traction force": {"unit": "kN", "value": 100},
+    "max reg braking force": {"unit": "kN", "value": 100},
+    "max speed": {"unit": "km/h", "value": 160},
+    "rolling resistance r0": {"unit": "kN", "value": 2},
+    "rolling resistance r1": {"unit": "kN/(km/h)", "value": 0.01},
+    "rolling resistance r2": {"unit": "kN/(km/h)^2", "value": 0.0005},
+    "efficiency traction": {"unit": "%", "value": 90},
+    "efficiency reg brake": {"unit": "%", "value": 80},
+    "tunnel resistance": rows({"cross section": "m^2", "coefficient": "kN/(km/h)^2"}, [24, 0.001], [40, 0.0005]),
+}
+NAN, INF = math.nan, math.inf
+BAD_TRACKS: list[tuple[tuple[str | int, ...], Any, str]] = [
+    (("stops",), ..., r"stops is missing: expected a table"),
+    (("stops", "unit"), "mile", r"stops\.unit = 'mile': expected a unit of length, one of m, km"),
+    (("stops", "unit"), ..., r"stops\.unit is missing: expected a unit of length"),
+    (("stops", "values"), [0], r"stops\.values = \[0\]: expected at least two positions"),
+    (("stops", "values"), [0, NAN], r"stops\.values\[1\] = nan: expected a number"),
+    (("stops", "values"), [0, True], r"stops\.values\[1\] = True: expected a number"),
+    (("stops", "values"), [500, 100, 5000], r"stops\[1\] position = '100 m': expected more than 500 m"),
+    (("stops", "values"), [0, INF], r"length = inf: expected a length > 0 m"),
+    (("stops", "values"), [0, 10**400], r"stops\.values\[1\] = .*: expected a number"),
+    (("speed limits",), ..., r"speed limits is missing: expected a table"),
+    (("speed limits",), [], r"speed limits = 'list': expected a table of keys"),
+    (("speed limits", "units", "velocity"), "knot", r"speed limits\.units\.velocity = 'knot': expected a unit of spee"),
+    (("speed limits", "units", "velocity"), "m", r"speed limits\.units\.velocity = 'm': expected a unit of speed"),
+    (("speed limits", "values"), ..., r"speed limits\.values is missing: expected a list of rows"),
+    (("speed limits", "values"), [], r"speed limits\.values = \[\]: expected a list of rows"),
+    (("speed limits", "values", 1), [2000], r"speed limits\.values\[1\] = \[2000\]: expected 2 numbers: position, vel"),
+    (("speed limits", "values", 1), [2000, "fast"], r"speed limits\.values\[1\]\.velocity = 'fast': expected a number"),
+    (("speed limits", "values", 1), [2000, None], r"speed limits\.values\[1\]\.velocity = None: expected a number"),
+    (("speed limits", "values", 1), [2000, "infinity"], r"speed limits\[1\] = inf: expected a finite number"),
+    (("speed limits", "values", 1), [2000, 0], r"speed limits\[1\] = 0\.0: expected a speed > 0"),
+    (("speed limits", "values", 1), [2000, -36], r"speed limits\[1\] = -10\.0: expected a speed > 0"),
+    (("speed limits", "values", 0), [100, 80], r"speed limits\[0\] position = '100 m': expected 0 m, so that the whol"),
+    (("speed limits", "values", 1), [0, 80], r"speed limits\[1\] position = '0 m': expected more than 0 m"),
+    (("speed limits", "values", 1), [5001, 80], r"speed limits\[1\] position = '5001 m': expected at most 5000 m"),
+    (("gradients", "values", 1), [-1, 0], r"gradients\[1\] position = '-1 m': expected more than 0 m"),
+    (("gradients", "values", 1), [9, NAN], r"gradients\.values\[1\]\.slope = nan: expected a number"),
+    (("curvatures", "values", 1), [9, 59, 500], r"curves\[1\] radius = 59\.0: expected a radius of at least 60 m"),
+    (("curvatures", "values", 1), [9, 500, 0], r"curves\[1\] radius = 0\.0: expected a radius of at least 60 m"),
+    (("altitude", "value"), INF, r"altitude.* = inf: expected a finite number"),
+    (("metadata", "id"), 7, r"metadata\.id = 7: expected a text"),
+    (("tunnels", "values", 1), [3000, -400, 42], r"tunnels.*\[1\].* = .*-400"),
+    (("tunnels", "values", 1), [3000, 400, 0], r"tunnels.*\[1\].*: expected"),
+    (("tunnels", "values", 1), [1100, 400, 42], r"tunnels.*\[1\].* = .*1100"),
+    (("tunnels", "values", 1), [3000, "infinity", 42], r"tunnels.*\[1\].* = .*inf"),
+]
+BAD_TRAINS: list[tuple[tuple[str | int, ...], Any, str]] = [
+    (("mass",), ..., r"mass is missing: expected \{\"unit\": …, \"value\": …\}"),
+    (("mass",), 100, r"mass = 'int': expected a table of keys"),
+    (("mass", "unit"), "lb", r"mass\.unit = 'lb': expected a unit of mass, one of kg, t"),
+    (("mass", "unit"), ["t"], r"mass\.unit = \['t'\]: expected a unit of mass"),
+    (("mass", "value"), "100", r"mass\.value = '100': expected a number"),
+    (("mass", "value"), NAN, r"mass\.value = nan: expected a number"),
+    (("mass", "value"), ..., r"mass\.value is missing: expected a number"),
+    (("mass", "value"), 0, r"mass.* = 0\.0: expected a finite number > 0"),
+    (("mass", "value"), INF, r"mass.* = inf: expected a finite number > 0"),
+    (("rolling resistance r1", "unit"), "kN", r"rolling resistance r1\.unit = 'kN': expected a unit of resistance 1"),
+    (("rolling resistance r2", "value"), -1, r"resistance.* = -129.*: expected a finite number >= 0"),
+    (("efficiency traction", "value"), 0, r"efficiency traction = 0: expected more than 0 and at most 100 %"),
+    (("efficiency traction", "value"), 101, r"efficiency traction = 101: expected more than 0 and at most 100 %"),
+    (("efficiency reg brake", "value"), -5, r"efficiency reg brake = -5: expected more than 0 and at most 100 %"),
+    (("efficiency reg brake",), ..., r"efficiency reg brake is missing"),
+    (("tunnel resistance", "values", 0), [24, -1], r"tunnel resistance.*\[0\].*: expected"),
+    (("tunnel resistance", "values", 0), [24, "infinity"], r"tunnel resistance.*\[0\].*: expected"),
+    (("tunnel resistance", "values", 0), [40, 0.001], r"tunnel resistance.*: expected"),
+]
+CASES = [(read_track, TRACK, *case) for case in BAD_TRACKS] + [(read_train, TRAIN, *case) for case in BAD_TRAINS]
+
+
+def refused(read: Callable[[Path], object], path: Path, expected: str) -> None:
+    """The file is refused in one line that begins with its path."""
+    with pytest.raises(DasError, match=f"^{re.escape(str(path))}: {expected}") as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+    assert "np." not in str(caught.value), "a number is shown with its Python type"
+
+
+@pytest.mark.parametrize(
+    ("read", "data", "keys", "value", "expected"),
+    CASES,
+    ids=[f"{'.'.join(map(str, case[2]))}={case[3]}"[:60] for case in CASES],
+)
+def test_a_bad_file_is_refused_in_one_line(
+    tmp_path: Path, read: Callable[[Path], object], data: Any, keys: Any, value: Any, expected: str
+) -> None:
+    data = copy.deepcopy(data)
+    place = data
+    for key in keys[:-1]:
+        place = place[key]
+    if value is ...:
+        del place[keys[-1]]
+    else:
+        place[keys[-1]] = value
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(data))
+    refused(read, path, expected)
+
+
+@pytest.mark.parametrize("read", [read_track, read_train])
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", r"not valid JSON \(Expecting value"),
+        (b'{"mass": ', r"not valid JSON \("),
+        (b"[1, 2]", r"the file = 'list': expected a table of keys"),
+        (b'{"mass": "\xff"}', r"not a UTF-8 text file \(invalid start byte at byte 10\)"),
+        (b"[" * 100_000, r"not valid JSON \("),
+        (b'{"mass": ' + b"1" * 5000 + b"}", r"not valid JSON \("),
+    ],
+    ids=["empty", "cut", "list", "not UTF-8", "deep", "endless integer"],
+)
+def test_what_is_not_a_json_object_is_refused(
+    tmp_path: Path, read: Callable[[Path], object], content: bytes, expected: str
+) -> None:
+    path = tmp_path / "bad.json"
+    path.write_bytes(content)
+    refused(read, path, expected)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    refused(read_train, tmp_path / "no.json", r"cannot be read \(No such file or directory\)")
+    refused(read_train, tmp_path, r"cannot be read \(Is a directory\)")
+
+
+def test_the_files_that_are_spoilt_here_are_good(tmp_path: Path) -> None:
+    for data, read in ((TRACK, read_track), (TRAIN, read_train)):
+        path = tmp_path / "good.json"
+        path.write_text(json.dumps(data))
+        read(path)
+    train = read_train(path)
+    assert isinstance(train, Vehicle)
+    assert (train.id, train.rotating_mass_ratio, train.length_m, train.friction_brake_force_n) == ("good", 0, 0, 0)

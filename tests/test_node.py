@@ -1,0 +1,262 @@
+"""The node and the recorder as real processes over real Zenoh on loopback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from das.bus import das_pb2
+from das.bus.session import Bus, Received, check_endpoint, endpoint, free_port
+from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, PLAN, POSITION, RECORDER, STATUS, TOPICS, topic_of
+from das.domain.errors import DasError
+from sim.review.recording import read_recording
+
+TRAIN = "T1"
+START_NS = 1_800_000_000_000_000_000
+TIMEOUT_S = 120.0
+
+
+@contextmanager
+def process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    child = subprocess.Popen(
+        [sys.executable, "-m", module, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate()
+
+
+@contextmanager
+def node(*extra: str) -> Iterator[tuple[Bus, subprocess.Popen[str]]]:
+    ours, theirs = endpoint(free_port()), endpoint(free_port())
+    arguments = ["--route", "flat-6km", "--vehicle", "re460-ic", "--train", TRAIN, "--listen", theirs, "--connect", ours]
+    hear = (ADVICE, STATUS, PLAN, EVENT)
+    with process("das.node", *arguments, *extra) as child, Bus(TRAIN, listen=ours, connect=[theirs], hear=hear) as bus:
+        yield bus, child
+
+
+def until(bus: Bus, wanted: Callable[[Received], bool], child: subprocess.Popen[str] | None = None) -> Any:
+    """The first message that is wanted; fails after a while or when the process ends."""
+    deadline = time.monotonic() + TIMEOUT_S
+    while time.monotonic() < deadline:
+        received = bus.receive(0.2)
+        if received is not None and received.message is not None and wanted(received):
+            return received.message
+        if child is not None and child.poll() is not None:
+            pytest.fail(f"the process ended: {child.communicate()[0]}")
+    return pytest.fail("waited too long")
+
+
+def status(state: int) -> Callable[[Received], bool]:
+    return lambda r: r.topic is STATUS and r.message.state == state
+
+
+def journey(route: str = "flat-6km", arrival_s: float = 240.0) -> das_pb2.Journey:
+    return das_pb2.Journey(
+        time_ns=START_NS,
+        train=TRAIN,
+        route_id=route,
+        vehicle_id="re460-ic",
+        stops=[
+            das_pb2.Journey.Stop(name="A", s_m=0.0, departure_ns=START_NS),
+            das_pb2.Journey.Stop(name="B", s_m=6_000.0, arrival_ns=START_NS + round(arrival_s * 1e9)),
+        ],
+    )
+
+
+def test_node_takes_a_journey_advises_at_ticks_and_stops_on_sigterm() -> None:
+    with node("--clock", "bus") as (bus, child):
+        until(bus, status(das_pb2.Status.STATE_WAITING), child)
+        bus.publish(JOURNEY, journey())
+        ready = until(bus, status(das_pb2.Status.STATE_READY), child)
+        assert ready.section.startswith("flat-6km 0–6000 m, re460-ic")
+        assert 0 < ready.solve_s < 60
+        states = [(1, 0.0, 0.0), (6, 10.0, 4.0), (80, 2_000.0, 35.0), (160, 5_000.0, 38.0)]
+        for tick, (second, s_m, speed) in enumerate(states, 1):
+            now = START_NS + second * 10**9
+            bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=s_m, speed_mps=speed))
+            bus.publish(DELAY, das_pb2.Delay(time_ns=now, delay_s=5.0))
+            bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=tick))
+            advice = until(bus, lambda r: r.topic is ADVICE, child)
+            assert (advice.tick, advice.time_ns, advice.s_m) == (tick, now, s_m)
+            assert advice.mode != das_pb2.MODE_NONE
+            assert advice.source == das_pb2.Advice.SOURCE_SOLVED
+            assert len(advice.horizon_speed_mps) == len(advice.horizon_force_n) == 30
+            assert advice.advised_speed_mps <= advice.limit_mps + 1e-9
+            assert advice.valid_until_ns > now
+            if tick == 1:
+                assert advice.reason == "least energy on time, operator says 5 s late"
+        child.send_signal(signal.SIGTERM)
+        assert child.wait(20) == 0
+
+
+def test_node_publishes_its_plan_and_events() -> None:
+    with node("--clock", "bus") as (bus, child):
+        until(bus, status(das_pb2.Status.STATE_WAITING), child)
+        bus.publish(JOURNEY, journey())
+        until(bus, lambda r: r.topic is EVENT and "journey A – B" in r.message.message, child)
+        bus.publish(POSITION, das_pb2.Position(time_ns=START_NS, s_m=0.0, speed_mps=0.0))
+        bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS, tick=1))
+        plan = until(bus, lambda r: r.topic is PLAN, child)
+        assert len(plan.s_m) == len(plan.t_s) == len(plan.speed_mps) == len(plan.force_n) > 50
+        assert plan.t_s[-1] == pytest.approx(240.0, abs=0.3)
+        bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS, tick=2, command=das_pb2.Control.COMMAND_FINISH))
+        assert child.wait(20) == 0
+
+
+def test_node_advises_once_a_second_by_the_wall_clock() -> None:
+    with node() as (bus, child):
+        first = until(bus, lambda r: r.topic is ADVICE, child)
+        second = until(bus, lambda r: r.topic is ADVICE, child)
+        assert first.mode == das_pb2.MODE_NONE
+        assert first.reason == "no timetable yet"
+        assert (second.time_ns - first.time_ns) * 1e-9 == pytest.approx(1.0, abs=0.4)
+
+
+def test_node_refuses_a_foreign_journey_with_the_reason() -> None:
+    with node("--clock", "bus") as (bus, child):
+        until(bus, status(das_pb2.Status.STATE_WAITING), child)
+        bus.publish(JOURNEY, journey(route="elsewhere"))
+        said = until(bus, status(das_pb2.Status.STATE_WITHDRAWN), child)
+        assert said.reason == "journey refused: it is for route 'elsewhere', this node has 'flat-6km'"
+        bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS, tick=1))
+        assert until(bus, lambda r: r.topic is ADVICE, child).mode == das_pb2.MODE_NONE
+        bus.publish(JOURNEY, journey())
+        until(bus, status(das_pb2.Status.STATE_READY), child)
+
+
+def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
+    with node("--clock", "bus") as (bus, child):
+        until(bus, status(das_pb2.Status.STATE_WAITING), child)
+        bus._session.put(POSITION.key(TRAIN), b"\xff\xff\xff\xff")
+        until(bus, lambda r: r.topic is EVENT and "position: a message that cannot be read" in r.message.message, child)
+        assert child.poll() is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--route", "nowhere", "--vehicle", "re460-ic"], "nowhere: not a bundled route"),
+        (["--route", "flat-6km", "--vehicle", "re460-ic", "--clock", "moon"], "--clock moon: expected wall or bus"),
+        (["--route", "flat-6km", "--vehicle", "re460-ic", "--train", "a/b"], "train name 'a/b'"),
+        (["--route", "flat-6km", "--vehicle", "re460-ic", "--listen", "tcp/0.0.0.0:7447"], "the bus stays on this machine"),
+    ],
+)
+def test_node_refuses_bad_arguments_in_one_line(arguments: list[str], message: str) -> None:
+    with process("das.node", *arguments) as child:
+        said, _ = child.communicate(timeout=60)
+        assert child.returncode == 2
+    assert message in said
+    assert len(said.strip().splitlines()) == 1
+
+
+def test_node_says_when_its_port_is_taken() -> None:
+    taken = endpoint(free_port())
+    with Bus(TRAIN, listen=taken), process(
+        "das.node", "--route", "flat-6km", "--vehicle", "re460-ic", "--listen", taken
+    ) as child:
+        said, _ = child.communicate(timeout=60)
+        assert child.returncode == 2
+    assert f"bus: cannot open {taken}" in said
+    assert "in use" in said
+    assert len(said.strip().splitlines()) == 1
+
+
+def send_and_record(out: Path, ticks: int) -> tuple[subprocess.Popen[str], Any]:
+    ours, theirs = endpoint(free_port()), endpoint(free_port())
+    arguments = ["--train", TRAIN, "--listen", theirs, "--connect", ours, "--out", str(out)]
+    child = subprocess.Popen([sys.executable, "-m", "das.bus.recorder", *arguments])
+    with Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
+        until(bus, lambda r: r.topic is RECORDER)
+        for tick in range(1, ticks + 1):
+            now = START_NS + tick * 10**9
+            bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=float(tick)))
+            bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=tick))
+        until(bus, lambda r: r.topic is RECORDER and r.message.tick == ticks)
+        time.sleep(1.5)
+    return child, None
+
+
+def test_recorder_writes_everything_in_order_and_finishes_on_sigterm(tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    child, _ = send_and_record(out, 500)
+    child.send_signal(signal.SIGTERM)
+    assert child.wait(20) == 0
+    recording = read_recording(out)
+    assert recording.complete
+    assert [m.message.s_m for m in recording.of(POSITION)] == [float(i) for i in range(1, 501)]
+    assert [m.message.tick for m in recording.of(CONTROL)] == list(range(1, 501))
+    assert recording.of(CONTROL)[-1].log_time_ns == START_NS + 500 * 10**9
+
+
+def test_a_killed_recorder_loses_nothing_older_than_a_second(tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    child, _ = send_and_record(out, 300)
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait(20)
+    recording = read_recording(out)
+    assert not recording.complete
+    assert len(recording.of(POSITION)) == 300
+
+
+def test_recorder_names_a_file_it_cannot_write() -> None:
+    with process(
+        "das.bus.recorder", "--train", TRAIN, "--listen", endpoint(free_port()), "--out", "/nowhere/x.mcap"
+    ) as child:
+        said, _ = child.communicate(timeout=60)
+        assert child.returncode == 2
+    assert said.strip() == "error: /nowhere/x.mcap: cannot be written (No such file or directory)"
+
+
+def test_the_session_listens_on_loopback_only_and_does_not_scout() -> None:
+    with Bus(TRAIN, listen=endpoint(free_port())) as bus:
+        settings = bus._config()
+        assert settings.get_json("scouting/multicast/enabled") == "false"
+        assert settings.get_json("scouting/gossip/enabled") == "false"
+        port = int(str(bus.listen).rpartition(":")[2])
+        loopback = "0100007F"
+        for table in ("tcp", "tcp6", "udp", "udp6"):
+            path = Path("/proc/net") / table
+            for line in path.read_text().splitlines()[1:] if path.exists() else []:
+                address, _, number = line.split()[1].rpartition(":")
+                assert int(number, 16) != port or address == loopback
+
+
+@pytest.mark.parametrize("text", ["tcp/0.0.0.0:7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:0", "tcp/127.0.0.1:99999", "x"])
+def test_endpoints_off_this_machine_are_refused(text: str) -> None:
+    with pytest.raises(DasError, match="expected tcp/127.0.0.1:PORT"):
+        check_endpoint(text)
+
+
+def test_registry_keys_are_unique_and_lead_back_to_their_topic() -> None:
+    assert len({topic.key(TRAIN) for topic in TOPICS}) == len(TOPICS)
+    assert all(topic_of(topic.key(TRAIN)) is topic for topic in TOPICS)
+    assert topic_of("das/T1/nothing") is None
+
+
+def test_a_late_subscriber_gets_the_last_journey() -> None:
+    ours, theirs = endpoint(free_port()), endpoint(free_port())
+    with Bus(TRAIN, listen=ours) as sender:
+        sender.publish(JOURNEY, journey())
+        with Bus(TRAIN, listen=theirs, connect=[ours], hear=(JOURNEY,)) as late:
+            assert until(late, lambda r: r.topic is JOURNEY).route_id == "flat-6km"
+
+
+def test_zenoh_default_session_is_never_opened() -> None:
+    """Only das/bus/session.py opens a session."""
+    root = Path(__file__).parents[1]
+    users = [p for folder in ("das", "sim", "precompute") for p in (root / folder).rglob("*.py") if "zenoh.open" in p.read_text()]
+    assert [p.relative_to(root).as_posix() for p in users] == ["das/bus/session.py"]
+    assert zenoh is not None

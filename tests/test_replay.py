@@ -1,0 +1,264 @@
+"""Whole replays with real processes: what a user runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, PLAN, POSITION, STATUS, TRUTH
+from das.domain.files.load import load_route, load_vehicle
+from das.solver.front import solve_front
+from das.solver.section import build_section
+from sim.cli import bundled_recording
+from sim.driver import DriverStyle, HurriedDriver
+from sim.estimate import estimate_run
+from sim.plant import Plant, PlantState
+from sim.review.recording import read_recording
+
+
+def das_sim(*arguments: str, cwd: Path, timeout: float = 300) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "sim.cli", *arguments], cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False
+    )
+
+
+def kolback(shared: Path, name: str) -> list[str]:
+    return [
+        str(shared / "trips" / f"kolback_vasteras_{name}.csv"),
+        *("--route", str(shared / "ttobench" / "tracks" / "SE_Vasteras_Kolback.json")),
+        *("--vehicle", str(shared / "ttobench" / "trains" / "CH_Stadler_KISS_SBB.json")),
+        *("--reverse", "--line", str(shared / "trips" / "kolback_vasteras_kmposts.csv")),
+    ]
+
+
+@pytest.fixture(scope="module")
+def default_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("default")
+    return das_sim(cwd=folder), folder
+
+
+def test_das_sim_alone_replays_the_bundled_recording(
+    default_run: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    done, folder = default_run
+    assert done.returncode == 0, done.stderr
+    files = list((folder / "recordings").glob("*.mcap"))
+    assert len(files) == 1
+    assert f"das-sim view recordings/{files[0].name}" in done.stdout
+    assert "advice would have saved" in done.stdout
+    assert "/ 0" in next(line for line in done.stdout.splitlines() if "recorded / lost" in line)
+
+
+def test_the_recording_holds_every_topic_and_its_inputs(
+    default_run: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    _, folder = default_run
+    recording = read_recording(next((folder / "recordings").glob("*.mcap")))
+    assert recording.complete
+    for topic in (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION):
+        assert recording.of(topic), topic.name
+    run = recording.metadata["run"]
+    assert run["kind"] == "replay"
+    assert len(run["trip_sha256"]) == len(run["route_sha256"]) == len(run["vehicle_sha256"]) == 64
+    assert {"zurich-luzern.toml", "re460-ic.toml"} <= set(recording.attachments)
+    advices = [m.message for m in recording.of(ADVICE)]
+    assert [a.tick for a in advices] == list(range(1, len(advices) + 1))
+    assert (np.diff([a.time_ns for a in advices]) == 10**9).all()
+    given = [a for a in advices if a.mode]
+    assert len(given) > 0.99 * len(advices)
+    assert all(a.advised_speed_mps <= a.limit_mps + 1e-6 for a in given)
+
+
+def test_replay_is_open_loop_and_repeatable(tmp_path: Path) -> None:
+    """The same recording through the node twice: the same advice, field by field."""
+    advices: list[list[Any]] = []
+    for name in ("a.mcap", "b.mcap"):
+        done = das_sim("replay", str(bundled_recording()), "--out", name, "--json", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        advices.append([m.message.SerializeToString() for m in read_recording(tmp_path / name).of(ADVICE)])
+    assert advices[0] == advices[1]
+
+
+@pytest.mark.parametrize("name", ["clean", "dropouts"])
+def test_real_trips_replay_without_loss(shared: Path, tmp_path: Path, name: str) -> None:
+    done = das_sim("replay", *kolback(shared, name), "--out", "run.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["messages_lost"] == 0
+    assert found["advices_above_limit"] == 0
+    assert found["advices"] > 500
+    assert found["advices_withdrawn"] < 10
+    assert 540 < found["trip_time_s"] < 570
+    assert 0.05 < found["saved_ratio"] < 0.4
+    assert found["optimum_time_s"] == pytest.approx(found["trip_time_s"], abs=0.1)
+    assert found["map_scale"] == pytest.approx(1.0, abs=0.003)
+    positions = [m.message for m in read_recording(tmp_path / "run.mcap").of(POSITION)]
+    assert len(positions) == (346 if name == "clean" else 603)
+    assert sum(p.quality == 2 for p in positions) == found["gps_dropout_points"]
+
+
+def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(shared: Path, tmp_path: Path) -> None:
+    done = das_sim(
+        "replay", *kolback(shared, "clean"), "--arrival", "400", "--delay", "20", "--out", "run.mcap", "--json", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["timetable_fit"] == "late"
+    assert found["timetable_time_left_s"] == pytest.approx(380.0)
+    assert found["timetable_late_s"] == pytest.approx(found["min_time_s"] - 380.0, abs=0.1)
+    advice = read_recording(tmp_path / "run.mcap").of(ADVICE)[60].message
+    assert advice.reason.startswith("fastest, ")
+    assert advice.reason.endswith(" s late")
+
+
+def test_speed_is_kept_in_real_time(tmp_path: Path) -> None:
+    began = time.monotonic()
+    done = das_sim("replay", str(bundled_recording()), "--speed", "100", "--out", "run.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["real_time_factor"] <= 101
+    assert time.monotonic() - began > found["advices"] / 101
+
+
+def test_ctrl_c_ends_cleanly_with_a_whole_recording(tmp_path: Path) -> None:
+    child = subprocess.Popen(
+        [sys.executable, "-m", "sim.cli", "replay", str(bundled_recording()), "--speed", "20", "--out", "run.mcap"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and not ((tmp_path / "run.mcap").exists() and (tmp_path / "run.mcap").stat().st_size > 20_000):
+        time.sleep(0.2)
+    child.send_signal(signal.SIGINT)
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert "recorded so far: run.mcap" in said
+    assert "Traceback" not in said
+    recording = read_recording(tmp_path / "run.mcap")
+    assert recording.complete
+    assert len(recording.of(ADVICE)) > 5
+
+
+BAD = [
+    (["replay", "nothing.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nothing.csv"),
+    (["replay", "empty.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "empty.csv"),
+    (["replay", "nan.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nan.csv.*line 2"),
+    (["replay", "back.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "back.csv.*line 3"),
+    (["replay", "far.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "far.csv.*line 1"),
+    (["replay", "good.csv", "--vehicle", "re460-ic"], "good.csv: a trip without a journey needs --route"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic"], "no geometry.*--line"),
+    (["replay", "good.csv", "--route", "unit.json", "--vehicle", "re460-ic"], "unit.json: stops.unit = 'miles'"),
+    (["replay", "good.csv", "--route", "down.json", "--vehicle", "re460-ic"], "down.json: gradients"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--speed", "fast"], "--speed fast"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--arrival", "-5"], "--arrival -5"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--delay", "nan"], "--delay nan"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "no/where.mcap"], "no such folder"),
+    (["replay", "junk.mcap"], "junk.mcap"),
+    (["view", "junk.mcap", "--save", "x.rrd"], "junk.mcap"),
+    (["view", "nothing.mcap", "--save", "x.rrd"], "nothing.mcap"),
+    (["make-trip", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "x.mcap", "--departure", "soon"], "soon"),
+]
+
+
+@pytest.fixture(scope="module")
+def bad_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bad")
+    posts = "\n".join(f"47.0,{8 + 0.0131 * k:.6f},{3490000 + k}" for k in range(7)) + "\n"
+    (folder / "posts.csv").write_text(posts)
+    good = [f"47.0,{8 + 0.0131 * 6 * i / 60:.6f},{0 if i in (0, 60) else 90},{1_600_000_000_000 + 4000 * i}" for i in range(61)]
+    (folder / "good.csv").write_text("\n".join(good) + "\n")
+    (folder / "empty.csv").write_text("")
+    (folder / "nan.csv").write_text("\n".join([good[0], good[1].replace(",90,", ",nan,"), *good[2:]]))
+    (folder / "back.csv").write_text("\n".join([good[0], good[2], good[1], *good[3:]]))
+    (folder / "far.csv").write_text("\n".join(line.replace("47.0,", "48.0,") for line in good))
+    track: dict[str, Any] = {
+        "metadata": {"id": "x"},
+        "stops": {"unit": "miles", "values": [0, 6000]},
+        "speed limits": {"units": {"position": "m", "velocity": "km/h"}, "values": [[0, 100]]},
+        "gradients": {"units": {"position": "m", "slope": "permil"}, "values": [[0, 1], [500, 2], [400, 3]]},
+    }
+    (folder / "unit.json").write_text(json.dumps(track))
+    track["stops"]["unit"] = "m"
+    (folder / "down.json").write_text(json.dumps(track))
+    (folder / "junk.mcap").write_bytes(os.urandom(500))
+    return folder
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD, ids=lambda x: x if isinstance(x, str) else None)
+def test_bad_input_is_one_line_and_exit_code_2(bad_folder: Path, arguments: list[str], message: str) -> None:
+    done = das_sim(*arguments, cwd=bad_folder)
+    assert done.returncode == 2, done.stdout + done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("error: ")
+    assert __import__("re").search(message, lines[0]), lines[0]
+    assert not list(bad_folder.glob("**/*.rrd"))
+
+
+# --- the parts of a replay ---------------------------------------------------------------------------------------
+
+
+def test_estimate_of_an_optimal_run_finds_its_energy() -> None:
+    """Inverse dynamics of a solved run sampled each second: the energy comes back within 0.5 %."""
+    section = build_section(load_route("zurich-luzern"), load_vehicle("re460-ic"), end_m=29_000.0)
+    solution = solve_front(section).trajectory(1_250.0)
+    run = solution.trajectory
+    t = np.arange(0.0, run.time_s, 1.0)
+    s = np.interp(t, run.t_s, run.s_m)
+    v = np.interp(t, run.t_s, run.v_mps)
+    estimate = estimate_run(section, t, s, v)
+    assert estimate.ledger.input == pytest.approx(solution.ledger.input, rel=5e-3)
+    assert estimate.beyond_ratio < 0.01
+
+
+def test_plant_conserves_energy_and_halving_its_step_changes_little() -> None:
+    route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")
+    energies = []
+    for step_s in (0.1, 0.05):
+        plant = Plant(route, vehicle, vehicle.loss_model(vehicle.default_level), step_s)
+        driver = HurriedDriver(route, vehicle, 12_000.0, 0, DriverStyle(wander_mps=0.0))
+        state = PlantState(time_s=0.0, s_m=0.0, speed_mps=0.0)
+        while state.s_m < 8_000.0:
+            state = plant.step(state, driver.wanted_force_n(state.s_m, state.speed_mps, step_s))
+        energies.append(state.energy_input_j)
+    assert energies[0] == pytest.approx(energies[1], rel=2e-3)
+
+
+def test_plant_runs_down_to_a_standstill_by_resistance_alone() -> None:
+    """Coasting on the level: the way to standstill against ∫ m·v/R(v) dv, by quadrature."""
+    vehicle = load_vehicle("re460-ic")
+    plant = Plant(load_route("flat-6km"), vehicle, vehicle.loss_model(vehicle.default_level))
+    state = PlantState(time_s=0.0, s_m=0.0, speed_mps=8.0)
+    while state.speed_mps > 0:
+        state = plant.step(state, 0.0)
+    v = np.linspace(0.0, 8.0, 20_001)
+    way = np.trapezoid(vehicle.inertial_mass_kg * v / vehicle.resistance.force_n(v), v)
+    assert state.s_m == pytest.approx(way, rel=2e-3)
+
+
+def test_make_trip_makes_the_bundled_recording_again(tmp_path: Path) -> None:
+    done = das_sim(
+        *("make-trip", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--from", "Zürich HB", "--to", "Zug"),
+        *("--delay", "90", "--seed", "1", "--out", "again.mcap"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    ours, bundled = read_recording(tmp_path / "again.mcap"), read_recording(bundled_recording())
+    for topic in (JOURNEY, POSITION, DELAY, LOCATION):
+        a = [m.message for m in ours.of(topic)]
+        b = [m.message for m in bundled.of(topic)]
+        assert len(a) == len(b)
+    ours_at, bundled_at = ours.columns(POSITION, "s_m", "time_ns"), bundled.columns(POSITION, "s_m", "time_ns")
+    assert np.allclose(ours_at["s_m"], bundled_at["s_m"], atol=1e-3)
+    assert (ours_at["time_ns"] == bundled_at["time_ns"]).all()
