@@ -26,13 +26,15 @@ HORIZON_S = 30
 STALE_AFTER_S = 3.0
 """A position older than this withdraws the advice."""
 VALID_FOR_S = 3.0
-PLAN_SPEED_BAND_MPS = 0.3
-PLAN_TIME_BAND_S = 1.0
+PLAN_SPEED_BAND_MPS = 0.8
+PLAN_TIME_BAND_S = 2.0
 PLAN_MAX_AGE_S = 30.0
 """A plan is kept while speed and time stay in these bands around it, and not longer than this."""
 PLAN_TIME_TOLERANCE_S = 0.2
 MODE_HOLD_S = 3.0
 """A new mode is shown only after the one before has lasted this long, unless the new one brakes."""
+OVERSPEED_EASED_MPS = 1.0
+"""A train above the braking envelope by no more than this is planned from the envelope: it need not brake hard."""
 STANDSTILL_MPS = 0.3
 AT_STOP_M = 50.0
 """A standing train this near to a stop is at it; further beyond it than this, it has run past."""
@@ -301,7 +303,9 @@ class Advisor:
         if self._plan is not None and self._follows(self._plan, s_m, v_mps, now_ns):
             return self._plan
         left_s = max((self._timetable.arrival_ns - now_ns) * NS, 1e-3)
-        solution = self.front.trajectory(left_s, s_m, v_mps, tolerance_s=PLAN_TIME_TOLERANCE_S)
+        allowed = self._allowed(s_m)
+        start_mps = allowed if allowed < v_mps <= allowed + OVERSPEED_EASED_MPS else v_mps
+        solution = self.front.trajectory(left_s, s_m, start_mps, tolerance_s=PLAN_TIME_TOLERANCE_S)
         self._plan = Plan.of(solution, self.section, now_ns)
         return self._plan
 

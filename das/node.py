@@ -33,14 +33,18 @@ PLAN_EVERY_S = 10.0
 class Node:
     """One train's advice: keeps an advisor for the journey's section and answers every tick."""
 
-    def __init__(self, bus: Bus, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool) -> None:
+    def __init__(
+        self, bus: Bus, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool, wall_clock: bool
+    ) -> None:
         self.bus, self.route, self.vehicle, self.level, self.point_mass = bus, route, vehicle, level, point_mass
+        self.wall_clock = wall_clock
+        self._bus_clock_ns = 0
         self.advisor: Advisor | None = None
         self.finished = False
+        self.waiting = True
         self._solve_s = 0.0
         self._advice_s = 0.0
         self._advices = 0
-        self._reason = "waiting for a journey"
         self._refused = ""
         self._plan: Plan | None = None
         self._plan_sent_ns = 0
@@ -59,8 +63,9 @@ class Node:
         """Act on one message as heard."""
         message, topic = received.message, received.topic
         if message is None:
-            self.event(time.time_ns(), Log.WARNING, f"{topic.name}: a message that cannot be read was ignored")
+            self.event(self.now_ns(), Log.WARNING, f"{topic.name}: a message that cannot be read was ignored")
         elif topic is JOURNEY:
+            self._bus_clock_ns = max(self._bus_clock_ns, message.time_ns)
             self._take_journey(message)
         elif topic is POSITION and self.advisor is not None:
             usable = message.quality != das_pb2.Position.QUALITY_INVALID
@@ -69,6 +74,7 @@ class Node:
         elif topic is DELAY and self.advisor is not None:
             self.advisor.set_delay(message.delay_s)
         elif topic is CONTROL:
+            self._bus_clock_ns = message.time_ns
             if message.command == das_pb2.Control.COMMAND_FINISH:
                 self.finished = True
             else:
@@ -77,10 +83,7 @@ class Node:
     def tick(self, now_ns: int, tick: int = 0) -> None:
         """Advise once and say how we are."""
         began = time.perf_counter()
-        if self.advisor is None:
-            advice = Advice(time_ns=now_ns, reason=self._refused or self._reason)
-        else:
-            advice = self.advisor.update(now_ns)
+        advice = self.advisor.update(now_ns) if self.advisor else Advice(time_ns=now_ns, reason=self._refused)
         self._advice_s = time.perf_counter() - began
         self.bus.publish(ADVICE, advice_message(advice, tick))
         self._advices += 1
@@ -88,6 +91,10 @@ class Node:
         self._send_plan(now_ns)
         state = das_pb2.Status.STATE_WITHDRAWN if advice.mode is Mode.NONE else das_pb2.Status.STATE_ADVISING
         self.status(now_ns, state, advice.reason)
+
+    def now_ns(self) -> int:
+        """The run's clock: the wall's, or the last time heard on the bus (0 before the first)."""
+        return time.time_ns() if self.wall_clock else self._bus_clock_ns
 
     def status(self, now_ns: int, state: das_pb2.Status.State.ValueType, reason: str) -> None:
         """Publish how the node is."""
@@ -111,6 +118,7 @@ class Node:
 
     def _take_journey(self, journey: das_pb2.Journey) -> None:
         """A journey of one section: departure at the first stop, arrival at the second."""
+        self.waiting = False
         try:
             self._check_journey(journey)
             start_m, end_m = journey.stops[0].s_m, journey.stops[1].s_m
@@ -199,30 +207,30 @@ def command(
         the_vehicle = the_vehicle.with_loss_map(read_loss_map(loss_map))
     start, end = section_stops(the_route, from_stop, to_stop)
     with Bus(train, listen=listen, connect=connect or [], hear=(JOURNEY, POSITION, DELAY, CONTROL)) as bus:
-        node = Node(bus, the_route, the_vehicle, level, point_mass=point_mass)
-        node.status(time.time_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
+        node = Node(bus, the_route, the_vehicle, level, point_mass=point_mass, wall_clock=clock == "wall")
+        node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
         node.solve(start.position_m, end.position_m)
         err.print(f"das-node {train}: {the_route.id}, {the_vehicle.id}, listening on {listen}")
-        node.status(time.time_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
-        _run(node, stop, wall_clock=clock == "wall")
-        node.status(time.time_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
+        node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
+        _run(node, stop)
+        node.status(node.now_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
 
 
-def _run(node: Node, stop: StopFlag, *, wall_clock: bool) -> None:
+def _run(node: Node, stop: StopFlag) -> None:
     """Answer until told to stop. With the wall clock, advice comes at whole seconds."""
     due = time.monotonic() + 1.0
     said = 0.0
     while not stop.stopped and not node.finished:
-        received = node.bus.receive(min(max(due - time.monotonic(), 0.0), 0.1) if wall_clock else 0.1)
+        received = node.bus.receive(min(max(due - time.monotonic(), 0.0), 0.1) if node.wall_clock else 0.1)
         if received is not None:
             node.take(received)
         now = time.monotonic()
-        if wall_clock and now >= due:
+        if node.wall_clock and now >= due:
             node.tick(time.time_ns())
             due = max(due + 1.0, now)
-        elif not wall_clock and node.advisor is None and now - said > 1.0:
-            node.status(time.time_ns(), das_pb2.Status.STATE_WAITING, node._refused or "waiting for a journey")
+        elif not node.wall_clock and node.waiting and now - said > 1.0:
+            node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
             said = now
 
 

@@ -156,6 +156,7 @@ def replay(job: Job, progress: Callable[[int, int], None]) -> Outcome:
 def _start_recorder(job: Job, ports: list[str]) -> Process:
     arguments = ["--train", job.train, "--listen", ports[1], "--connect", ports[0], "--connect", ports[2]]
     arguments += ["--out", str(job.out), "--metadata", json.dumps(job.metadata)]
+    arguments += ["--start-ns", str(job.timing.first_tick_ns)]
     for path in job.attachments:
         arguments += ["--attach", str(path)]
     return Process("recorder", "das.bus.recorder", arguments)

@@ -142,7 +142,11 @@ def test_position_is_extrapolated_to_now(front: Front) -> None:
         ({"s_m": 5_000.0, "speed_mps": math.inf, "time_s": 0.0}, 0.0, "the position is not a number"),
         ({"s_m": 5_000.0, "speed_mps": 99.0, "time_s": 0.0}, 0.0, "a speed of 356 km/h cannot be"),
         ({"s_m": 5_000.0, "speed_mps": -5.0, "time_s": 0.0}, 0.0, "a speed of -18 km/h cannot be"),
-        ({"s_m": 40_000.0, "speed_mps": 20.0, "time_s": 0.0}, 0.0, "position 40000 m is outside the section 0 … 29000 m"),
+        (
+            {"s_m": 40_000.0, "speed_mps": 20.0, "time_s": 0.0},
+            0.0,
+            "position 40000 m is outside the section 0 … 29000 m",
+        ),
         ({"s_m": 5_000.0, "speed_mps": 20.0, "time_s": 0.0, "usable": False}, 0.0, "the position is marked unusable"),
     ],
 )

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import zenoh
 
 from das.bus import das_pb2
 from das.bus.session import Bus, Received, check_endpoint, endpoint, free_port
@@ -41,7 +40,18 @@ def process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 @contextmanager
 def node(*extra: str) -> Iterator[tuple[Bus, subprocess.Popen[str]]]:
     ours, theirs = endpoint(free_port()), endpoint(free_port())
-    arguments = ["--route", "flat-6km", "--vehicle", "re460-ic", "--train", TRAIN, "--listen", theirs, "--connect", ours]
+    arguments = [
+        "--route",
+        "flat-6km",
+        "--vehicle",
+        "re460-ic",
+        "--train",
+        TRAIN,
+        "--listen",
+        theirs,
+        "--connect",
+        ours,
+    ]
     hear = (ADVICE, STATUS, PLAN, EVENT)
     with process("das.node", *arguments, *extra) as child, Bus(TRAIN, listen=ours, connect=[theirs], hear=hear) as bus:
         yield bus, child
@@ -151,7 +161,10 @@ def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
         (["--route", "nowhere", "--vehicle", "re460-ic"], "nowhere: not a bundled route"),
         (["--route", "flat-6km", "--vehicle", "re460-ic", "--clock", "moon"], "--clock moon: expected wall or bus"),
         (["--route", "flat-6km", "--vehicle", "re460-ic", "--train", "a/b"], "train name 'a/b'"),
-        (["--route", "flat-6km", "--vehicle", "re460-ic", "--listen", "tcp/0.0.0.0:7447"], "the bus stays on this machine"),
+        (
+            ["--route", "flat-6km", "--vehicle", "re460-ic", "--listen", "tcp/0.0.0.0:7447"],
+            "the bus stays on this machine",
+        ),
     ],
 )
 def test_node_refuses_bad_arguments_in_one_line(arguments: list[str], message: str) -> None:
@@ -164,9 +177,10 @@ def test_node_refuses_bad_arguments_in_one_line(arguments: list[str], message: s
 
 def test_node_says_when_its_port_is_taken() -> None:
     taken = endpoint(free_port())
-    with Bus(TRAIN, listen=taken), process(
-        "das.node", "--route", "flat-6km", "--vehicle", "re460-ic", "--listen", taken
-    ) as child:
+    with (
+        Bus(TRAIN, listen=taken),
+        process("das.node", "--route", "flat-6km", "--vehicle", "re460-ic", "--listen", taken) as child,
+    ):
         said, _ = child.communicate(timeout=60)
         assert child.returncode == 2
     assert f"bus: cannot open {taken}" in said
@@ -234,9 +248,11 @@ def test_the_session_listens_on_loopback_only_and_does_not_scout() -> None:
                 assert int(number, 16) != port or address == loopback
 
 
-@pytest.mark.parametrize("text", ["tcp/0.0.0.0:7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:0", "tcp/127.0.0.1:99999", "x"])
+@pytest.mark.parametrize(
+    "text", ["tcp/0.0.0.0:7447", "udp/127.0.0.1:7447", "tcp/127.0.0.1:0", "tcp/127.0.0.1:99999", "x"]
+)
 def test_endpoints_off_this_machine_are_refused(text: str) -> None:
-    with pytest.raises(DasError, match="expected tcp/127.0.0.1:PORT"):
+    with pytest.raises(DasError, match=r"expected tcp/127\.0\.0\.1:PORT"):
         check_endpoint(text)
 
 
@@ -257,6 +273,6 @@ def test_a_late_subscriber_gets_the_last_journey() -> None:
 def test_zenoh_default_session_is_never_opened() -> None:
     """Only das/bus/session.py opens a session."""
     root = Path(__file__).parents[1]
-    users = [p for folder in ("das", "sim", "precompute") for p in (root / folder).rglob("*.py") if "zenoh.open" in p.read_text()]
-    assert [p.relative_to(root).as_posix() for p in users] == ["das/bus/session.py"]
-    assert zenoh is not None
+    files = [path for folder in ("das", "sim", "precompute") for path in (root / folder).rglob("*.py")]
+    users = [path.relative_to(root).as_posix() for path in files if "zenoh.open" in path.read_text()]
+    assert users == ["das/bus/session.py"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -27,7 +28,12 @@ from sim.review.recording import read_recording
 
 def das_sim(*arguments: str, cwd: Path, timeout: float = 300) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "sim.cli", *arguments], cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False
+        [sys.executable, "-m", "sim.cli", *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
     )
 
 
@@ -108,7 +114,16 @@ def test_real_trips_replay_without_loss(shared: Path, tmp_path: Path, name: str)
 
 def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(shared: Path, tmp_path: Path) -> None:
     done = das_sim(
-        "replay", *kolback(shared, "clean"), "--arrival", "400", "--delay", "20", "--out", "run.mcap", "--json", cwd=tmp_path
+        "replay",
+        *kolback(shared, "clean"),
+        "--arrival",
+        "400",
+        "--delay",
+        "20",
+        "--out",
+        "run.mcap",
+        "--json",
+        cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -138,7 +153,9 @@ def test_ctrl_c_ends_cleanly_with_a_whole_recording(tmp_path: Path) -> None:
         text=True,
     )
     deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and not ((tmp_path / "run.mcap").exists() and (tmp_path / "run.mcap").stat().st_size > 20_000):
+    while time.monotonic() < deadline and not (
+        (tmp_path / "run.mcap").exists() and (tmp_path / "run.mcap").stat().st_size > 20_000
+    ):
         time.sleep(0.2)
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=60)
@@ -163,7 +180,10 @@ BAD = [
     (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--speed", "fast"], "--speed fast"),
     (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--arrival", "-5"], "--arrival -5"),
     (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--delay", "nan"], "--delay nan"),
-    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "no/where.mcap"], "no such folder"),
+    (
+        ["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "no/where.mcap"],
+        "no such folder",
+    ),
     (["replay", "junk.mcap"], "junk.mcap"),
     (["view", "junk.mcap", "--save", "x.rrd"], "junk.mcap"),
     (["view", "nothing.mcap", "--save", "x.rrd"], "nothing.mcap"),
@@ -176,7 +196,10 @@ def bad_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bad")
     posts = "\n".join(f"47.0,{8 + 0.0131 * k:.6f},{3490000 + k}" for k in range(7)) + "\n"
     (folder / "posts.csv").write_text(posts)
-    good = [f"47.0,{8 + 0.0131 * 6 * i / 60:.6f},{0 if i in (0, 60) else 90},{1_600_000_000_000 + 4000 * i}" for i in range(61)]
+    good = [
+        f"47.0,{8 + 0.0131 * 6 * i / 60:.6f},{0 if i in (0, 60) else 90},{1_600_000_000_000 + 4000 * i}"
+        for i in range(61)
+    ]
     (folder / "good.csv").write_text("\n".join(good) + "\n")
     (folder / "empty.csv").write_text("")
     (folder / "nan.csv").write_text("\n".join([good[0], good[1].replace(",90,", ",nan,"), *good[2:]]))
@@ -202,7 +225,7 @@ def test_bad_input_is_one_line_and_exit_code_2(bad_folder: Path, arguments: list
     lines = [line for line in done.stderr.splitlines() if line.strip()]
     assert len(lines) == 1, done.stderr
     assert lines[0].startswith("error: ")
-    assert __import__("re").search(message, lines[0]), lines[0]
+    assert re.search(message, lines[0]), lines[0]
     assert not list(bad_folder.glob("**/*.rrd"))
 
 

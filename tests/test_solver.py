@@ -61,9 +61,7 @@ def make_train(
         rotating_mass_ratio=0.0,
         length_m=0.0,
         max_speed_mps=60.0,
-        resistance=Resistance(
-            c0_n=resistance[0], c1_n_per_mps=resistance[1], c2_n_per_mps2=resistance[2]
-        ),
+        resistance=Resistance(c0_n=resistance[0], c1_n_per_mps=resistance[1], c2_n_per_mps2=resistance[2]),
         traction=effort,
         electric_brake=effort,
         friction_brake_force_n=0.0,
@@ -173,7 +171,7 @@ def test_gradient_is_averaged_over_the_train() -> None:
 
 
 def test_supported_front_matches_brute_force_on_a_tiny_section() -> None:
-    """Every speed profile of a small grid, exhaustively: none may beat the solver by more than the grid's coarseness."""
+    """Every speed profile of a small grid, exhaustively: none may beat the solver."""
     train = make_train(resistance=(2_000.0, 0.0, 30.0), loss=EfficiencyLoss.from_efficiencies(0.85, 0.8))
     length, nodes = 800.0, 5
     front = solve_front(build_section(flat(length), train))
@@ -281,7 +279,9 @@ def test_a_time_that_is_none_is_refused(hilly: Front, time_s: float) -> None:
         hilly.trajectory(time_s)
 
 
-@pytest.mark.parametrize(("s_m", "v_mps"), [(-1.0, 0.0), (12_000.0, 0.0), (math.nan, 0.0), (10.0, -1.0), (10.0, math.nan)])
+@pytest.mark.parametrize(
+    ("s_m", "v_mps"), [(-1.0, 0.0), (12_000.0, 0.0), (math.nan, 0.0), (10.0, -1.0), (10.0, math.nan)]
+)
 def test_a_state_outside_the_section_is_refused(hilly: Front, s_m: float, v_mps: float) -> None:
     with pytest.raises(DasError, match="expected one"):
         hilly.trajectory(500.0, s_m, v_mps)
@@ -297,9 +297,7 @@ def test_a_map_that_does_not_cover_the_train_names_the_point() -> None:
 def test_bounds_of_every_kernel(hilly: Front) -> None:
     """Run alone with NUMBA_BOUNDSCHECK=1 by .ci/run: a read past an array's end raises there."""
     table = np.fromfunction(lambda i, j: 1e3 + 10.0 * i + abs(j - 10) * 1e3, (62, 21))
-    loss_map = LossMap(
-        name="map", speed_mps=np.arange(62.0), force_n=np.linspace(-1e5, 1e5, 21), loss_w_table=table
-    )
+    loss_map = LossMap(name="map", speed_mps=np.arange(62.0), force_n=np.linspace(-1e5, 1e5, 21), loss_w_table=table)
     front = solve_front(build_section(hilly.section.route, make_train().with_loss_map(loss_map)))
     for level in (front, hilly):
         for s_m, v_mps in ((None, None), (11_999.0, 1.0), (2_999.9, 21.0), (4_499.0, 45.0)):
@@ -311,7 +309,7 @@ def test_bounds_of_every_kernel(hilly: Front) -> None:
 
 
 def test_cruising_minimum_of_the_re460_at_l2() -> None:
-    """Paper, fig. 4: least energy per km at about 63 km/h. Found with the solver: a long level run, no time pressure."""
+    """Paper, fig. 4: least energy per km at about 63 km/h. Here: a long level run with ample time."""
     vehicle = replace(load_vehicle("re460-ic"), length_m=0.0)
     front = solve_front(build_section(make_route(80_000.0, [(0.0, 44.0)], [(0.0, 0.0)]), vehicle, level=Level.L2))
     run = front.trajectory(80_000.0).trajectory
@@ -403,7 +401,7 @@ def second_loss(loss: LossModel):  # type: ignore[no-untyped-def]
 
 
 def test_least_times_of_the_public_benchmark(shared: Path) -> None:
-    """Against an independent fine-step calculation (data README): within 0.05 %, and never optimistic by more than 0.1 s."""
+    """Against an independent fine-step calculation (data README): within 0.05 %, never optimistic by over 0.1 s."""
     cases = (
         ("CH_Fribourg_Bern", "CH_Stadler_FLIRT_TPF", 1103.3),
         ("SE_Vasteras_Kolback", "NL_Intercity_VIRM6", 594.8),
@@ -413,5 +411,7 @@ def test_least_times_of_the_public_benchmark(shared: Path) -> None:
     for track, train, expected in cases:
         route = load_route(str(shared / "ttobench" / "tracks" / f"{track}.json"))
         vehicle = load_vehicle(str(shared / "ttobench" / "trains" / f"{train}.json"))
-        front = solve_front(build_section(route, vehicle, point_mass=True, boundary_speed_mps=1.0), lambda_w=np.array([1e5]))
+        front = solve_front(
+            build_section(route, vehicle, point_mass=True, boundary_speed_mps=1.0), lambda_w=np.array([1e5])
+        )
         assert expected - 0.1 < front.fastest().time_s < expected * 1.0005

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +61,7 @@ def integrate(
     inertial = mass * (1 + read_value(train, "rho"))
     r0, r1, r2 = (read_value(train, f"rolling resistance r{i}") for i in range(3))
     time_s, energy, worst = 0.0, 0.0, 0.0
-    for here, there in zip(rows[:-1], rows[1:], strict=True):
+    for here, there in itertools.pairwise(rows):
         s, v, electric = here[0], here[2], here[3]
         ahead, total = there[0], here[3] + here[4]
         drag = mass * line.resistance_per_mass(0.5 * (here[0] + there[0]))

@@ -40,7 +40,7 @@ class RecordingFile:
             raise DasError(f"{path}: cannot be written ({error.strerror})") from error
         self.path = path
         self.messages = 0
-        self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD)
+        self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(profile="", library=f"driver-advisory-system {__version__}")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -100,9 +100,9 @@ def message_time_ns(message: Any) -> int:
 class Recorder:
     """Writes what it hears; answers every Control message with its count, so that a fast sender can wait."""
 
-    def __init__(self, bus: Bus, file: RecordingFile) -> None:
+    def __init__(self, bus: Bus, file: RecordingFile, clock_ns: int | None) -> None:
         self.bus, self.file = bus, file
-        self._clock_ns: int | None = None
+        self._clock_ns = clock_ns
 
     def take(self, received: Received) -> None:
         """Write one message as heard; a payload that is not of its topic's type is left out."""
@@ -133,7 +133,7 @@ def record(arguments: argparse.Namespace) -> None:
         if arguments.metadata:
             file.add_metadata("run", json.loads(arguments.metadata))
         with Bus(arguments.train, listen=arguments.listen, connect=arguments.connect, hear=RECORDED) as bus:
-            recorder = Recorder(bus, file)
+            recorder = Recorder(bus, file, arguments.start_ns)
             said = 0.0
             while not stop.stopped:
                 received = bus.receive(0.1)
@@ -158,6 +158,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--connect", type=check_endpoint, action="append", default=[], help="endpoint of another process"
     )
     parser.add_argument("--out", required=True, help="MCAP file to write")
+    parser.add_argument("--start-ns", type=int, help="the run's clock before its first Control message [default: wall]")
     parser.add_argument("--metadata", help="JSON object of texts, stored as metadata record 'run'")
     parser.add_argument("--attach", action="append", default=[], help="file to attach")
     parsed = parser.parse_args(arguments)

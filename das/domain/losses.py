@@ -94,9 +94,13 @@ class LossMap:
         _check_even("speed", self.name, self.speed_mps)
         _check_even("force", self.name, self.force_n)
         if self.speed_mps[0] != 0:
-            raise InputError(self.name, "first speed", self.speed_mps[0] / KMH, "a map that begins at 0 km/h")
+            raise InputError(
+                self.name, "first speed (km/h)", float(self.speed_mps[0] / KMH), "a map that begins at 0 km/h"
+            )
         if not (self.force_n <= 0).any() or not (self.force_n >= 0).any():
-            raise InputError(self.name, "force", (self.force_n[0], self.force_n[-1]), "a range that contains 0 N")
+            raise InputError(
+                self.name, "forces (N)", (float(self.force_n[0]), float(self.force_n[-1])), "a range that contains 0 N"
+            )
         if np.abs(self.force_n).min() > GRID_EVENNESS * (self.force_n[-1] - self.force_n[0]):
             raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N to be a point of the grid")
         _check_losses(self)
@@ -163,18 +167,26 @@ def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) 
     """Least-squares fit of levels L1 (`with_idle=False`) and L2 to a loss map over its operating points.
 
     Fits P_L ≈ k·|F·v| (+ c0) over all covered points of the map with speed > 0 and wheel power up to `max_power_w`;
-    η̄ = 1/(1 + k). Digest of the paper: L1 has a fit of its own, without the constant.
+    η̄ = 1/(1 + k); neither k nor c0 may be negative. Digest of the paper: L1 has a fit of its own, without the constant.
     """
     speed, force = np.meshgrid(model.speed_mps, model.force_n, indexing="ij")
     power = np.abs(force * speed)
     use = np.isfinite(model.loss_w_table) & (speed > 0) & (power <= max_power_w * (1 + 1e-9))
-    columns = [power[use]] + ([np.ones(int(use.sum()))] if with_idle else [])
-    solution = np.linalg.lstsq(np.stack(columns, axis=1), model.loss_w_table[use], rcond=None)[0]
-    return EfficiencyLoss(
-        traction_ratio=float(solution[0]),
-        brake_ratio=float(solution[0]),
-        idle_w=float(solution[1]) if with_idle else 0.0,
-    )
+    x, y = power[use], model.loss_w_table[use]
+    ratio, idle_w = float(x @ y / (x @ x)), 0.0
+    if with_idle:
+        ratio, idle_w = _fit_line(x, y)
+    return EfficiencyLoss(traction_ratio=max(ratio, 0.0), brake_ratio=max(ratio, 0.0), idle_w=idle_w)
+
+
+def _fit_line(x: Floats, y: Floats) -> tuple[float, float]:
+    """Least squares y ≈ k·x + c with k, c >= 0: where one comes out negative, the best fit without it."""
+    k, c = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=1), y, rcond=None)[0]
+    if c < 0:
+        return float(x @ y / (x @ x)), 0.0
+    if k < 0:
+        return 0.0, float(y.mean())
+    return float(k), float(c)
 
 
 def _check_even(what: str, name: str, axis: Floats) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
-from das.domain.units import STANDARD_GRAVITY_MPS2
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 
 Floats = NDArray[np.float64]
 
@@ -59,8 +59,10 @@ class Stretches:
 
     def reversed(self, length_m: float, sign: float = 1.0) -> Stretches:
         """The same quantity seen from the other end of a line of `length_m`."""
-        ends = np.append(self.start_m[1:], length_m)
-        return Stretches(start_m=(length_m - ends)[::-1].copy(), value=sign * self.value[::-1])
+        inside = self.start_m < length_m - POSITION_TOLERANCE_M  # one that begins at the end has no length
+        start, value = self.start_m[inside], self.value[inside]
+        ends = np.append(start[1:], length_m)
+        return Stretches(start_m=(length_m - ends)[::-1].copy(), value=sign * value[::-1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +108,11 @@ class Route:
             _check_finite(self.source, key, stretches.value)
         bad = np.flatnonzero(self.limits_mps.value <= 0)
         if len(bad):
-            raise InputError(self.source, f"speed limits[{bad[0]}]", self.limits_mps.value[bad[0]], "a speed > 0")
+            limit_kmh = float(self.limits_mps.value[bad[0]]) / KMH
+            raise InputError(self.source, f"speed limits[{bad[0]}] (km/h)", limit_kmh, "a speed > 0")
+        if not np.isfinite(self.altitude_at_start_m):
+            raise InputError(self.source, "altitude", self.altitude_at_start_m, "a finite number")
+        _check_tunnels(self.source, self.tunnels, self.length_m)
         if len(self.geometry_position_m):
             _check_positions(self.source, "geometry", self.geometry_position_m, self.length_m)
         for array in (self.geometry_position_m, self.geometry_latitude_deg, self.geometry_longitude_deg):
@@ -131,7 +137,7 @@ class Route:
         for candidate in self.stops:
             if candidate.name.casefold() == wanted.casefold():
                 return candidate
-        if wanted.isdigit() and 1 <= int(wanted) <= len(self.stops):
+        if wanted.isdecimal() and 1 <= int(wanted) <= len(self.stops):
             return self.stops[int(wanted) - 1]
         names = ", ".join(f"{i}: {s.name}" for i, s in enumerate(self.stops, 1))
         raise DasError(f"{self.source}: no stop {wanted!r}; it has {names}")
@@ -186,7 +192,7 @@ def section_stops(route: Route, from_stop: str | None, to_stop: str | None) -> t
 
 
 def curve_resistance_mps2(curvature_per_m: ArrayLike) -> Floats:
-    """Curve resistance per mass (m/s²) after Röckl, as the public benchmark uses it.
+    """Curve resistance per mass (m/s²) as the public benchmark uses it (with a step at R = 300 m).
 
     g·0.5κ/(1−30κ) for R >= 300 m, else g·0.65κ/(1−55κ), κ = |1/R| in 1/m.
     """
@@ -214,6 +220,22 @@ def _check_positions(
         raise InputError(
             source, f"{key}[{len(position_m) - 1}] position", f"{position_m[-1]:g} m", f"at most {length_m:g} m"
         )
+
+
+def _check_tunnels(source: str, tunnels: tuple[Tunnel, ...], length_m: float) -> None:
+    """Tunnels lie on the line, in order, apart, with a length and a cross section."""
+    free_from_m = 0.0
+    for i, tunnel in enumerate(tunnels):
+        key = f"tunnels[{i}]"
+        for name in ("length_m", "area_m2"):
+            value = getattr(tunnel, name)
+            if not np.isfinite(value) or value <= 0:
+                raise InputError(source, f"{key} {name}", value, "a finite number > 0")
+        if not tunnel.start_m >= free_from_m:
+            raise InputError(source, f"{key} position", f"{tunnel.start_m:g} m", f"at least {free_from_m:g} m")
+        free_from_m = tunnel.start_m + tunnel.length_m
+        if free_from_m > length_m + POSITION_TOLERANCE_M:
+            raise InputError(source, f"{key} end", f"{free_from_m:g} m", f"at most {length_m:g} m")
 
 
 def _check_finite(source: str, key: str, values: Floats) -> None:

@@ -11,9 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from das.bus import topics
-from das.domain.units import KM
+from das.domain.units import KM, KMH
 from sim.review.recording import Recording
-from sim.review.series import STYLES, Floats, Trip, series
+from sim.review.series import STYLES, FirstPlan, Floats, Trip, series
 
 BACKGROUND, INK, GRID = "#0d1011", "#cad8de", "#2b3236"
 SIZE_IN, DPI = (10.4, 8.2), 200
@@ -46,17 +46,21 @@ def draw(recording: Recording, trip: Trip) -> Picture:
     figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.065, hspace=0.09)
     for (name, axis), unit in zip(axes.items(), ("km/h", "kN", "permille"), strict=True):
         _plain(axis, f"{name.capitalize()} ({unit})")
-    for name, (time_ns, values) in series(recording, trip).items():
+    plan = FirstPlan.of(recording)
+    curves = {name: (trip.at(at, trip.s_m), values) for name, (at, values) in series(recording, trip).items()}
+    if plan is not None:  # it would be elsewhere than the train was at its times
+        curves["speed/optimum"] = plan.s_m, plan.speed_mps / KMH
+    for name, (places_m, values) in curves.items():
         axis, style = axes.get(name.split("/")[0]), STYLES[name]
         if axis is not None:
             axis.plot(
-                trip.at(time_ns, trip.s_m) / KM, values, color=f"#{style.color >> 8:06x}",
+                places_m / KM, values, color=f"#{style.color >> 8:06x}",
                 linewidth=LINE_RATIO * style.width, drawstyle="steps-post" if style.held else "default",
                 label=style.label.split(",")[0],
             )  # fmt: skip
     speed, gradient = axes["speed"], axes["gradient"]
     speed.set_ylim(bottom=0)
-    speed.legend(loc="lower center", ncols=3, frameon=False, labelcolor=INK)
+    speed.legend(loc="lower center", ncols=4, frameon=False, labelcolor=INK)
     gradient.set_xlabel("Position (km)", color=INK)
     margin_m = 0.01 * max(float(np.ptp(trip.s_m)), 100.0)
     gradient.set_xlim((trip.s_m.min() - margin_m) / KM, (trip.s_m.max() + margin_m) / KM)

@@ -36,7 +36,7 @@ class Row(NamedTuple):
 
 
 ROWS: Final = (
-    Row("Speed (km/h)", "speed", 3.0, (TRUTH, POSITION, ADVICE), "LeftTop"),
+    Row("Speed (km/h)", "speed", 3.0, (TRUTH, POSITION, ADVICE), "LeftBottom"),
     Row("Advised mode and state of the node", "mode", 1.35, (ADVICE, STATUS)),
     Row("Force at the wheels (kN)", "force", 2.0, (TRUTH, ADVICE), "LeftBottom"),
     Row("Gradient (permille)", "gradient", 1.0, (TRUTH,)),

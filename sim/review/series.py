@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from das.bus import das_pb2, topics
 from das.domain.errors import DasError
-from das.domain.units import KMH, KN, PERCENT, PERMILLE
+from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE
 from sim.review.recording import Recording
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,7 @@ class Style(NamedTuple):
 
 STYLES: Final = {
     "speed/limit": Style("limit, km/h", 0xC8646EFF, held=True),
+    "speed/optimum": Style("optimum from the start, km/h", 0x5FBF6FFF, width=1.2),
     "speed/advised": Style("advised, km/h", 0xFFA028FF, width=3.0),
     "speed/driven": Style("driven, km/h", 0x4AA3FFFF),
     "force/advised": Style("advised, kN", 0xFFA028FF, width=3.0),
@@ -40,6 +41,25 @@ STYLES: Final = {
     "buffer/percent": Style("buffer, %", 0x6FD0C5FF),
 }
 """By series, in drawing order: what is advised lies wider under what is driven, so that both show where they agree."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FirstPlan:
+    """The first plan of a recording: the optimum from where the advice began."""
+
+    time_ns: Times
+    s_m: Floats
+    speed_mps: Floats
+
+    @classmethod
+    def of(cls, recording: Recording) -> FirstPlan | None:
+        """The plan, None if none was recorded."""
+        plans = recording.of(topics.PLAN)
+        if not plans:
+            return None
+        plan = plans[0].message
+        since_ns = np.rint(np.array(plan.t_s) / NS).astype(np.int64)
+        return cls(time_ns=plan.time_ns + since_ns, s_m=np.array(plan.s_m), speed_mps=np.array(plan.speed_mps))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,8 +128,11 @@ def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
     limits = truth if len(truth["time_ns"]) else advice
     at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
+    plan = FirstPlan.of(recording)
+    nothing = np.empty(0, np.int64), np.empty(0)
     found = {
         "speed/limit": (limits["time_ns"], limits["limit_mps"] / KMH),
+        "speed/optimum": (plan.time_ns, plan.speed_mps / KMH) if plan else nothing,
         "speed/advised": (at, advice["advised_speed_mps"] / KMH * gap),
         "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
         "force/advised": (at, advice["advised_force_n"] / KN * gap),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
@@ -18,16 +16,13 @@ _COLUMNS = {"speed": "speed", "force": "force", "loss": "power"}
 
 def read_loss_map(path: Path) -> LossMap:
     """Read a loss map; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    reader = csv.reader(io.StringIO(read_text(path)))
-    header = [name.strip() for name in next(reader, [])]
+    lines = list(enumerate(read_text(path).splitlines(), 1))
+    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
     factors = [_factor(path, header, index, name) for index, name in enumerate(_COLUMNS)]
-    rows = []
-    for line, row in enumerate(reader, 2):
-        if row:
-            rows.append(_numbers(path, line, row, factors))
+    rows = {line: _numbers(path, line, text.split(","), factors) for line, text in lines[1:] if text.strip()}
     if not rows:
         raise DasError(f"{path}: empty loss map, expected rows of {', '.join(header)}")
-    return _to_map(path, np.array(rows))
+    return _to_map(path, rows)
 
 
 def _factor(path: Path, header: list[str], index: int, name: str) -> float:
@@ -52,17 +47,19 @@ def _numbers(path: Path, line: int, row: list[str], factors: list[float]) -> lis
     return [value * factor for value, factor in zip(values, factors, strict=True)]
 
 
-def _to_map(path: Path, rows: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> LossMap:
-    speeds, i = np.unique(rows[:, 0].round(9), return_inverse=True)
-    forces, j = np.unique(rows[:, 1].round(6), return_inverse=True)
+def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
+    """A map from rows of speed, force and loss (SI) by line number."""
+    data = np.array(list(rows.values()))
+    speeds, i = np.unique(data[:, 0].round(9), return_inverse=True)
+    forces, j = np.unique(data[:, 1].round(6), return_inverse=True)
+    first: dict[tuple[int, int], int] = {}
+    for line, point in zip(rows, zip(i.tolist(), j.tolist(), strict=True), strict=True):
+        if first.setdefault(point, line) != line:
+            raise InputError(
+                path, f"line {line}", f"the point of line {first[point]}", "each speed and force only once"
+            )
     table = np.full((len(speeds), len(forces)), np.nan)
-    if len(np.unique(i * len(forces) + j)) != len(rows):
-        seen: set[tuple[int, int]] = set()
-        for line, pair in enumerate(zip(i.tolist(), j.tolist(), strict=True), 2):
-            if pair in seen:
-                raise InputError(path, f"line {line}", rows[line - 2].tolist(), "each speed and force only once")
-            seen.add(pair)
-    table[i, j] = rows[:, 2]
+    table[i, j] = data[:, 2]
     return LossMap(name=str(path), speed_mps=_evened(speeds), force_n=_evened(forces), loss_w_table=table)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+from math import inf
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from das.domain.errors import MISSING, InputError
+from das.domain.errors import MISSING
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import Fields, number, read_toml
 from das.domain.files.ttobench import curvature_stretches
@@ -206,7 +208,15 @@ def _loss_chain(fields: Fields) -> LossChain:
         raise fields.error("clock_speeds_kmh", clocks, "a list of speeds")
     values = {name: number(fields.source, fields.prefix + name, fields.data.get(name, MISSING)) for name in plain}
     speeds = tuple(number(fields.source, f"{fields.prefix}clock_speeds_kmh", x) * KMH for x in clocks)
-    return LossChain(clock_speeds_mps=speeds, base_speed_mps=fields.quantity("base_speed", "speed"), **values)
+    if any(b <= a for a, b in pairwise(speeds)):
+        raise fields.error("clock_speeds_kmh", clocks, "increasing speeds")
+    for name, value in values.items():
+        if not 0 <= value < inf:
+            raise fields.error(name, value, "a finite number >= 0")
+    base_speed_mps = fields.quantity("base_speed", "speed")
+    if not 0 < base_speed_mps < inf:
+        raise fields.error("base_speed_kmh", base_speed_mps / KMH, "a finite speed > 0")
+    return LossChain(clock_speeds_mps=speeds, base_speed_mps=base_speed_mps, **values)
 
 
 def _stops(fields: Fields) -> tuple[Stop, ...]:
@@ -218,6 +228,8 @@ def _stops(fields: Fields) -> tuple[Stop, ...]:
         table = Fields.of(fields.source, entry, f"stops[{i}].")
         places = {"position": "length", "altitude": "length", "latitude": "angle", "longitude": "angle"}
         table.check_keys(["name", "source", *table.quantity_keys(places)])
+        for name, dimension in places.items():
+            table.quantity(name, dimension, 0.0)  # information only, but not unreadable
         stops.append(Stop(name=table.text("name"), position_m=table.quantity("position", "length")))
     return tuple(stops)
 
@@ -231,13 +243,7 @@ def _tunnels(fields: Fields) -> tuple[Tunnel, ...]:
     if not fields.has("tunnels"):
         return ()
     columns = fields.columns("tunnels", {"position": "length", "length": "length", "cross_section": "area"})
-    tunnels: list[Tunnel] = []
-    for i, (start, length, area) in enumerate(zip(*columns.values(), strict=True)):
-        if length <= 0 or area <= 0:
-            raise InputError(fields.source, f"tunnels.rows[{i}]", [start, length, area], "length and area > 0")
-        if tunnels and start < tunnels[-1].start_m + tunnels[-1].length_m:
-            raise InputError(
-                fields.source, f"tunnels.rows[{i}].position", start, "the end of the tunnel before, or more"
-            )
-        tunnels.append(Tunnel(start_m=start, length_m=length, area_m2=area))
-    return tuple(tunnels)
+    return tuple(
+        Tunnel(start_m=start, length_m=length, area_m2=area)
+        for start, length, area in zip(*columns.values(), strict=True)
+    )

@@ -28,7 +28,7 @@ def read_json(path: Path) -> Fields:
     """Parse a JSON object."""
     try:
         data = json.loads(read_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise DasError(f"{path}: not valid JSON ({error})") from error
     return Fields.of(path, data)
 
@@ -37,7 +37,7 @@ def read_toml(path: Path) -> Fields:
     """Parse a TOML document."""
     try:
         data = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise DasError(f"{path}: not valid TOML ({error})") from error
     return Fields.of(path, data)
 
@@ -81,7 +81,7 @@ class Fields:
 
     def check_schema_version(self, supported: int) -> None:
         value = self.data.get("schema_version", MISSING)
-        if value != supported:
+        if isinstance(value, bool) or value != supported:
             raise self.error("schema_version", value, f"{supported}")
 
     def check_keys(self, allowed: Sequence[str]) -> None:
@@ -136,9 +136,15 @@ class Fields:
 
 def number(source: Path, key: str, value: object) -> float:
     """A real number that is not NaN (inf is allowed: a straight track has it)."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(source, key, value, "a number")
-    return float(value)
+    try:
+        result = float(value)
+    except OverflowError:
+        raise InputError(source, key, "a very long integer", "a number that fits") from None
+    if math.isnan(result):
+        raise InputError(source, key, value, "a number")
+    return result
 
 
 def _column_unit(table: Fields, column: str, name: str, dimension: str) -> str:
@@ -150,6 +156,6 @@ def _column_unit(table: Fields, column: str, name: str, dimension: str) -> str:
 
 
 def _cell(table: Fields, index: int, row: object, column: int) -> object:
-    if not isinstance(row, list) or len(row) <= column:
+    if not isinstance(row, list) or len(row) != len(table.data["columns"]):
         raise table.error(f"rows[{index}]", row, "a row with a value for every column")
     return row[column]
