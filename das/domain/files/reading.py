@@ -141,7 +141,7 @@ def number(source: Path, key: str, value: object) -> float:
     try:
         result = float(value)
     except OverflowError:
-        raise InputError(source, key, "a very long integer", "a number that fits") from None
+        raise InputError(source, key, f"{str(value)[:12]}… ({len(str(value))} digits)", "a number that fits") from None
     if math.isnan(result):
         raise InputError(source, key, value, "a number")
     return result
