@@ -8,7 +8,9 @@ import sys
 from collections.abc import Callable, Iterator
 from types import FrameType
 
+import typer
 from rich.console import Console
+from typer.exceptions import TyperException
 
 from das.domain.errors import DasError
 
@@ -18,14 +20,24 @@ EXIT_INTERRUPTED = 130
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
+def run_app(app: typer.Typer) -> None:
+    """Run a command line; see `run_command`. What the user mistypes is one line as well."""
+    run_command(lambda: app(standalone_mode=False))
+
+
 def run_command(main: Callable[[], object]) -> None:
     """Run a command's main function; user errors become one line and exit code 2, Ctrl-C ends with 130."""
     try:
-        main()
+        code = main()
+        sys.exit(code if isinstance(code, int) else 0)
+    except TyperException as error:
+        message = error.format_message()
+        print(message if message.startswith("Usage:") else f"error: {' '.join(message.split())}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
     except DasError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         print("stopped", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
     except BrokenPipeError:

@@ -15,7 +15,7 @@ from das.advisor import Advice, Advisor, Mode, Plan, PositionFix, Timetable
 from das.bus import das_pb2
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, PLAN, POSITION, STATUS
-from das.commands import StopFlag, err, run_command
+from das.commands import StopFlag, err, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
@@ -242,7 +242,7 @@ app.command(
 
 def main() -> None:
     """Entry point of das-node."""
-    run_command(app)
+    run_app(app)
 
 
 if __name__ == "__main__":

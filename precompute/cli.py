@@ -8,15 +8,19 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from das.commands import busy, run_command
+from das.commands import busy, run_app
 from das.domain.errors import DasError
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
 from das.domain.losses import Level
 from precompute.pose import Pose
+
+PRINTED_WIDTH = 110
+"""Width of tables that go to a file or a pipe."""
 
 app = typer.Typer(
     help="Solve the time–energy trade-off of a train on a section, offline.",
@@ -79,6 +83,8 @@ def solve(
     if (time_s is None) == (buffer_percent is None):
         raise DasError("give either --time (s) or --buffer (%)")
     pose = _pose(locals())
+    if csv is not None and csv == plot:
+        raise DasError(f"{csv}: --csv and --plot name the same file")
     for path in (csv, plot):
         if path is not None:
             check_writable(path)
@@ -184,10 +190,10 @@ def _front(pose: Pose) -> tuple[Any, Any, float, float]:
 
 
 def _print_solutions(title: str, results: list[dict[str, Any]]) -> None:
-    table = Table(title=title, title_justify="left")
-    names = ("time s", "buffer %", "input kWh", "irreversible kWh", "saved %", "λ kW", "gap %", "solved in ms", "fit")
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    names = ("time s", "buffer %", "input kWh", "lost kWh", "saved %", "λ kW", "gap %", "ms", "fit")
     for name in names:
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
     first = results[0]["energy_input_kwh"]
     for result in results:
         buffer = 100 * (result["time_s"] / result["min_time_s"] - 1)
@@ -202,12 +208,15 @@ def _print_solutions(title: str, results: list[dict[str, Any]]) -> None:
             f"{1e3 * result['solve_s']:.0f}",
             result["fit"],
         )
-    Console(highlight=False).print(table)
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = PRINTED_WIDTH
+    console.print(table)
 
 
 def main() -> None:
     """Entry point of das-precompute."""
-    run_command(app)
+    run_app(app)
 
 
 if __name__ == "__main__":

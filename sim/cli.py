@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from das.commands import busy, err, run_command
+from das.commands import busy, err, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.writing import check_writable
@@ -258,7 +258,7 @@ def _command() -> str:
 
 def main() -> None:
     """Entry point of das-sim."""
-    run_command(app)
+    run_app(app)
 
 
 if __name__ == "__main__":

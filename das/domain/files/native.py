@@ -12,7 +12,7 @@ import numpy as np
 from das.domain.errors import MISSING
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import Fields, number, read_toml
-from das.domain.files.ttobench import curvature_stretches
+from das.domain.files.ttobench import check_tunnel_resistance, curvature_stretches
 from das.domain.loss_chain import LossChain
 from das.domain.losses import EfficiencyLoss, Level, LossModel
 from das.domain.route import Route, Stop, Stretches, Tunnel
@@ -38,7 +38,10 @@ def read_vehicle(path: Path) -> Vehicle:
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
-        ["schema_version", "vehicle", "resistance", "traction", "electric_brake", "friction_brake", "brakes", "losses"]
+        [
+            *("schema_version", "vehicle", "resistance", "tunnel_resistance", "traction"),
+            *("electric_brake", "friction_brake", "brakes", "losses"),
+        ]
     )
     main = fields.table("vehicle")
     main.check_keys(["id", "name", "source", "rotating_mass_ratio", *main.quantity_keys(_VEHICLE)])
@@ -54,6 +57,7 @@ def read_vehicle(path: Path) -> Vehicle:
     max_speed_mps = main.quantity("max_speed", "speed")
     electric = electric or EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
     losses, default = _losses(fields.table("losses"), traction, electric, max_speed_mps)
+    areas, coefficients = _tunnel_resistance(fields)
     return Vehicle(
         id=main.text("id"),
         name=main.text("name"),
@@ -74,6 +78,8 @@ def read_vehicle(path: Path) -> Vehicle:
         max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf),
         max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf),
         comfort_power_w=main.quantity("comfort_power", "power", 0.0),
+        tunnel_area_m2=areas,
+        tunnel_resistance_n_per_mps2=coefficients,
         default_level=default,
         losses=MappingProxyType(losses),
     )
@@ -117,6 +123,13 @@ def read_route(path: Path) -> Route:
         geometry_latitude_deg=np.array(geometry["latitude"]),
         geometry_longitude_deg=np.array(geometry["longitude"]),
     )
+
+
+def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    if not fields.has("tunnel_resistance"):
+        return (), ()
+    columns = fields.columns("tunnel_resistance", {"cross_section": "area", "coefficient": "resistance_2"})
+    return check_tunnel_resistance(fields, list(zip(*columns.values(), strict=True)))
 
 
 def _envelope(fields: Fields) -> EffortEnvelope:

@@ -186,10 +186,18 @@ def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, 
     if not fields.has("tunnel resistance"):
         return (), ()
     rows = _rows(fields, "tunnel resistance", ("cross section", "area"), ("coefficient", "resistance_2"))
-    rows.sort()
+    return check_tunnel_resistance(fields, [(area, coefficient) for area, coefficient in rows])
+
+
+def check_tunnel_resistance(
+    fields: Fields, rows: list[tuple[float, float]]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Cross sections (m²) and coefficients (N/(m/s)²), sorted; InputError where they cannot be."""
+    rows = sorted(rows)
     for i, (area, coefficient) in enumerate(rows):
         if not 0 < area < np.inf or (i and area == rows[i - 1][0]):
             raise fields.error(f"tunnel resistance[{i}] cross section", area, "different finite areas > 0")
         if not 0 <= coefficient < np.inf:
-            raise fields.error(f"tunnel resistance[{i}] coefficient (N/(m/s)²)", coefficient, "a finite number >= 0")
+            key = f"tunnel resistance[{i}] coefficient (N/(m/s)²)"
+            raise fields.error(key, coefficient, "a finite number >= 0")
     return tuple(row[0] for row in rows), tuple(row[1] for row in rows)
