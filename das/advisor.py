@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ AT_STOP_M = 50.0
 OVERSPEED_RATIO = 1.3
 """A speed above the train's by this ratio is a fault of the sensor."""
 FULL_EFFORT_RATIO = 0.97
-IDLE_EFFORT_RATIO = 0.01
+IDLE_EFFORT_RATIO = 0.02
 """Effort over this share of the largest is full; under this one it is none."""
 CRUISE_ACCELERATION_MPS2 = 0.02
 
@@ -154,7 +155,10 @@ class Plan:
 
 
 def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
-    """Mode of each interval of a run, by its forces against what is available and its acceleration."""
+    """Mode of each interval of a run, by its forces against what is available and its acceleration.
+
+    A mode shorter than `MODE_HOLD_S` is that of the interval before it, unless it brakes hard: nobody could follow it.
+    """
     run, train = solution.trajectory, section.train
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
     accelerating = np.abs(np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)) > CRUISE_ACCELERATION_MPS2
@@ -162,7 +166,7 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
     electric = np.minimum(train.electric_force_n, train.electric_power_w / mean)
     idle = IDLE_EFFORT_RATIO * train.traction_force_n
     force, friction = run.force_el_n, run.force_friction_n
-    return np.select(
+    modes = np.select(
         [
             friction < -idle,
             ~accelerating & (np.abs(force) > idle),
@@ -181,6 +185,18 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
         ],
         Mode.COAST,
     ).astype(np.int64)
+    return _without_short(modes, run.t_s)
+
+
+def _without_short(modes: NDArray[np.int64], t_s: Floats) -> NDArray[np.int64]:
+    """Modes per interval without those that end sooner than they can be followed."""
+    starts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
+    result = modes.copy()
+    for first, last in pairwise(starts):
+        hard = modes[first] in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+        if first > 0 and not hard and t_s[last] - t_s[first] < MODE_HOLD_S:
+            result[first:last] = result[first - 1]
+    return result
 
 
 class Advisor:

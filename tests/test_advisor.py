@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from das.advisor import Advice, Advisor, Mode, PositionFix, Source, Timetable
+from das.advisor import Advice, Advisor, Mode, PositionFix, Source, Timetable, _without_short
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import NS
@@ -203,6 +203,12 @@ def test_a_new_mode_waits_unless_it_brakes(front: Front) -> None:
     assert advisor._held_mode(Mode.COAST, ns(1)) is Mode.CRUISE
     assert advisor._held_mode(Mode.COAST, ns(3)) is Mode.COAST
     assert advisor._held_mode(Mode.FULL_BRAKE, ns(4)) is Mode.FULL_BRAKE
+
+
+def test_modes_too_short_to_follow_are_left_out() -> None:
+    modes = np.array([4, 4, 2, 4, 4, 6, 4, 4, 2, 2])
+    t_s = np.cumsum([0.0, 5, 5, 1, 5, 5, 1, 5, 5, 2, 2])
+    assert _without_short(modes, t_s).tolist() == [4, 4, 4, 4, 4, 6, 4, 4, 2, 2]
 
 
 def test_every_field_of_the_advice_is_in_the_message() -> None:
