@@ -23,7 +23,7 @@ from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy
 from das.solver import kernels, rollout_kernels
 from das.solver import tolerances as tol
-from das.solver.section import Section
+from das.solver.section import LineProfile, Section
 
 Floats = NDArray[np.float64]
 
@@ -67,16 +67,10 @@ class Solution:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _State:
-    """What lies ahead of a state: the arrays of the section from there on, speeds to be filled in."""
+class _State(LineProfile):
+    """What lies ahead of a state: the section from there on; `k0` is the last decision node before it."""
 
     k0: int
-    node_m: Floats
-    step_m: Floats
-    grade_ratio: Floats
-    constant_n: Floats
-    tunnel_n_per_mps2: Floats
-    limit_mps: Floats
     envelope_mps: Floats
     decision: NDArray[np.int64]
     speed_mps: float

@@ -7,7 +7,7 @@ stops); between them the motion is integrated over the finer *integration nodes*
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,13 +53,46 @@ class LossParams(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Section:
+class LineProfile:
+    """What the line asks of a train on a grid of positions `node_m` (route coordinates).
+
+    One value per interval: `step_m`, `grade_ratio` (gradient averaged over the train), `constant_n` (gradient and curve
+    force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train).
+    """
+
+    node_m: Floats
+    step_m: Floats
+    grade_ratio: Floats
+    constant_n: Floats
+    tunnel_n_per_mps2: Floats
+    limit_mps: Floats
+
+    @classmethod
+    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, length_m: float) -> Self:
+        grade = _over_train(route.gradients_ratio, node_m, length_m)
+        curve = _over_train(_curve_resistance(route), node_m, length_m)
+        constant_n = vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve)
+        limit = np.minimum(
+            route.limits_mps.minimum(node_m[:-1] - length_m, node_m[1:]),
+            vehicle.max_speed_mps,
+        )
+        tunnel = _over_train(_tunnel_coefficient(route, vehicle), node_m, length_m)
+        return cls(
+            node_m=node_m,
+            step_m=np.diff(node_m),
+            grade_ratio=grade,
+            constant_n=constant_n,
+            tunnel_n_per_mps2=tunnel,
+            limit_mps=limit,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Section(LineProfile):
     """One run of one train from `start_m` to `end_m` of a route (positions in route coordinates).
 
-    Arrays with one value per integration interval: `step_m`, `grade_ratio` (gradient averaged over the train),
-    `constant_n` (gradient and curve force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train).
-    `envelope_mps` (per integration node) is the fastest speed from which everything ahead can be kept.
-    `decision` holds the indices of the decision nodes among the integration nodes.
+    The line's profile on the integration nodes. `envelope_mps` (per node) is the fastest speed from which everything
+    ahead can be kept. `decision` holds the indices of the decision nodes among the integration nodes.
     """
 
     route: Route
@@ -71,12 +104,6 @@ class Section:
     end_m: float
     start_speed_mps: float
     end_speed_mps: float
-    node_m: Floats
-    step_m: Floats
-    grade_ratio: Floats
-    constant_n: Floats
-    tunnel_n_per_mps2: Floats
-    limit_mps: Floats
     envelope_mps: Floats
     decision: NDArray[np.int64]
     train: TrainParams
@@ -124,6 +151,7 @@ def build_section(
     if isinstance(loss, LossMap):
         _check_coverage(loss, train, float(envelope.max()))
     return Section(
+        **vars(fine),
         route=route,
         vehicle=vehicle,
         level=level,
@@ -133,41 +161,11 @@ def build_section(
         end_m=end_m,
         start_speed_mps=boundary_speed_mps,
         end_speed_mps=boundary_speed_mps,
-        node_m=node_m,
-        step_m=fine.step_m,
-        grade_ratio=fine.grade_ratio,
-        constant_n=fine.constant_n,
-        tunnel_n_per_mps2=fine.tunnel_n_per_mps2,
-        limit_mps=fine.limit_mps,
         envelope_mps=envelope,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         train=train,
         loss_params=loss_params,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class LineProfile:
-    """What the line asks of the train in each interval of a grid."""
-
-    node_m: Floats
-    step_m: Floats
-    grade_ratio: Floats
-    constant_n: Floats
-    tunnel_n_per_mps2: Floats
-    limit_mps: Floats
-
-    @classmethod
-    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, length_m: float) -> LineProfile:
-        grade = _over_train(route.gradients_ratio, node_m, length_m)
-        curve = _over_train(_curve_resistance(route), node_m, length_m)
-        constant_n = vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve)
-        limit = np.minimum(
-            route.limits_mps.minimum(node_m[:-1] - length_m, node_m[1:]),
-            vehicle.max_speed_mps,
-        )
-        tunnel = _over_train(_tunnel_coefficient(route, vehicle), node_m, length_m)
-        return cls(node_m, np.diff(node_m), grade, constant_n, tunnel, limit)
 
 
 def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats:
