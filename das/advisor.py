@@ -33,14 +33,20 @@ PLAN_MAX_AGE_S = 30.0
 """A plan is kept while speed and time stay in these bands around it, and not longer than this."""
 PLAN_TIME_TOLERANCE_S = 0.2
 MODE_HOLD_S = 3.0
-"""A new mode is shown only after the one before has lasted this long, unless the new one brakes."""
+"""A new mode is shown only after the one before has lasted this long, unless it asks for less effort or brakes."""
+LEAST_FOR_BUFFER_S = 10.0
+"""So near to the stop the buffer is not a meaningful ratio any more."""
 OVERSPEED_EASED_MPS = 1.0
 """A train above the braking envelope by no more than this is planned from the envelope: it need not brake hard."""
 STANDSTILL_MPS = 0.3
+AT_STANDSTILL_M = 1.0
+"""Nearer to the end of the section than this there is nothing left to plan: stop."""
 AT_STOP_M = 50.0
 """A standing train this near to a stop is at it; further beyond it than this, it has run past."""
 OVERSPEED_RATIO = 1.3
 """A speed above the train's by this ratio is a fault of the sensor."""
+LOST_BEYOND_M = 500.0
+"""Further beyond the section's end than this the train is somewhere else."""
 FULL_EFFORT_RATIO = 0.97
 IDLE_EFFORT_RATIO = 0.02
 """Effort over this share of the largest is full; under this one it is none."""
@@ -59,6 +65,20 @@ class Mode(IntEnum):
     FULL_BRAKE = 6
     FRICTION_BRAKE = 7
     STOP = 8
+
+
+EFFORT_ORDER = (
+    Mode.FULL_TRACTION,
+    Mode.REDUCED_TRACTION,
+    Mode.CRUISE,
+    Mode.NONE,
+    Mode.STOP,
+    Mode.COAST,
+    Mode.REDUCED_BRAKE,
+    Mode.FULL_BRAKE,
+    Mode.FRICTION_BRAKE,
+)
+"""From most traction to most brake; a change forwards in it is never delayed."""
 
 
 class Source(IntEnum):
@@ -189,13 +209,16 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
 
 
 def _without_short(modes: NDArray[np.int64], t_s: Floats) -> NDArray[np.int64]:
-    """Modes per interval without those that end sooner than they can be followed."""
+    """Modes per interval without those that end sooner than they can be followed (in all not longer than that)."""
     starts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
-    result = modes.copy()
+    result, hidden_s = modes.copy(), 0.0
     for first, last in pairwise(starts):
-        hard = modes[first] in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
-        if first > 0 and not hard and t_s[last] - t_s[first] < MODE_HOLD_S:
+        braking = modes[first] in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+        hidden_s += t_s[last] - t_s[first]
+        if first > 0 and not braking and hidden_s < MODE_HOLD_S:
             result[first:last] = result[first - 1]
+        else:
+            hidden_s = 0.0
     return result
 
 
@@ -211,6 +234,14 @@ class Advisor:
         self.delay_s: float | None = None
 
     @property
+    def has_timetable(self) -> bool:
+        return self._timetable is not None
+
+    @property
+    def has_position(self) -> bool:
+        return self._fix is not None
+
+    @property
     def plan(self) -> Plan | None:
         """The plan behind the last advice."""
         return self._plan
@@ -220,7 +251,8 @@ class Advisor:
         if timetable.arrival_ns <= timetable.departure_ns:
             raise DasError("timetable: the arrival is not after the departure")
         if timetable != self._timetable:
-            self._timetable, self._plan = timetable, None
+            # What was heard for the journey before may be of another clock.
+            self._timetable, self._plan, self._fix = timetable, None, None
 
     def set_position(self, fix: PositionFix) -> None:
         """Take over a position; one older than what is known is ignored."""
@@ -235,7 +267,10 @@ class Advisor:
         """The advice at a moment."""
         problem = self._problem(now_ns)
         if problem:
-            return self._withdrawn(now_ns, problem)
+            advice = self._withdrawn(now_ns, problem)
+            if self._fix is not None and self._fix.time_ns > now_ns:
+                self._fix = None  # from the future: it must not shut out those of the present
+            return advice
         assert self._timetable is not None
         assert self._fix is not None
         s_m, v_mps = self._extrapolated(self._fix, now_ns)
@@ -245,13 +280,18 @@ class Advisor:
                 return self._standing(now_ns, s_m, f"arrived, {_deviation(late_s)}")
             if s_m <= self.section.start_m + AT_STOP_M and now_ns < self._timetable.departure_ns:
                 return self._standing(now_ns, s_m, f"depart in {(self._timetable.departure_ns - now_ns) * NS:.0f} s")
-        if s_m >= self.section.end_m - 1.0:
-            return self._standing(now_ns, s_m, "at the stop")
+        beyond_m = s_m - self.section.end_m
+        if beyond_m > AT_STOP_M:
+            return self._withdrawn(now_ns, f"ran {beyond_m:.0f} m past the stop")
+        if beyond_m >= -AT_STANDSTILL_M:
+            return self._braking(now_ns, s_m, v_mps, "stop here")
         try:
             plan = self._current_plan(s_m, v_mps, now_ns)
+            return self._advice(plan, s_m, v_mps, now_ns)
         except DasError as error:
+            if v_mps > self._allowed(s_m):
+                return self._braking(now_ns, s_m, v_mps, f"too fast; no plan from here ({error})")
             return self._withdrawn(now_ns, str(error))
-        return self._advice(plan, s_m, v_mps, now_ns)
 
     def _problem(self, now_ns: int) -> str:
         """Why there can be no advice, or nothing."""
@@ -271,15 +311,14 @@ class Advisor:
             return "the position is not a number"
         if not -STANDSTILL_MPS <= fix.speed_mps <= OVERSPEED_RATIO * section.vehicle.max_speed_mps:
             return f"a speed of {fix.speed_mps / KMH:.0f} km/h cannot be"
-        if not section.start_m - AT_STOP_M <= fix.s_m <= section.end_m + AT_STOP_M:
+        if not section.start_m - AT_STOP_M <= fix.s_m <= section.end_m + LOST_BEYOND_M:
             return f"position {fix.s_m:.0f} m is outside the section {section.start_m:.0f} … {section.end_m:.0f} m"
         return ""
 
     def _extrapolated(self, fix: PositionFix, now_ns: int) -> tuple[float, float]:
-        """Position and speed now, at constant speed since the fix, within the section."""
+        """Position and speed now, at constant speed since the fix, not before the section's start."""
         speed = max(fix.speed_mps, 0.0)
-        s_m = fix.s_m + speed * max((now_ns - fix.time_ns) * NS, 0.0)
-        return min(max(s_m, self.section.start_m), self.section.end_m), speed
+        return max(fix.s_m + speed * max((now_ns - fix.time_ns) * NS, 0.0), self.section.start_m), speed
 
     def _withdrawn(self, now_ns: int, reason: str) -> Advice:
         self._plan = None
@@ -314,6 +353,33 @@ class Advisor:
             limit_mps=self._limit(s_m),
         )
 
+    def _braking(self, now_ns: int, s_m: float, v_mps: float, reason: str) -> Advice:
+        """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
+        assert self._fix is not None
+        self._plan = None
+        most_n = self._available_n(-1.0, v_mps)
+        friction = self.section.train.friction_force_n > 0
+        self._mode, self._mode_since_ns = Mode.FRICTION_BRAKE if friction else Mode.FULL_BRAKE, now_ns
+        allowed = self._allowed(s_m)
+        speeds = np.maximum(v_mps - most_n / self.section.train.inertial_mass_kg * np.arange(1, HORIZON_S + 1), 0.0)
+        return Advice(
+            time_ns=now_ns,
+            position_time_ns=self._fix.time_ns,
+            s_m=s_m,
+            speed_mps=v_mps,
+            mode=self._mode,
+            advised_speed_mps=min(v_mps, allowed),
+            advised_force_n=-most_n,
+            advised_force_ratio=-1.0,
+            horizon_speed_mps=tuple(np.minimum(speeds, allowed).tolist()),
+            horizon_force_n=tuple(np.where(speeds > allowed, -most_n, 0.0).tolist()),
+            next_mode=Mode.STOP,
+            source=Source.FALLBACK,
+            reason=reason,
+            valid_until_ns=now_ns + round(VALID_FOR_S / NS),
+            limit_mps=self._limit(s_m),
+        )
+
     def _current_plan(self, s_m: float, v_mps: float, now_ns: int) -> Plan:
         assert self._timetable is not None
         if self._plan is not None and self._follows(self._plan, s_m, v_mps, now_ns):
@@ -342,12 +408,11 @@ class Advisor:
         force = float(plan.force_n[i])
         horizon_speed, horizon_force = self._horizon(plan, here_s)
         mode = self._held_mode(Mode(int(plan.modes[i])), now_ns)
-        changes = np.flatnonzero(plan.modes[i:] != plan.modes[i])
-        change = i + int(changes[0]) if len(changes) else len(run.s_m) - 1
+        next_mode, next_m, next_s = self._next_change(plan, mode, s_m, here_s, now_ns)
         arrival_ns = now_ns + round((run.time_s - here_s) / NS)
         deviation_s = (arrival_ns - self._timetable.arrival_ns) * NS
         left_s = (self._timetable.arrival_ns - now_ns) * NS
-        least_s = plan.solution.least_time_s - here_s * plan.solution.least_time_s / run.time_s
+        least_s = self.front.least_time_s(s_m, v_mps)
         part = (run.s_m[i + 1] - s_m) / (run.s_m[i + 1] - run.s_m[i])
         return Advice(
             time_ns=now_ns,
@@ -357,21 +422,34 @@ class Advisor:
             mode=mode,
             advised_speed_mps=speed,
             advised_force_n=force,
-            advised_force_ratio=force / self._available_n(force, v_mps),
+            advised_force_ratio=force / self._available_n(force, plan.speed_at(s_m)),
             horizon_speed_mps=horizon_speed,
             horizon_force_n=horizon_force,
-            next_mode=Mode(int(plan.modes[change])) if change < len(plan.modes) else Mode.STOP,
-            next_change_m=float(run.s_m[change]) - s_m,
-            next_change_s=float(run.t_s[change]) - here_s,
+            next_mode=next_mode,
+            next_change_m=next_m,
+            next_change_s=next_s,
             predicted_arrival_ns=arrival_ns,
             predicted_deviation_s=deviation_s,
-            buffer_ratio=left_s / max(least_s, 1e-3) - 1.0,
+            buffer_ratio=left_s / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan,
             energy_to_go_j=float(plan.energy_j[i] * part + plan.energy_j[i + 1 :].sum()),
             source=self.source,
             reason=self._reason(plan.solution.fit, deviation_s),
             valid_until_ns=now_ns + round(VALID_FOR_S / NS),
             limit_mps=self._limit(s_m),
         )
+
+    def _next_change(
+        self, plan: Plan, shown: Mode, s_m: float, here_s: float, now_ns: int
+    ) -> tuple[Mode, float, float]:
+        """The mode after the shown one, and the way (m) and time (s) to it."""
+        run, i = plan.solution.trajectory, plan.interval(s_m)
+        if shown != plan.modes[i]:  # held back for now
+            wait_s = max(MODE_HOLD_S - (now_ns - self._mode_since_ns) * NS, 0.0)
+            return Mode(int(plan.modes[i])), wait_s * plan.speed_at(s_m), wait_s
+        changes = np.flatnonzero(plan.modes[i:] != shown)
+        change = i + int(changes[0]) if len(changes) else len(plan.modes)
+        mode = Mode(int(plan.modes[change])) if len(changes) else Mode.STOP
+        return mode, float(run.s_m[change]) - s_m, float(run.t_s[change]) - here_s
 
     def _horizon(self, plan: Plan, here_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Speed and force at the next seconds of the plan, never above what limits and the stop allow there."""
@@ -386,8 +464,8 @@ class Advisor:
         return tuple(speeds.tolist()), tuple(forces.tolist())
 
     def _held_mode(self, wanted: Mode, now_ns: int) -> Mode:
-        """The mode to show: a new one only after the last was held a while, unless it brakes."""
-        urgent = wanted in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE, Mode.REDUCED_BRAKE)
+        """The mode to show: a new one only after the last was held a while, unless it asks for less effort."""
+        urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
         held_s = (now_ns - self._mode_since_ns) * NS
         settled = self._mode in (Mode.NONE, Mode.STOP) or held_s >= MODE_HOLD_S
         if wanted is not self._mode and (urgent or settled):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -14,7 +15,10 @@ from typer.exceptions import TyperException
 
 from das.domain.errors import DasError
 
+PRINTED_WIDTH = 110
+"""Width of tables that go to a file or a pipe."""
 EXIT_BAD_INPUT = 2
+STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
 EXIT_INTERRUPTED = 130
 
 err = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -54,12 +58,28 @@ def busy(what: str) -> Iterator[None]:
 
 
 class StopFlag:
-    """Set by SIGTERM or SIGINT, so that a loop ends cleanly."""
+    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; `with_parent`: also when the parent ends."""
 
-    def __init__(self) -> None:
-        self.stopped = False
-        for number in (signal.SIGTERM, signal.SIGINT):
+    def __init__(self, *, with_parent: bool = False) -> None:
+        self._signalled = False
+        self._parent = os.getppid() if with_parent else None
+        for number in STOP_SIGNALS:
             signal.signal(number, self._stop)
 
+    @property
+    def stopped(self) -> bool:
+        """Whether to stop."""
+        return self._signalled or (self._parent is not None and os.getppid() != self._parent)
+
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
-        self.stopped = True
+        self._signalled = True
+
+
+def interrupt_on_termination() -> None:
+    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, so that its child processes are stopped."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for number in STOP_SIGNALS:
+        signal.signal(number, interrupt)

@@ -34,9 +34,18 @@ class Node:
     """One train's advice: keeps an advisor for the journey's section and answers every tick."""
 
     def __init__(
-        self, bus: Bus, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool, wall_clock: bool
+        self,
+        bus: Bus,
+        route: Route,
+        vehicle: Vehicle,
+        level: Level | None,
+        *,
+        reverse: bool,
+        point_mass: bool,
+        wall_clock: bool,
     ) -> None:
         self.bus, self.route, self.vehicle, self.level, self.point_mass = bus, route, vehicle, level, point_mass
+        self.reverse = reverse
         self.wall_clock = wall_clock
         self._bus_clock_ns = 0
         self.advisor: Advisor | None = None
@@ -73,7 +82,7 @@ class Node:
             self.advisor.set_position(fix)
         elif topic is DELAY and self.advisor is not None:
             self.advisor.set_delay(message.delay_s)
-        elif topic is CONTROL:
+        elif topic is CONTROL and not self.wall_clock:
             self._bus_clock_ns = message.time_ns
             if message.command == das_pb2.Control.COMMAND_FINISH:
                 self.finished = True
@@ -89,8 +98,16 @@ class Node:
         self._advices += 1
         self._say_changes(advice)
         self._send_plan(now_ns)
-        state = das_pb2.Status.STATE_WITHDRAWN if advice.mode is Mode.NONE else das_pb2.Status.STATE_ADVISING
-        self.status(now_ns, state, advice.reason)
+        self.status(now_ns, self._state(advice), advice.reason)
+
+    def _state(self, advice: Advice) -> das_pb2.Status.State.ValueType:
+        if advice.mode is not Mode.NONE:
+            return das_pb2.Status.STATE_ADVISING
+        if self.advisor is not None and not self.advisor.has_timetable:
+            return das_pb2.Status.STATE_WAITING
+        if self.advisor is not None and not self.advisor.has_position:
+            return das_pb2.Status.STATE_READY
+        return das_pb2.Status.STATE_WITHDRAWN
 
     def now_ns(self) -> int:
         """The run's clock: the wall's, or the last time heard on the bus (0 before the first)."""
@@ -142,6 +159,11 @@ class Node:
     def _check_journey(self, journey: das_pb2.Journey) -> None:
         if journey.route_id != self.route.id:
             raise DasError(f"it is for route {journey.route_id!r}, this node has {self.route.id!r}")
+        if journey.train and journey.train != self.bus.train:
+            raise DasError(f"it is for train {journey.train!r}, this node is for {self.bus.train!r}")
+        if journey.reversed != self.reverse:
+            way = ("forwards", "in reverse")
+            raise DasError(f"it drives the route {way[journey.reversed]}, this node has it {way[self.reverse]}")
         if journey.vehicle_id != self.vehicle.id:
             raise DasError(f"it is for vehicle {journey.vehicle_id!r}, this node has {self.vehicle.id!r}")
         if len(journey.stops) != 2:
@@ -191,13 +213,16 @@ def command(
     level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
     loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
     point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
+    with_parent: Annotated[
+        bool, typer.Option("--with-parent", help="End when the process that started it ends.")
+    ] = False,
     clock: Annotated[str, typer.Option(help="wall: advise every second; bus: at every Control message.")] = "wall",
 ) -> None:
     """Advise a train: hears journey, position and delay on the bus, publishes speed and force advice once a second."""
     if clock not in ("wall", "bus"):
         raise DasError(f"--clock {clock}: expected wall or bus")
     check_endpoint(listen)
-    stop = StopFlag()
+    stop = StopFlag(with_parent=with_parent)
     the_route = load_route(route)
     the_route = the_route.reversed() if reverse else the_route
     the_vehicle = load_vehicle(vehicle)
@@ -207,7 +232,8 @@ def command(
         the_vehicle = the_vehicle.with_loss_map(read_loss_map(loss_map))
     start, end = section_stops(the_route, from_stop, to_stop)
     with Bus(train, listen=listen, connect=connect or [], hear=(JOURNEY, POSITION, DELAY, CONTROL)) as bus:
-        node = Node(bus, the_route, the_vehicle, level, point_mass=point_mass, wall_clock=clock == "wall")
+        by_wall = clock == "wall"
+        node = Node(bus, the_route, the_vehicle, level, reverse=reverse, point_mass=point_mass, wall_clock=by_wall)
         node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
         node.solve(start.position_m, end.position_m)
@@ -218,7 +244,7 @@ def command(
 
 
 def _run(node: Node, stop: StopFlag) -> None:
-    """Answer until told to stop. With the wall clock, advice comes at whole seconds."""
+    """Answer until told to stop. With the wall clock, advice comes once a second."""
     due = time.monotonic() + 1.0
     said = 0.0
     while not stop.stopped and not node.finished:

@@ -12,15 +12,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from das.commands import busy, run_app
+from das.commands import PRINTED_WIDTH, busy, run_app
 from das.domain.errors import DasError
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
 from das.domain.losses import Level
 from precompute.pose import Pose
-
-PRINTED_WIDTH = 110
-"""Width of tables that go to a file or a pipe."""
 
 app = typer.Typer(
     help="Solve the time–energy trade-off of a train on a section, offline.",

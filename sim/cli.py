@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 import sys
 import time
@@ -15,7 +16,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from das.commands import busy, err, run_app
+from das.commands import busy, err, interrupt_on_termination, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.writing import check_writable
@@ -32,6 +33,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+TIMETABLE_STEP_S = 6.0
+"""Timetables are made in tenths of a minute."""
 BUNDLED = "zurich-zug-late.mcap"
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
@@ -77,7 +80,9 @@ def replay(
         float | None,
         typer.Option("--arrival", help="Timetable's running time in s [default: as long as the trip took]."),
     ] = None,
-    delay_s: Annotated[float, typer.Option("--delay", help="Seconds by which the trip departs late.")] = 0.0,
+    delay_s: Annotated[
+        float | None, typer.Option("--delay", help="Seconds by which the trip departs late [default: recorded, or 0].")
+    ] = None,
     speed: Annotated[str, typer.Option(help="Times real time, or max.")] = "max",
     level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
     loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
@@ -118,6 +123,8 @@ def view(
     if save is None:
         open_view(file)
         return
+    if save.resolve() == file.resolve():
+        raise DasError(f"{save}: the file to write is the recording to read")
     check_writable(save)
     with busy(f"writing {save} …"):
         save_view(file, save)
@@ -164,7 +171,7 @@ def make_trip(
             end=end,
             reversed=reverse,
             departure_ns=_utc_ns(departure),
-            running_time_s=round(least_s * (1 + buffer_percent / 100)),
+            running_time_s=math.ceil(least_s * (1 + buffer_percent / 100) / TIMETABLE_STEP_S) * TIMETABLE_STEP_S,
             delay_s=delay_s,
             seed=seed,
             train=check_train_name(train),
@@ -186,6 +193,7 @@ def _replay(trip: Path, options: ReplayOptions) -> None:
         from sim.replay_report import print_result, result
 
         job = prepare(trip, options, out, _command())
+    interrupt_on_termination()
     try:
         with _progress(f"replaying {trip.name}") as progress:
             outcome = run_replay(job, progress)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from das.domain.losses import LossMap
 from das.domain.route import Floats
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
-from das.domain.units import STANDARD_GRAVITY_MPS2
-from das.domain.vehicle import Vehicle
+from das.domain.vehicle import BrakePolicy
 from das.solver.section import LineProfile, Section
 
 MIN_STEP_M = 0.05
@@ -43,12 +42,12 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     """Inverse dynamics over a run (arrays of one length, times and positions not decreasing).
 
     Force from the change of v² over the way, resistance, gradient and curves of each interval; traction by the
-    motors, braking electric up to its envelope and friction beyond.
+    motors, braking electric up to its envelope and friction beyond (all friction where the section brakes so).
     """
     vehicle = section.vehicle
     index = _moving_points(s_m)
     node, v = s_m[index], speed_mps[index]
-    profile = LineProfile.on(section.route, vehicle, node, vehicle.length_m)
+    profile = LineProfile.on(section.route, vehicle, node, section.length_m)
     step = profile.step_m
     force = (
         vehicle.inertial_mass_kg * np.diff(v**2) / (2.0 * step)
@@ -57,9 +56,11 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     )
     mean = np.maximum(0.5 * (v[:-1] + v[1:]), 0.1)
     traction, electric_limit = vehicle.traction.force_n(mean), vehicle.electric_brake.force_n(mean)
-    electric = np.clip(force, -electric_limit, traction)
-    friction = np.minimum(force + electric_limit, 0.0)
-    beyond = (force > BEYOND_RATIO * traction) | (-force > BEYOND_RATIO * (electric_limit + _friction_limit(vehicle)))
+    motors_limit = np.zeros_like(mean) if section.brakes is BrakePolicy.FRICTION else electric_limit
+    electric = np.clip(force, -motors_limit, traction)
+    friction = np.minimum(force + motors_limit, 0.0)
+    brakes_limit = electric_limit + vehicle.friction_brake_force_n
+    beyond = (force > BEYOND_RATIO * traction) | (-force > BEYOND_RATIO * brakes_limit)
     t = time_s[index]
     trajectory = Trajectory(
         s_m=node,
@@ -74,42 +75,22 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     )
     loss = section.loss.loss_w(_in_map(section, electric, mean), _speed_in_map(section, mean)) * np.diff(t)
     work = trajectory.force_el_n * step
-    ledger = _ledger(trajectory, vehicle, float(loss.sum()))
     return DrivenEstimate(
         trajectory=trajectory,
-        ledger=ledger,
+        ledger=trajectory.ledger_with(vehicle, float(loss.sum())),
         energy_input_j=np.concatenate(([0.0], np.cumsum(work + loss))),
         index=index,
         beyond_ratio=float(np.diff(t)[beyond].sum() / max(t[-1] - t[0], 1e-9)),
     )
 
 
-def _ledger(trajectory: Trajectory, vehicle: Vehicle, loss_j: float) -> Ledger:
-    step, v2 = np.diff(trajectory.s_m), trajectory.v_mps**2
-    potential = float(vehicle.mass_kg * STANDARD_GRAVITY_MPS2 * trajectory.grade_ratio @ step)
-    running = mean_resistance_n(vehicle.resistance, trajectory.v_mps, trajectory.tunnel_n_per_mps2)
-    return Ledger(
-        resistance=float((running + trajectory.grade_and_curve_n) @ step) - potential,
-        component_loss=loss_j,
-        friction_brake=float(-trajectory.force_friction_n @ step),
-        kinetic=float(0.5 * vehicle.inertial_mass_kg * (v2[-1] - v2[0])),
-        potential=potential,
-        input=float(trajectory.force_el_n @ step) + loss_j,
-        comfort=vehicle.comfort_power_w * trajectory.time_s,
-    )
-
-
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:
-    """Indices of points that lie apart, the first and the last among them."""
+    """Indices of points that lie apart, the first among them."""
     keep = [0]
     for i in range(1, len(s_m)):
         if s_m[i] - s_m[keep[-1]] >= MIN_STEP_M:
             keep.append(i)
     return np.array(keep, dtype=np.intp)
-
-
-def _friction_limit(vehicle: Vehicle) -> float:
-    return vehicle.friction_brake_force_n
 
 
 def _in_map(section: Section, force_n: Floats, speed_mps: Floats) -> Floats:

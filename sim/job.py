@@ -51,11 +51,12 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
         names=(start.name, end.name),
         reversed=options.reverse,
+        delay_given=options.delay_s is not None,
         node_arguments=_node_arguments(options, start.name, end.name),
         out=out,
         speed=options.speed,
         metadata=_metadata(trip, section, options, command),
-        attachments=(locate_route(options.route), locate_vehicle(options.vehicle)),
+        attachments=tuple(_attachments(options)),
     )
 
 
@@ -67,12 +68,14 @@ def _completed(trip_path: Path, options: ReplayOptions) -> ReplayOptions:
             if getattr(options, name) is None:
                 raise DasError(f"{trip_path}: a trip without a journey needs --{name}")
         return options
-    same_route = options.route is None
+    if options.reverse:
+        raise DasError("--reverse: the recording says itself in which direction it drives")
+    same_route = options.route is None or load_route(options.route).id == journey.route_id
     return replace(
         options,
         route=options.route or journey.route_id,
         vehicle=options.vehicle or journey.vehicle_id,
-        reverse=journey.reversed if same_route else options.reverse,
+        reverse=journey.reversed,
         from_stop=options.from_stop or (journey.from_stop if same_route else None),
         to_stop=options.to_stop or (journey.to_stop if same_route else None),
     )
@@ -107,6 +110,12 @@ def _node_arguments(options: ReplayOptions, start: str, end: str) -> tuple[str, 
     if options.point_mass:
         arguments.append("--point-mass")
     return tuple(arguments)
+
+
+def _attachments(options: ReplayOptions) -> list[Path]:
+    """The files a replay was made from, besides the trip."""
+    paths = [locate_route(str(options.route)), locate_vehicle(str(options.vehicle))]
+    return paths + [path for path in (options.loss_map, options.line) if path is not None]
 
 
 def _metadata(trip: Trip, section: Section, options: ReplayOptions, command: str) -> dict[str, str]:

@@ -22,7 +22,7 @@ class ReplayOptions:
     from_stop: str | None = None
     to_stop: str | None = None
     arrival_s: float | None = None
-    delay_s: float = 0.0
+    delay_s: float | None = None
     speed: float | None = None
     level: Level | None = None
     loss_map: Path | None = None

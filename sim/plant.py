@@ -44,7 +44,7 @@ class Plant:
         total = self._built_up(state, self._within_envelope(wanted_n, v))
         electric = max(total, -float(vehicle.electric_brake.force_n(v))) if total < 0 else total
         friction = total - electric
-        resisting = float(vehicle.resistance.force_n(v)) + self._line_force(state.s_m)
+        resisting = float(vehicle.resistance.force_n(v)) + self._line_force(state.s_m, v)
         acceleration = (total - resisting) / vehicle.inertial_mass_kg
         if v <= 0.0 and acceleration < 0.0:
             acceleration = 0.0  # the brakes hold the train where it stands
@@ -71,9 +71,14 @@ class Plant:
         most = EFFORT_RATE_RATIO_PER_S * self.vehicle.traction.max_force_n * self.step_s
         return before + math.copysign(min(abs(wanted_n - before), most), wanted_n - before)
 
-    def _line_force(self, s_m: float) -> float:
+    def _line_force(self, s_m: float, v: float) -> float:
         """Force of gradients, curves and tunnels on the train (N), gradient averaged over its length."""
         places = s_m + self._offsets
         grade = float(self.route.gradients_ratio.at(places).mean())
         i = np.clip(np.searchsorted(self.route.curvature_per_m.start_m, places, side="right") - 1, 0, None)
-        return self.vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + float(self._curve[i].mean()))
+        tunnel = sum(
+            self.vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)
+            * float(np.mean((places >= t.start_m) & (places < t.start_m + t.length_m)))
+            for t in self.route.tunnels
+        )
+        return tunnel * v * v + self.vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + float(self._curve[i].mean()))

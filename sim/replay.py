@@ -22,7 +22,7 @@ from google.protobuf.message import Message
 from mcap.reader import make_reader
 
 from das.bus import das_pb2
-from das.bus.session import Bus, endpoint, free_port
+from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import (
     ADVICE,
     CONTROL,
@@ -75,6 +75,7 @@ class Job:
     driven: DrivenEstimate
     names: tuple[str, str]
     reversed: bool
+    delay_given: bool
     node_arguments: tuple[str, ...]
     out: Path
     speed: float | None
@@ -103,20 +104,21 @@ class Outcome:
         return sum(max(count - self.recorded[name], 0) for name, count in expected.items())
 
 
-def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float) -> Timing:
+def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float | None) -> Timing:
     """Timetable of a trip: it departed `delay_s` late; the arrival is `arrival_s` after the timetable's departure.
 
-    Without `arrival_s`: as the recording's journey says, else when the trip itself arrived.
+    What is not given is as the recording's journey says, else: no delay, and the arrival of the trip itself.
     """
     run = trip.run
     departed_ns = run.start_time_ns
     arrived_ns = departed_ns + round(float(run.time_s[-1]) / NS)
-    departure_ns = departed_ns - round(delay_s / NS)
-    arrival_ns = arrived_ns
-    if trip.journey is not None and arrival_s is None:
+    departure_ns, arrival_ns = departed_ns, arrived_ns
+    if trip.journey is not None:
         departure_ns = trip.journey.stops[0].departure_ns or departure_ns
         arrival_ns = trip.journey.stops[-1].arrival_ns or arrival_ns
-    elif arrival_s is not None:
+    if delay_s is not None:
+        departure_ns = departed_ns - round(delay_s / NS)
+    if arrival_s is not None:
         arrival_ns = departure_ns + round(arrival_s / NS)
     if arrival_ns <= departure_ns:
         raise DasError(f"the arrival is {(departure_ns - arrival_ns) * NS:.0f} s before the departure")
@@ -132,7 +134,7 @@ def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float) -> Timing:
 def replay(job: Job, progress: Callable[[int, int], None]) -> Outcome:
     """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails."""
     outcome = Outcome()
-    ports = [endpoint(free_port()) for _ in range(3)]
+    ports = [endpoint(port) for port in free_ports(3)]
     began = time.perf_counter()
     with ExitStack() as stack:
         recorder = stack.enter_context(_start_recorder(job, ports))
@@ -317,8 +319,8 @@ class _Feed:
                 time_ns=time_ns,
                 s_m=float(matched.s_m[i]),
                 speed_mps=float(matched.speed_mps[i]),
-                uncertainty_m=matched.report.median_cross_track_m,
-                quality=degraded if dropout else good,
+                uncertainty_m=float(matched.uncertainty_m[i]),
+                quality=das_pb2.Position.QUALITY_INVALID if matched.invalid[i] else degraded if dropout else good,
             )
             yield time_ns, POSITION, position
             if np.isfinite(matched.latitude_deg[i]):
@@ -331,7 +333,7 @@ class _Feed:
     def _delays(self) -> Iterator[tuple[int, Topic, Message]]:
         """The recording's own delays, else the deviation from the optimum of the timetable's running time."""
         trip, timing = self.job.trip, self.job.timing
-        if trip.delays:
+        if trip.delays and not self.job.delay_given:
             for time_ns, delay_s in trip.delays:
                 yield time_ns, DELAY, das_pb2.Delay(time_ns=time_ns, delay_s=delay_s)
             return
@@ -357,7 +359,7 @@ class _Feed:
                 acceleration_mps2=float(run.acceleration_mps2[i]),
                 force_el_n=float(trajectory.force_el_n[j]) if moving else 0.0,
                 force_friction_n=float(trajectory.force_friction_n[j]) if moving else 0.0,
-                energy_input_j=float(driven.energy_input_j[j]),
+                energy_input_j=float(driven.energy_input_j[np.searchsorted(index, i, side="right") - 1]),
                 gradient_ratio=float(trajectory.grade_ratio[j]),
                 limit_mps=float(trajectory.limit_mps[j]),
             )

@@ -8,9 +8,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from das.commands import PRINTED_WIDTH
 from das.domain.units import NS, kwh
 from das.solver.front import Fit
 from sim.replay import Job, Outcome
+
+WHOLE_TRIP_M = 100.0
+"""A trip that starts and ends this near to the stops is the whole section."""
 
 
 def result(job: Job, outcome: Outcome) -> dict[str, Any]:
@@ -25,13 +29,16 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
     left_s = (timing.arrival_ns - run.start_time_ns) * NS
     wanted = job.front.trajectory(max(left_s, 1e-3))
     driven_kwh, optimum_kwh = kwh(job.driven.ledger.input), kwh(optimum.ledger.input)
-    comparable = optimum.fit is not Fit.LATE and job.trip.matched.ends_standing
+    section, matched = job.front.section, job.trip.matched
+    off_m = max(abs(float(run.s_m[0]) - section.start_m), abs(float(run.s_m[-1]) - section.end_m))
+    whole = matched.starts_standing and matched.ends_standing and off_m <= WHOLE_TRIP_M
+    comparable = optimum.fit is not Fit.LATE and whole
     saved_kwh = driven_kwh - optimum_kwh if comparable else None
     report = job.trip.matched.report
     replayed_s = outcome.ticks * 1.0
     return {
         "trip_time_s": trip_s,
-        "ends_standing": job.trip.matched.ends_standing,
+        "whole_section": whole,
         "min_time_s": optimum.least_time_s,
         "advices": outcome.ticks,
         "advices_given": outcome.advices_given,
@@ -59,7 +66,10 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
         "map_scale": report.scale,
         "map_median_cross_track_m": report.median_cross_track_m,
         "map_max_cross_track_m": report.max_cross_track_m,
+        "corrected_points": report.corrected_points,
         "gps_dropout_points": report.dropout_points,
+        "gps_speed_lag_s": run.speed_lag_s,
+        "position_rms_m": run.position_rms_m,
         "file": str(job.out),
     }
 
@@ -71,11 +81,13 @@ def print_result(found: dict[str, Any]) -> None:
     table.add_column(justify="right", no_wrap=True)
     for name, value in _rows(found):
         table.add_row(name, value)
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = max(PRINTED_WIDTH, len(found["file"]) + PRINTED_WIDTH)
     console.print(table)
     for note in _notes(found):
-        console.print(f"note: {note}")
-    console.print(f"view it: das-sim view {shlex.quote(found['file'])}")
+        console.print(f"note: {note}", soft_wrap=True)
+    console.print(f"view it: das-sim view {shlex.quote(found['file'])}", soft_wrap=True)
 
 
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
@@ -110,8 +122,8 @@ def _notes(found: dict[str, Any]) -> list[str]:
     if found["timetable_fit"] == Fit.LATE:
         late = found["timetable_late_s"]
         notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")
-    if not found["ends_standing"]:
-        notes.append("the trip does not end standing at a stop: its energy is not comparable with the optimum's")
+    if not found["whole_section"]:
+        notes.append("the trip does not run from standstill to standstill at the stops: no saving can be stated")
     if found["beyond_vehicle_ratio"] > 0.005:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")

@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 
 from das.bus import das_pb2
-from das.bus.session import Bus, Received, check_endpoint, endpoint, free_port
+from das.bus.session import Bus, Received, check_endpoint, endpoint, free_ports
 from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, PLAN, POSITION, RECORDER, STATUS, TOPICS, topic_of
 from das.domain.errors import DasError
-from sim.review.recording import read_recording
+from sim.recording import read_recording
 
 TRAIN = "T1"
 START_NS = 1_800_000_000_000_000_000
@@ -39,7 +39,7 @@ def process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 @contextmanager
 def node(*extra: str) -> Iterator[tuple[Bus, subprocess.Popen[str]]]:
-    ours, theirs = endpoint(free_port()), endpoint(free_port())
+    ours, theirs = (endpoint(port) for port in free_ports(2))
     arguments = [
         "--route",
         "flat-6km",
@@ -147,6 +147,42 @@ def test_node_refuses_a_foreign_journey_with_the_reason() -> None:
         until(bus, status(das_pb2.Status.STATE_READY), child)
 
 
+def test_node_refuses_journeys_it_cannot_drive() -> None:
+    wrong = {
+        "it drives the route in reverse, this node has it forwards": {"reversed": True},
+        "it is for train 'T2', this node is for 'T1'": {"train": "T2"},
+        "expected one that leads forwards on the route": {"stops": [{"s_m": 0.0}, {"s_m": 1e10}]},
+        "this version advises one section": {"stops": [{"s_m": 0.0}, {"s_m": 3e3}, {"s_m": 6e3}]},
+        "the arrival is not after the departure": {"arrival_s": 0.0},
+    }
+    with node("--clock", "bus") as (bus, child):
+        until(bus, status(das_pb2.Status.STATE_WAITING), child)
+        for reason, change in wrong.items():
+            message = journey(arrival_s=change.pop("arrival_s", 240.0))
+            if "stops" in change:
+                del message.stops[:]
+            message.MergeFrom(das_pb2.Journey(**change))
+            bus.publish(JOURNEY, message)
+            said = until(bus, lambda r: r.topic is STATUS and "journey refused" in r.message.reason, child)
+            assert reason in said.reason
+
+
+def test_node_with_the_wall_clock_does_not_obey_control() -> None:
+    with node() as (bus, child):
+        until(bus, lambda r: r.topic is ADVICE, child)
+        bus.publish(CONTROL, das_pb2.Control(time_ns=5, tick=1, command=das_pb2.Control.COMMAND_FINISH))
+        for _ in range(2):
+            assert until(bus, lambda r: r.topic is ADVICE, child).time_ns > START_NS // 2
+        assert child.poll() is None
+
+
+def test_docs_list_every_topic() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "bus.md").read_text()
+    for topic in TOPICS:
+        name = topic.message.DESCRIPTOR.full_name
+        assert f"| `{topic.key('<train>')}` | `{name}` |" in page
+
+
 def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
     with node("--clock", "bus") as (bus, child):
         until(bus, status(das_pb2.Status.STATE_WAITING), child)
@@ -176,7 +212,7 @@ def test_node_refuses_bad_arguments_in_one_line(arguments: list[str], message: s
 
 
 def test_node_says_when_its_port_is_taken() -> None:
-    taken = endpoint(free_port())
+    taken = endpoint(free_ports(1)[0])
     with (
         Bus(TRAIN, listen=taken),
         process("das.node", "--route", "flat-6km", "--vehicle", "re460-ic", "--listen", taken) as child,
@@ -189,7 +225,7 @@ def test_node_says_when_its_port_is_taken() -> None:
 
 
 def send_and_record(out: Path, ticks: int) -> tuple[subprocess.Popen[str], Any]:
-    ours, theirs = endpoint(free_port()), endpoint(free_port())
+    ours, theirs = (endpoint(port) for port in free_ports(2))
     arguments = ["--train", TRAIN, "--listen", theirs, "--connect", ours, "--out", str(out)]
     child = subprocess.Popen([sys.executable, "-m", "das.bus.recorder", *arguments])
     with Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
@@ -227,7 +263,7 @@ def test_a_killed_recorder_loses_nothing_older_than_a_second(tmp_path: Path) -> 
 
 def test_recorder_names_a_file_it_cannot_write() -> None:
     with process(
-        "das.bus.recorder", "--train", TRAIN, "--listen", endpoint(free_port()), "--out", "/nowhere/x.mcap"
+        "das.bus.recorder", "--train", TRAIN, "--listen", endpoint(free_ports(1)[0]), "--out", "/nowhere/x.mcap"
     ) as child:
         said, _ = child.communicate(timeout=60)
         assert child.returncode == 2
@@ -235,7 +271,7 @@ def test_recorder_names_a_file_it_cannot_write() -> None:
 
 
 def test_the_session_listens_on_loopback_only_and_does_not_scout() -> None:
-    with Bus(TRAIN, listen=endpoint(free_port())) as bus:
+    with Bus(TRAIN, listen=endpoint(free_ports(1)[0])) as bus:
         settings = bus._config()
         assert settings.get_json("scouting/multicast/enabled") == "false"
         assert settings.get_json("scouting/gossip/enabled") == "false"
@@ -263,7 +299,7 @@ def test_registry_keys_are_unique_and_lead_back_to_their_topic() -> None:
 
 
 def test_a_late_subscriber_gets_the_last_journey() -> None:
-    ours, theirs = endpoint(free_port()), endpoint(free_port())
+    ours, theirs = (endpoint(port) for port in free_ports(2))
     with Bus(TRAIN, listen=ours) as sender:
         sender.publish(JOURNEY, journey())
         with Bus(TRAIN, listen=theirs, connect=[ours], hear=(JOURNEY,)) as late:

@@ -24,7 +24,7 @@ from sim.cli import bundled_recording
 from sim.driver import DriverStyle, HurriedDriver
 from sim.estimate import estimate_run
 from sim.plant import Plant, PlantState
-from sim.review.recording import read_recording
+from sim.recording import read_recording
 
 
 def das_sim(*arguments: str, cwd: Path, timeout: float = 300) -> subprocess.CompletedProcess[str]:
@@ -175,7 +175,49 @@ def test_ctrl_c_ends_cleanly_with_a_whole_recording(tmp_path: Path) -> None:
     assert len(recording.of(ADVICE)) >= 20
 
 
+def test_terminated_das_sim_leaves_no_process_behind(tmp_path: Path) -> None:
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        child = subprocess.Popen(
+            [sys.executable, "-m", "sim.cli", "replay", str(bundled_recording()), "--speed", "20", "--out", "run.mcap"],
+            cwd=tmp_path,
+            stderr=subprocess.DEVNULL,
+        )
+        out = tmp_path / "run.mcap"
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline and advices_so_far(out) < 5:
+            time.sleep(0.2)
+        children = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+        assert len(children) >= 2
+        child.send_signal(number)
+        child.wait(30)
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline and any(Path(f"/proc/{pid}").exists() for pid in children):
+            time.sleep(0.2)
+        assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
+        assert read_recording(out).complete
+        out.unlink()
+
+
+def test_a_recorded_trip_of_another_section_is_refused(tmp_path: Path) -> None:
+    done = das_sim("replay", str(bundled_recording()), "--to", "Thalwil", "--out", "x.mcap", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "beyond Thalwil" in done.stderr
+
+
+def test_quality_of_positions_survives_a_replay_of_a_replay(shared: Path, tmp_path: Path) -> None:
+    assert das_sim("replay", *kolback(shared, "dropouts"), "--out", "a.mcap", cwd=tmp_path).returncode == 0
+    arguments = kolback(shared, "dropouts")[1:5]
+    assert das_sim("replay", "a.mcap", *arguments, "--out", "b.mcap", cwd=tmp_path).returncode == 0
+    a, b = (
+        read_recording(tmp_path / name).columns(POSITION, "quality", "uncertainty_m") for name in ("a.mcap", "b.mcap")
+    )
+    assert (a["quality"] == b["quality"]).all()
+    assert np.allclose(a["uncertainty_m"], b["uncertainty_m"])
+    assert (a["quality"] == 2).sum() == 6
+
+
 BAD = [
+    (["view", "junk.mcap", "--save", "junk.mcap"], "is the recording to read"),
     (["replay", "nothing.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nothing.csv"),
     (["replay", "empty.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "empty.csv"),
     (["replay", "nan.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nan.csv.*line 2"),
@@ -253,7 +295,7 @@ def test_estimate_of_an_optimal_run_finds_its_energy() -> None:
     assert estimate.beyond_ratio < 0.01
 
 
-def test_plant_conserves_energy_and_halving_its_step_changes_little() -> None:
+def test_halving_the_plants_step_changes_its_energy_little() -> None:
     route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")
     energies = []
     for step_s in (0.1, 0.05):
@@ -290,6 +332,7 @@ def test_make_trip_makes_the_bundled_recording_again(tmp_path: Path) -> None:
         a = [m.message for m in ours.of(topic)]
         b = [m.message for m in bundled.of(topic)]
         assert len(a) == len(b)
-    ours_at, bundled_at = ours.columns(POSITION, "s_m", "time_ns"), bundled.columns(POSITION, "s_m", "time_ns")
-    assert np.allclose(ours_at["s_m"], bundled_at["s_m"], atol=1e-3)
-    assert (ours_at["time_ns"] == bundled_at["time_ns"]).all()
+        for x, y in zip(a, b, strict=True):
+            for field in x.DESCRIPTOR.fields:
+                left, right = getattr(x, field.name), getattr(y, field.name)
+                assert left == (pytest.approx(right, abs=1e-3) if isinstance(right, float) else right)

@@ -15,8 +15,8 @@ from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
 from das.domain.errors import DasError
+from sim.recording import Recording, columns, read_recording
 from sim.review import rerun_view
-from sim.review.recording import Recording, columns, read_recording
 
 START_NS = 1_800_000_000_000_000_000
 SECONDS = 600

@@ -224,6 +224,39 @@ def test_certificate_bounds_the_energy(hilly: Front) -> None:
         assert -0.004 < solution.gap_ratio < 0.01
 
 
+def test_fastest_run_is_its_own_bound(hilly: Front) -> None:
+    assert hilly.fastest().gap_ratio == 0.0
+    assert hilly.trajectory(1.0, 4_400.0, 35.0).gap_ratio == 0.0
+
+
+def test_a_hill_that_needs_momentum_keeps_its_certificate_finite() -> None:
+    """From too low a speed before the hill the train stalls: those states must not leak into their neighbours."""
+    route = make_route(6_000.0, [(0.0, 30.0)], [(0.0, 0.0), (4_200.0, 0.12), (4_500.0, 0.0)])
+    front = solve_front(build_section(route, make_train(resistance=(2_000.0, 0.0, 10.0))))
+    for v_mps in (16.0, 20.0, 25.0):
+        solution = front.trajectory(front.fastest(4_000.0, v_mps).time_s * 1.05, 4_000.0, v_mps)
+        assert abs(solution.gap_ratio) < 0.2
+    with pytest.raises(InfeasibleError, match="stalls"):
+        front.fastest(4_190.0, 2.0)
+
+
+@pytest.mark.parametrize("before_m", [1.9, 1.0, 0.5, 0.05])
+def test_from_standstill_just_before_the_stop(hilly: Front, before_m: float) -> None:
+    """It moves on to the stop, or says that it cannot; never a time that is not a number."""
+    try:
+        solution = hilly.trajectory(100.0, 12_000.0 - before_m, 0.0)
+    except InfeasibleError:
+        assert before_m < 1.0
+    else:
+        assert 0 < solution.time_s < 100.0 + 1e-6
+
+
+@pytest.mark.parametrize(("start_m", "end_m"), [(-1.0, 500.0), (0.0, 1e10), (500.0, 400.0), (0.0, math.nan)])
+def test_a_section_off_the_route_is_refused(hilly: Front, start_m: float, end_m: float) -> None:
+    with pytest.raises(DasError, match="expected one that leads forwards on the route"):
+        build_section(hilly.section.route, hilly.section.vehicle, start_m=start_m, end_m=end_m)
+
+
 def test_grid_refinement_changes_little(monkeypatch: pytest.MonkeyPatch, hilly: Front) -> None:
     time_s = hilly.fastest().time_s * 1.1
     coarse = hilly.trajectory(time_s).ledger.input

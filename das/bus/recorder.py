@@ -47,7 +47,7 @@ class RecordingFile:
         self._flushed = time.monotonic()
 
     def add(self, topic: Topic, key: str, message: Message, log_time_ns: int) -> None:
-        """Write one message and, once a second, everything to disk."""
+        """Write one message (to disk with the next flush)."""
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = self._register(topic, key)
@@ -125,7 +125,7 @@ class Recorder:
 
 def record(arguments: argparse.Namespace) -> None:
     """Record until told to stop."""
-    stop = StopFlag()
+    stop = StopFlag(with_parent=arguments.with_parent)
     file = RecordingFile(Path(arguments.out))
     try:
         for path in arguments.attach:
@@ -159,6 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--out", required=True, help="MCAP file to write")
     parser.add_argument("--start-ns", type=int, help="the run's clock before its first Control message [default: wall]")
+    parser.add_argument("--with-parent", action="store_true", help="end when the process that started it ends")
     parser.add_argument("--metadata", help="JSON object of texts, stored as metadata record 'run'")
     parser.add_argument("--attach", action="append", default=[], help="file to attach")
     parsed = parser.parse_args(arguments)

@@ -1,7 +1,8 @@
 """The locked-down Zenoh session: loopback only, no scouting, explicit peers; one ordered stream of messages in.
 
-Zenoh's default session listens on every interface and multicasts; it is never opened here. All messages of a train
-arrive through one subscriber, so their order is the order of sending for each sender.
+Zenoh's default session listens on every interface and multicasts; it is never opened here. Messages arrive
+through one subscriber, so their order is the order of sending for each sender; only latched topics (journey, status)
+come by subscribers of their own, which also fetch the last message sent before.
 """
 
 from __future__ import annotations
@@ -38,11 +39,13 @@ class Received:
     payload: bytes
 
 
-def free_port() -> int:
-    """A TCP port of 127.0.0.1 that is free now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def free_ports(count: int) -> list[int]:
+    """Different TCP ports of 127.0.0.1 that are free now."""
+    with ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
 
 
 def endpoint(port: int) -> str:

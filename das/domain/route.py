@@ -78,7 +78,7 @@ class Tunnel:
 class Route:
     """A line from position 0 to `length_m`.
 
-    `curve_curvature_per_m` holds |κ| of each stretch at its mean (a clothoid is taken as its mean curvature).
+    `curvature_per_m` holds |κ| of each stretch at its mean (a clothoid is taken as its mean curvature).
     `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where unknown.
     """
 

@@ -80,20 +80,23 @@ class Trajectory:
     def ledger(self, vehicle: Vehicle, loss: LossModel) -> Ledger:
         """Energy ledger of the run with this vehicle's masses and resistance and the given losses.
 
-        Every term is computed on its own, so that its closing is a check, not an identity.
+        Raises DasError where a loss map does not cover the run.
         """
+        return self.ledger_with(vehicle, float(self.loss_j(loss).sum()))
+
+    def ledger_with(self, vehicle: Vehicle, component_loss_j: float) -> Ledger:
+        """The ledger with component losses known; every term on its own, so that its closing is a check."""
         step = np.diff(self.s_m)
         v2 = self.v_mps**2
         running = mean_resistance_n(vehicle.resistance, self.v_mps, self.tunnel_n_per_mps2)
         weight = vehicle.mass_kg * STANDARD_GRAVITY_MPS2 * self.grade_ratio
-        loss_j = self.loss_j(loss)
         return Ledger(
             resistance=float((running + self.grade_and_curve_n - weight) @ step),
-            component_loss=float(loss_j.sum()),
+            component_loss=component_loss_j,
             friction_brake=float(-self.force_friction_n @ step),
             kinetic=float(0.5 * vehicle.inertial_mass_kg * (v2[-1] - v2[0])),
             potential=float(weight @ step),
-            input=float(self.force_el_n @ step + loss_j.sum()),
+            input=float(self.force_el_n @ step) + component_loss_j,
             comfort=vehicle.comfort_power_w * self.time_s,
         )
 

@@ -151,7 +151,7 @@ class Front:
         section = self.section
         s_m = section.start_m if s_m is None else float(s_m)
         v_mps = section.start_speed_mps if v_mps is None else float(v_mps)
-        if not section.start_m <= s_m < section.end_m:
+        if not section.start_m <= s_m < section.end_m - tol.MIN_STEP_M:
             raise DasError(f"position {s_m} m: expected one in the section {section.start_m:g} … {section.end_m:g} m")
         if not 0 <= v_mps < 200:
             raise DasError(f"speed {v_mps} m/s: expected one from 0 to 200 m/s")
@@ -208,9 +208,9 @@ class Front:
         return self._checked(state, speeds, time_s)
 
     def _checked(self, state: _State, speeds: Floats, time_s: float) -> _Run:
-        if time_s < 0:
+        if not 0 <= time_s < math.inf:
             raise InfeasibleError(
-                f"{self.section.route.source}: the train stalls after {state.node_m[0]:.0f} m "
+                f"{self.section.route.source}: the train stalls after {state.node_m[0]:.1f} m "
                 f"from {state.speed_mps / KMH:.1f} km/h"
             )
         return _Run(speeds, float(time_s))
@@ -229,24 +229,34 @@ class Front:
         )  # fmt: skip
         return total, time_s
 
+    def _bound_j(self, state: _State, time_s: float) -> float:
+        """Dual bound: max over λ of (least total cost − λ·time); −inf where the table does not know the state."""
+        if state.speed_mps > self.section.envelope_mps[-len(state.node_m)] + tol.SPEED_TOLERANCE_MPS:
+            return -math.inf
+        total, _ = self.one_step_totals(state)
+        known = total < tol.UNREACHABLE
+        return float((total[known] - self.lambda_w[known] * time_s).max(initial=-math.inf))
+
+    def least_time_s(self, s_m: float, v_mps: float) -> float:
+        """Time of the fastest run from a state; raises as `trajectory` does."""
+        return self._fastest(self._state(s_m, v_mps)).time_s
+
     def _solution(
         self, state: _State, run: _Run, least_time_s: float, requested_s: float, fit: Fit, lambda_w: float
     ) -> Solution:
         speeds = run.speeds_mps
         trajectory = _trajectory(self.section, state, speeds)
         section = self.section
-        total, _ = self.one_step_totals(state)
-        known = total < 0.5 * tol.INFEASIBLE
-        bounds = total[known] - self.lambda_w[known] * trajectory.time_s
+        ledger = trajectory.ledger(section.vehicle, section.loss)
         ends_right = abs(speeds[-1] - section.end_speed_mps) <= tol.SPEED_TOLERANCE_MPS
         return Solution(
             trajectory=trajectory,
-            ledger=trajectory.ledger(section.vehicle, section.loss),
+            ledger=ledger,
             fit=fit,
             least_time_s=least_time_s,
             requested_s=requested_s,
             lambda_w=lambda_w,
-            bound_j=float(bounds.max()) if known.any() else -math.inf,
+            bound_j=ledger.input if math.isinf(lambda_w) else self._bound_j(state, trajectory.time_s),
             feasible=bool(ends_right and (speeds <= section.envelope_mps[-len(speeds) :] + 1e-6).all()),
         )
 
@@ -271,7 +281,10 @@ class _TimeSearch:
             return self._answer(slow, price_w, Fit.ON_TIME if on_time else Fit.EARLY)
         if quick is not self.quickest:
             slow, quick, price_w = self._narrow(slow, quick, index)
-        return self._answer(self._blend(slow, quick), price_w, Fit.ON_TIME)
+        run = self._blend(slow, quick)
+        miss = run.time_s - self.time_s
+        fit = Fit.ON_TIME if abs(miss) <= self.tolerance_s else Fit.LATE if miss > 0 else Fit.EARLY
+        return self._answer(run, price_w, fit)
 
     def _answer(self, run: _Run, price_w: float, fit: Fit) -> Solution:
         return self.front._solution(self.state, run, self.quickest.time_s, self.time_s, fit, price_w)
@@ -307,6 +320,7 @@ class _TimeSearch:
         gap = float(self.front.lambda_w[index + 1]) - base
         low, high = 0.0, gap
         above, below = slow.time_s - self.time_s, quick.time_s - self.time_s
+        kept = 0
         for _ in range(self.MAX_ROLL_OUTS):
             near = min(abs(slow.time_s - self.time_s), abs(quick.time_s - self.time_s)) <= self.tolerance_s
             if near or slow.time_s - quick.time_s <= self.BLENDABLE_S:
@@ -315,10 +329,13 @@ class _TimeSearch:
             policy = _Policy(price_w=base + offset, index=index, offset_w=offset, gap_w=gap)
             run = self.front._roll(self.state, policy)
             miss = run.time_s - self.time_s
+            # The end kept twice in a row counts half, so that both ends move.
             if miss > 0:
-                slow, low, above, below = run, offset, miss, 0.5 * below
+                slow, low, above, below = run, offset, miss, below * (0.5 if kept > 0 else 1.0)
+                kept = 1
             else:
-                quick, high, below, above = run, offset, miss, 0.5 * above
+                quick, high, below, above = run, offset, miss, above * (0.5 if kept < 0 else 1.0)
+                kept = -1
         return slow, quick, base + 0.5 * (low + high)
 
     def _blend(self, slow: _Run, quick: _Run) -> _Run:
@@ -327,7 +344,7 @@ class _TimeSearch:
             if abs(run.time_s - self.time_s) <= self.tolerance_s:
                 return run
         low, high, above, below = 0.0, 1.0, slow.time_s - self.time_s, quick.time_s - self.time_s
-        best = slow
+        best, kept = slow, 0
         for _ in range(self.MAX_BLENDS):
             share = low + (high - low) * float(np.clip(above / (above - below), 0.02, 0.98))
             best = self.front._blend(self.state, share, quick, slow)
@@ -335,9 +352,9 @@ class _TimeSearch:
             if abs(miss) <= 0.1 * self.tolerance_s:
                 break
             if miss > 0:
-                low, above, below = share, miss, 0.5 * below
+                low, above, below, kept = share, miss, below * (0.5 if kept > 0 else 1.0), 1
             else:
-                high, below, above = share, miss, 0.5 * above
+                high, below, above, kept = share, miss, above * (0.5 if kept < 0 else 1.0), -1
         return best
 
 

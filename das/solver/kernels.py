@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numba import njit
 
-from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT
+from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, SMALLEST_SHARE, UNREACHABLE
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
 """Compile once, release the GIL, divide as IEEE 754 does."""
@@ -243,6 +243,8 @@ def transitions(
                         continue
                     lower = min(int(x), steps - 1)
                     share = min((x * x - lower * lower) / (2.0 * lower + 1.0), 1.0)
+                    if share < SMALLEST_SHARE:
+                        share = 0.0
                 a, b = step_cost(v0, v1, h, constant[k], tunnel[k], p, c, dissipative)
                 dt[k, j, used] = a
                 energy[k, j, used] = b
@@ -283,11 +285,13 @@ def backward_sweep(first, last, lam, dt, energy, target, weight, count, value, t
                     best[l] = cost if better else best[l]
                     choice[l] = i if better else choice[l]
             for l in range(m):
-                value[k, j, first + l] = best[l]
                 i = choice[l]
-                if i < 0:
+                if i < 0 or best[l] > UNREACHABLE:
+                    # Between a feasible and an infeasible neighbour the interpolated cost is neither.
+                    value[k, j, first + l] = INFEASIBLE
                     time_to_go[k, j, first + l] = INFEASIBLE
                 else:
+                    value[k, j, first + l] = best[l]
                     a = target[k, j, i]
                     s = weight[k, j, i]
                     below_s = time_to_go[k + 1, a, first + l]

@@ -23,7 +23,7 @@ from das.solver.kernels import (
     step_cost,
     traction_limit,
 )
-from das.solver.tolerances import INFEASIBLE
+from das.solver.tolerances import CREEP_MPS, INFEASIBLE, UNREACHABLE
 
 _GOLDEN = 0.3819660112501051
 _POLISH_STEPS = 10
@@ -100,7 +100,7 @@ def best_landing(k, v0, h, g, q, top, final, price, a, offset, gap, value, time_
         if cost < best:
             best = cost
             choice = out[i]
-    if choice < 0.0:
+    if choice < 0.0 or best > UNREACHABLE:
         return -1.0, INFEASIBLE
     for i in range(m):
         if left < out[i] < choice:
@@ -235,7 +235,8 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, t
             # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
             landing = envelope[i1]
         full = landing_speed(v[i0], h, p.traction_power_w, p.traction_force_n, 1.0, gh / h, qh / h, p)
-        if landing >= full:
+        creeping = m == n - 1 and v[i0] < CREEP_MPS
+        if landing >= full or creeping:
             # The decision step's full traction is a little rough: integrate it finely.
             moving = hurry(i0, i1, step, g, q, envelope, p, v)
         else:

@@ -92,7 +92,8 @@ class Section(LineProfile):
     """One run of one train from `start_m` to `end_m` of a route (positions in route coordinates).
 
     The line's profile on the integration nodes. `envelope_mps` (per node) is the fastest speed from which everything
-    ahead can be kept. `decision` holds the indices of the decision nodes among the integration nodes.
+    ahead can be kept. `length_m` is the train's (0 for a point mass). `decision` holds the indices of the decision
+    nodes among the integration nodes.
     """
 
     route: Route
@@ -102,6 +103,7 @@ class Section(LineProfile):
     loss: LossModel
     start_m: float
     end_m: float
+    length_m: float
     start_speed_mps: float
     end_speed_mps: float
     envelope_mps: Floats
@@ -134,8 +136,11 @@ def build_section(
     """
     start_m = route.stops[0].position_m if start_m is None else start_m
     end_m = route.stops[-1].position_m if end_m is None else end_m
-    if not end_m > start_m:
-        raise DasError(f"{route.source}: a section must lead forwards, not from {start_m:g} m to {end_m:g} m")
+    if not 0 <= start_m < end_m <= route.length_m + tol.MIN_STEP_M:
+        raise DasError(
+            f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one that leads forwards "
+            f"on the route, 0 … {route.length_m:g} m"
+        )
     level = vehicle.default_level if level is None else level
     loss, brakes = vehicle.loss_model(level), vehicle.brakes_at(level)
     train, loss_params = _train_params(vehicle, brakes), _loss_params(loss)
@@ -159,6 +164,7 @@ def build_section(
         loss=loss,
         start_m=start_m,
         end_m=end_m,
+        length_m=length_m,
         start_speed_mps=boundary_speed_mps,
         end_speed_mps=boundary_speed_mps,
         envelope_mps=envelope,

@@ -29,5 +29,11 @@ SPEED_TOLERANCE_MPS: Final = 1e-6
 """A speed this little above a bound is on it."""
 TIME_TOLERANCE_S: Final = 0.02
 """A requested time is hit to within this."""
+UNREACHABLE: Final = 1e16
+"""Costs above this (J) are mixed with INFEASIBLE ones."""
+SMALLEST_SHARE: Final = 1e-9
+"""An interpolation weight below this is rounding and taken as 0."""
+CREEP_MPS: Final = 0.3
+"""Slower than this at the start of the last decision step, the train first moves on as fast as it may."""
 INFEASIBLE: Final = 1e30
 """Cost of a state from which the section cannot be finished (finite, so that interpolation stays defined)."""

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from das.bus import topics
 from das.domain.units import KM, KMH
-from sim.review.recording import Recording
+from sim.recording import Recording
 from sim.review.series import STYLES, FirstPlan, Floats, Trip, series
 
 BACKGROUND, INK, GRID = "#0d1011", "#cad8de", "#2b3236"

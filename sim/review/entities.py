@@ -12,8 +12,8 @@ from matplotlib import colormaps
 
 from das.bus import das_pb2, topics
 from das.domain.units import KMH, NS
+from sim.recording import Recording, Stamped
 from sim.review.distance_picture import Picture, draw
-from sim.review.recording import Recording, Stamped
 from sim.review.series import STYLES, Floats, Times, Trip, Way, series
 from sim.review.summary import summary
 

@@ -13,8 +13,8 @@ import rerun.blueprint as rrb
 
 from das.bus.topics import ADVICE, DELAY, EVENT, POSITION, STATUS, TRUTH, Topic
 from das.domain.units import NS
+from sim.recording import Recording
 from sim.review.entities import TRIP_TIME
-from sim.review.recording import Recording
 from sim.review.series import EARTH_RADIUS_M, Trip, Way
 
 MARGIN_RATIO: Final = 0.02

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 from das.bus import topics
 from das.domain.units import KM, NS, kwh
-from sim.review.recording import Recording
+from sim.recording import Recording
 
 
 def summary(recording: Recording) -> str:

@@ -62,6 +62,8 @@ class MatchedTrip:
     latitude_deg: Floats
     longitude_deg: Floats
     dropout: Bools
+    invalid: Bools
+    uncertainty_m: Floats
     departure: int
     arrival: int
     starts_standing: bool
@@ -99,8 +101,8 @@ def match_trip(trip: GpsTrip, line: Line, route: Route, start_stop: Stop, end_st
         pinned[arrival:] = np.median(chainage[arrival:])
     offset_m, scale, anchor = _alignment(trip, line, pinned, (starts, ends), (start_stop, end_stop))
     position = offset_m + scale * pinned
-    s_m = _flattened(trip, position, cap_m=float(position[-1]) if ends else np.inf)
-    _check_within(trip, s_m, start_stop, end_stop)
+    s_m = flattened(trip, position, cap_m=float(position[-1]) if ends else np.inf)
+    check_within(trip, s_m, start_stop, end_stop)
     report = MatchReport(
         offset_m=offset_m,
         scale=scale,
@@ -118,6 +120,8 @@ def match_trip(trip: GpsTrip, line: Line, route: Route, start_stop: Stop, end_st
         latitude_deg=trip.latitude_deg,
         longitude_deg=trip.longitude_deg,
         dropout=dropout,
+        invalid=np.zeros(len(s_m), dtype=bool),
+        uncertainty_m=np.full(len(s_m), float(np.median(cross_track))),
         departure=departure,
         arrival=arrival,
         starts_standing=starts,
@@ -201,7 +205,7 @@ def _alignment(
     return end_m - last, 1.0, "end"
 
 
-def _flattened(trip: GpsTrip, position_m: Floats, cap_m: float) -> Floats:
+def flattened(trip: GpsTrip, position_m: Floats, cap_m: float) -> Floats:
     """Positions that never decrease nor pass where the train stands at the end; DasError beyond noise."""
     highest = np.maximum.accumulate(position_m)
     back = highest - position_m
@@ -213,7 +217,7 @@ def _flattened(trip: GpsTrip, position_m: Floats, cap_m: float) -> Floats:
     return np.minimum(highest, cap_m)
 
 
-def _check_within(trip: GpsTrip, s_m: Floats, start_stop: Stop, end_stop: Stop) -> None:
+def check_within(trip: GpsTrip, s_m: Floats, start_stop: Stop, end_stop: Stop) -> None:
     before, after = start_stop.position_m - s_m[0], s_m[-1] - end_stop.position_m
     for beyond, what in (
         (before, f"starts {before:.0f} m before {start_stop.name}"),

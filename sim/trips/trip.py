@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from das.bus import das_pb2
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
 from das.domain.route import Route, Stop
-from sim.review.recording import read_recording
+from sim.recording import read_recording
 from sim.trips.gps_csv import GpsTrip, read_gps_trip
 from sim.trips.line import Line, read_kilometre_posts
-from sim.trips.matching import STANDING_MPS, MatchedTrip, MatchReport, match_trip
+from sim.trips.matching import STANDING_MPS, MatchedTrip, MatchReport, check_within, flattened, match_trip
 from sim.trips.profile import DrivenRun, to_profile
 
 
@@ -80,11 +81,11 @@ def _line(route: Route, line_path: Path | None) -> Line:
 
 def _from_recording(path: Path, start: Stop, end: Stop) -> Trip:
     recording = read_recording(path)
-    data = recording.columns(POSITION, "time_ns", "s_m", "speed_mps")
+    data = recording.columns(POSITION, "time_ns", "s_m", "speed_mps", "quality", "uncertainty_m")
     if len(data["time_ns"]) < 2:
         raise DasError(f"{path}: the recording has {len(data['time_ns'])} positions, expected at least 2")
     gps = _as_gps(path, recording, data)
-    matched = _as_matched(gps, data["s_m"], start, end)
+    matched = _as_matched(gps, data, start, end)
     delays = recording.columns(DELAY, "time_ns", "delay_s")
     journeys = recording.of(JOURNEY)
     return Trip(
@@ -103,6 +104,10 @@ def _as_gps(path: Path, recording: Any, data: dict[str, Any]) -> GpsTrip:
         bad = np.flatnonzero(~np.isfinite(data[name]))
         if len(bad):
             raise InputError(path, f"position[{bad[0]}].{name}", float(data[name][bad[0]]), "a finite number")
+    backwards = np.flatnonzero(data["speed_mps"] < -STANDING_MPS)
+    if len(backwards):
+        i = int(backwards[0])
+        raise InputError(path, f"position[{i}].speed_mps", float(data["speed_mps"][i]), "a speed >= 0")
     late = np.flatnonzero(np.diff(time_ns) <= 0)
     if len(late):
         raise InputError(path, f"position[{late[0] + 1}].time_ns", int(time_ns[late[0] + 1]), "increasing times")
@@ -122,18 +127,16 @@ def _as_gps(path: Path, recording: Any, data: dict[str, Any]) -> GpsTrip:
     )
 
 
-def _as_matched(gps: GpsTrip, s_m: Any, start: Stop, end: Stop) -> MatchedTrip:
+def _as_matched(gps: GpsTrip, data: dict[str, Any], start: Stop, end: Stop) -> MatchedTrip:
     """Positions of a recording are on the route already; standing ends are those of the record."""
-    flat = np.maximum.accumulate(s_m)
+    s_m = data["s_m"]
+    flat = flattened(gps, s_m, cap_m=np.inf)
+    check_within(gps, flat, start, end)
     standing = gps.speed_mps < STANDING_MPS
     moving = np.flatnonzero(~standing)
     if not len(moving):
         raise DasError(f"{gps.source}: the train never moves")
     departure, arrival = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(standing) - 1)
-    if flat[0] > end.position_m or flat[-1] < start.position_m:
-        raise DasError(
-            f"{gps.source}: positions {flat[0]:.0f} … {flat[-1]:.0f} m are not between {start.name} and {end.name}"
-        )
     return MatchedTrip(
         source=gps.source,
         time_ns=gps.time_ns,
@@ -141,7 +144,9 @@ def _as_matched(gps: GpsTrip, s_m: Any, start: Stop, end: Stop) -> MatchedTrip:
         speed_mps=gps.speed_mps,
         latitude_deg=gps.latitude_deg,
         longitude_deg=gps.longitude_deg,
-        dropout=np.zeros(len(flat), dtype=bool),
+        dropout=data["quality"] == das_pb2.Position.QUALITY_DEGRADED,
+        invalid=data["quality"] == das_pb2.Position.QUALITY_INVALID,
+        uncertainty_m=data["uncertainty_m"],
         departure=departure,
         arrival=arrival,
         starts_standing=bool(standing[0]),
@@ -153,6 +158,6 @@ def _as_matched(gps: GpsTrip, s_m: Any, start: Stop, end: Stop) -> MatchedTrip:
             median_cross_track_m=0.0,
             max_cross_track_m=0.0,
             corrected_points=int(np.count_nonzero(flat != s_m)),
-            dropout_points=0,
+            dropout_points=int(np.count_nonzero(data["quality"] == das_pb2.Position.QUALITY_DEGRADED)),
         ),
     )
