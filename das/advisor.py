@@ -36,8 +36,11 @@ MODE_HOLD_S = 3.0
 """A new mode is shown only after the one before has lasted this long, unless it asks for less effort or brakes."""
 LEAST_FOR_BUFFER_S = 10.0
 """So near to the stop the buffer is not a meaningful ratio any more."""
+OVERSPEED_NAMED_MPS = 0.5
 OVERSPEED_EASED_MPS = 1.0
 """A train above the braking envelope by no more than this is planned from the envelope: it need not brake hard."""
+JUMP_M = 50.0
+"""A position that moves by more than this beyond what the train can do, or backwards, has jumped."""
 STANDSTILL_MPS = 0.3
 AT_STANDSTILL_M = 1.0
 """Nearer to the end of the section than this there is nothing left to plan: stop."""
@@ -181,7 +184,9 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
     """
     run, train = solution.trajectory, section.train
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
-    accelerating = np.abs(np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)) > CRUISE_ACCELERATION_MPS2
+    rate = np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)
+    fastest_rate = FULL_EFFORT_RATIO * train.max_acceleration_mps2
+    accelerating = np.abs(rate) > CRUISE_ACCELERATION_MPS2
     traction = np.minimum(train.traction_force_n, train.traction_power_w / mean)
     electric = np.minimum(train.electric_force_n, train.electric_power_w / mean)
     idle = IDLE_EFFORT_RATIO * train.traction_force_n
@@ -190,7 +195,7 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
         [
             friction < -idle,
             ~accelerating & (np.abs(force) > idle),
-            force >= FULL_EFFORT_RATIO * traction,
+            (force >= FULL_EFFORT_RATIO * traction) | ((force > idle) & (rate >= fastest_rate)),
             force > idle,
             (force <= -FULL_EFFORT_RATIO * electric) & (electric > 0),
             force < -idle,
@@ -229,6 +234,7 @@ class Advisor:
         self.front, self.section, self.source = front, front.section, source
         self._timetable: Timetable | None = None
         self._fix: PositionFix | None = None
+        self._jump_m = 0.0
         self._plan: Plan | None = None
         self._mode, self._mode_since_ns = Mode.NONE, 0
         self.delay_s: float | None = None
@@ -256,8 +262,13 @@ class Advisor:
 
     def set_position(self, fix: PositionFix) -> None:
         """Take over a position; one older than what is known is ignored."""
-        if self._fix is None or fix.time_ns >= self._fix.time_ns:
-            self._fix = fix
+        before = self._fix
+        if before is None:
+            self._fix, self._jump_m = fix, 0.0
+        elif fix.time_ns >= before.time_ns:
+            way_m, span_s = fix.s_m - before.s_m, (fix.time_ns - before.time_ns) * NS
+            most_m = OVERSPEED_RATIO * self.section.vehicle.max_speed_mps * span_s + JUMP_M
+            self._fix, self._jump_m = fix, way_m if way_m < -JUMP_M or way_m > most_m else 0.0
 
     def set_delay(self, delay_s: float) -> None:
         """Take over the operator's word on the delay; it is said with the reason, the time left is the timetable's."""
@@ -305,6 +316,8 @@ class Advisor:
             return f"the position is {age_s:.1f} s old"
         if age_s < -STALE_AFTER_S:
             return f"the position is {-age_s:.1f} s ahead of the clock"
+        if self._jump_m:
+            return f"the position jumped by {self._jump_m:.0f} m"
         if not fix.usable:
             return "the position is marked unusable"
         if not (math.isfinite(fix.s_m) and math.isfinite(fix.speed_mps)):
@@ -433,7 +446,7 @@ class Advisor:
             buffer_ratio=left_s / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan,
             energy_to_go_j=float(plan.energy_j[i] * part + plan.energy_j[i + 1 :].sum()),
             source=self.source,
-            reason=self._reason(plan.solution.fit, deviation_s),
+            reason=self._reason(plan.solution.fit, deviation_s, v_mps - self._allowed(s_m)),
             valid_until_ns=now_ns + round(VALID_FOR_S / NS),
             limit_mps=self._limit(s_m),
         )
@@ -472,7 +485,9 @@ class Advisor:
             self._mode, self._mode_since_ns = wanted, now_ns
         return self._mode
 
-    def _reason(self, fit: Fit, deviation_s: float) -> str:
+    def _reason(self, fit: Fit, deviation_s: float, too_fast_mps: float) -> str:
+        if too_fast_mps > OVERSPEED_NAMED_MPS:
+            return f"{too_fast_mps / KMH:.0f} km/h too fast"
         if fit is Fit.LATE:
             return f"fastest, {_deviation(deviation_s)}"
         if fit is Fit.EARLY:

@@ -50,6 +50,11 @@ def run_command(main: Callable[[], object]) -> None:
         sys.exit(1)
 
 
+def typed(command: str) -> str:
+    """How the user types a command of ours: with `uv run` where that started us."""
+    return f"uv run {command}" if "UV_RUN_RECURSION_DEPTH" in os.environ else command
+
+
 @contextlib.contextmanager
 def busy(what: str) -> Iterator[None]:
     """Show on a terminal that something is under way."""

@@ -30,7 +30,7 @@ app = typer.Typer(
 RouteArgument = Annotated[str, typer.Argument(help="Bundled route name, TOML file or TTOBench track (JSON).")]
 VehicleArgument = Annotated[str, typer.Argument(help="Bundled vehicle name, TOML file or TTOBench train (JSON).")]
 FromOption = Annotated[str | None, typer.Option("--from", help="First stop: name or number [default: the route's].")]
-ToOption = Annotated[str | None, typer.Option("--to", help="Last stop: name or number [default: the route's].")]
+ToOption = Annotated[str | None, typer.Option("--to", help="Last stop [default: the route's]; no stop between.")]
 ReverseOption = Annotated[bool, typer.Option("--reverse", help="Drive the route the other way.")]
 LevelOption = Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")]
 LossMapOption = Annotated[
@@ -73,6 +73,9 @@ def solve(
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG).")] = None,
 ) -> None:
     """The least-energy run of a train over a section in a given time.
+
+    Printed besides: λ, the price of time at the solution (what one second less would cost), and the gap to a lower
+    bound of the energy (slightly negative where the run is finer than the table behind the bound).
 
     A time below the least possible gives the fastest run; a time beyond the least-energy run gives that run. Both
     are said ("fit": late, early).

@@ -46,9 +46,7 @@ def draw_solution(path: Path, section: Section, solution: Solution) -> None:
     try:
         import matplotlib
     except ImportError:
-        raise DasError(
-            "--plot needs matplotlib: install the extra, pip install 'driver-advisory-system[view]'"
-        ) from None
+        raise DasError("--plot needs matplotlib: install the extra, pip install '.[view]' in the checkout") from None
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

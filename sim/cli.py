@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from das.commands import busy, err, interrupt_on_termination, run_app
+from das.commands import busy, err, interrupt_on_termination, run_app, typed
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.writing import check_writable
@@ -63,10 +63,10 @@ def default(context: typer.Context) -> None:
 def replay(
     trip: Annotated[Path, typer.Argument(help="GPS record (CSV: latitude, longitude, km/h, ms) or MCAP of ours.")],
     route: Annotated[
-        str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
+        str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's, if bundled].")
     ] = None,
     vehicle: Annotated[
-        str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's].")
+        str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's, if bundled].")
     ] = None,
     reverse: Annotated[
         bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")
@@ -88,7 +88,9 @@ def replay(
     loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
     point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
     train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
-    out: Annotated[Path | None, typer.Option(help="Recording to write [default: recordings/<time>.mcap].")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Recording to write [default: recordings/replay-<time>.mcap].")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Replay a trip: the node answers with advice every second, everything lands in an MCAP file."""
@@ -128,7 +130,7 @@ def view(
     check_writable(save)
     with busy(f"writing {save} …"):
         save_view(file, save)
-    print(f"written: {save}\nopen it with: rerun --bind 127.0.0.1 {shlex.quote(str(save))}")
+    print(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")
 
 
 @app.command(
@@ -257,7 +259,17 @@ def _default_out() -> Path:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
-    return folder / f"replay-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap"
+    stem = f"replay-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+    for name in (stem, *(f"{stem}-{i}" for i in range(2, 1000))):
+        path = folder / f"{name}.mcap"
+        try:
+            path.touch(exist_ok=False)  # two runs in one second get two files
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise DasError(f"{path}: cannot be written ({error.strerror})") from error
+        return path
+    raise DasError(f"{folder}: too many recordings of one second")
 
 
 def _command() -> str:

@@ -26,8 +26,8 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     """Read trip, route and vehicle, solve the section, estimate the run as driven; DasError for anything unusable."""
     check_train_name(options.train)
     for name, value in (("--arrival", options.arrival_s), ("--delay", options.delay_s)):
-        if value is not None and not -86400 < value < 86400:
-            raise DasError(f"{name} {value}: expected seconds, less than a day")
+        if value is not None and not 0 <= value < 86400:
+            raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
     if options.arrival_s is not None and options.arrival_s <= 0:
         raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
     if out.resolve() == trip_path.resolve():

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH
+from das.commands import PRINTED_WIDTH, typed
 from das.domain.units import NS, kwh
 from das.solver.front import Fit
 from sim.replay import Job, Outcome
@@ -83,11 +83,12 @@ def print_result(found: dict[str, Any]) -> None:
         table.add_row(name, value)
     console = Console(highlight=False)
     if not console.is_terminal:
-        console.width = max(PRINTED_WIDTH, len(found["file"]) + PRINTED_WIDTH)
+        console.width = PRINTED_WIDTH
     console.print(table)
     for note in _notes(found):
         console.print(f"note: {note}", soft_wrap=True)
-    console.print(f"view it: das-sim view {shlex.quote(found['file'])}", soft_wrap=True)
+    console.print(f"written: {found['file']}", soft_wrap=True)
+    console.print(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}", soft_wrap=True)
 
 
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
@@ -105,10 +106,9 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             f"{found['energy_optimum_kwh']:.1f} kWh",
         ),
         ("advice would have saved", saved),
-        ("energy of the optimum, timetable's arrival", f"{found['timetable_energy_kwh']:.1f} kWh"),
+        ("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh"),
         ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
         ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
-        ("file", found["file"]),
     ]
 
 

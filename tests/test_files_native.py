@@ -31,7 +31,7 @@ c1_kn_per_kmh = 0.01
 c2_n_per_mps2 = 5.0
 [traction]
 max_force_kn = 100.0
-max_power_mw = 2.0
+max_power_kw = 2000.0
 [electric_brake]
 max_force_n = 90000
 max_power_kw = 1500.0
@@ -139,7 +139,7 @@ BAD_VEHICLES = [
     ("mass_t = 100.0", f"mass_t = 1{'0' * 400}", r"vehicle\.mass_t = '1.*: expected a number that fits"),
     ('id = "t"', "id = 5", r"vehicle\.id = 5: expected a text"),
     ("[resistance]", "[resistence]", r"resistence = .*: expected one of the keys .*resistance"),
-    ("[traction]\nmax_force_kn = 100.0\nmax_power_mw = 2.0\n", "", r"traction is missing: expected a table"),
+    ("[traction]\nmax_force_kn = 100.0\nmax_power_kw = 2000.0\n", "", r"traction is missing: expected a table"),
     ("max_power_mw", "max_power_hp", r"traction\.max_power_hp = 2\.0: expected one of the keys"),
     ('policy = "blended"', 'policy = "magnetic"', r"brakes\.policy = 'magnetic': expected one of electric, blended, f"),
     ('policy = "blended"', "", r"brakes\.policy is missing: expected a text"),

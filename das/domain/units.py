@@ -42,7 +42,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     "time": {"s": 1.0, "min": 60.0, "ms": MS},
     "mass": {"kg": 1.0, "t": TONNE},
     "force": {"N": 1.0, "n": 1.0, "kN": KN, "kn": KN},
-    "power": {"W": 1.0, "w": 1.0, "kW": KW, "kw": KW, "MW": 1e6, "mw": 1e6},
+    "power": {"W": 1.0, "w": 1.0, "kW": KW, "kw": KW, "MW": 1e6},
     "ratio": {"-": 1.0, "ratio": 1.0, "%": PERCENT, "percent": PERCENT},
     "gradient": {"permil": PERMILLE, "permille": PERMILLE, "‰": PERMILLE, "%": PERCENT, "ratio": 1.0, "-": 1.0},
     "resistance_1": {

@@ -19,9 +19,9 @@ LADDER_LOWEST_RATIOS: Final = (0.0, 0.0005, 0.002)
 LADDER_LOW_RATIO: Final = 0.005
 LADDER_HIGH_RATIO: Final = 10.0
 """The other multipliers run geometrically between these multiples of it."""
-SUBSTEP_SPEED_RATIO: Final = 0.01
+SUBSTEP_SPEED_RATIO: Final = 0.005
 """Within a step of integration the speed of the fastest run changes by at most about this ratio."""
-MAX_SUBSTEPS: Final = 40
+MAX_SUBSTEPS: Final = 80
 """Most steps of integration in one step of the decision grid."""
 MIN_STEP_M: Final = 1e-3
 """Breakpoints nearer than this are one."""

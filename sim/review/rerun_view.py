@@ -94,9 +94,9 @@ def _write(recording: Recording, path: Path) -> None:
 def _check_installed() -> None:
     missing = [name for name in ("rerun", "rerun_cli", "matplotlib") if importlib.util.find_spec(name) is None]
     if missing:
-        raise DasError(f"{missing[0]} is not installed: pip install 'driver-advisory-system[view]'")
+        raise DasError(f"{missing[0]} is not installed: pip install '.[view]' in the checkout")
 
 
 def _check_display() -> None:
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise DasError("no display to open a viewer on: save the view to a .rrd file and open that where there is one")
+        raise DasError("no display to open a viewer on: write the view to a file with --save FILE.rrd instead")

@@ -95,8 +95,8 @@ class Fields:
 
         Any unit of the dimension will do; two keys for one quantity, or none without a default, are refused.
         """
-        found = [key for key in (f"{name}_{unit}" for unit in FACTORS[dimension]) if key in self.data]
-        names = " or ".join(f"{name}_{unit}" for unit in FACTORS[dimension] if unit.isidentifier())
+        keys = self.quantity_keys({name: dimension})
+        found, names = [key for key in keys if key in self.data], " or ".join(keys)
         if len(found) > 1:
             raise self.error(found[1], self.data[found[1]], f"only one of {found[0]} and {found[1]}")
         if not found:
@@ -108,7 +108,12 @@ class Fields:
 
     def quantity_keys(self, quantities: Mapping[str, str]) -> list[str]:
         """All keys under which the given quantities (name → dimension) may appear."""
-        return [f"{name}_{unit}" for name, dimension in quantities.items() for unit in FACTORS[dimension]]
+        return [
+            f"{name}_{unit}"
+            for name, dimension in quantities.items()
+            for unit in FACTORS[dimension]
+            if unit.isidentifier() and unit.islower()
+        ]
 
     def columns(self, key: str, wanted: Mapping[str, str]) -> dict[str, list[float]]:
         """A list with units in its column names: {columns = ["position_km", …], rows = [[…], …]} in SI.
