@@ -22,7 +22,7 @@ HAND_FIGURES = [
     ("force", 213.9, 213_900.0, "kN kn"),
     ("power", 5.0, 5.0, "W w"),
     ("power", 6100.0, 6.1e6, "kW kw"),
-    ("power", 6.1, 6.1e6, "MW mw"),
+    ("power", 6.1, 6.1e6, "MW"),
     ("ratio", 0.06, 0.06, "- ratio"),
     ("ratio", 6.0, 0.06, "% percent"),
     ("gradient", 12.5, 0.0125, "permil permille ‰"),
