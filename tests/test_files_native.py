@@ -141,7 +141,7 @@ BAD_VEHICLES = [
     ('id = "t"', "id = 5", r"vehicle\.id = 5: expected a text"),
     ("[resistance]", "[resistence]", r"resistence = .*: expected one of the keys .*resistance"),
     ("[traction]\nmax_force_kn = 100.0\nmax_power_kw = 2000.0\n", "", r"traction is missing: expected a table"),
-    ("max_power_kw", "max_power_hp", r"traction\.max_power_hp = 2000\.0: expected one of the keys"),
+    ("max_power_kw = 2000.0", "max_power_hp = 2000.0", r"traction\.max_power_hp = 2000\.0: expected one of the keys"),
     ('policy = "blended"', 'policy = "magnetic"', r"brakes\.policy = 'magnetic': expected one of electric, blended, f"),
     ('policy = "blended"', "", r"brakes\.policy is missing: expected a text"),
     ('default = "l2"', 'default = "l9"', r"losses\.default = 'l9': expected one of l0-noreg, l0-reg, l1, l2, l3, own"),
