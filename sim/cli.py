@@ -63,10 +63,10 @@ def default(context: typer.Context) -> None:
 def replay(
     trip: Annotated[Path, typer.Argument(help="GPS record (CSV: latitude, longitude, km/h, ms) or MCAP of ours.")],
     route: Annotated[
-        str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's, if bundled].")
+        str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
     ] = None,
     vehicle: Annotated[
-        str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's, if bundled].")
+        str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's].")
     ] = None,
     reverse: Annotated[
         bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")

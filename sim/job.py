@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 from das import __version__
 from das.bus.topics import check_train_name
 from das.domain.errors import DasError
-from das.domain.files.load import load_route, load_vehicle, locate_route, locate_vehicle
+from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import section_stops
 from das.domain.units import NS
@@ -18,6 +19,7 @@ from das.solver.section import Section, build_section
 from das.solver.warm_up import warm_up
 from sim.estimate import estimate_run
 from sim.options import ReplayOptions
+from sim.recording import extract_attachments
 from sim.replay import Job, plan_timing
 from sim.trips.trip import Trip, load_trip, peek_journey
 
@@ -32,7 +34,8 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
     if out.resolve() == trip_path.resolve():
         raise DasError(f"{out}: the recording to write is the trip to read")
-    options = _completed(trip_path, options)
+    folder = tempfile.TemporaryDirectory(prefix="das-replay-")
+    options = _completed(trip_path, options, Path(folder.name))
     assert options.route is not None
     assert options.vehicle is not None
     section = _section(options)
@@ -54,13 +57,14 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         delay_given=options.delay_s is not None,
         node_arguments=_node_arguments(options, start.name, end.name),
         out=out,
+        files_kept=folder,
         speed=options.speed,
         metadata=_metadata(trip, section, options, command),
         attachments=tuple(_attachments(options)),
     )
 
 
-def _completed(trip_path: Path, options: ReplayOptions) -> ReplayOptions:
+def _completed(trip_path: Path, options: ReplayOptions, folder: Path) -> ReplayOptions:
     """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
     journey = peek_journey(trip_path)
     if journey is None:
@@ -70,15 +74,31 @@ def _completed(trip_path: Path, options: ReplayOptions) -> ReplayOptions:
         return options
     if options.reverse:
         raise DasError("--reverse: the recording says itself in which direction it drives")
-    same_route = options.route is None or load_route(options.route).id == journey.route_id
+    attached = extract_attachments(trip_path, folder)
+    route = options.route or _recorded(journey.route_id, "routes", attached)
+    same_route = load_route(route).id == journey.route_id
     return replace(
         options,
-        route=options.route or journey.route_id,
-        vehicle=options.vehicle or journey.vehicle_id,
+        route=route,
+        vehicle=options.vehicle or _recorded(journey.vehicle_id, "vehicles", attached),
         reverse=journey.reversed,
         from_stop=options.from_stop or (journey.from_stop if same_route else None),
         to_stop=options.to_stop or (journey.to_stop if same_route else None),
     )
+
+
+def _recorded(identity: str, kind: str, attached: list[Path]) -> str:
+    """The bundled route or vehicle of this identity, else the attached file that has it, else the identity itself."""
+    if identity in catalogue(kind):
+        return identity
+    for path in attached:
+        try:
+            found = load_route(str(path)).id if kind == "routes" else load_vehicle(str(path)).id
+        except DasError:
+            continue
+        if found == identity:
+            return str(path)
+    return identity
 
 
 def _section(options: ReplayOptions) -> Section:

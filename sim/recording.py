@@ -11,7 +11,8 @@ import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 from mcap import records
-from mcap.exceptions import EndOfFile
+from mcap.exceptions import EndOfFile, McapError
+from mcap.reader import make_reader
 from mcap.stream_reader import CRCValidationError, StreamReader
 from numpy.typing import NDArray
 
@@ -66,6 +67,20 @@ def columns(messages: Sequence[Stamped], kind: type[Message], fields: Sequence[s
         dtype: Any = np.float64 if cpp_type in FLOATS else object if cpp_type in TEXTS else np.int64
         result[name] = np.array([getattr(m.message, name) for m in messages], dtype=dtype)
     return result
+
+
+def extract_attachments(path: Path, folder: Path) -> list[Path]:
+    """Write the attachments of a whole recording into a folder, by their bare names; none of one that was cut off."""
+    written = []
+    try:
+        with path.open("rb") as file:
+            for attachment in make_reader(file).iter_attachments():
+                target = folder / Path(attachment.name).name
+                target.write_bytes(attachment.data)
+                written.append(target)
+    except (OSError, McapError):
+        return []
+    return written
 
 
 def read_recording(path: Path) -> Recording:

@@ -81,6 +81,8 @@ class Job:
     speed: float | None
     metadata: dict[str, str]
     attachments: tuple[Path, ...] = ()
+    files_kept: object = None
+    """Holds the folder of files taken from a recording for as long as the job lives."""
 
 
 @dataclass(kw_only=True)
