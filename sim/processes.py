@@ -44,7 +44,9 @@ class Process:
         """Raise DasError with its last words if the process has ended."""
         code = self._child.poll()
         if code is not None:
-            raise DasError(f"the {self.name} ended (exit code {code}): {self._last_words()}")
+            if code < 0:
+                raise DasError(f"the {self.name} was killed by {signal.Signals(-code).name}")
+            raise DasError(f"the {self.name} ended: {self._last_words()}")
 
     def stop(self) -> int:
         """End it with SIGTERM, after a while with SIGKILL; returns its exit code."""

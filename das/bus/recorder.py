@@ -125,7 +125,13 @@ class Recorder:
 
 def record(arguments: argparse.Namespace) -> None:
     """Record until told to stop."""
-    stop = StopFlag(with_parent=arguments.with_parent)
+    try:
+        _record(arguments, StopFlag(with_parent=arguments.with_parent))
+    except OSError as error:
+        raise DasError(f"{arguments.out}: cannot be written ({error.strerror})") from error
+
+
+def _record(arguments: argparse.Namespace, stop: StopFlag) -> None:
     file = RecordingFile(Path(arguments.out))
     try:
         for path in arguments.attach:

@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from das.domain.errors import DasError
-from das.domain.files.writing import check_writable
+from das.domain.files.writing import check_writable, write_whole
 from sim.recording import Recording, read_recording
 
 APPLICATION = "das-review"
@@ -27,10 +27,10 @@ def save_view(recording_path: Path, rrd_path: Path) -> None:
     _check_installed()
     check_writable(rrd_path)
     recording = read_recording(recording_path)
-    with tempfile.TemporaryDirectory(dir=rrd_path.parent, prefix=f".{rrd_path.name}.") as folder:
-        beside = Path(folder) / "view.rrd"
-        _write(recording, beside)
-        os.replace(beside, rrd_path)
+    with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
+        whole = Path(folder) / "view.rrd"
+        _write(recording, whole)
+        write_whole(rrd_path, whole.read_bytes())
 
 
 def open_view(recording_path: Path) -> None:
@@ -39,6 +39,7 @@ def open_view(recording_path: Path) -> None:
     The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
     """
     _check_installed()
+    read_recording(recording_path)
     _check_display()
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         rrd = Path(folder) / f"{recording_path.stem}.rrd"

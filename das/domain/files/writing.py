@@ -11,7 +11,9 @@ from das.domain.errors import DasError
 
 def check_writable(path: Path) -> None:
     """Raise DasError unless a file can be created at `path`; to be asked before long work starts."""
-    folder = path.parent
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return
+    folder = path.resolve().parent
     if path.is_dir():
         raise DasError(f"{path}: is a folder, expected a file to write")
     if not folder.is_dir():
@@ -24,8 +26,15 @@ def check_writable(path: Path) -> None:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` beside `path` and rename it into place; DasError where that fails."""
+    """Write `content` beside `path` and rename it into place; DasError where that fails.
+
+    A link is followed; what is not a regular file (a device, a pipe) is written to, not replaced.
+    """
     try:
+        path = path.resolve()
+        if path.exists() and not path.is_file():
+            path.write_bytes(content)
+            return
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(handle, "wb") as file:
