@@ -17,7 +17,7 @@ def check_writable(path: Path) -> None:
     if path.is_dir():
         raise DasError(f"{path}: is a folder, expected a file to write")
     if not folder.is_dir():
-        raise DasError(f"{path}: no such folder {folder}")
+        raise DasError(f"{path}: no such folder {path.parent}")
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
