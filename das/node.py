@@ -69,7 +69,13 @@ class Node:
         self._solve_s = time.perf_counter() - began
 
     def take(self, received: Received) -> None:
-        """Act on one message as heard."""
+        """Act on one message as heard; one with numbers nothing can be done with is ignored and said."""
+        try:
+            self._act(received)
+        except (ArithmeticError, ValueError) as error:
+            self.event(0, Log.WARNING, f"{received.topic.name}: a message was ignored ({error})")
+
+    def _act(self, received: Received) -> None:
         message, topic = received.message, received.topic
         if message is None:
             self.event(self.now_ns(), Log.WARNING, f"{topic.name}: a message that cannot be read was ignored")

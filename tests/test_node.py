@@ -176,6 +176,22 @@ def test_node_with_the_wall_clock_does_not_obey_control() -> None:
         assert child.poll() is None
 
 
+def test_node_survives_times_at_the_ends_of_the_clock() -> None:
+    last = 2**63 - 1
+    with node("--clock", "bus") as (bus, child):
+        until(bus, status(das_pb2.Status.STATE_WAITING), child)
+        for now in (last, -last, 0):
+            message = journey()
+            message.stops[1].arrival_ns = last
+            bus.publish(JOURNEY, message)
+            bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=10.0, speed_mps=4.0))
+            bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=1))
+        bus.publish(JOURNEY, journey())
+        bus.publish(POSITION, das_pb2.Position(time_ns=START_NS, s_m=10.0, speed_mps=4.0))
+        bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS, tick=7))
+        assert until(bus, lambda r: r.topic is ADVICE and r.message.tick == 7, child).mode != das_pb2.MODE_NONE
+
+
 def test_docs_list_every_topic() -> None:
     page = (Path(__file__).parents[1] / "docs" / "bus.md").read_text()
     for topic in TOPICS:
