@@ -187,9 +187,15 @@ def test_node_survives_times_at_the_ends_of_the_clock() -> None:
             bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=10.0, speed_mps=4.0))
             bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=1))
         bus.publish(JOURNEY, journey())
-        bus.publish(POSITION, das_pb2.Position(time_ns=START_NS, s_m=10.0, speed_mps=4.0))
-        bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS, tick=7))
-        assert until(bus, lambda r: r.topic is ADVICE and r.message.tick == 7, child).mode != das_pb2.MODE_NONE
+        # Journeys come by a subscriber of their own: when they are taken is not ordered with the positions.
+        for tick in range(2, 100):
+            bus.publish(POSITION, das_pb2.Position(time_ns=START_NS + tick, s_m=10.0, speed_mps=4.0))
+            bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS + tick, tick=tick))
+            advice = until(bus, lambda r, tick=tick: r.topic is ADVICE and r.message.tick == tick, child)
+            if advice.mode != das_pb2.MODE_NONE:
+                break
+            time.sleep(0.05)
+        assert advice.mode != das_pb2.MODE_NONE
 
 
 def test_docs_list_every_topic() -> None:
