@@ -37,7 +37,9 @@ LossMapOption = Annotated[
     Path | None, typer.Option(help="CSV loss map (speed_kmh, force_n, loss_w): its losses and nothing else.")
 ]
 PointMassOption = Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")]
-BoundaryOption = Annotated[float, typer.Option(help="Speed at both ends of the section.", min=0)]
+BoundaryOption = Annotated[float, typer.Option(help="Speed at both ends of the section.")]
+StartSpeedOption = Annotated[float | None, typer.Option(help="Speed at the start only.", show_default=False)]
+EndSpeedOption = Annotated[float | None, typer.Option(help="Speed at the end only.", show_default=False)]
 PowerOption = Annotated[float | None, typer.Option(help="Power of traction and of the electric brake.")]
 ForceOption = Annotated[float | None, typer.Option(help="Largest traction force.")]
 BrakeForceOption = Annotated[float | None, typer.Option(help="Largest force of the electric brake.")]
@@ -63,6 +65,8 @@ def solve(
     loss_map: LossMapOption = None,
     point_mass: PointMassOption = False,
     boundary_speed_mps: BoundaryOption = 0.0,
+    start_speed_mps: StartSpeedOption = None,
+    end_speed_mps: EndSpeedOption = None,
     max_power_kw: PowerOption = None,
     max_force_kn: ForceOption = None,
     max_brake_force_kn: BrakeForceOption = None,
@@ -122,6 +126,8 @@ def front(
     loss_map: LossMapOption = None,
     point_mass: PointMassOption = False,
     boundary_speed_mps: BoundaryOption = 0.0,
+    start_speed_mps: StartSpeedOption = None,
+    end_speed_mps: EndSpeedOption = None,
     max_power_kw: PowerOption = None,
     max_force_kn: ForceOption = None,
     max_brake_force_kn: BrakeForceOption = None,
@@ -154,8 +160,10 @@ def _pose(options: dict[str, Any]) -> Pose:
         value = getattr(pose, name)
         if value is not None and not 0 < value < 1e9:
             raise DasError(f"--{name.replace('_', '-')} {value}: expected a number > 0")
-    if not 0 <= pose.boundary_speed_mps < 200:
-        raise DasError(f"--boundary-speed-mps {pose.boundary_speed_mps}: expected a speed from 0 to 200 m/s")
+    for name in ("boundary_speed_mps", "start_speed_mps", "end_speed_mps"):
+        value = getattr(pose, name)
+        if value is not None and not 0 <= value < 200:
+            raise DasError(f"--{name.replace('_', '-')} {value}: expected a speed from 0 to 200 m/s")
     return pose
 
 

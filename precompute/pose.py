@@ -27,6 +27,8 @@ class Pose:
     loss_map: Path | None = None
     point_mass: bool = False
     boundary_speed_mps: float = 0.0
+    start_speed_mps: float | None = None
+    end_speed_mps: float | None = None
     max_power_kw: float | None = None
     max_force_kn: float | None = None
     max_brake_force_kn: float | None = None
@@ -45,9 +47,13 @@ class Pose:
             level=self.level,
             start_m=start.position_m,
             end_m=end.position_m,
-            boundary_speed_mps=self.boundary_speed_mps,
+            start_speed_mps=self._end_speed(self.start_speed_mps),
+            end_speed_mps=self._end_speed(self.end_speed_mps),
             point_mass=self.point_mass,
         )
+
+    def _end_speed(self, speed_mps: float | None) -> float:
+        return self.boundary_speed_mps if speed_mps is None else speed_mps
 
     def train(self) -> Vehicle:
         """The vehicle with the overrides; a loss map changes its losses and nothing else."""

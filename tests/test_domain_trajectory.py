@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle
-from das.domain.losses import EfficiencyLoss
-from das.domain.trajectory import Trajectory, mean_resistance_n
-from das.domain.vehicle import Vehicle
+from das.domain.losses import EfficiencyLoss, Level
+from das.domain.trajectory import Trajectory, consumed_j, evaluated_at, mean_resistance_n
+from das.domain.vehicle import BrakePolicy, Vehicle
 
 GAUSS_X, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(60)
 
@@ -100,3 +101,42 @@ def test_the_ledger_of_a_climb_by_hand() -> None:
 
 def test_a_ledger_of_forces_that_do_not_fit_the_motion_does_not_close() -> None:
     assert climb(70e3).ledger(train(), EfficiencyLoss.symmetric(0.9)).residual_ratio > 0.05
+
+
+def there_and_back() -> Trajectory:
+    """1 km at +80 kN and 20 m/s, then 1 km at -80 kN with 30 kN of it by friction: as a blended train would."""
+    one = climb(80e3)
+    return replace(
+        one,
+        s_m=np.array([0.0, 1000.0, 2000.0]),
+        t_s=np.array([0.0, 50.0, 100.0]),
+        v_mps=np.array([20.0, 20.0, 20.0]),
+        force_el_n=np.array([80e3, -50e3]),
+        force_friction_n=np.array([0.0, -30e3]),
+        grade_ratio=np.zeros(2),
+        grade_and_curve_n=np.zeros(2),
+        tunnel_n_per_mps2=np.zeros(2),
+        limit_mps=np.full(2, 40.0),
+    )
+
+
+def test_cross_evaluation_brakes_as_the_level_does() -> None:
+    run, vehicle = there_and_back(), train()
+    resistance = 2 * 12.416e6  # at a constant 20 m/s, whatever the forces
+    work = 80e6
+    assert consumed_j(run, vehicle, Level.L0_NOREG) == pytest.approx(work)  # eq. 8: positive wheel work
+    assert consumed_j(run, vehicle, Level.L0_REG) == pytest.approx(resistance)
+    l1 = vehicle.loss_model(Level.L1)
+    assert isinstance(l1, EfficiencyLoss)
+    assert consumed_j(run, vehicle, Level.L1) == pytest.approx(resistance + l1.traction_ratio * 2 * work)
+    blended = replace(
+        vehicle, brake_policy=BrakePolicy.BLENDED, electric_brake=replace(vehicle.electric_brake, max_force_n=50e3)
+    )
+    ledger = evaluated_at(run, blended, Level.L0_REG)
+    assert ledger.friction_brake == pytest.approx(30e6)
+    assert ledger.input == pytest.approx(work - 50e6)
+
+
+def test_cross_evaluation_needs_the_level() -> None:
+    with pytest.raises(DasError, match="no data for level l3"):
+        consumed_j(there_and_back(), replace(train(), losses={}, default_level=Level.L0_REG), Level.L3)

@@ -116,6 +116,29 @@ def test_fastest_run_without_resistance_is_half_acceleration_half_braking() -> N
     assert front.fastest().trajectory.v_mps.max() == pytest.approx(math.sqrt(1_000.0), rel=2e-2)
 
 
+def test_run_up_to_an_end_speed_without_resistance_uses_the_whole_force_at_the_end() -> None:
+    # From 0 to 20 m/s over 1 km at a = 1 m/s² at most, no losses: any run needs the kinetic energy, the fastest
+    # sets off at once and holds the speed: t = v/a + (s − v²/2a)/v = 60 s; the slowest accelerates last.
+    section = build_section(flat(1_000.0, 20.0), make_train(), end_speed_mps=20.0)
+    front = solve_front(section)
+    assert front.fastest().time_s == pytest.approx(60.0, rel=1e-3)
+    slow = front.trajectory(90.0)
+    assert slow.feasible
+    assert slow.fit is Fit.ON_TIME
+    assert slow.ledger.input == pytest.approx(0.5 * 1e5 * 20.0**2, rel=1e-6)
+    # The slowest speeds that still reach the end: v² = v_end² − 2·a·(distance to go), 0 further back.
+    expected = np.sqrt(np.maximum(20.0**2 - 2.0 * (1_000.0 - section.node_m), 0.0))
+    assert np.allclose(section.floor_mps, expected, atol=1e-9)
+    assert (slow.trajectory.v_mps >= section.floor_mps - 1e-9).all()
+
+
+def test_an_end_speed_beyond_reach_is_refused() -> None:
+    with pytest.raises(InfeasibleError, match=r"the train ends at .* km/h, expected 144\.0 km/h"):
+        build_section(flat(500.0), make_train(), end_speed_mps=40.0)
+    with pytest.raises(InfeasibleError, match=r"an end at 144\.0 km/h is above the limit"):
+        build_section(flat(500.0, 20.0), make_train(), end_speed_mps=40.0)
+
+
 def test_acceleration_at_constant_power_follows_the_closed_form() -> None:
     # v³ = v0³ + 3·P/m·s at constant power without resistance.
     train = replace(make_train(power_w=1e6), max_speed_mps=100.0)
@@ -386,7 +409,7 @@ def pose_reference(row: dict[str, str], data: Path) -> tuple[Section, Line, dict
     if row["loss_model"].startswith("map") or row["brakes"] == "electric":
         effort = EffortEnvelope(max_force_n=213.9e3, max_power_w=3129.278e3)
         vehicle = replace(vehicle, traction=effort, electric_brake=effort, max_speed_mps=160 / 3.6)
-    section = build_section(load_route(str(track)), vehicle, point_mass=True, boundary_speed_mps=1.0)
+    section = build_section(load_route(str(track)), vehicle, point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
     return section, Line.read(track), json.loads(train_path.read_text())
 
 
@@ -445,6 +468,7 @@ def test_least_times_of_the_public_benchmark(shared: Path) -> None:
         route = load_route(str(shared / "ttobench" / "tracks" / f"{track}.json"))
         vehicle = load_vehicle(str(shared / "ttobench" / "trains" / f"{train}.json"))
         front = solve_front(
-            build_section(route, vehicle, point_mass=True, boundary_speed_mps=1.0), lambda_w=np.array([1e5])
+            build_section(route, vehicle, point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0),
+            lambda_w=np.array([1e5]),
         )
         assert expected - 0.1 < front.fastest().time_s < expected * 1.0005

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.losses import LossModel
+from das.domain.losses import Level, LossModel
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Resistance, Vehicle
 
@@ -77,6 +77,13 @@ class Trajectory:
         """Component loss of each interval under any loss model (J)."""
         return loss.loss_w(self.force_el_n, self.mean_speed_mps()) * self.interval_s()
 
+    def braked_as(self, vehicle: Vehicle, level: Level) -> Trajectory:
+        """The same motion with its forces split between motors and friction brake as the vehicle does at a level."""
+        total = self.force_el_n + self.force_friction_n
+        faster = np.maximum(self.v_mps[:-1], self.v_mps[1:])
+        electric = vehicle.electric_effort_n(total, faster, level)
+        return replace(self, force_el_n=electric, force_friction_n=total - electric)
+
     def ledger(self, vehicle: Vehicle, loss: LossModel) -> Ledger:
         """Energy ledger of the run with this vehicle's masses and resistance and the given losses.
 
@@ -99,6 +106,23 @@ class Trajectory:
             input=float(self.force_el_n @ step) + component_loss_j,
             comfort=vehicle.comfort_power_w * self.time_s,
         )
+
+
+def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> Ledger:
+    """Energy ledger of any motion at any level of losses and with the brakes of that level (cross-evaluation).
+
+    Raises DasError where the vehicle has no such level or its loss map does not cover the run.
+    """
+    return trajectory.braked_as(vehicle, level).ledger(vehicle, vehicle.loss_model(level))
+
+
+def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
+    """Energy (J) by which the paper compares runs at a level: the irreversible energy E_IC (eqs. 9 to 12).
+
+    At L0 NOREG it is the positive wheel work (eq. 8), which counts the brakes' losses before they occur.
+    """
+    ledger = evaluated_at(trajectory, vehicle, level)
+    return ledger.input if level is Level.L0_NOREG else ledger.irreversible
 
 
 def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:

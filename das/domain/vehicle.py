@@ -125,6 +125,16 @@ class Vehicle:
         """Brake policy at a level: L0 NOREG dissipates everything, the others brake as the train does."""
         return BrakePolicy.FRICTION if level is Level.L0_NOREG else self.brake_policy
 
+    def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level) -> Floats:
+        """What the motors give or take (N) of each wheel force at a speed (m/s); the rest is friction brake."""
+        force = np.asarray(force_n, dtype=float)
+        brakes = self.brakes_at(level)
+        if brakes is BrakePolicy.ELECTRIC:
+            return force
+        if brakes is BrakePolicy.FRICTION:
+            return np.asarray(np.maximum(force, 0.0))
+        return np.asarray(np.maximum(force, -self.electric_brake.force_n(speed_mps)))
+
     def tunnel_coefficient_n_per_mps2(self, area_m2: float) -> float:
         """Additional resistance coefficient in a tunnel of this cross section (N/(m/s)²), 0 where the file has none.
 

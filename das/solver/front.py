@@ -71,6 +71,7 @@ class _State(LineProfile):
     """What lies ahead of a state: the section from there on; `k0` is the last decision node before it."""
 
     k0: int
+    floor_mps: Floats
     envelope_mps: Floats
     decision: NDArray[np.int64]
     speed_mps: float
@@ -172,6 +173,7 @@ class Front:
             constant_n=section.constant_n[first],
             tunnel_n_per_mps2=section.tunnel_n_per_mps2[first],
             limit_mps=section.limit_mps[first],
+            floor_mps=section.floor_mps[first],
             envelope_mps=envelope,
             decision=np.concatenate(([0], section.decision[k:] - (i - 1))),
             speed_mps=v_mps,
@@ -184,8 +186,9 @@ class Front:
         speeds[0] = state.speed_mps
         time_s = rollout_kernels.roll_out(
             state.k0, policy.price_w, policy.index, policy.offset_w, policy.gap_w, state.decision,
-            state.step_m, state.constant_n, state.tunnel_n_per_mps2, state.envelope_mps, self.value_j,
-            self.time_to_go_s, section.train, section.loss_params, section.brakes is BrakePolicy.FRICTION, speeds,
+            state.step_m, state.constant_n, state.tunnel_n_per_mps2, state.floor_mps, state.envelope_mps,
+            self.value_j, self.time_to_go_s, section.train, section.loss_params,
+            section.brakes is BrakePolicy.FRICTION, speeds,
         )  # fmt: skip
         return self._checked(state, speeds, time_s)
 
@@ -223,7 +226,7 @@ class Front:
         total, time_s = np.empty(len(self.lambda_w)), np.empty(len(self.lambda_w))
         rollout_kernels.one_step_totals(
             state.k0 + 1, state.speed_mps, length, float(state.constant_n[:n] @ step) / length,
-            float(state.tunnel_n_per_mps2[:n] @ step) / length, float(state.envelope_mps[n]),
+            float(state.tunnel_n_per_mps2[:n] @ step) / length, float(state.floor_mps[n]), float(state.envelope_mps[n]),
             len(state.decision) == 2, self.lambda_w, self.value_j, self.time_to_go_s, section.train,
             section.loss_params, section.brakes is BrakePolicy.FRICTION, total, time_s,
         )  # fmt: skip
@@ -393,12 +396,13 @@ def transitions(section: Section, *, threads: int = 2) -> Transitions:
     length = np.diff(node)
     constant = np.add.reduceat(section.constant_n * section.step_m, starts) / length
     tunnel = np.add.reduceat(section.tunnel_n_per_mps2 * section.step_m, starts) / length
+    floor = np.ascontiguousarray(section.floor_mps[section.decision])
     envelope = np.ascontiguousarray(section.envelope_mps[section.decision])
     dissipative = section.brakes is BrakePolicy.FRICTION
 
     def block(first: int, last: int) -> None:
         kernels.transitions(
-            first, last, node, constant, tunnel, envelope, tol.SPEED_STEPS, section.train, section.loss_params,
+            first, last, node, constant, tunnel, floor, envelope, tol.SPEED_STEPS, section.train, section.loss_params,
             dissipative, result.time_s, result.energy_j, result.target, result.weight, result.count,
         )  # fmt: skip
 

@@ -111,6 +111,64 @@ def braking_envelope(step, g, q, limit, end_speed, p):
 
 
 @kernel
+def climbing_floor(step, g, q, end_speed, p):
+    """Slowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead.
+
+    0 where the train can set off from a standstill. Integrated backwards; the power limit is taken at the faster end
+    of each step.
+    """
+    n = step.size
+    v = np.zeros(n + 1)
+    v[n] = end_speed
+    for i in range(n - 1, -1, -1):
+        v1 = v[i + 1]
+        v0 = v1
+        for _ in range(_FIXED_POINT_STEPS):
+            rate = (traction_limit(max(v0, v1), p) - mean_resistance(v0, v1, q[i], p) - g[i]) / p.inertial_mass_kg
+            w0 = v1 * v1 - 2.0 * step[i] * min(rate, p.max_acceleration_mps2)
+            new = math.sqrt(w0) if w0 > 0.0 else 0.0
+            if abs(new - v0) <= _FIXED_POINT_TOLERANCE * max(new, 1.0):
+                v0 = new
+                break
+            v0 = new
+        v[i] = v0
+    return v
+
+
+@kernel
+def grid_speed(floor, top, j, steps):
+    """Speed of grid line j of a decision node: evenly from the floor to the envelope."""
+    return floor + (top - floor) * j / steps
+
+
+@kernel
+def locate(v, floor, top, steps):
+    """Grid line below speed v and the share of the line above it, linear in v²; (-1, 0.0) outside the table.
+
+    A standing train (line 0 of a floor of 0) is not in the table. A speed less than half a line below a floor
+    is taken as on it: that is the rounding of the integration.
+    """
+    span = top - floor
+    if span <= 0.0:
+        return 0, 0.0
+    x = (v - floor) / span * steps
+    if floor <= 0.0:
+        if x < 1.0:
+            return -1, 0.0
+    elif x < 0.0:
+        if x < -0.5:
+            return -1, 0.0
+        return 0, 0.0
+    lower = min(int(x), steps - 1)
+    a = grid_speed(floor, top, lower, steps)
+    b = grid_speed(floor, top, lower + 1, steps)
+    share = min((v * v - a * a) / (b * b - a * a), 1.0)
+    if share < SMALLEST_SHARE:
+        share = 0.0
+    return lower, share
+
+
+@kernel
 def full_traction_speed(v0, h, g, q, p):
     """Speed after a step at full traction; the power limit holds over the whole step. 0 where the train stalls."""
     v1 = v0
@@ -213,7 +271,7 @@ def landings(v0, h, g, q, top, last, p, dissipative, out):
 
 @kernel
 def transitions(
-    first, last, node, constant, tunnel, envelope, steps, p, c, dissipative, dt, energy, target, weight, count
+    first, last, node, constant, tunnel, floor, envelope, steps, p, c, dissipative, dt, energy, target, weight, count
 ):
     """All transitions of the decision nodes first … last − 1.
 
@@ -227,9 +285,9 @@ def transitions(
         top = envelope[k + 1]
         final = k == n - 1
         for j in range(steps + 1):
-            v0 = envelope[k] * j / steps
+            v0 = grid_speed(floor[k], envelope[k], j, steps)
             count[k, j] = 0
-            if j == 0:
+            if v0 <= 0.0:
                 continue
             m = landings(v0, h, constant[k], tunnel[k], top, final, p, dissipative, out)
             used = 0
@@ -238,13 +296,9 @@ def transitions(
                 lower = 0
                 share = 0.0
                 if not final:
-                    x = v1 / top * steps
-                    if x < 1.0:
+                    lower, share = locate(v1, floor[k + 1], top, steps)
+                    if lower < 0:
                         continue
-                    lower = min(int(x), steps - 1)
-                    share = min((x * x - lower * lower) / (2.0 * lower + 1.0), 1.0)
-                    if share < SMALLEST_SHARE:
-                        share = 0.0
                 a, b = step_cost(v0, v1, h, constant[k], tunnel[k], p, c, dissipative)
                 dt[k, j, used] = a
                 energy[k, j, used] = b

@@ -16,9 +16,11 @@ from das.solver.kernels import (
     LANDINGS,
     electric_limit,
     full_traction_speed,
+    grid_speed,
     kernel,
     landing_speed,
     landings,
+    locate,
     mean_resistance,
     step_cost,
     traction_limit,
@@ -48,19 +50,19 @@ def _value_at_index(value, time_to_go, k, j, a, offset, gap):
 
 
 @kernel
-def value_at(value, time_to_go, k, v, top, a, offset, gap):
-    """Value (J) of the policy at decision node k and speed v, top the envelope there."""
+def value_at(value, time_to_go, k, v, floor, top, a, offset, gap):
+    """Value (J) of the policy at decision node k and speed v, floor and top the bounds of the speed grid there."""
     steps = value.shape[1] - 1
-    x = v / top * steps
-    if x < 1.0:
+    i, s = locate(v, floor, top, steps)
+    if i < 0:
         return INFEASIBLE
-    i = min(int(x), steps - 1)
     y1 = _value_at_index(value, time_to_go, k, i, a, offset, gap)
+    if s == 0.0:
+        return y1
     y2 = _value_at_index(value, time_to_go, k, i + 1, a, offset, gap)
-    u = x - i
     if i < 2 or i > steps - 2:
-        s = (x * x - i * i) / (2.0 * i + 1.0)
         return (1.0 - s) * y1 + s * y2
+    u = (v - grid_speed(floor, top, i, steps)) / (top - floor) * steps
     y0 = _value_at_index(value, time_to_go, k, i - 1, a, offset, gap)
     y3 = _value_at_index(value, time_to_go, k, i + 2, a, offset, gap)
     if max(max(y0, y1), max(y2, y3)) >= 0.5 * INFEASIBLE:
@@ -69,15 +71,15 @@ def value_at(value, time_to_go, k, v, top, a, offset, gap):
 
 
 @kernel
-def _total_cost(v0, v1, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap):
+def _total_cost(v0, v1, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap):
     if v0 + v1 <= 0.0:
         return INFEASIBLE
     dt, energy = step_cost(v0, v1, h, g, q, p, c, dissipative)
-    return energy + price * dt + value_at(value, time_to_go, k, v1, top, a, offset, gap)
+    return energy + price * dt + value_at(value, time_to_go, k, v1, floor, top, a, offset, gap)
 
 
 @kernel
-def best_landing(k, v0, h, g, q, top, final, price, a, offset, gap, value, time_to_go, p, c, dissipative, out):
+def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value, time_to_go, p, c, dissipative, out):
     """Landing speed at decision node k that minimises cost (at λ = price) plus value, and that least total.
 
     Tries all landings of the step into k, then narrows between the best one's neighbours by golden section.
@@ -96,7 +98,9 @@ def best_landing(k, v0, h, g, q, top, final, price, a, offset, gap, value, time_
     for i in range(m):
         left = min(left, out[i])
         right = max(right, out[i])
-        cost = _total_cost(v0, out[i], h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+        cost = _total_cost(
+            v0, out[i], h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap
+        )
         if cost < best:
             best = cost
             choice = out[i]
@@ -109,21 +113,25 @@ def best_landing(k, v0, h, g, q, top, final, price, a, offset, gap, value, time_
             right = out[i]
     x1 = left + _GOLDEN * (right - left)
     x2 = right - _GOLDEN * (right - left)
-    y1 = _total_cost(v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
-    y2 = _total_cost(v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+    y1 = _total_cost(v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap)
+    y2 = _total_cost(v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap)
     for _ in range(_POLISH_STEPS):
         if y1 <= y2:
             right = x2
             x2 = x1
             y2 = y1
             x1 = left + _GOLDEN * (right - left)
-            y1 = _total_cost(v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+            y1 = _total_cost(
+                v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap
+            )
         else:
             left = x1
             x1 = x2
             y1 = y2
             x2 = right - _GOLDEN * (right - left)
-            y2 = _total_cost(v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, top, a, offset, gap)
+            y2 = _total_cost(
+                v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap
+            )
     if min(y1, y2) < best:
         if y1 <= y2:
             return x1, y1
@@ -195,7 +203,7 @@ def drive(first, last, landing, friction_n, step, g, q, envelope, p, v):
 
 
 @kernel
-def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, time_to_go, p, c, dissipative, v):
+def roll_out(k0, price, a, offset, gap, decision, step, g, q, floor, envelope, value, time_to_go, p, c, dissipative, v):
     """Follow a policy from v[0] to the end; fills v, returns the trip time (s), or -1 after a stall.
 
     `decision[m]` are the integration nodes of decision nodes k0 + m; decision[0] = 0.
@@ -218,6 +226,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, t
             h,
             gh / h,
             qh / h,
+            floor[i1],
             envelope[i1],
             m == n - 1,
             price,
@@ -234,6 +243,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, t
         if landing < 0.0:
             # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
             landing = envelope[i1]
+        landing = max(landing, floor[i1])
         full = landing_speed(v[i0], h, p.traction_power_w, p.traction_force_n, 1.0, gh / h, qh / h, p)
         creeping = m == n - 1 and v[i0] < CREEP_MPS
         if landing >= full or creeping:
@@ -244,6 +254,9 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, envelope, value, t
             electric = landing_speed(v[i0], h, p.electric_power_w, p.electric_force_n, -1.0, gh / h, qh / h, p)
             friction_n = p.friction_force_n if dissipative or landing < 0.999 * electric else 0.0
             moving = drive(i0, i1, landing, friction_n, step, g, q, envelope, p, v)
+            if v[i1] < floor[i1]:
+                # The end speed can no longer be reached from here: this step needs full traction from its beginning.
+                moving = hurry(i0, i1, step, g, q, envelope, p, v)
         if not moving:
             return -1.0
     return trip_time(step, v)
@@ -289,13 +302,13 @@ def trip_time(step, v):
 
 
 @kernel
-def one_step_totals(k0, v0, h, g, q, top, final, lam, value, time_to_go, p, c, dissipative, total, time_s):
+def one_step_totals(k0, v0, h, g, q, floor, top, final, lam, value, time_to_go, p, c, dissipative, total, time_s):
     """For every λ of the ladder: least total cost (J) and time (s) from speed v0, one step of length h before k0."""
     out = np.empty(LANDINGS)
     steps = value.shape[1] - 1
     for a in range(lam.size):
         x, cost = best_landing(
-            k0, v0, h, g, q, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, dissipative, out
+            k0, v0, h, g, q, floor, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, dissipative, out
         )
         total[a] = cost
         if x < 0.0:
@@ -303,7 +316,5 @@ def one_step_totals(k0, v0, h, g, q, top, final, lam, value, time_to_go, p, c, d
             continue
         time_s[a] = 2.0 * h / (v0 + x)
         if not final:
-            y = x / top * steps
-            j = min(int(y), steps - 1)
-            s = (y * y - j * j) / (2.0 * j + 1.0)
+            j, s = locate(x, floor, top, steps)
             time_s[a] += (1.0 - s) * time_to_go[k0, j, a] + s * time_to_go[k0, j + 1, a]

@@ -92,8 +92,8 @@ class Section(LineProfile):
     """One run of one train from `start_m` to `end_m` of a route (positions in route coordinates).
 
     The line's profile on the integration nodes. `envelope_mps` (per node) is the fastest speed from which everything
-    ahead can be kept. `length_m` is the train's (0 for a point mass). `decision` holds the indices of the decision
-    nodes among the integration nodes.
+    ahead can be kept, `floor_mps` the slowest from which the end speed can still be reached (mostly 0). `length_m` is
+    the train's (0 for a point mass). `decision` holds the indices of the decision nodes among the integration nodes.
     """
 
     route: Route
@@ -106,6 +106,7 @@ class Section(LineProfile):
     length_m: float
     start_speed_mps: float
     end_speed_mps: float
+    floor_mps: Floats
     envelope_mps: Floats
     decision: NDArray[np.int64]
     train: TrainParams
@@ -123,13 +124,13 @@ def build_section(
     level: Level | None = None,
     start_m: float | None = None,
     end_m: float | None = None,
-    boundary_speed_mps: float = 0.0,
+    start_speed_mps: float = 0.0,
+    end_speed_mps: float = 0.0,
     point_mass: bool = False,
 ) -> Section:
     """Discretise a section of a route for a train.
 
-    Defaults: from the first to the last stop, the vehicle's default level. `boundary_speed_mps` is the speed at
-    both ends. `point_mass` takes the train's length as 0.
+    Defaults: from the first to the last stop, the vehicle's default level. `point_mass` takes the train's length as 0.
 
     Raises DasError where the loss map does not cover what the train can do here, InfeasibleError where the train
     cannot brake or climb.
@@ -148,11 +149,12 @@ def build_section(
 
     decision_m = _decision_nodes(route, start_m, end_m, length_m)
     coarse = LineProfile.on(route, vehicle, decision_m, length_m)
-    envelope, fastest = _bounding_speeds(route, coarse, train, boundary_speed_mps)
+    speeds = (start_speed_mps, end_speed_mps)
+    _, envelope, fastest = _bounding_speeds(route, coarse, train, *speeds)
     counts = _substep_counts(decision_m, fastest)
     node_m = _subdivide(decision_m, counts)
     fine = LineProfile.on(route, vehicle, node_m, length_m)
-    envelope, fastest = _bounding_speeds(route, fine, train, boundary_speed_mps)
+    floor, envelope, fastest = _bounding_speeds(route, fine, train, *speeds)
     if isinstance(loss, LossMap):
         _check_coverage(loss, train, float(envelope.max()))
     return Section(
@@ -165,8 +167,9 @@ def build_section(
         start_m=start_m,
         end_m=end_m,
         length_m=length_m,
-        start_speed_mps=boundary_speed_mps,
-        end_speed_mps=boundary_speed_mps,
+        start_speed_mps=start_speed_mps,
+        end_speed_mps=end_speed_mps,
+        floor_mps=floor,
         envelope_mps=envelope,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         train=train,
@@ -228,25 +231,32 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats) -> NDArray[np.int64
 
 
 def _bounding_speeds(
-    route: Route, profile: LineProfile, train: TrainParams, boundary_speed_mps: float
-) -> tuple[Floats, Floats]:
-    """Braking envelope and fastest run over a grid; InfeasibleError where either is impossible."""
+    route: Route, profile: LineProfile, train: TrainParams, start_speed_mps: float, end_speed_mps: float
+) -> tuple[Floats, Floats, Floats]:
+    """Climbing floor, braking envelope and fastest run over a grid; InfeasibleError where one is impossible."""
     arrays = (profile.step_m, profile.constant_n, profile.tunnel_n_per_mps2)
-    envelope, stuck = kernels.braking_envelope(*arrays, profile.limit_mps, boundary_speed_mps, train)
+    if end_speed_mps > profile.limit_mps[-1]:
+        raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
+    envelope, stuck = kernels.braking_envelope(*arrays, profile.limit_mps, end_speed_mps, train)
     if stuck >= 0:
         raise InfeasibleError(
             f"{route.source}: the train cannot brake on the descent at {profile.node_m[stuck]:.0f} m "
             f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
         )
-    if boundary_speed_mps > envelope[0] + tol.SPEED_TOLERANCE_MPS:
-        raise InfeasibleError(f"{route.source}: a start at {boundary_speed_mps / KMH:.1f} km/h is above the limit")
-    fastest, stuck = kernels.fastest_run(*arrays, envelope, boundary_speed_mps, train)
+    if start_speed_mps > envelope[0] + tol.SPEED_TOLERANCE_MPS:
+        raise InfeasibleError(f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit")
+    fastest, stuck = kernels.fastest_run(*arrays, envelope, start_speed_mps, train)
     if stuck >= 0:
         raise InfeasibleError(
             f"{route.source}: the train stalls at {profile.node_m[stuck]:.0f} m "
             f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
         )
-    return envelope, fastest
+    if fastest[-1] < end_speed_mps - tol.SPEED_TOLERANCE_MPS:
+        raise InfeasibleError(
+            f"{route.source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
+        )
+    floor = np.minimum(kernels.climbing_floor(*arrays, end_speed_mps, train), envelope)
+    return floor, envelope, fastest
 
 
 def _train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
