@@ -248,7 +248,7 @@ class Front:
         self, state: _State, run: _Run, least_time_s: float, requested_s: float, fit: Fit, lambda_w: float
     ) -> Solution:
         speeds = run.speeds_mps
-        trajectory = _trajectory(self.section, state, speeds)
+        trajectory = trajectory_on(self.section, state, speeds)
         section = self.section
         ledger = trajectory.ledger(section.vehicle, section.loss)
         ends_right = abs(speeds[-1] - section.end_speed_mps) <= tol.SPEED_TOLERANCE_MPS
@@ -437,13 +437,13 @@ def _in_blocks(work: Callable[[int, int], None], size: int, threads: int) -> Non
             future.result()
 
 
-def _trajectory(section: Section, state: _State, speeds: Floats) -> Trajectory:
-    """Times and forces of a run given by its speeds at the integration nodes."""
+def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajectory:
+    """Times and forces of a run given by its speeds at the nodes of `line`, the section or a part of it."""
     train, vehicle = section.train, section.vehicle
-    step = state.step_m
+    step = line.step_m
     interval = 2.0 * step / (speeds[:-1] + speeds[1:])
-    running = mean_resistance_n(vehicle.resistance, speeds, state.tunnel_n_per_mps2)
-    force = train.inertial_mass_kg * np.diff(speeds**2) / (2.0 * step) + running + state.constant_n
+    running = mean_resistance_n(vehicle.resistance, speeds, line.tunnel_n_per_mps2)
+    force = train.inertial_mass_kg * np.diff(speeds**2) / (2.0 * step) + running + line.constant_n
     faster = np.maximum(np.maximum(speeds[:-1], speeds[1:]), 1e-9)
     if section.brakes is BrakePolicy.FRICTION:
         electric = np.maximum(force, 0.0)
@@ -452,13 +452,13 @@ def _trajectory(section: Section, state: _State, speeds: Floats) -> Trajectory:
     if train.friction_force_n == 0 and section.brakes is not BrakePolicy.FRICTION:
         electric = force
     return Trajectory(
-        s_m=state.node_m,
+        s_m=line.node_m,
         t_s=np.concatenate(([0.0], np.cumsum(interval))),
         v_mps=speeds,
         force_el_n=electric,
         force_friction_n=force - electric,
-        grade_ratio=state.grade_ratio,
-        grade_and_curve_n=state.constant_n,
-        tunnel_n_per_mps2=state.tunnel_n_per_mps2,
-        limit_mps=state.limit_mps,
+        grade_ratio=line.grade_ratio,
+        grade_and_curve_n=line.constant_n,
+        tunnel_n_per_mps2=line.tunnel_n_per_mps2,
+        limit_mps=line.limit_mps,
     )

@@ -1,0 +1,113 @@
+"""Bounds that keep the exact front exact: dual values from below, known runs from above."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precompute.exact import kernels
+from precompute.exact.grid import Graph, Layer
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LADDER = 90
+FIRST_LADDER = 40
+FIRST_RATIOS = (0.01, 30.0)
+"""The first multipliers run between these multiples of the train's power."""
+STEEPER = tuple(2.0**i for i in range(1, 11))
+"""Beyond the steepest multiplier of the refined ladder: the front is very steep near the least time."""
+ROUNDING_J = 1.0
+"""Slack of every comparison with a bound: far above the rounding of its sums, far below any saving."""
+ROUNDING_RATIO = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Known:
+    """Times (ns, rising) and energies (mJ, falling) of runs that exist: no other run above them is on the front."""
+
+    time_ns: Ints
+    energy_mj: Ints
+
+    @classmethod
+    def none(cls) -> Self:
+        return cls(time_ns=np.empty(0, np.int64), energy_mj=np.empty(0, np.int64))
+
+    def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
+        """Those of both that no other beats."""
+        time = np.concatenate((self.time_ns, time_ns))
+        energy = np.concatenate((self.energy_mj, energy_mj))
+        order = np.lexsort((energy, time))
+        time, energy = time[order], energy[order]
+        before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
+        keep = energy < before
+        return Known(time_ns=time[keep], energy_mj=energy[keep])
+
+    def until(self, latest_ns: int) -> Known:
+        keep = self.time_ns <= latest_ns
+        return Known(time_ns=self.time_ns[keep], energy_mj=self.energy_mj[keep])
+
+
+class Duals:
+    """V(λ, state): least energy + λ·time to go (J), per node an array (states, multipliers); `runs`: the optimal ones.
+
+    `runs` (multipliers, nodes) holds the speeds of a run of least energy + λ·time from the start for every multiplier.
+    """
+
+    def __init__(self, graph: Graph, layers: list[Layer], lambda_w: Floats, threads: int) -> None:
+        self.lambda_w = lambda_w
+        self.value_j = [np.zeros((len(layer.speed), len(lambda_w))) for layer in layers]
+        choice = [np.zeros(value.shape, np.int32) for value in self.value_j]
+        with ThreadPoolExecutor(threads) as pool:
+            for k in range(graph.intervals - 1, -1, -1):
+                here, there = layers[k], layers[k + 1]
+                edges = [round(len(here.speed) * i / threads) for i in range(threads + 1)]
+
+                def block(part: tuple[int, int], k: int = k, here: Layer = here, there: Layer = there) -> None:
+                    kernels.dual_values(
+                        *part, here.speed, here.first, here.last, here.coast, graph.unit_mps, graph.ratio,
+                        *graph.interval(k), graph.section.train, graph.section.loss_params, graph.dissipative,
+                        there.lowest, there.row, self.value_j[k + 1], lambda_w, self.value_j[k], choice[k],
+                    )  # fmt: skip
+
+                list(pool.map(block, pairwise(edges)))
+        self.runs = np.empty((len(lambda_w), len(layers)), np.int64)
+        self.runs[:, 0] = layers[0].speed[0]
+        for k in range(graph.intervals):
+            row = layers[k].row[self.runs[:, k] - layers[k].lowest]
+            self.runs[:, k + 1] = choice[k][row, np.arange(len(lambda_w))]
+
+
+def first_ladder(power_w: float) -> Floats:
+    """Multipliers (W) that span the front of any train."""
+    return power_w * np.concatenate(([0.0, 1e-3], np.geomspace(*FIRST_RATIOS, FIRST_LADDER - 2)))
+
+
+def refined_ladder(lambda_w: Floats, time_ns: Ints, least_ns: int, latest_ns: int) -> Floats:
+    """Multipliers whose runs spread evenly over the times asked for."""
+    order = np.argsort(time_ns, kind="stable")
+    times = np.linspace(least_ns, latest_ns, LADDER)
+    logs = np.interp(times, time_ns[order], np.log(np.maximum(lambda_w[order], 1.0)))
+    inner = np.unique(np.exp(logs))
+    return np.concatenate((inner, inner[-1] * np.array(STEEPER)))
+
+
+def allowed_j(known: Known, latest_ns: int, duals: Duals) -> Floats:
+    """For each λ the largest energy + λ·time (J) of a run that could still belong to the front.
+
+    A run not yet known that belongs to the front lies between two neighbours of the known front: it takes less time
+    than the later one and no more energy than the earlier one. Each such stretch is watched by the λ whose bound is
+    highest at its end. A λ that watches nothing gets −inf.
+    """
+    allowed = np.full(len(duals.lambda_w), -np.inf)
+    end_s = np.append(known.time_ns[1:], latest_ns) / kernels.NS
+    watching = np.argmax(duals.value_j[0][0] - duals.lambda_w * end_s[:, np.newaxis], axis=1)
+    np.maximum.at(allowed, watching, known.energy_mj / kernels.MJ + duals.lambda_w[watching] * end_s)
+    watched = np.isfinite(allowed)
+    allowed[watched] += ROUNDING_J + ROUNDING_RATIO * np.abs(allowed[watched])
+    return allowed
