@@ -17,6 +17,8 @@ from das.domain.errors import DasError
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
 from das.domain.losses import Level
+from das.domain.units import KM, KMH
+from precompute.baselines import Strategy
 from precompute.pose import Pose
 
 app = typer.Typer(
@@ -44,8 +46,12 @@ PowerOption = Annotated[float | None, typer.Option(help="Power of traction and o
 ForceOption = Annotated[float | None, typer.Option(help="Largest traction force.")]
 BrakeForceOption = Annotated[float | None, typer.Option(help="Largest force of the electric brake.")]
 SpeedOption = Annotated[float | None, typer.Option(help="Largest speed of the train.")]
+StrategyOption = Annotated[Strategy, typer.Option(help="How the section is driven (fastest: needs no time).")]
 NoFrictionOption = Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+
+
+COMPILING = "compiling the solver (once on a machine, about 10 s) …"
 
 
 @app.command(
@@ -58,6 +64,7 @@ def solve(
     buffer_percent: Annotated[
         float | None, typer.Option("--buffer", help="Trip time as % above the least possible.")
     ] = None,
+    strategy: StrategyOption = Strategy.OPTIMAL,
     from_stop: FromOption = None,
     to_stop: ToOption = None,
     reverse: ReverseOption = False,
@@ -76,15 +83,20 @@ def solve(
     csv: Annotated[Path | None, typer.Option(help="Write the trajectory as CSV, one row a node.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG).")] = None,
 ) -> None:
-    """The least-energy run of a train over a section in a given time.
+    """The least-energy run of a train over a section in a given time, or that of a baseline strategy.
 
-    Printed besides: λ, the price of time at the solution (what one second less would cost), and the gap to a lower
-    bound of the energy (slightly negative where the run is finer than the table behind the bound).
+    --strategy fastest: full effort, the limits, full brake. rms: the same under one reduced maximum speed. four-mode:
+    full traction, one cruising speed, coasting, full brake, with the best switching points.
+
+    Printed besides, for the optimal run: λ, the price of time at the solution (what one second less would cost), and
+    the gap to a lower bound of the energy (slightly negative where the run is finer than the table behind the bound).
 
     A time below the least possible gives the fastest run; a time beyond the least-energy run gives that run. Both
     are said ("fit": late, early).
     """
-    if (time_s is None) == (buffer_percent is None):
+    if time_s is not None and buffer_percent is not None:
+        raise DasError("give either --time (s) or --buffer (%)")
+    if time_s is None and buffer_percent is None and strategy is not Strategy.FASTEST:
         raise DasError("give either --time (s) or --buffer (%)")
     pose = _pose(locals())
     if csv is not None and csv == plot:
@@ -92,23 +104,21 @@ def solve(
     for path in (csv, plot):
         if path is not None:
             check_writable(path)
-    section, front, min_time_s, front_s = _front(pose)
-    wanted_s = time_s if time_s is not None else _buffered(min_time_s, buffer_percent)
-    began = time.perf_counter()
-    solution = front.trajectory(wanted_s)
-    solve_s = front_s + time.perf_counter() - began
+    section, answer, min_time_s, solve_s = _answer(pose, strategy, time_s, buffer_percent)
 
     from precompute import report
 
     if csv is not None:
-        write_trajectory(csv, solution.trajectory)
+        write_trajectory(csv, answer.trajectory)
     if plot is not None:
-        report.draw_solution(plot, section, solution)
-    result = report.solution_json(solution, min_time_s, solve_s)
+        report.draw_solution(plot, section, answer)
+    result = report.solution_json(answer, min_time_s, solve_s)
     if as_json:
         print(json.dumps(result))
         return
-    _print_solutions(section.name, [result])
+    title = section.name if strategy is Strategy.OPTIMAL else f"{section.name}, {strategy}"
+    _print_solutions(title, [result])
+    _print_parameters(result)
     for path in (csv, plot):
         if path is not None:
             print(f"written: {path}")
@@ -183,9 +193,34 @@ def _buffered(min_time_s: float, buffer_percent: float | None) -> float:
     return min_time_s * (1 + buffer_percent / 100)
 
 
+def _answer(
+    pose: Pose, strategy: Strategy, time_s: float | None, buffer_percent: float | None
+) -> tuple[Any, Any, float, float]:
+    """Section, run of a strategy, least time, and the seconds it took once everything was compiled."""
+
+    def wanted_s(min_time_s: float) -> float | None:
+        return _buffered(min_time_s, buffer_percent) if buffer_percent is not None else time_s
+
+    if strategy is Strategy.OPTIMAL:
+        section, front, min_time_s, front_s = _front(pose)
+        began = time.perf_counter()
+        solution = front.trajectory(wanted_s(min_time_s))
+        return section, solution, min_time_s, front_s + time.perf_counter() - began
+    with busy(COMPILING):
+        from precompute import baselines
+
+        section = pose.section()
+        baselines.warm_up()
+    began = time.perf_counter()
+    with busy(f"searching the {strategy} run …"):
+        min_time_s = baselines.fastest(section).time_s
+        run = baselines.baseline(strategy, section, wanted_s(min_time_s))
+    return section, run, min_time_s, time.perf_counter() - began
+
+
 def _front(pose: Pose) -> tuple[Any, Any, float, float]:
     """Section, front, least time, and the seconds the front took once everything was compiled."""
-    with busy("compiling the solver (once on a machine, about 10 s) …"):
+    with busy(COMPILING):
         from das.solver.front import solve_front
         from das.solver.warm_up import warm_up
 
@@ -211,7 +246,7 @@ def _print_solutions(title: str, results: list[dict[str, Any]]) -> None:
             f"{result['energy_input_kwh']:.2f}",
             f"{result['energy_irreversible_kwh']:.2f}",
             f"{100 * (1 - result['energy_input_kwh'] / first):.1f}" if len(results) > 1 and first else "–",
-            f"{result['lambda_kw']:.0f}" if result["lambda_kw"] is not None else "∞",
+            _price(result),
             f"{100 * result['gap_ratio']:.3f}" if result["gap_ratio"] is not None else "–",
             f"{1e3 * result['solve_s']:.0f}",
             result["fit"],
@@ -220,6 +255,20 @@ def _print_solutions(title: str, results: list[dict[str, Any]]) -> None:
     if not console.is_terminal:
         console.width = PRINTED_WIDTH
     console.print(table)
+
+
+def _price(result: dict[str, Any]) -> str:
+    if result["strategy"] != Strategy.OPTIMAL:
+        return "–"
+    return f"{result['lambda_kw']:.0f}" if result["lambda_kw"] is not None else "∞"
+
+
+def _print_parameters(result: dict[str, Any]) -> None:
+    """The cruising speed and switching points of a baseline."""
+    if result["cruise_speed_mps"] is not None:
+        print(f"holds {result['cruise_speed_mps'] / KMH:.1f} km/h")
+    for start_m, end_m in result["coasting_m"] or ():
+        print(f"coasts from km {start_m / KM:.3f} to km {end_m / KM:.3f}")
 
 
 def main() -> None:

@@ -5,16 +5,36 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
-from das.domain.trajectory import Ledger
+from das.domain.trajectory import Ledger, Trajectory
 from das.domain.units import KM, KMH, KN, KW, PERMILLE, kwh
-from das.solver.front import Solution
+from das.solver.front import Fit, Solution
 from das.solver.section import Section
+from precompute.baselines import Baseline, Strategy
+
+
+class Answer(Protocol):
+    """What the optimal run (Solution) and the baselines (Baseline) share."""
+
+    @property
+    def trajectory(self) -> Trajectory: ...
+    @property
+    def ledger(self) -> Ledger: ...
+    @property
+    def fit(self) -> Fit: ...
+    @property
+    def least_time_s(self) -> float: ...
+    @property
+    def requested_s(self) -> float: ...
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def feasible(self) -> bool: ...
 
 
 def ledger_kwh(ledger: Ledger) -> dict[str, float]:
@@ -23,25 +43,44 @@ def ledger_kwh(ledger: Ledger) -> dict[str, float]:
     return {name: kwh(getattr(ledger, name)) for name in names}
 
 
-def solution_json(solution: Solution, min_time_s: float, solve_s: float) -> dict[str, Any]:
-    """One solution as the commands' `--json` prints it."""
+def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str, Any]:
+    """One run as the commands' `--json` prints it; what a strategy does not have is null."""
     return {
+        "strategy": _strategy(answer),
         "min_time_s": min_time_s,
-        "time_s": solution.time_s,
-        "requested_time_s": solution.requested_s,
-        "fit": str(solution.fit),
-        "feasible": solution.feasible,
-        "energy_input_kwh": kwh(solution.ledger.input),
-        "energy_irreversible_kwh": kwh(solution.ledger.irreversible),
-        "ledger_kwh": ledger_kwh(solution.ledger),
-        "ledger_residual_ratio": solution.ledger.residual_ratio,
-        "lambda_kw": solution.lambda_w / KW if math.isfinite(solution.lambda_w) else None,
-        "gap_ratio": solution.gap_ratio if math.isfinite(solution.gap_ratio) else None,
+        "time_s": answer.time_s,
+        "requested_time_s": answer.requested_s,
+        "fit": str(answer.fit),
+        "feasible": answer.feasible,
+        "energy_input_kwh": kwh(answer.ledger.input),
+        "energy_irreversible_kwh": kwh(answer.ledger.irreversible),
+        "ledger_kwh": ledger_kwh(answer.ledger),
+        "ledger_residual_ratio": answer.ledger.residual_ratio,
+        **_certificate(answer),
+        **_parameters(answer),
         "solve_s": solve_s,
     }
 
 
-def draw_solution(path: Path, section: Section, solution: Solution) -> None:
+def _strategy(answer: Answer) -> str:
+    return str(answer.strategy if isinstance(answer, Baseline) else Strategy.OPTIMAL)
+
+
+def _certificate(answer: Answer) -> dict[str, float | None]:
+    price_w, gap_ratio = (answer.lambda_w, answer.gap_ratio) if isinstance(answer, Solution) else (math.inf, math.inf)
+    return {
+        "lambda_kw": price_w / KW if math.isfinite(price_w) else None,
+        "gap_ratio": gap_ratio if math.isfinite(gap_ratio) else None,
+    }
+
+
+def _parameters(answer: Answer) -> dict[str, Any]:
+    if not isinstance(answer, Baseline):
+        return {"cruise_speed_mps": None, "coasting_m": None}
+    return {"cruise_speed_mps": answer.cruise_speed_mps, "coasting_m": [list(pair) for pair in answer.coasting_m]}
+
+
+def draw_solution(path: Path, section: Section, answer: Answer) -> None:
     """Speed with limit, altitude, and wheel forces over the line, as a PNG."""
     try:
         import matplotlib
@@ -50,7 +89,7 @@ def draw_solution(path: Path, section: Section, solution: Solution) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    run = solution.trajectory
+    run = answer.trajectory
     x_km = run.s_m / KM
     figure, (speed, altitude, force) = pyplot.subplots(
         3, 1, figsize=(12, 8), sharex=True, height_ratios=(3, 1, 2), layout="constrained"
@@ -61,8 +100,8 @@ def draw_solution(path: Path, section: Section, solution: Solution) -> None:
     speed.set_ylim(bottom=0)
     speed.legend(loc="lower center", ncols=2)
     speed.set_title(
-        f"{section.route.name}, {section.vehicle.name}, level {section.level}\n"
-        f"{solution.time_s:.1f} s, {kwh(solution.ledger.input):.2f} kWh at the current collector"
+        f"{section.route.name}, {section.vehicle.name}, level {section.level}, {_strategy(answer)}\n"
+        f"{answer.time_s:.1f} s, {kwh(answer.ledger.input):.2f} kWh at the current collector"
     )
     altitude.fill_between(x_km, _altitude(section, run.s_m), color="0.8", step=None)
     low, high = _altitude(section, run.s_m).min(), _altitude(section, run.s_m).max()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -158,9 +159,54 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, obje
     assert points[2]["energy_input_kwh"] == pytest.approx(solved[0]["energy_input_kwh"], rel=1e-9)
 
 
+def test_baseline_strategies(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
+    """Same keys, time and files as the optimal run, and each needs more energy than the better one."""
+    energies = []
+    for strategy in ("four-mode", "rms", "fastest"):
+        time_given = () if strategy == "fastest" else ("--buffer", "7")
+        files = ("--csv", f"{strategy}.csv", "--plot", f"{strategy}.png")
+        done = run(tmp_path, *SOLVE, "--strategy", strategy, *time_given, "--json", *files)
+        assert (done.returncode, done.stderr) == (0, "")
+        result = json.loads(done.stdout)
+        assert set(result) == set(solved[0])
+        assert (result["strategy"], result["fit"], result["feasible"]) == (strategy, "on-time", True)
+        assert result["min_time_s"] == pytest.approx(solved[0]["min_time_s"], abs=1e-6)
+        assert (result["lambda_kw"], result["gap_ratio"]) == (None, None)
+        buffer = 1.0 if strategy == "fastest" else 1.07
+        assert result["time_s"] == pytest.approx(buffer * result["min_time_s"], abs=0.05)
+        assert (result["cruise_speed_mps"] is None) == (strategy == "fastest")
+        assert len(result["coasting_m"]) == (strategy == "four-mode")
+        energies.append(result["energy_input_kwh"])
+        with (tmp_path / f"{strategy}.csv").open() as file:
+            last = list(csv.DictReader(file))[-1]
+        assert float(last["t_s"]) == pytest.approx(result["time_s"], abs=1e-6)
+        assert (tmp_path / f"{strategy}.png").read_bytes().startswith(b"\x89PNG")
+    assert (solved[0]["strategy"], solved[0]["cruise_speed_mps"]) == ("optimal", None)
+    assert solved[0]["energy_input_kwh"] < energies[0] < energies[1] < energies[2]
+
+
+def test_a_baseline_for_people(tmp_path: Path) -> None:
+    done = run(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "four-mode" in done.stdout
+    assert re.search(r"^holds 1[34]\d\.\d km/h$", done.stdout, re.MULTILINE)
+    assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", done.stdout, re.MULTILINE)
+
+
 REFUSED = {
     "time and buffer": ([*SOLVE, "--time", "220", "--buffer", "7"], "give either --time (s) or --buffer (%)"),
     "neither": ([*SOLVE], "give either --time (s) or --buffer (%)"),
+    "rms without time": ([*SOLVE, "--strategy", "rms"], "give either --time (s) or --buffer (%)"),
+    "four-mode time 0": (
+        [*SOLVE, "--strategy", "four-mode", "--time", "0"],
+        "time 0.0 s: expected a finite time > 0 s",
+    ),
+    "fastest time nan": ([*SOLVE, "--strategy", "fastest", "--time", "nan"], "time nan s: expected a finite time > 0"),
+    "fastest and both": (
+        [*SOLVE, "--strategy", "fastest", "--time", "220", "--buffer", "7"],
+        "give either --time (s) or --buffer (%)",
+    ),
+    "unknown strategy": ([*SOLVE, "--buffer", "7", "--strategy", "slow"], "is not one of 'optimal', 'fastest', 'rms'"),
     "missing file": (["solve", "flat-6km", "nix.json", "--buffer", "7"], "nix.json: no such file"),
     "unknown route": (
         ["solve", "nix", "re460-ic", "--buffer", "7"],

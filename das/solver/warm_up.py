@@ -13,8 +13,16 @@ from das.solver.section import build_section
 
 def warm_up() -> None:
     """Solve a tiny section through every entry point of the solver; about 10 s the first time on a machine."""
+    front = solve_front(build_section(tiny_route(), tiny_vehicle()), lambda_w=np.array([1e4, 1e5, 1e6]))
+    shortest_s = front.fastest().time_s
+    for buffer_ratio in (0.01, 0.1, 0.3):
+        front.trajectory(shortest_s * (1 + buffer_ratio))
+
+
+def tiny_vehicle() -> Vehicle:
+    """A train of one number each, for warming up."""
     effort = EffortEnvelope(max_force_n=1e5, max_power_w=1e6)
-    vehicle = Vehicle(
+    return Vehicle(
         id="warm-up",
         name="warm-up",
         source="warm-up",
@@ -30,10 +38,14 @@ def warm_up() -> None:
         losses={Level.OWN: EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.1)},
     )
 
+
+def tiny_route() -> Route:
+    """400 m of level line, for warming up."""
+
     def level(value: float) -> Stretches:
         return Stretches(start_m=np.zeros(1), value=np.array([value]))
 
-    route = Route(
+    return Route(
         id="warm-up",
         name="warm-up",
         source="warm-up",
@@ -47,7 +59,3 @@ def warm_up() -> None:
         geometry_latitude_deg=np.empty(0),
         geometry_longitude_deg=np.empty(0),
     )
-    front = solve_front(build_section(route, vehicle), lambda_w=np.array([1e4, 1e5, 1e6]))
-    shortest_s = front.fastest().time_s
-    for buffer_ratio in (0.01, 0.1, 0.3):
-        front.trajectory(shortest_s * (1 + buffer_ratio))
