@@ -51,6 +51,8 @@ NoFrictionOption = Annotated[bool, typer.Option("--no-friction-brake", help="Bra
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
 
+BUFFERS = "0,2,5,7,10,15,20"
+EXACT_MAX_BUFFER = 10.0
 COMPILING = "compiling the solver (once on a machine, about 10 s) …"
 
 
@@ -124,11 +126,26 @@ def solve(
             print(f"written: {path}")
 
 
-@app.command(epilog="Example: das-precompute front flat-6km re460-ic --buffers 0,5,10 --json")
+@app.command(
+    epilog="Examples: das-precompute front flat-6km re460-ic --buffers 0,5,10 --json; "
+    "das-precompute front flat-6km re460-ic --exact --max-buffer 10"
+)
 def front(
     route: RouteArgument,
     vehicle: VehicleArgument,
-    buffers: Annotated[str, typer.Option(help="Buffers in %, with commas between.")] = "0,2,5,7,10,15,20",
+    buffers: Annotated[
+        str | None, typer.Option(help=f"Buffers in %, with commas between [default: {BUFFERS}].")
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact", help="Every undominated run on the paper's grid (100 m × 0.25 km/h), beside the solver's."
+        ),
+    ] = False,
+    max_buffer_percent: Annotated[
+        float | None, typer.Option("--max-buffer", help="Largest buffer of the exact front in % [default: 10].")
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write every point of the exact front as CSV.")] = None,
     from_stop: FromOption = None,
     to_stop: ToOption = None,
     reverse: ReverseOption = False,
@@ -145,10 +162,28 @@ def front(
     no_friction_brake: NoFrictionOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """The trade-off between time and energy: the least-energy run for each of a list of buffers."""
-    wanted = _numbers(buffers)
+    """The trade-off between time and energy: the least-energy run for each of a list of buffers.
+
+    --exact: the slow witness, the algorithm of the paper. It keeps every partial run that could still belong to the
+    front; times are those of its grid, which is a little slower than the continuous solver. 6 km take some ten
+    seconds, and memory grows fast with length and buffer.
+    """
     pose = _pose(locals())
+    if not exact and (csv is not None or max_buffer_percent is not None):
+        raise DasError("--csv and --max-buffer belong to --exact")
+    max_buffer_percent = EXACT_MAX_BUFFER if max_buffer_percent is None else max_buffer_percent
+    _buffered(1.0, max_buffer_percent)
+    wanted = _numbers(BUFFERS if buffers is None else buffers)
+    if csv is not None:
+        check_writable(csv)
     section, solved, min_time_s, front_s = _front(pose)
+    if exact:
+        from precompute.exact.command import exact_front
+
+        if buffers is None:
+            wanted = [x for x in wanted if x <= max_buffer_percent]
+        exact_front(section, solved, max_buffer_percent, wanted, csv, as_json=as_json)
+        return
 
     from precompute import report
 

@@ -193,6 +193,25 @@ def test_a_baseline_for_people(tmp_path: Path) -> None:
     assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", done.stdout, re.MULTILINE)
 
 
+def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
+    done = run(
+        tmp_path, "front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--csv", "front.csv", "--json"
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert [point["buffer_percent"] for point in result["points"]] == [0, 2]
+    for point in result["points"]:
+        assert point["time_s"] <= result["min_time_s"] * (1 + point["buffer_percent"] / 100) + 1e-6
+        assert point["supported_kwh"] <= point["energy_input_kwh"] * (1 + 1e-12)
+        # The solver is not bound to the grid; at least time the grid's rounding down of full traction costs most.
+        assert -0.04 < point["fast_difference_ratio"] < 0.001
+    assert result["worst_gap_ratio"] < 0.001
+    rows = list(csv.DictReader((tmp_path / "front.csv").open()))
+    assert len(rows) == result["front_points"] > 1000
+    assert float(rows[0]["time_s"]) == pytest.approx(result["min_time_s"], abs=1e-6)
+    assert float(rows[0]["energy_input_j"]) / 3.6e6 == pytest.approx(result["points"][0]["energy_input_kwh"])
+
+
 REFUSED = {
     "time and buffer": ([*SOLVE, "--time", "220", "--buffer", "7"], "give either --time (s) or --buffer (%)"),
     "neither": ([*SOLVE], "give either --time (s) or --buffer (%)"),
@@ -228,6 +247,26 @@ REFUSED = {
     "map too small": (
         [*SOLVE, "--buffer", "7", "--loss-map", "small.csv"],
         "small.csv: the state 300.0 kN at 0.0 km/h (0 kW at the wheel) is outside the loss map",
+    ),
+    "exact beyond its buffer": (
+        ["front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "3", "--buffers", "1,5"],
+        "--buffers 5: expected at most --max-buffer, 3 %",
+    ),
+    "exact buffer nan": (
+        ["front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "nan"],
+        "buffer nan %: expected a number from 0",
+    ),
+    "buffer without exact": (
+        ["front", "flat-6km", "re460-ic", "--max-buffer", "3"],
+        "--csv and --max-buffer belong to --exact",
+    ),
+    "exact off the grid": (
+        ["front", "flat-6km", "re460-ic", "--exact", "--boundary-speed-mps", "1"],
+        "a speed of 3.6 km/h at an end of the section, expected a multiple of 0.25 km/h",
+    ),
+    "exact csv in no folder": (
+        ["front", "flat-6km", "re460-ic", "--exact", "--csv", "no/front.csv"],
+        "no/front.csv: no such folder no",
     ),
     "missing map": ([*SOLVE, "--buffer", "7", "--loss-map", "no.csv"], "no.csv: cannot be read (No such file"),
     "l3 without map": (

@@ -1,0 +1,139 @@
+"""What `das-precompute front --exact` does: solve, compare with the fast solver, print."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from das.commands import PRINTED_WIDTH, err
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
+from das.domain.units import kwh
+from das.solver.front import Front
+from das.solver.section import Section
+from precompute.exact.front import ExactFront, solve_exact
+
+COLUMNS = ("time_s", "energy_input_j", "supported_j")
+
+
+def exact_front(
+    section: Section,
+    fast: Front,
+    max_buffer_percent: float,
+    buffers_percent: list[float],
+    csv: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Print the exact front at some buffers beside the fast solver's energy for the same times."""
+    beyond = [x for x in buffers_percent if x > max_buffer_percent]
+    if beyond:
+        raise DasError(f"--buffers {beyond[0]:g}: expected at most --max-buffer, {max_buffer_percent:g} %")
+    began = time.perf_counter()
+    with _progress() as progress:
+        task = progress.add_task("states", total=None)
+        exact = solve_exact(
+            section,
+            max_buffer_percent / 100,
+            progress=lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
+        )
+    solve_s = time.perf_counter() - began
+    if csv is not None:
+        _write(csv, exact)
+    points = [_point(exact, fast, buffer) for buffer in buffers_percent]
+    result = {**_summary(exact), "max_buffer_percent": max_buffer_percent, "solve_s": solve_s, "points": points}
+    if as_json:
+        print(json.dumps(result))
+        return
+    _print(section, result)
+    if csv is not None:
+        print(f"written: {csv}")
+
+
+def _progress() -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    return Progress(*columns, console=err, transient=True, disable=not sys.stderr.isatty())
+
+
+def _summary(exact: ExactFront) -> dict[str, Any]:
+    worst = int(np.argmax(exact.gap_ratio))
+    return {
+        "step_m": exact.grid.step_m,
+        "speed_kmh": exact.grid.speed_kmh,
+        "coast_kmh": exact.grid.coast_kmh,
+        "min_time_s": exact.least_time_s,
+        "front_points": len(exact.time_s),
+        "labels": exact.labels,
+        "peak_memory_gb": _peak_memory_gb(),
+        "worst_gap_ratio": float(exact.gap_ratio[worst]),
+        "worst_gap_time_s": float(exact.time_s[worst]),
+        "mean_gap_ratio": float(exact.gap_ratio.mean()),
+    }
+
+
+def _point(exact: ExactFront, fast: Front, buffer_percent: float) -> dict[str, float]:
+    index = exact.index_at(exact.least_time_s * (1 + buffer_percent / 100))
+    time_s, energy_j = float(exact.time_s[index]), float(exact.energy_j[index])
+    fast_j = fast.trajectory(time_s).ledger.input
+    return {
+        "buffer_percent": buffer_percent,
+        "time_s": time_s,
+        "energy_input_kwh": kwh(energy_j),
+        "supported_kwh": kwh(float(exact.supported_j[index])),
+        "fast_energy_input_kwh": kwh(fast_j),
+        "fast_difference_ratio": fast_j / energy_j - 1,
+    }
+
+
+def _peak_memory_gb() -> float | None:
+    """Largest memory this process has had; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    scale = 1.0 if sys.platform == "darwin" else 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale / 1e9
+
+
+def _write(path: Path, exact: ExactFront) -> None:
+    rows = zip(exact.time_s, exact.energy_j, exact.supported_j, strict=True)
+    lines = [",".join(COLUMNS), *(f"{t:.9f},{e:.3f},{s:.3f}" for t, e, s in rows)]
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+
+
+def _print(section: Section, result: dict[str, Any]) -> None:
+    table = Table(title=f"{section.name}, exact front", title_justify="left", box=box.SIMPLE_HEAD)
+    for name in ("buffer %", "time s", "exact kWh", "supported kWh", "fast solver kWh", "fast − exact %"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for point in result["points"]:
+        table.add_row(
+            f"{point['buffer_percent']:g}",
+            f"{point['time_s']:.2f}",
+            f"{point['energy_input_kwh']:.3f}",
+            f"{point['supported_kwh']:.3f}",
+            f"{point['fast_energy_input_kwh']:.3f}",
+            f"{100 * point['fast_difference_ratio']:+.3f}",
+        )
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = PRINTED_WIDTH
+    console.print(table)
+    memory = f", {result['peak_memory_gb']:.2f} GB" if result["peak_memory_gb"] is not None else ""
+    print(
+        f"{result['front_points']} undominated runs on a grid of {result['step_m']:g} m × {result['speed_kmh']:g} km/h "
+        f"(coasting {result['coast_kmh']:g} km/h), {result['labels']} partial runs, "
+        f"{result['solve_s']:.1f} s{memory}"
+    )
+    print(
+        f"the supported front lies at most {100 * result['worst_gap_ratio']:.3f} % below it "
+        f"(at {result['worst_gap_time_s']:.3f} s), {100 * result['mean_gap_ratio']:.4f} % in the mean"
+    )
