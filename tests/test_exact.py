@@ -213,6 +213,15 @@ def test_the_supported_front_is_close_below(paper: ExactFront) -> None:
     assert paper.gap_ratio[0] == pytest.approx(0, abs=1e-12)
 
 
+def test_the_solvers_method_on_the_same_grid_is_never_below(paper: ExactFront) -> None:
+    gap = paper.swept_gap_ratio
+    assert len(gap) > 100
+    assert gap.min() >= 0
+    assert gap.min() == pytest.approx(0, abs=1e-12), "supported runs are on the front"
+    assert np.median(gap) < 1e-4
+    assert gap.max() < 0.005
+
+
 def test_a_larger_buffer_only_adds_points() -> None:
     section = hills()
     small, large = (solve_exact(section, ratio, grid=TINY) for ratio in (0.2, 0.6))

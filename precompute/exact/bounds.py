@@ -62,7 +62,8 @@ class Duals:
     def __init__(self, graph: Graph, layers: list[Layer], lambda_w: Floats, threads: int) -> None:
         self.lambda_w = lambda_w
         self.value_j = [np.zeros((len(layer.speed), len(lambda_w))) for layer in layers]
-        choice = [np.zeros(value.shape, np.int32) for value in self.value_j]
+        self._layers = layers
+        self._choice = [np.zeros(value.shape, np.int32) for value in self.value_j]
         with ThreadPoolExecutor(threads) as pool:
             for k in range(graph.intervals - 1, -1, -1):
                 here, there = layers[k], layers[k + 1]
@@ -72,15 +73,30 @@ class Duals:
                     kernels.dual_values(
                         *part, here.speed, here.first, here.last, here.coast, graph.unit_mps, graph.ratio,
                         *graph.interval(k), graph.section.train, graph.section.loss_params, graph.dissipative,
-                        there.lowest, there.row, self.value_j[k + 1], lambda_w, self.value_j[k], choice[k],
+                        there.lowest, there.row, self.value_j[k + 1], lambda_w, self.value_j[k],
+                        self._choice[k],
                     )  # fmt: skip
 
                 list(pool.map(block, pairwise(edges)))
-        self.runs = np.empty((len(lambda_w), len(layers)), np.int64)
-        self.runs[:, 0] = layers[0].speed[0]
-        for k in range(graph.intervals):
-            row = layers[k].row[self.runs[:, k] - layers[k].lowest]
-            self.runs[:, k + 1] = choice[k][row, np.arange(len(lambda_w))]
+        every = np.arange(len(lambda_w))
+        self.runs = self._followed(every, every, np.zeros_like(every))
+
+    def switched_runs(self) -> Ints:
+        """Runs that follow one multiplier up to some node and the next one from there, for all neighbours and nodes."""
+        count, nodes = len(self.lambda_w) - 1, len(self._layers) - 2
+        first = np.repeat(np.arange(count), nodes)
+        at = np.tile(np.arange(1, nodes + 1), count)
+        return np.concatenate((self._followed(first, first + 1, at), self._followed(first + 1, first, at)))
+
+    def _followed(self, first: Ints, then: Ints, at: Ints) -> Ints:
+        """Speeds at the nodes of runs that follow multiplier first[i] before node at[i] and then[i] from it on."""
+        speeds = np.empty((len(at), len(self._layers)), np.int64)
+        speeds[:, 0] = self._layers[0].speed[0]
+        for k, choice in enumerate(self._choice[:-1]):
+            layer = self._layers[k]
+            row = layer.row[speeds[:, k] - layer.lowest]
+            speeds[:, k + 1] = choice[row, np.where(k < at, first, then)]
+        return speeds
 
 
 def first_ladder(power_w: float) -> Floats:

@@ -8,8 +8,8 @@ its supported points. A partial run (label) is dropped only where a bound proves
   bound the front from above. A label goes on where, for the λ that watches some stretch of the front, its energy +
   λ·time + V is not above what the known runs leave open there.
 
-The known runs come from the sweeps (the supported points) and from quick passes that keep one label per state and
-bucket of time; each pass makes the next one's bounds tighter.
+The known runs come from the sweeps (supported points and switches between neighbours) and from quick passes that keep
+one label per state and bucket of time; each pass makes the next one's bounds tighter.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ class ExactFront:
     """Every Pareto-optimal run of a section on a grid, up to a time.
 
     `time_s` rises and `energy_j` (at the current collector) falls. `supported_j` is the supported front, the lower
-    convex hull, at the same times. `labels` counts all partial runs that were kept in the last pass.
+    convex hull, at the same times. `swept_time_s` and `swept_energy_j` are the runs that the fast solver's method finds
+    on this grid: one multiplier, or one up to a node and its neighbour from there. `labels` counts all partial runs
+    that were kept in the last pass.
     """
 
     section: Section
@@ -60,6 +62,8 @@ class ExactFront:
     time_s: Floats
     energy_j: Floats
     supported_j: Floats
+    swept_time_s: Floats
+    swept_energy_j: Floats
     labels: int
     _graph: Graph
     _last_pass: _Pass
@@ -72,6 +76,12 @@ class ExactFront:
     def gap_ratio(self) -> Floats:
         """How far each point lies above the supported front, relative to its energy."""
         return (self.energy_j - self.supported_j) / np.maximum(np.abs(self.energy_j), 1.0)
+
+    @property
+    def swept_gap_ratio(self) -> Floats:
+        """How far each swept run lies above the exact front at its own time, relative to the front's energy."""
+        front_j = self.energy_j[[self.index_at(time_s) for time_s in self.swept_time_s]]
+        return (self.swept_energy_j - front_j) / np.maximum(np.abs(front_j), 1.0)
 
     def index_at(self, time_s: float) -> int:
         """The least-energy run that takes at most this time; DasError where there is none."""
@@ -110,7 +120,8 @@ def solve_exact(
         time_ns, energy_mj = totals(graph, duals.runs)
         known = known.with_runs(time_ns, energy_mj).until(latest_ns)
         ladder = refined_ladder(ladder, time_ns, int(known.time_ns[0]), latest_ns)
-    labels = 0
+    swept = known.with_runs(*totals(graph, duals.switched_runs())).until(latest_ns)
+    known, labels = swept, 0
     for bucket_ns in BUCKETS_NS:
         last = _Pass(graph, layers, duals, known, latest_ns, bucket_ns, threads, memory, progress)
         known = known.with_runs(last.final.time_ns, last.final.energy_mj)
@@ -123,6 +134,8 @@ def solve_exact(
         time_s=time_s,
         energy_j=energy_j,
         supported_j=np.interp(time_s, time_s[hull], energy_j[hull]),
+        swept_time_s=swept.time_ns / kernels.NS,
+        swept_energy_j=swept.energy_mj / kernels.MJ,
         labels=labels,
         _graph=graph,
         _last_pass=last,
