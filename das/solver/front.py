@@ -382,7 +382,8 @@ def default_ladder(section: Section) -> Floats:
 
 def transitions(section: Section, *, threads: int = 2) -> Transitions:
     """All moves between the decision nodes of a section."""
-    n, states = len(section.decision) - 1, tol.SPEED_STEPS + 1
+    n, steps = len(section.decision) - 1, section.speed_steps
+    states = steps + 1
     shape = (n, states, kernels.LANDINGS)
     result = Transitions(
         time_s=np.empty(shape, np.float32),
@@ -402,7 +403,7 @@ def transitions(section: Section, *, threads: int = 2) -> Transitions:
 
     def block(first: int, last: int) -> None:
         kernels.transitions(
-            first, last, node, constant, tunnel, floor, envelope, tol.SPEED_STEPS, section.train, section.loss_params,
+            first, last, node, constant, tunnel, floor, envelope, steps, section.train, section.loss_params,
             dissipative, result.time_s, result.energy_j, result.target, result.weight, result.count,
         )  # fmt: skip
 

@@ -113,6 +113,11 @@ class Section(LineProfile):
     loss_params: LossParams
 
     @property
+    def speed_steps(self) -> int:
+        """Steps of the speed grid at every decision node."""
+        return tol.SHORT_SPEED_STEPS if len(self.decision) <= tol.FEW_NODES else tol.SPEED_STEPS
+
+    @property
     def name(self) -> str:
         return f"{self.route.id} {self.start_m:.0f}–{self.end_m:.0f} m, {self.vehicle.id}, {self.level}"
 
@@ -209,7 +214,8 @@ def _decision_nodes(route: Route, start_m: float, end_m: float, length_m: float)
     nodes = np.unique(nodes[(nodes > start_m + tol.MIN_STEP_M) & (nodes < end_m - tol.MIN_STEP_M)])
     nodes = np.concatenate(([start_m], nodes, [end_m]))
     nodes = nodes[np.concatenate(([True], np.diff(nodes) > tol.MIN_STEP_M))]
-    return _subdivide(nodes, np.ceil(np.diff(nodes) / tol.MAX_STEP_M - 1e-9).astype(np.int64))
+    longest_m = np.clip((end_m - start_m) / tol.STEPS_OF_A_SECTION, tol.SHORTEST_MAX_STEP_M, tol.MAX_STEP_M)
+    return _subdivide(nodes, np.ceil(np.diff(nodes) / longest_m - 1e-9).astype(np.int64))
 
 
 def _subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:

@@ -3,11 +3,16 @@
 from typing import Final
 
 MAX_STEP_M: Final = 100.0
-"""Longest step of the decision grid."""
+SHORTEST_MAX_STEP_M: Final = 25.0
+STEPS_OF_A_SECTION: Final = 80
+"""Longest step of the decision grid: so many of them to a section, between these bounds. On a metro section of 2 km,
+steps of 100 m cost up to 1 % of its energy."""
 STOP_OFFSETS_M: Final = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
 """Decision nodes at these distances from both ends of a section."""
 SPEED_STEPS: Final = 160
-"""Number of speed steps J of the fitted speed grid v = v_env·j/J."""
+SHORT_SPEED_STEPS: Final = 320
+FEW_NODES: Final = 200
+"""Number of speed steps J of the fitted speed grid v = v_env·j/J; the second for sections of at most so many nodes."""
 LANDINGS_EFFORT: Final = 17
 """Landing speeds between full electric brake and full traction."""
 LANDINGS_BRAKE: Final = 6
