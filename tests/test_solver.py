@@ -129,8 +129,8 @@ def test_run_up_to_an_end_speed_without_resistance_uses_the_whole_force_at_the_e
     assert slow.fit is Fit.ON_TIME
     assert (slow.trajectory.v_mps >= dragging.floor_mps - 1e-9).all()
     # The slowest speeds that still reach the end: v² = v_end² − 2·a·(distance to go), 0 further back.
-    expected = np.sqrt(np.maximum(20.0**2 - 2.0 * (1_000.0 - section.node_m), 0.0))
-    assert np.allclose(section.floor_mps, expected, atol=1e-9)
+    expected = np.maximum(20.0**2 - 2.0 * (1_000.0 - section.node_m), 0.0)
+    assert np.allclose(section.floor_mps**2, expected, atol=1e-9)
 
 
 def test_an_end_speed_beyond_reach_is_refused() -> None:
