@@ -20,6 +20,7 @@ from das.domain.losses import Level
 from das.domain.units import KM, KMH
 from precompute.baselines import Strategy
 from precompute.pose import Pose
+from precompute.study.command import study
 
 app = typer.Typer(
     help="Solve the time–energy trade-off of a train on a section, offline.",
@@ -304,6 +305,9 @@ def _print_parameters(result: dict[str, Any]) -> None:
         print(f"holds {result['cruise_speed_mps'] / KMH:.1f} km/h")
     for start_m, end_m in result["coasting_m"] or ():
         print(f"coasts from km {start_m / KM:.3f} to km {end_m / KM:.3f}")
+
+
+app.command(epilog="Example: das-precompute study -o study --only fig9,table2")(study)
 
 
 def main() -> None:

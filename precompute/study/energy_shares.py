@@ -1,0 +1,224 @@
+"""Where the energy of a Zürich–Luzern trip goes: 49 measured runs in the paper against a modelled driver.
+
+The driver runs each section with the timetable's buffer, by reduced maximum speed or by four modes, and brakes with a
+given share of friction: at every moment that share of the brake force comes from the friction brake, the rest from the
+motors. Comfort systems draw their constant power all the time, dwell included. The shares are of what is gone for good
+(component losses, resistance with curves and tunnels, friction brake, comfort); the potential energy between the ends
+is beside it. Assumed, not measured: the route between the stations, buffer, dwell, comfort power, and the driver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.losses import Level
+from das.domain.trajectory import Ledger, Trajectory
+from das.domain.units import KM, KW, PERCENT, kwh
+from das.domain.vehicle import Vehicle
+from das.solver.section import Section, build_section
+from precompute import baselines
+from precompute.study.cases import GTO_VEHICLE
+from precompute.study.drawing import new_figure
+from precompute.study.output import Output, markdown_table
+from precompute.study.printed import ENERGY_SHARES_PERCENT
+
+ROUTE = "zurich-luzern"
+BUFFER_PERCENT = 7.0
+"""Running time supplement of every section (assumption; the paper names 5 to 7 % as usual)."""
+DWELL_S = 120.0
+"""Dwell at each intermediate stop (assumption)."""
+DRIVERS: dict[str, Callable[[Section, float], Any]] = {
+    "rms": baselines.reduced_maximum_speed,
+    "four-mode": baselines.four_modes,
+}
+SHARE_STEPS = 40
+"""Halvings of the interval in which the friction share is sought."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trip:
+    """The sections of a trip as driven, with the train and its losses."""
+
+    vehicle: Vehicle
+    runs: tuple[Trajectory, ...]
+
+    @property
+    def time_s(self) -> float:
+        """From departure to arrival, dwell included."""
+        return sum(run.time_s for run in self.runs) + DWELL_S * (len(self.runs) - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shares:
+    """Energies (J) of a trip by where they went."""
+
+    friction_ratio: float
+    component_loss: float
+    resistance: float
+    friction_brake: float
+    comfort: float
+    potential: float
+
+    @property
+    def total(self) -> float:
+        """All that is gone for good."""
+        return self.component_loss + self.resistance + self.friction_brake + self.comfort
+
+    def percent(self, name: str) -> float:
+        """Share of one item in %."""
+        return float(getattr(self, name)) / self.total / PERCENT
+
+
+def drive(driver: str) -> Trip:
+    """The trip with a kind of driver; every section with the same buffer."""
+    route, vehicle = load_route(ROUTE), load_vehicle(GTO_VEHICLE)
+    runs = []
+    for start, end in pairwise(route.stops):
+        section = build_section(route, vehicle, level=Level.L3, start_m=start.position_m, end_m=end.position_m)
+        time_s = baselines.fastest(section).time_s * (1 + BUFFER_PERCENT * PERCENT)
+        runs.append(DRIVERS[driver](section, time_s).trajectory)
+    return Trip(vehicle=vehicle, runs=tuple(runs))
+
+
+def braked_with_friction(run: Trajectory, friction_ratio: float) -> Trajectory:
+    """The same motion with a share of every brake force from the friction brake."""
+    total = run.force_el_n + run.force_friction_n
+    friction = friction_ratio * total.clip(max=0.0)
+    return replace(run, force_el_n=total - friction, force_friction_n=friction)
+
+
+def shares(trip: Trip, friction_ratio: float) -> Shares:
+    """The energies of a trip with a share of friction braking."""
+    loss = trip.vehicle.loss_model(Level.L3)
+    ledgers = [braked_with_friction(run, friction_ratio).ledger(trip.vehicle, loss) for run in trip.runs]
+
+    def total(pick: Callable[[Ledger], float]) -> float:
+        return sum(pick(ledger) for ledger in ledgers)
+
+    return Shares(
+        friction_ratio=friction_ratio,
+        component_loss=total(lambda x: x.component_loss),
+        resistance=total(lambda x: x.resistance),
+        friction_brake=total(lambda x: x.friction_brake),
+        comfort=trip.vehicle.comfort_power_w * trip.time_s,
+        potential=total(lambda x: x.potential),
+    )
+
+
+def friction_for(trip: Trip, friction_brake_percent: float) -> float | None:
+    """The share of friction braking at which the friction brake takes this share of the energy; None if none does."""
+    if shares(trip, 1.0).percent("friction_brake") < friction_brake_percent:
+        return None
+    low, high = 0.0, 1.0
+    for _ in range(SHARE_STEPS):
+        middle = 0.5 * (low + high)
+        below = shares(trip, middle).percent("friction_brake") < friction_brake_percent
+        low, high = (middle, high) if below else (low, middle)
+    return high
+
+
+def energy_shares(_bench: object, output: Output) -> dict[str, Any]:
+    """Write the shares of both drivers against the paper's, as CSV, Markdown and picture."""
+    result: dict[str, Any] = {
+        "printed_percent": dict(ENERGY_SHARES_PERCENT), "buffer_percent": BUFFER_PERCENT, "dwell_s": DWELL_S,
+    }  # fmt: skip
+    drawn: dict[str, list[Shares]] = {}
+    for driver in DRIVERS:
+        trip = drive(driver)
+        fitted = friction_for(trip, ENERGY_SHARES_PERCENT["friction_brake"])
+        ratios = [0.0, *([fitted] if fitted is not None else []), 1.0]
+        drawn[driver] = [shares(trip, ratio) for ratio in ratios]
+        result["comfort_power_kw"] = trip.vehicle.comfort_power_w / KW
+        result["length_km"] = sum(float(run.s_m[-1] - run.s_m[0]) for run in trip.runs) / KM
+        result[driver] = {
+            "time_s": trip.time_s,
+            "friction_ratio_for_print": fitted,
+            "shares": [_json(item) for item in drawn[driver]],
+            "print_scaled_to_our_resistance": _scaled_print(drawn[driver][0], trip.time_s),
+        }
+    output.csv("shares.csv", *_rows(drawn))
+    output.text("shares.md", _markdown(drawn))
+    output.picture("shares", _draw(drawn))
+    return result
+
+
+def _scaled_print(item: Shares, time_s: float) -> dict[str, float]:
+    """What the paper's shares would mean in absolute terms on a trip with our running resistance."""
+    whole = item.resistance / (ENERGY_SHARES_PERCENT["resistance"] * PERCENT)
+    parts = {name: whole * percent * PERCENT for name, percent in ENERGY_SHARES_PERCENT.items()}
+    energies = {f"{name}_kwh": kwh(energy) for name, energy in parts.items()}
+    return {**energies, "mean_comfort_kw": parts["comfort"] / time_s / KW}
+
+
+def _json(item: Shares) -> dict[str, Any]:
+    return {
+        "friction_ratio": item.friction_ratio,
+        "percent": {name: item.percent(name) for name in ENERGY_SHARES_PERCENT},
+        "from_print_points": {name: item.percent(name) - value for name, value in ENERGY_SHARES_PERCENT.items()},
+        "kwh": {name: kwh(getattr(item, name)) for name in (*ENERGY_SHARES_PERCENT, "potential", "total")},
+    }
+
+
+def _rows(drawn: dict[str, list[Shares]]) -> tuple[list[str], list[tuple[object, ...]]]:
+    columns = ["driver", "friction_braking_ratio", "item", "energy_kwh", "share_percent", "printed_percent"]
+    rows: list[tuple[object, ...]] = [
+        (driver, item.friction_ratio, name, kwh(getattr(item, name)), item.percent(name), printed)
+        for driver, items in drawn.items()
+        for item in items
+        for name, printed in ENERGY_SHARES_PERCENT.items()
+    ]
+    return columns, rows
+
+
+_LABELS = {
+    "component_loss": "component losses",
+    "resistance": "running resistance",
+    "friction_brake": "friction brake",
+    "comfort": "comfort systems",
+}
+_COLOURS = {"component_loss": "#d55e00", "resistance": "#56b4e9", "friction_brake": "#555555", "comfort": "#e6b800"}
+
+
+def _markdown(drawn: dict[str, list[Shares]]) -> str:
+    header = ["driver", "friction braking", *_LABELS.values(), "total kWh"]
+    rows = [["paper, 49 measured runs", "–", *(f"{v:.1f} %" for v in ENERGY_SHARES_PERCENT.values()), "–"]]
+    for driver, items in drawn.items():
+        for item in items:
+            cells = [f"{item.percent(n):.1f} % ({item.percent(n) - v:+.1f})" for n, v in ENERGY_SHARES_PERCENT.items()]
+            rows.append([driver, f"{100 * item.friction_ratio:.0f} %", *cells, f"{kwh(item.total):.0f}"])
+    return "Shares of the energy that is gone for good (in brackets: points from the paper).\n\n" + markdown_table(
+        header, rows
+    )
+
+
+def _draw(drawn: dict[str, list[Shares]]) -> Any:
+    bars: list[tuple[str, dict[str, float]]] = [("paper\n49 measured runs", dict(ENERGY_SHARES_PERCENT))]
+    for driver, items in drawn.items():
+        for item in items:
+            percent = {name: item.percent(name) for name in ENERGY_SHARES_PERCENT}
+            bars.append((f"{driver}\n{100 * item.friction_ratio:.0f} % friction", percent))
+    figure = new_figure(10, 0.62 * len(bars) + 1.4)
+    axes = figure.subplots()
+    for row, (_, percent) in enumerate(bars):
+        left = 0.0
+        for name, value in percent.items():
+            axes.barh(row, value, left=left, color=_COLOURS[name], edgecolor="white", height=0.72)
+            if value > 3:
+                ink = "white" if name == "friction_brake" else "black"
+                axes.text(left + value / 2, row, f"{value:.1f}", ha="center", va="center", fontsize=9, color=ink)
+            left += value
+    axes.set_yticks(range(len(bars)), [text for text, _ in bars])
+    axes.invert_yaxis()
+    axes.set(xlim=(0, 100), xlabel="share of the energy net of regeneration, %")
+    axes.legend(handles=_handles(), loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(_LABELS))
+    return figure
+
+
+def _handles() -> list[Any]:
+    from matplotlib.patches import Patch
+
+    return [Patch(color=_COLOURS[name], label=text) for name, text in _LABELS.items()]

@@ -1,0 +1,246 @@
+"""Figs. 5, 7 and 9: optimal runs of each level, their way through the efficiency map, and their energy."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.trajectory import Trajectory
+from das.domain.units import KM, KMH, KN, PERCENT, kwh
+from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L0_NOREG, L3, LEVELS, Case, Variant
+from precompute.study.drawing import (
+    BUFFER_COLOURS,
+    LEVEL_COLOURS,
+    buffer_handles,
+    draw_force,
+    draw_map,
+    draw_speed,
+    efficiency_bar,
+    new_figure,
+)
+from precompute.study.effort import Effort, Reduced, effort
+from precompute.study.output import Output
+from precompute.study.printed import BUFFERS_PERCENT
+from precompute.study.runs import Workbench
+
+Floats = NDArray[np.float64]
+
+LARGEST_DRAWN_PERCENT = 40.0
+CURVE_POINTS = 81
+"""Points of an energy curve: every 0.5 % where it goes to 40 %."""
+HIGHEST_ENERGY_PERCENT = 125.0
+"""The energy axis ends here; what is above is said in words (L0 NOREG counts the kinetic energy)."""
+HIGHEST_DRAWN_MPS = 165 * KMH
+"""Force over speed is drawn up to this speed."""
+MAX = "max"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EnergyCurve:
+    """Energy of a level's optimal runs over the buffer, in % of the fastest run's at L3 (paper: panels c).
+
+    `own_percent` at the level itself, the others at L3: `l3_percent` = `resistance_percent` + `loss_percent`.
+    """
+
+    buffer_percent: Floats
+    own_percent: Floats
+    l3_percent: Floats
+    resistance_percent: Floats
+    loss_percent: Floats
+
+
+def energy_curve(bench: Workbench, case: Case, variant: Variant) -> EnergyCurve:
+    """The curve up to 40 %, or to the level's largest useful buffer where that is smaller."""
+    slowest = bench.slowest(case, variant)
+    largest = min(LARGEST_DRAWN_PERCENT, slowest.buffer_percent)
+    runs = [(float(b), bench.run(case, variant, float(b))) for b in np.linspace(0, largest, CURVE_POINTS)]
+    points = [(b, run) for b, run in runs if run is not None]
+    ledgers = [bench.ledger(run, L3) for _, run in points]
+    scale = PERCENT * bench.reference_j(case)
+    return EnergyCurve(
+        buffer_percent=np.array([b for b, _ in points]),
+        own_percent=np.array([bench.percent(case, run, variant) for _, run in points]),
+        l3_percent=np.array([ledger.irreversible for ledger in ledgers]) / scale,
+        resistance_percent=np.array([ledger.resistance for ledger in ledgers]) / scale,
+        loss_percent=np.array([ledger.component_loss for ledger in ledgers]) / scale,
+    )
+
+
+def level_runs(bench: Workbench, case: Case, variant: Variant) -> dict[str, Trajectory | None]:
+    """A level's runs by the name of their buffer ("0" … "25", "max"), None where it has no use for the buffer."""
+    runs: dict[str, Trajectory | None] = {f"{b:g}": bench.run(case, variant, b) for b in BUFFERS_PERCENT}
+    return {**runs, MAX: bench.slowest(case, variant).trajectory}
+
+
+def fig5(bench: Workbench, output: Output) -> dict[str, Any]:
+    """Acceleration (section 4.3)."""
+    return _figure("fig5", bench, output, ACCELERATION)
+
+
+def fig7(bench: Workbench, output: Output) -> dict[str, Any]:
+    """Deceleration (section 4.4)."""
+    return _figure("fig7", bench, output, DECELERATION)
+
+
+def fig9(bench: Workbench, output: Output) -> dict[str, Any]:
+    """Complete trip (section 4.5)."""
+    return _figure("fig9", bench, output, COMPLETE)
+
+
+def _figure(name: str, bench: Workbench, output: Output, case: Case) -> dict[str, Any]:
+    runs = {variant: level_runs(bench, case, variant) for variant in LEVELS}
+    curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
+    write_runs(output, f"{name}-runs.csv", {variant.name: drawn for variant, drawn in runs.items()})
+    _write_curves(output, f"{name}-energy.csv", curves)
+    output.picture(name, _draw(bench, case, runs, curves))
+    return {
+        "least_time_s": bench.fastest(case).time_s,
+        "fastest_l3_kwh": kwh(bench.reference_j(case)),
+        "largest_buffer": {
+            v.name: {"percent": bench.slowest(case, v).buffer_percent, "bound": bench.slowest(case, v).bound}
+            for v in LEVELS
+        },
+        "reduced_effort": {
+            v.name: {
+                buffer: effort_json(effort(run, bench.vehicle(v))) for buffer, run in drawn.items() if run is not None
+            }
+            for v, drawn in runs.items()
+        },
+    }
+
+
+def effort_json(found: Effort) -> dict[str, Any]:
+    """Detected reduced effort as the summary holds it."""
+    return {"acceleration": _reduced_json(found.acceleration), "braking": _reduced_json(found.braking)}
+
+
+def _reduced_json(reduced: Reduced) -> dict[str, Any]:
+    values = asdict(reduced)
+    return {
+        "used": reduced.used,
+        "way_ratio": values["way_ratio"],
+        "time_ratio": values["time_ratio"],
+        "mean_force_ratio": values["mean_force_ratio"],
+        "lowest_kmh": reduced.lowest_mps / KMH,
+        "highest_kmh": reduced.highest_mps / KMH,
+        "stretches_m": values["stretches_m"],
+    }
+
+
+def write_runs(output: Output, name: str, runs: dict[str, dict[str, Trajectory | None]]) -> None:
+    """Runs as a tidy CSV: one row a node; the force holds from it to the next node (the last one's is empty)."""
+    columns = ["trajectory", "buffer_percent", "position_m", "time_s", "speed_kmh", "force_kn"]
+    rows = [
+        (level, buffer, *values)
+        for level, drawn in runs.items()
+        for buffer, run in drawn.items()
+        if run is not None
+        for values in _nodes(run)
+    ]
+    output.csv(name, columns, rows)
+
+
+def _nodes(run: Trajectory) -> list[tuple[float, float, float, float | None]]:
+    force = [*(((run.force_el_n + run.force_friction_n) / KN).tolist()), None]
+    return list(zip((run.s_m - run.s_m[0]).tolist(), run.t_s.tolist(), (run.v_mps / KMH).tolist(), force, strict=True))
+
+
+def _write_curves(output: Output, name: str, curves: dict[Variant, EnergyCurve]) -> None:
+    names = list(EnergyCurve.__dataclass_fields__)
+    rows = [
+        (variant.name, *values)
+        for variant, curve in curves.items()
+        for values in zip(*(getattr(curve, key) for key in names), strict=True)
+    ]
+    output.csv(name, ["level", *names], rows)
+
+
+def _draw(
+    bench: Workbench,
+    case: Case,
+    runs: dict[Variant, dict[str, Trajectory | None]],
+    curves: dict[Variant, EnergyCurve],
+) -> Any:
+    figure = new_figure(16, 10.2)
+    axes = figure.subplots(3, len(LEVELS), sharey="row", height_ratios=(1.0, 1.15, 1.0))
+    maps = []
+    for column, variant in enumerate(LEVELS):
+        speed, force, energy = axes[:, column]
+        speed.set_title(variant.label, color=LEVEL_COLOURS[variant.name], fontweight="bold", fontsize=13, pad=19)
+        _draw_speeds(speed, case, runs[variant])
+        maps.append(_draw_forces(force, bench, case, runs[variant]))
+        _draw_energy(energy, variant, curves[variant])
+        slowest = bench.slowest(case, variant)
+        speed.set_xlabel("distance, km")
+        note = f"largest $t_+$ = {slowest.buffer_percent:.3g} % ({slowest.bound})"
+        speed.text(0.5, 1.03, note, transform=speed.transAxes, ha="center", va="bottom", fontsize=9)
+        for panel in (force, energy) if column else ():
+            panel.set_ylabel("")
+    axes[0, 0].set_ylabel("a   speed, km/h")
+    axes[1, 0].set_ylabel("b   wheel force, kN")
+    axes[2, 0].set_ylabel("c   energy, % of fastest at L3")
+    efficiency_bar(figure, maps, axes[1, :])
+    labels = [f"$t_+$ = {b:g} %" for b in BUFFERS_PERCENT] + ["largest useful $t_+$"]
+    figure.legend(
+        handles=buffer_handles(labels),
+        loc="outside upper center",
+        ncols=len(labels),
+        title=f"{case.title}; runs turn from bright to greyish on their way, crosses every 200 m",
+    )
+    figure.legend(handles=_energy_handles(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _draw_speeds(axes: Any, case: Case, runs: dict[str, Trajectory | None]) -> None:
+    for colour, run in zip(BUFFER_COLOURS, runs.values(), strict=True):
+        if run is not None:
+            draw_speed(axes, run, colour)
+    axes.set_xlim(0, case.length_m / KM)
+    axes.set_ylim(0, 170)
+
+
+def _draw_forces(axes: Any, bench: Workbench, case: Case, runs: dict[str, Trajectory | None]) -> Any:
+    mappable = draw_map(axes, bench.loss_map(L3), bench.vehicle(L3), HIGHEST_DRAWN_MPS)
+    for colour, run in zip(BUFFER_COLOURS, runs.values(), strict=True):
+        if run is not None:
+            draw_force(axes, run, colour)
+    top_kn = bench.vehicle(L3).traction.max_force_n / KN
+    low_kn = bench.vehicle(L3).electric_brake.max_force_n / KN
+    low = 0.0 if case is ACCELERATION else -1.05 * low_kn
+    high = 0.0 if case is DECELERATION else 1.05 * top_kn
+    margin = 0.03 * (high - low)
+    axes.set_ylim(low - (margin if low == 0 else 0), high + (margin if high == 0 else 0))
+    return mappable
+
+
+def _draw_energy(axes: Any, variant: Variant, curve: EnergyCurve) -> None:
+    x = curve.buffer_percent
+    for key, how in _ENERGY_LINES.items():
+        axes.plot(x, getattr(curve, key), **how)
+    axes.set(xlim=(0, LARGEST_DRAWN_PERCENT), ylim=(0, HIGHEST_ENERGY_PERCENT), xlabel="buffer $t_+$, %")
+    axes.grid(axis="y", color="0.9")
+    if curve.own_percent.min() > HIGHEST_ENERGY_PERCENT:
+        own = f"optimised for: {curve.own_percent.max():.0f} … {curve.own_percent.min():.0f} %"
+        axes.text(0.97, 0.97, f"{own}\n(off the scale)", transform=axes.transAxes, ha="right", va="top", fontsize=9)
+    elif variant is L0_NOREG and curve.own_percent.max() > HIGHEST_ENERGY_PERCENT:
+        axes.text(
+            0.97, 0.97, f"optimised for: from {curve.own_percent.max():.0f} %", transform=axes.transAxes, ha="right",
+            va="top", fontsize=9,
+        )  # fmt: skip
+
+
+_ENERGY_LINES: dict[str, dict[str, Any]] = {
+    "l3_percent": {"color": "#009e73", "linewidth": 2.0, "label": "evaluated at L3"},
+    "own_percent": {"color": "black", "linestyle": ":", "linewidth": 1.6, "label": "what the level optimises"},
+    "loss_percent": {"color": "#e02424", "linewidth": 1.5, "label": "of it component losses (L3)"},
+    "resistance_percent": {"color": "#56b4e9", "linewidth": 1.5, "label": "of it running resistance"},
+}
+
+
+def _energy_handles() -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    return [Line2D([], [], **how) for how in _ENERGY_LINES.values()]

@@ -1,0 +1,95 @@
+"""The folder a study writes to: pictures, tables and JSON, each file written whole."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
+
+PNG_DPI = 100
+COLOURS_OF_A_PNG = 256
+
+
+class Output:
+    """Writes into one folder, which is created; `written` lists the files in order."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.written: list[Path] = []
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except (FileExistsError, NotADirectoryError):
+            raise DasError(f"{folder}: is a file, expected a folder to write to") from None
+        except OSError as error:
+            raise DasError(f"{folder}: cannot be written to ({error.strerror})") from error
+
+    def text(self, name: str, content: str) -> None:
+        """Write a text file."""
+        self._write(name, content.encode())
+
+    def json(self, name: str, content: Any) -> None:
+        """Write JSON; numbers that are not finite become null."""
+        self.text(name, json.dumps(plain(content), indent=2, ensure_ascii=False) + "\n")
+
+    def csv(self, name: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+        """Write a CSV table; numbers with seven digits, None as an empty cell."""
+        lines = [",".join(columns), *(",".join(_cell(value) for value in row) for row in rows)]
+        self.text(name, "\n".join(lines) + "\n")
+
+    def picture(self, name: str, figure: Any) -> None:
+        """Write a figure as NAME.png and NAME.svg; the same figure gives the same bytes."""
+        from PIL import Image
+
+        svg, png, small = io.BytesIO(), io.BytesIO(), io.BytesIO()
+        figure.savefig(svg, format="svg", dpi=PNG_DPI, metadata={"Date": None})
+        figure.savefig(png, format="png", dpi=PNG_DPI)
+        indexed = Image.open(png).convert("RGB").quantize(COLOURS_OF_A_PNG, dither=Image.Dither.NONE)
+        indexed.save(small, format="png", optimize=True)
+        self._write(f"{name}.svg", svg.getvalue())
+        self._write(f"{name}.png", small.getvalue())
+
+    def _write(self, name: str, content: bytes) -> None:
+        path = self.folder / name
+        write_whole(path, content)
+        self.written.append(path)
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it: numpy numbers unpacked, not finite ones None, floats to seven digits."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.7g}") if np.isfinite(value) else None
+    return value
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table; the first column is left-aligned, the others right-aligned."""
+    lines = ["| " + " | ".join(header) + " |", "|---" + "|---:" * (len(header) - 1) + "|"]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float | np.floating):
+        return f"{value:.7g}"
+    text = str(value)
+    return f'"{text}"' if "," in text else text
