@@ -19,6 +19,8 @@ from das.domain.files.writing import check_writable
 from das.domain.losses import Level
 from das.domain.units import KM, KMH
 from precompute.baselines import Strategy
+from precompute.calibrate import calibrate
+from precompute.loss_pictures import loss_map_command
 from precompute.pose import Pose
 from precompute.study.command import study
 
@@ -308,6 +310,8 @@ def _print_parameters(result: dict[str, Any]) -> None:
 
 
 app.command(epilog="Example: das-precompute study -o study --only fig9,table2")(study)
+app.command("calibrate", epilog="Example: das-precompute calibrate --check")(calibrate)
+app.command("loss-map", epilog="Example: das-precompute loss-map re460-ic --plot map.png")(loss_map_command)
 
 
 def main() -> None:

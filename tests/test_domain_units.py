@@ -36,6 +36,9 @@ HAND_FIGURES = [
     ("resistance_2", 0.0086, 8.6, "kN/(m/s)^2 kn_per_mps2"),
     ("resistance_2", 0.001, 12.96, "kN/(km/h)^2 kn_per_kmh2"),
     ("resistance_2", 1.0, 12.96, "N/(km/h)^2 n_per_kmh2"),
+    ("frequency", 50.0, 50.0, "Hz hz"),
+    ("frequency_per_speed", 2.5, 2.5, "hz_per_mps"),
+    ("frequency_per_speed", 0.5, 1.8, "hz_per_kmh"),
     ("angle", 47.0, 47.0, "deg"),
 ]
 

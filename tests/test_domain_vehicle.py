@@ -43,10 +43,12 @@ def test_each_level_of_the_re460_train() -> None:
     train = load_vehicle("re460-ic")
     assert train.default_level is Level.L3
     assert train.loss_model(Level.L0_NOREG) is train.loss_model(Level.L0_REG) is LOSSLESS
-    assert float(train.loss_model(Level.L1).loss_w(-100e3, 10)) == pytest.approx(1e6 * (1 / 0.8696 - 1))
-    assert float(train.loss_model(Level.L2).loss_w(100e3, 10)) == pytest.approx(1e6 * (1 / 0.89 - 1) + 115e3)
+    l3 = train.losses[Level.L3]
+    assert isinstance(l3, LossMap)
+    for level, with_idle in ((Level.L1, False), (Level.L2, True)):
+        assert train.loss_model(level) == fit_mean_efficiency(l3, 6100e3, with_idle=with_idle)
     assert train.loss_model(Level.L3) is train.losses[Level.L3]
-    with pytest.raises(DasError, match=r"no data for level own .*l0-noreg, l0-reg, l1, l2, l3.*choose another level"):
+    with pytest.raises(DasError, match=r"no data for level own .*l0-noreg, l0-reg, l3.*choose another level"):
         train.loss_model(Level.OWN)
 
 

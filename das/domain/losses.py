@@ -169,14 +169,80 @@ def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) 
     Fits P_L ≈ k·|F·v| (+ c0) over all covered points of the map with speed > 0 and wheel power up to `max_power_w`;
     η̄ = 1/(1 + k); neither k nor c0 may be negative. Digest of the paper: L1 has a fit of its own, without the constant.
     """
-    speed, force = np.meshgrid(model.speed_mps, model.force_n, indexing="ij")
-    power = np.abs(force * speed)
-    use = np.isfinite(model.loss_w_table) & (speed > 0) & (power <= max_power_w * (1 + 1e-9))
-    x, y = power[use], model.loss_w_table[use]
+    points = operating_points(model, max_power_w)
+    x, y = points.power_w, points.loss_w
     ratio, idle_w = float(x @ y / (x @ x)), 0.0
     if with_idle:
         ratio, idle_w = _fit_line(x, y)
     return EfficiencyLoss(traction_ratio=max(ratio, 0.0), brake_ratio=max(ratio, 0.0), idle_w=idle_w)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OperatingPoints:
+    """Points of a loss map at which the train can run: four arrays of one length.
+
+    `force_n` (N, braking < 0), `speed_mps` (> 0), `power_w` = |F·v| at the wheel, `loss_w`.
+    """
+
+    force_n: Floats
+    speed_mps: Floats
+    power_w: Floats
+    loss_w: Floats
+
+    def input_w(self) -> Floats:
+        """Power that goes into the chain (W): from the collector when driving, from the wheel when braking."""
+        return self.power_w + np.where(self.force_n < 0, 0.0, self.loss_w)
+
+    def efficiency_ratio(self) -> Floats:
+        """Power that comes out of the chain over the power that goes in; at least 0 (where braking gives nothing)."""
+        into = np.maximum(self.input_w(), 1e-9)
+        return np.maximum(into - self.loss_w, 0.0) / into
+
+
+def operating_points(model: LossMap, max_power_w: float, max_force_n: float = np.inf) -> OperatingPoints:
+    """All covered points of a map with speed > 0, wheel power up to `max_power_w` and |force| up to `max_force_n`."""
+    speed, force = np.meshgrid(model.speed_mps, model.force_n, indexing="ij")
+    power = np.abs(force * speed)
+    use = np.isfinite(model.loss_w_table) & (speed > 0) & (power <= max_power_w * (1 + 1e-9))
+    use &= np.abs(force) <= max_force_n
+    return OperatingPoints(force_n=force[use], speed_mps=speed[use], power_w=power[use], loss_w=model.loss_w_table[use])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitError:
+    """How far a fitted loss is from a map over its operating points; residual = map − fit.
+
+    `mean_to_input_ratio`: mean |residual| over the mean power that goes into the chain – the error of an energy.
+    `mean_to_largest_ratio`, `rms_to_largest_ratio`: mean |residual| and root mean square residual over the largest
+    loss of the map. `largest_w`: the largest |residual| (W).
+    """
+
+    mean_to_input_ratio: float
+    mean_to_largest_ratio: float
+    rms_to_largest_ratio: float
+    largest_w: float
+
+
+def fit_error(model: LossMap, fit: EfficiencyLoss, max_power_w: float) -> FitError:
+    """Error of a fit over the operating points it was fitted to (see `fit_mean_efficiency`)."""
+    points = operating_points(model, max_power_w)
+    residual = np.abs(points.loss_w - fit.loss_w(points.force_n, points.speed_mps))
+    largest = max(float(points.loss_w.max()), 1e-9)
+    return FitError(
+        mean_to_input_ratio=float(residual.mean() / points.input_w().mean()),
+        mean_to_largest_ratio=float(residual.mean() / largest),
+        rms_to_largest_ratio=float(np.sqrt((residual**2).mean()) / largest),
+        largest_w=float(residual.max()),
+    )
+
+
+def deviation_ratio(model: LossMap, fit: EfficiencyLoss, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
+    """(map − fit)/fit at each force (N) and speed (m/s), e.g. along the running resistance: when cruising.
+
+    Raises DasError for a state outside the map. Where the fit has no loss the deviation is inf or NaN.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(model.loss_w(force_n, speed_mps) / fit.loss_w(force_n, speed_mps) - 1.0, dtype=float)
 
 
 def _fit_line(x: Floats, y: Floats) -> tuple[float, float]:

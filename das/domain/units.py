@@ -65,6 +65,8 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
         "N/(km/h)^2": 1.0 / KMH**2,
         "n_per_kmh2": 1.0 / KMH**2,
     },
+    "frequency": {"Hz": 1.0, "hz": 1.0},
+    "frequency_per_speed": {"hz_per_mps": 1.0, "hz_per_kmh": 1.0 / KMH},
     "angle": {"deg": 1.0},
 }
 """Factor to SI of every unit accepted in a file, by dimension (angles stay in degrees: WGS 84)."""

@@ -161,7 +161,7 @@ class _Labels:
 
 
 class _Pass:
-    """One forward pass over all layers; keeps the parents of all labels, times and energies of the last layer only."""
+    """One forward pass over all layers; keeps times and energies of the last layer, and the exact pass all parents."""
 
     def __init__(
         self,
@@ -183,6 +183,7 @@ class _Pass:
         self.lambda_w = np.ascontiguousarray(duals.lambda_w[self.watching])
         zero = np.zeros(1, np.int64)
         labels = _Labels(offset=np.array([0, 1]), time_ns=zero, energy_mj=zero)
+        self.count = 1
         self.offsets = [labels.offset]
         self.parents = [np.zeros(1, np.uint32)]
         what = f"bounds, {bucket_ns / 1e6:g} ms" if bucket_ns else "exact front"
@@ -194,12 +195,9 @@ class _Pass:
                     progress(what, k + 1, graph.intervals)
         self.final = labels
 
-    @property
-    def count(self) -> int:
-        return sum(len(parents) for parents in self.parents)
-
     def _check_memory(self, k: int, open_labels: int) -> None:
-        needed = self.count * BYTES_PER_LABEL + open_labels * BYTES_PER_OPEN_LABEL
+        kept = sum(len(parents) for parents in self.parents)
+        needed = kept * BYTES_PER_LABEL + open_labels * BYTES_PER_OPEN_LABEL
         if needed > self.max_memory_bytes or open_labels >= np.iinfo(np.uint32).max:
             raise DasError(
                 f"{self.graph.section.name}: the exact front needs more than {self.max_memory_bytes / 1e9:.1f} GB at "
@@ -227,7 +225,8 @@ class _Pass:
         done = list(pool.map(block, _blocks(len(there.speed), BLOCKS)))
         counts = np.concatenate([x[3] for x in done])
         self.offsets.append(np.concatenate(([0], np.cumsum(counts))))
-        self.parents.append(np.concatenate([x[2] for x in done]))
+        self.parents.append(np.concatenate([x[2] for x in done]) if self.bucket_ns == 0 else self.parents[0])
+        self.count += int(counts.sum())
         return _Labels(
             offset=self.offsets[-1],
             time_ns=np.concatenate([x[0] for x in done]),

@@ -155,6 +155,55 @@ def _grown(array, size):
 
 
 @kernel
+def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_energy, new_parent):
+    """Merge two undominated lists (time rising, energy falling) into an undominated one from `out` on; its end."""
+    lowest = NEVER
+    while a < a_end or b < b_end:
+        if b >= b_end:
+            first = True
+        elif a >= a_end:
+            first = False
+        else:
+            first = time[a] < time[b] or (time[a] == time[b] and energy[a] <= energy[b])
+        i = a if first else b
+        if first:
+            a += 1
+        else:
+            b += 1
+        if energy[i] < lowest:
+            lowest = energy[i]
+            new_time[out] = time[i]
+            new_energy[out] = energy[i]
+            new_parent[out] = parent[i]
+            out += 1
+    return out
+
+
+@kernel
+def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_parent):
+    """Merge `count` undominated lists that lie one after the other; the result is in time, energy, parent; its length.
+
+    Neighbours are merged in rounds, so that what is dominated leaves early.
+    """
+    while count > 1:
+        merged = 0
+        begin = 0
+        out = 0
+        for k in range(0, count, 2):
+            middle = end[k]
+            last = end[k + 1] if k + 1 < count else middle
+            out = _merge_pair(begin, middle, middle, last, time, energy, parent, out, new_time, new_energy, new_parent)
+            begin = last
+            end[merged] = out
+            merged += 1
+        time[:out] = new_time[:out]
+        energy[:out] = new_energy[:out]
+        parent[:out] = new_parent[:out]
+        count = merged
+    return end[0]
+
+
+@kernel
 def merge_labels(
     targets,
     coast_start,
@@ -201,9 +250,13 @@ def merge_labels(
     cand_time = np.empty(room, np.int64)
     cand_energy = np.empty(room, np.int64)
     cand_parent = np.empty(room, np.uint32)
+    new_time = np.empty(room, np.int64)
+    new_energy = np.empty(room, np.int64)
+    new_parent = np.empty(room, np.uint32)
+    segment_end = np.empty(2 * u.size, np.int64)
     bound = np.empty(m)
     price = np.empty(m)
-    source = np.empty(u.size + 1, np.int64)
+    source = np.empty(2 * u.size, np.int64)
     for d in range(targets.size):
         target = targets[d]
         v1 = target * unit
@@ -218,6 +271,7 @@ def merge_labels(
             source[n_source] = coast_source[x]
             n_source += 1
         n = 0
+        segments = 0
         for x in range(n_source):
             i = source[x]
             v0 = u[i] * unit
@@ -236,6 +290,9 @@ def merge_labels(
                 cand_time = _grown(cand_time, room)
                 cand_energy = _grown(cand_energy, room)
                 cand_parent = _grown(cand_parent, room)
+                new_time = np.empty(room, np.int64)
+                new_energy = np.empty(room, np.int64)
+                new_parent = np.empty(room, np.uint32)
             for a in range(offset[i], offset[i + 1]):
                 t = time[a]
                 if t + dt > latest[d]:
@@ -249,30 +306,23 @@ def merge_labels(
                         cand_parent[n] = a
                         n += 1
                         break
+            if n > (segment_end[segments - 1] if segments > 0 else 0):
+                segment_end[segments] = n
+                segments += 1
         if n == 0:
             continue
-        order = np.argsort(cand_time[:n])
+        n = _merge_segments(
+            segment_end, segments, cand_time, cand_energy, cand_parent, new_time, new_energy, new_parent
+        )
         if used + n > size:
             size = 2 * (used + n)
             out_time = _grown(out_time, size)
             out_energy = _grown(out_energy, size)
             out_parent = _grown(out_parent, size)
         begin = used
-        lowest_energy = NEVER
-        x = 0
-        while x < n:
-            # Of equal times only the cheapest can stay.
-            a = order[x]
-            x += 1
-            while x < n and cand_time[order[x]] == cand_time[a]:
-                if cand_energy[order[x]] < cand_energy[a]:
-                    a = order[x]
-                x += 1
-            if cand_energy[a] >= lowest_energy:
-                continue
-            lowest_energy = cand_energy[a]
-            same = used > begin and bucket_ns > 0 and cand_time[a] // bucket_ns == out_time[used - 1] // bucket_ns
-            if same and used - 1 > begin:
+        for a in range(n):
+            same = used > begin + 1 and bucket_ns > 0 and cand_time[a] // bucket_ns == out_time[used - 1] // bucket_ns
+            if same:
                 used -= 1
             out_time[used] = cand_time[a]
             out_energy[used] = cand_energy[a]

@@ -117,10 +117,12 @@ def effort_json(found: Effort) -> dict[str, Any]:
     return {"acceleration": _reduced_json(found.acceleration), "braking": _reduced_json(found.braking)}
 
 
-def _reduced_json(reduced: Reduced) -> dict[str, Any]:
+def _reduced_json(reduced: Reduced) -> dict[str, Any] | None:
+    """None where there is none."""
+    if not reduced.used:
+        return None
     values = asdict(reduced)
     return {
-        "used": reduced.used,
         "way_ratio": values["way_ratio"],
         "time_ratio": values["time_ratio"],
         "mean_force_ratio": values["mean_force_ratio"],

@@ -16,8 +16,8 @@ from precompute.study.output import Output
 from precompute.study.printed import TABLE2_BUFFER_PERCENT
 from precompute.study.runs import Workbench
 
-ON_N = 3e3
-"""From this force on (1 % of the starting effort) a train drives or brakes."""
+ON_N = 9e3
+"""From this force on (3 % of the starting effort, as `effort.COAST_RATIO`) a train drives or brakes, else it coasts."""
 LABELS = {"fastest": "fastest", "l0-noreg": "L0", "l3-gto": "L3 GTO", "l3-igbt": "L3 IGBT"}
 
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.files.load import load_vehicle
-from das.domain.losses import LossMap
+from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.trajectory import Ledger, Trajectory, consumed_j, evaluated_at
 from das.domain.units import KMH, PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front, solve_front
 from das.solver.section import Section
-from precompute.study.cases import L3, Case, Variant
+from precompute.study.cases import L0_REG, L3, Case, Variant
 from precompute.study.printed import LOWEST_CRUISE_KMH
 
 Floats = NDArray[np.float64]
@@ -24,6 +24,9 @@ ENERGY_MARGIN_RATIO = 2e-5
 """Energies this near to the least (relative to the fastest run's at L3) are the least: slower runs save nothing."""
 START_WAY_M = 100.0
 """Way to or from a standstill on which a run may be slower than 20 km/h."""
+TIE_RATIO = 1e-4
+"""Loss by which ties at L0 REG are broken, as a share of the wheel work in either direction: without losses, braking
+and accelerating again costs nothing, and many runs of one time have the same energy. The paper filters such runs."""
 SLOWEST_SCAN = 80
 """Number of times at which the least energy of a level is looked for."""
 TIME_MARGIN_S = 0.05
@@ -41,6 +44,12 @@ class Slowest:
     trajectory: Trajectory
     buffer_percent: float
     bound: str
+
+
+def _with_ties_broken(vehicle: Vehicle) -> Vehicle:
+    """The vehicle whose L1 is L0 REG but for `TIE_RATIO`."""
+    loss = EfficiencyLoss(traction_ratio=TIE_RATIO, brake_ratio=TIE_RATIO)
+    return replace(vehicle, losses={**vehicle.losses, Level.L1: loss})
 
 
 class Workbench:
@@ -68,7 +77,10 @@ class Workbench:
         """The solved front of a case at a level."""
         key = (case, variant)
         if key not in self._fronts:
-            self._fronts[key] = solve_front(case.section(self.vehicle(variant), variant.level))
+            vehicle, level = self.vehicle(variant), variant.level
+            if variant == L0_REG:
+                vehicle, level = _with_ties_broken(vehicle), Level.L1
+            self._fronts[key] = solve_front(case.section(vehicle, level))
         return self._fronts[key]
 
     def section(self, case: Case, variant: Variant) -> Section:

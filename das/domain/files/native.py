@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from math import inf
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from das.domain.errors import MISSING
+from das.domain.errors import MISSING, InputError
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import Fields, number, read_toml
 from das.domain.files.ttobench import check_tunnel_resistance, curvature_stretches
-from das.domain.loss_chain import LossChain
+from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import EfficiencyLoss, Level, LossModel
 from das.domain.route import Route, Stop, Stretches, Tunnel
 from das.domain.units import KMH
@@ -83,6 +82,14 @@ def read_vehicle(path: Path) -> Vehicle:
         default_level=default,
         losses=MappingProxyType(losses),
     )
+
+
+def read_loss_chain(path: Path) -> LossChain:
+    """The parametric loss chain of a vehicle file; raises DasError where its level L3 is not `kind = "components"`."""
+    table = read_toml(path).table("losses").table(Level.L3)
+    if table.text("kind") != "components":
+        raise table.error("kind", table.text("kind"), "components")
+    return _loss_chain(table)
 
 
 def read_route(path: Path) -> Route:
@@ -202,34 +209,74 @@ def _efficiency(fields: Fields, name: str) -> float:
     return value
 
 
+_COMPONENTS: dict[str, tuple[type[Any], dict[str, str]]] = {
+    "auxiliaries": (Auxiliaries, {"base": "power", "fan": "power", "rated_heat": "power"}),
+    "transformer": (Transformer, {"no_load": "power", "copper": "power", "rated_power": "power"}),
+    "converter": (
+        Converter,
+        {
+            "fixed": "power",
+            "line": "ratio",
+            "line_brake": "ratio",
+            "conduction": "power",
+            "switching": "power",
+            "snubber": "power",
+            "asynchronous": "frequency",
+            "stator": "frequency_per_speed",
+        },
+    ),
+    "motors": (
+        Motors,
+        {
+            "base_speed": "speed",
+            "rated_force": "force",
+            "magnetising": "ratio",
+            "pull_out": "ratio",
+            "brake_current": "ratio",
+            "copper": "power",
+            "iron": "power",
+        },
+    ),
+    "gear": (Gear, {"mesh": "ratio", "churning": "power", "churning_speed": "speed"}),
+}
+"""Component of a loss chain → its class and its quantities (name → dimension)."""
+_SI_SUFFIX = {
+    "power": "w",
+    "ratio": "ratio",
+    "frequency": "hz",
+    "frequency_per_speed": "hz_per_mps",
+    "speed": "mps",
+    "force": "n",
+}
+
+
 def _loss_chain(fields: Fields) -> LossChain:
-    plain = (
-        "auxiliary_w",
-        "transformer_no_load_w",
-        "transformer_copper_per_w",
-        "inverter_fixed_w",
-        "inverter_ratio",
-        "clock_drop_ratio",
-        "motor_copper_w_per_n2",
-        "motor_iron_w",
-        "gear_ratio",
-        "gear_windage_w_per_mps",
-    )
-    fields.check_keys(["source", "kind", "clock_speeds_kmh", "base_speed_kmh", *plain])
-    clocks = fields.data.get("clock_speeds_kmh", MISSING)
-    if not isinstance(clocks, list):
-        raise fields.error("clock_speeds_kmh", clocks, "a list of speeds")
-    values = {name: number(fields.source, fields.prefix + name, fields.data.get(name, MISSING)) for name in plain}
-    speeds = tuple(number(fields.source, f"{fields.prefix}clock_speeds_kmh", x) * KMH for x in clocks)
-    if any(b <= a for a, b in pairwise(speeds)):
-        raise fields.error("clock_speeds_kmh", clocks, "increasing speeds")
-    for name, value in values.items():
-        if not 0 <= value < inf:
-            raise fields.error(name, value, "a finite number >= 0")
-    base_speed_mps = fields.quantity("base_speed", "speed")
-    if not 0 < base_speed_mps < inf:
-        raise fields.error("base_speed_kmh", base_speed_mps / KMH, "a finite speed > 0")
-    return LossChain(clock_speeds_mps=speeds, base_speed_mps=base_speed_mps, **values)
+    fields.check_keys(["source", "kind", *_COMPONENTS])
+    return LossChain(**{name: _component(fields.table(name), name) for name in _COMPONENTS})
+
+
+def _component(fields: Fields, name: str) -> Any:
+    made, quantities = _COMPONENTS[name]
+    clock = ["clock_speeds_kmh", "clock_pulses"] if made is Converter else []
+    fields.check_keys(["source", *fields.quantity_keys(quantities), *clock])
+    values: dict[str, object] = {
+        f"{quantity}_{_SI_SUFFIX[dimension]}": fields.quantity(quantity, dimension)
+        for quantity, dimension in quantities.items()
+    }
+    if clock:
+        values["clock_speeds_mps"] = tuple(x * KMH for x in _numbers(fields, "clock_speeds_kmh"))
+        values["clock_pulses"] = _numbers(fields, "clock_pulses")
+    try:
+        return made(**values)
+    except InputError as error:
+        raise InputError(fields.source, fields.prefix + error.key, error.value, error.expected) from None
+
+
+def _numbers(fields: Fields, key: str) -> tuple[float, ...]:
+    values = fields.data.get(key, MISSING)
+    if not isinstance(values, list):
+        raise fields.error(key, values, "a list of numbers")
+    return tuple(number(fields.source, f"{fields.prefix}{key}[{i}]", x) for i, x in enumerate(values))
 
 
 def _stops(fields: Fields) -> tuple[Stop, ...]:
