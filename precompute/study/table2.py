@@ -7,12 +7,14 @@ from typing import Any
 
 from das.domain.trajectory import Trajectory
 from precompute import baselines
-from precompute.study.cases import ALL_VARIANTS, COMPLETE, L3, Case, Variant
+from precompute.study.cases import ALL_VARIANTS, COMPLETE, L0_NOREG, L1, L2, L3, Case, Variant
 from precompute.study.output import Output, markdown_table
 from precompute.study.printed import TABLE2, TABLE2_BUFFER_PERCENT, TABLE2_LEVELS, TABLE2_TRAJECTORIES
 from precompute.study.runs import Workbench
 
 CSV_COLUMNS = ("trajectory", "level", "printed", "ours", "deviation_ratio")
+FOUR_MODE_LEVELS = (L0_NOREG, L1, L2)
+"""Levels whose optimum on level line is a run of four modes (section 4.5)."""
 LABELS = {"fastest": "fastest", "rms": "RMS", "l3-gto": "L3 GTO"}
 
 
@@ -39,8 +41,16 @@ def trajectories(bench: Workbench, case: Case, buffer_percent: float) -> dict[st
         "rms": baselines.reduced_maximum_speed(bench.section(case, L3), time_s).trajectory,
     }
     for variant in ALL_VARIANTS:
-        rows[variant.name] = bench.front(case, variant).trajectory(time_s).trajectory
+        rows[variant.name] = _best_run(bench, case, variant, time_s)
     return rows
+
+
+def _best_run(bench: Workbench, case: Case, variant: Variant, time_s: float) -> Trajectory:
+    """The solver's run, or a four-mode run where that needs less: the two may differ by the solver's 0.01 to 0.05 %."""
+    runs = [bench.front(case, variant).trajectory(time_s).trajectory]
+    if variant in FOUR_MODE_LEVELS:
+        runs.append(baselines.four_modes(bench.section(case, variant), time_s).trajectory)
+    return min(runs, key=lambda run: bench.energy_j(run, variant))
 
 
 def cross_evaluation(bench: Workbench, case: Case, rows: dict[str, Trajectory]) -> list[Cell]:
