@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.files.load import load_route
 from das.domain.loss_chain import LossChain
 from das.domain.losses import (
     Level,
@@ -23,18 +22,19 @@ from das.domain.losses import (
     operating_points,
 )
 from das.domain.trajectory import Trajectory, consumed_j
-from das.domain.units import KM, KMH, KW
+from das.domain.units import KMH, KW
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front, solve_front
-from das.solver.section import Section, build_section
 from precompute import baselines
 from precompute.loss_pictures import cruising_deviation_ratio
+from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, Case
+from precompute.study.printed import TABLE2_BUFFER_PERCENT, TABLE2_ROWS
 
 Floats = NDArray[np.float64]
 Figures = dict[str, float]
 """Name of a target → what a vehicle reaches."""
 
-BUFFER_RATIO: Final = 0.07
+BUFFER_RATIO: Final = TABLE2_BUFFER_PERCENT / 100
 """t+ of Table 2."""
 L0_TO_L2: Final = (Level.L0_NOREG, Level.L0_REG, Level.L1, Level.L2)
 COLUMNS: Final = (*L0_TO_L2, "l3-gto", "l3-igbt")
@@ -42,14 +42,7 @@ COLUMNS: Final = (*L0_TO_L2, "l3-gto", "l3-igbt")
 
 NOT_PRINTED: Final = float("nan")
 TABLE_2: Final[Mapping[str, tuple[float, ...]]] = {
-    "fastest": (176.16, 48.51, 94.08, 97.33, 100.00, 92.23),
-    "rms": (133.81, 40.74, 74.73, 81.15, 84.07, 76.16),
-    Level.L0_NOREG: (121.97, 40.80, 71.28, 78.41, 80.86, 75.35),
-    Level.L0_REG: (134.29, 40.74, 74.92, 81.31, 84.16, 76.34),
-    Level.L1: (121.98, 40.80, 71.27, 78.40, 81.71, 74.59),
-    Level.L2: (121.98, 40.80, 71.27, 78.40, 81.71, 74.59),
-    "l3-gto": (123.77, 40.79, 71.80, 78.83, 79.99, NOT_PRINTED),
-    "l3-igbt": (125.29, 40.86, 72.06, 79.03, NOT_PRINTED, 73.50),
+    row: tuple(NOT_PRINTED if value is None else value for value in values) for row, values in TABLE2_ROWS.items()
 }
 """Table 2: 6 km, t+ = 7 %, % of what the fastest run consumes at L3 GTO; rows as printed, columns as `COLUMNS`."""
 
@@ -204,51 +197,29 @@ def largest_jump_ratio(loss_map: LossMap, vehicle: Vehicle) -> float:
     return float(np.diff(efficiency).max())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
-    """One of the paper's problems: a stretch of the level 6 km route with a speed at each end."""
-
-    name: str
-    end_m: float
-    start_speed_mps: float
-    end_speed_mps: float
-
-    def section(self, vehicle: Vehicle, level: Level) -> Section:
-        return build_section(
-            load_route("flat-6km"),
-            vehicle,
-            level=level,
-            start_m=0.0,
-            end_m=self.end_m,
-            start_speed_mps=self.start_speed_mps,
-            end_speed_mps=self.end_speed_mps,
-        )
-
-    def front(self, vehicle: Vehicle, level: Level) -> Front:
-        return solve_front(self.section(vehicle, level), threads=1)
-
-    def fastest(self, vehicle: Vehicle) -> Trajectory:
-        """The fastest run; it is the same at every level."""
-        return baselines.fastest(self.section(vehicle, Level.L0_REG)).trajectory
-
-
-TRIP: Final = Case(name="6 km", end_m=6 * KM, start_speed_mps=0.0, end_speed_mps=0.0)
-ACCELERATION: Final = Case(name="acceleration", end_m=4 * KM, start_speed_mps=0.0, end_speed_mps=160 * KMH)
-DECELERATION: Final = Case(name="deceleration", end_m=4 * KM, start_speed_mps=160 * KMH, end_speed_mps=0.0)
 SAVING_CASES: Final = ((ACCELERATION, ACCELERATION_BUFFERS), (DECELERATION, DECELERATION_BUFFERS))
 Runs = dict[str, Trajectory]
 """Row of Table 2, or "<case> <buffer>", → run."""
 
 
+def _front(case: Case, vehicle: Vehicle, level: Level) -> Front:
+    return solve_front(case.section(vehicle, level), threads=1)
+
+
+def _fastest(case: Case, vehicle: Vehicle) -> Trajectory:
+    """The fastest run; it is the same at every level."""
+    return baselines.fastest(case.section(vehicle, Level.L0_REG)).trajectory
+
+
 def other_runs(vehicle: Vehicle) -> Runs:
     """All runs that do not depend on the L3 map: fastest, RMS, the optima of L0 to L2, for all three cases."""
-    runs = {"fastest": TRIP.fastest(vehicle)}
+    runs = {"fastest": _fastest(COMPLETE, vehicle)}
     trip_s = runs["fastest"].time_s * (1 + BUFFER_RATIO)
-    runs["rms"] = baselines.reduced_maximum_speed(TRIP.section(vehicle, Level.L0_REG), trip_s).trajectory
+    runs["rms"] = baselines.reduced_maximum_speed(COMPLETE.section(vehicle, Level.L0_REG), trip_s).trajectory
     for level in L0_TO_L2:
-        runs[level] = TRIP.front(vehicle, level).trajectory(trip_s).trajectory
+        runs[level] = _front(COMPLETE, vehicle, level).trajectory(trip_s).trajectory
     for case, buffers in SAVING_CASES:
-        runs[f"{case.name} fastest"] = case.fastest(vehicle)
+        runs[f"{case.name} fastest"] = _fastest(case, vehicle)
         runs.update(_buffered(case, vehicle, Level.L2, buffers, runs[f"{case.name} fastest"].time_s))
     return runs
 
@@ -262,13 +233,13 @@ def l3_runs(vehicle: Vehicle, runs: Runs) -> Runs:
 
 
 def _buffered(case: Case, vehicle: Vehicle, level: Level, buffers: tuple[float, ...], least_s: float) -> Runs:
-    front = case.front(vehicle, level)
+    front = _front(case, vehicle, level)
     return {f"{case.name} {buffer} {level}": front.trajectory(least_s * (1 + buffer)).trajectory for buffer in buffers}
 
 
 def trip_run(vehicle: Vehicle, runs: Runs) -> Trajectory:
     """The L3 optimum of the 6 km."""
-    return TRIP.front(vehicle, Level.L3).trajectory(runs["fastest"].time_s * (1 + BUFFER_RATIO)).trajectory
+    return _front(COMPLETE, vehicle, Level.L3).trajectory(runs["fastest"].time_s * (1 + BUFFER_RATIO)).trajectory
 
 
 def saving_figures(vehicle: Vehicle, runs: Runs) -> Figures:

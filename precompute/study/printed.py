@@ -53,7 +53,7 @@ SAVINGS: Final = (
 TABLE2_TRAJECTORIES: Final = ("fastest", "rms", "l0-noreg", "l0-reg", "l1", "l2", "l3-gto", "l3-igbt")
 TABLE2_LEVELS: Final = ("l0-noreg", "l0-reg", "l1", "l2", "l3-gto", "l3-igbt")
 
-_TABLE2_ROWS: Final = {
+TABLE2_ROWS: Final = {
     "fastest": (176.16, 48.51, 94.08, 97.33, 100.00, 92.23),
     "rms": (133.81, 40.74, 74.73, 81.15, 84.07, 76.16),
     "l0-noreg": (121.97, 40.80, 71.28, 78.41, 80.86, 75.35),
@@ -65,7 +65,7 @@ _TABLE2_ROWS: Final = {
 }
 TABLE2: Final[dict[tuple[str, str], float | None]] = {
     (trajectory, level): value
-    for trajectory, row in _TABLE2_ROWS.items()
+    for trajectory, row in TABLE2_ROWS.items()
     for level, value in zip(TABLE2_LEVELS, row, strict=True)
 }
 """Table 2 by (trajectory, level): energy in % of the fastest run's at L3 GTO; None where none is printed."""
