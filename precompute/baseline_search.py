@@ -28,6 +28,8 @@ SPEED_ROUNDING_MPS = 1e-10
 SCANNED_SPEEDS = 8
 """Cruising speeds tried before the best one is narrowed down."""
 GOLDEN_STEPS = 9
+TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
+"""Most cruising speeds whose arcs are brought to the time, until a run is this near to the dual value."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
 """Highest price of time tried for coasting, as a multiple of the traction power: nothing that costs time pays."""
@@ -275,17 +277,30 @@ class FourModeSearch:
     def run(self) -> list[Run]:
         """Good runs of that time; a quicker one only where more time would cost energy."""
         rms = self.driving.cruise_in(self.time_s)
-        best_mps = self._best_speed(rms.cruise_mps)
-        arcs = self.arcs(best_mps)
+        speeds = self._best_speeds(rms.cruise_mps)
+        arcs = self.arcs(speeds[0])
         slow, quick, _ = arcs.around()
         if slow is quick and quick.extra_s < arcs.spare_s:
-            return [self.driving.coast(best_mps, arcs.crossings(quick))]
+            return [self.driving.coast(speeds[0], arcs.crossings(quick))]
+        bound_j = arcs.bound_j()
         runs = [rms]
+        for speed_mps in speeds[:TRIED_SPEEDS]:
+            runs += self._runs_on_time(speed_mps)
+            # Moving v to hit the time may end an arc early, where it grazes the base run: then another speed is better.
+            least_j = min(self.driving.energy_j(run) for run in runs)
+            if least_j <= bound_j + ENOUGH_RATIO * max(abs(bound_j), abs(arcs.base_j)):
+                break
+        return runs
+
+    def _runs_on_time(self, cruise_mps: float) -> list[Run]:
+        """Up to `ENOUGH_TUNED` runs of the wanted time near a cruising speed."""
+        arcs = self.arcs(cruise_mps)
+        runs: list[Run] = []
         for path in arcs.near_time():
-            run = self._on_time(best_mps, arcs.crossings(path))
+            run = self._on_time(cruise_mps, arcs.crossings(path))
             if abs(run.time_s - self.time_s) <= tol.TIME_TOLERANCE_S:
                 runs.append(run)
-            if len(runs) > ENOUGH_TUNED:
+            if len(runs) >= ENOUGH_TUNED:
                 break
         return runs
 
@@ -308,8 +323,8 @@ class FourModeSearch:
         reached_mps = min(cruise_mps, float(run.speeds_mps.max()))
         return hit(drive, max(reached_mps * (1 - TUNED_RATIO), LOWEST_CRUISE_MPS), reached_mps, self.time_s)
 
-    def _best_speed(self, low_mps: float) -> float:
-        """Scan, then golden section around the best: the cruising speed of least dual value."""
+    def _best_speeds(self, low_mps: float) -> list[float]:
+        """Scan, then golden section around the best: the cruising speeds tried, that of least dual value first."""
 
         def bound_j(speed_mps: float) -> float:
             return self.arcs(speed_mps).bound_j()
@@ -317,7 +332,7 @@ class FourModeSearch:
         speeds = np.linspace(low_mps, self.driving.top_mps, SCANNED_SPEEDS)
         values = [bound_j(float(v)) for v in speeds]
         best = int(np.argmin(values))
-        known = [(values[best], float(speeds[best]))]
+        known = [(value, float(speed)) for value, speed in zip(values, speeds, strict=True)]
         low, high = float(speeds[max(best - 1, 0)]), float(speeds[min(best + 1, len(speeds) - 1)])
         ratio = (3 - math.sqrt(5)) / 2
         a, b = low + ratio * (high - low), high - ratio * (high - low)
@@ -332,4 +347,4 @@ class FourModeSearch:
                 low, a, at_a = a, b, at_b
                 b = high - ratio * (high - low)
                 at_b = bound_j(b)
-        return min(known)[1]
+        return [speed for _, speed in sorted(known)]

@@ -12,7 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH, busy, run_app
+from das.commands import PRINTED_WIDTH, busy, interrupt_on_termination, run_app
 from das.domain.errors import DasError
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
@@ -191,11 +191,12 @@ def front(
     from precompute import report
 
     points = []
-    for buffer_percent in wanted:
-        began = time.perf_counter()
-        solution = solved.trajectory(_buffered(min_time_s, buffer_percent))
-        point = report.solution_json(solution, min_time_s, time.perf_counter() - began)
-        points.append({"buffer_percent": buffer_percent, **point})
+    with busy("rolling out …"):
+        for buffer_percent in wanted:
+            began = time.perf_counter()
+            solution = solved.trajectory(_buffered(min_time_s, buffer_percent))
+            point = report.solution_json(solution, min_time_s, time.perf_counter() - began)
+            points.append({"buffer_percent": buffer_percent, **point})
     if as_json:
         print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
         return
@@ -265,8 +266,9 @@ def _front(pose: Pose) -> tuple[Any, Any, float, float]:
         section = pose.section()
         warm_up()
     began = time.perf_counter()
-    solved = solve_front(section)
-    min_time_s = solved.fastest().time_s
+    with busy("solving …"):
+        solved = solve_front(section)
+        min_time_s = solved.fastest().time_s
     return section, solved, min_time_s, time.perf_counter() - began
 
 
@@ -316,6 +318,7 @@ app.command("loss-map", epilog="Example: das-precompute loss-map re460-ic --plot
 
 def main() -> None:
     """Entry point of das-precompute."""
+    interrupt_on_termination()
     run_app(app)
 
 

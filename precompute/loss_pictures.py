@@ -65,12 +65,17 @@ def _norm(levels: Floats) -> Any:
     return BoundaryNorm(levels, 256, extend="min")
 
 
+MOST_LEVELS = 60
+"""Most bands of 50 kW in a picture of losses; beyond, a map gets as many as one of efficiency."""
+
+
 def draw_loss_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
     """Loss in kW over speed (km/h) and wheel force (kN), both quadrants; returns the mappable (see efficiency)."""
     speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
     loss = loss_map.loss_w(np.where(inside, force, 0.0), speed) / KW
-    highest = float(loss[inside].max())
-    levels = np.arange(0.0, highest + 50.0, 50.0) if highest > 200 else np.linspace(0.0, highest, _LEVELS)
+    highest = max(float(loss[inside].max()), 1.0)
+    round_steps = 200 < highest < 50 * MOST_LEVELS
+    levels = np.arange(0.0, highest + 50.0, 50.0) if round_steps else np.linspace(0.0, highest, _LEVELS)
     return _filled(axes, (speed, force, np.ma.masked_array(loss, ~inside)), vehicle, levels=levels, cmap="inferno_r")
 
 
@@ -245,6 +250,8 @@ def loss_map_command(
     square residual over the largest loss (rms/max). Cruising: mean of (map − fit)/fit at 40 to 160 km/h on the level,
     and of its magnitude.
     """
+    if plot is not None and csv is not None and plot.resolve() == csv.resolve():
+        raise DasError(f"{csv}: --csv and --plot name the same file")
     for path in (plot, csv):
         if path is not None:
             check_writable(path)

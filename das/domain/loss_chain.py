@@ -31,6 +31,10 @@ Floats = NDArray[np.float64]
 MAP_SPEED_STEP_MPS = 1.0 * KMH
 MAP_FORCE_STEP_N = 1.0 * KN
 """Grid of the map: 1 km/h × 1 kN, the paper's."""
+MOST_MAP_POINTS = 5e6
+"""A map with more is a mistake in speeds or forces (the Re 460's has 120 000)."""
+LARGEST_PARAMETER = 1e12
+"""No parameter of a train in SI units is larger."""
 
 IRON_FREQUENCY_EXPONENT = 1.5
 """Between hysteresis (∝ f) and eddy currents (∝ f²)."""
@@ -219,6 +223,11 @@ class LossChain:
         The row of 0 km/h holds the losses of a train that just moves, so that those below 1 km/h are interpolated
         between moving states (at standstill a map's loss is 0 anyhow).
         """
+        points = (max_speed_mps / MAP_SPEED_STEP_MPS) * ((max_force_n + max_brake_force_n) / MAP_FORCE_STEP_N)
+        if points > MOST_MAP_POINTS:
+            raise InputError(
+                name, "points of the map at 1 kN × 1 km/h", f"{points:.2g}", f"at most {MOST_MAP_POINTS:.0e}"
+            )
         speed = np.arange(np.ceil(max_speed_mps / MAP_SPEED_STEP_MPS - 1e-9) + 2) * MAP_SPEED_STEP_MPS
         low = -np.ceil(max_brake_force_n / MAP_FORCE_STEP_N) - 1
         high = np.ceil(max_force_n / MAP_FORCE_STEP_N) + 1
@@ -258,7 +267,11 @@ def _check(component: object, name: str, positive: tuple[str, ...] = ()) -> None
     """Every parameter must be finite and >= 0, those named > 0."""
     for item in fields(component):  # type: ignore[arg-type]
         value = getattr(component, item.name)
-        if not np.isfinite(value).all() or np.any(np.asarray(value) < 0):
+        if (
+            not np.isfinite(value).all()
+            or np.any(np.asarray(value) < 0)
+            or np.any(np.asarray(value) > LARGEST_PARAMETER)
+        ):
             raise InputError(name, item.name, value, "a finite number >= 0")
         if item.name in positive and value <= 0:
             raise InputError(name, item.name, value, "a finite number > 0")

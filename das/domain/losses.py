@@ -171,6 +171,11 @@ def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) 
     """
     points = operating_points(model, max_power_w)
     x, y = points.power_w, points.loss_w
+    if not x.any():
+        raise DasError(
+            f"{model.name}: no point of the map with a force has a wheel power up to {max_power_w / 1e3:g} kW, so that "
+            "no efficiency can be fitted"
+        )
     ratio, idle_w = float(x @ y / (x @ x)), 0.0
     if with_idle:
         ratio, idle_w = _fit_line(x, y)

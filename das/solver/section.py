@@ -250,7 +250,9 @@ def _bounding_speeds(
             f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
         )
     if start_speed_mps > envelope[0] + tol.SPEED_TOLERANCE_MPS:
-        raise InfeasibleError(f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit")
+        raise InfeasibleError(
+            f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or cannot be braked"
+        )
     fastest, stuck = kernels.fastest_run(*arrays, envelope, start_speed_mps, train)
     if stuck >= 0:
         raise InfeasibleError(
