@@ -21,6 +21,8 @@ CROSSINGS = 3
 _STEPS = 60
 _TOLERANCE = 1e-13
 _ON_BASE_MPS = 1e-9
+_EARLY_SHARE = 0.25
+"""An arc may end earlier than planned by this share of its nodes."""
 _NO_FRICTION = 1.0 - 1e-9
 """So much less than the electric brake can do that no friction slips in from rounding."""
 
@@ -214,30 +216,29 @@ def best_arcs(price, target, extra_s, extra_j, count, choice, cost, time_s):
 
 
 @kernel
-def four_mode_run(cruise, crossings, base, step, g, q, envelope, floor, p, v, coasting):
+def four_mode_run(cruise, ends, base, step, g, q, envelope, floor, p, v, coasting):
     """Drive a base run with coasting arcs; fills v, returns the trip time (s), or -1 after a stall.
 
-    crossings[i] > 0: an arc starts at node i (unless another is under way) and ends at that crossing of the base run.
-    coasting[i] is set where interval i has no wheel force. Every interval is cut to what the train can do.
+    ends[i] > 0: an arc starts at node i (unless another is under way) and ends at the first crossing of the base run
+    near node ends[i] or after it; an earlier one, where the arc only grazes the base run, is passed. coasting[i] is set
+    where interval i has no wheel force. Every interval is cut to what the train can do.
     """
-    left = 0
+    earliest = 0
     side = 0
     for i in range(step.size):
         landing = min(envelope[i + 1], max(cruise, floor[i + 1]))
         coasting[i] = False
-        if left == 0 and crossings[i] > 0:
-            left = crossings[i]
+        if earliest == 0 and ends[i] > 0:
+            earliest = ends[i] - int(_EARLY_SHARE * (ends[i] - i))
             side = 0
-        if left > 0:
+        if earliest > 0:
             free = coasting_speed(v[i], step[i], g[i], q[i], p)
             ahead = min(max(free, floor[i + 1]), envelope[i + 1])
             now = _side(ahead, base[i + 1])
-            if side not in (0, now):
-                left -= 1
-            if now == 0:
-                left = 0
+            if i + 1 >= earliest and (now == 0 or side not in (0, now)):
+                earliest = 0
             side = now
-            if left > 0:
+            if earliest > 0:
                 landing = ahead
                 coasting[i] = ahead == free
             else:

@@ -73,12 +73,12 @@ class Driving:
         time_s = kernels.cruise_run(cruise_mps, *self.line, *self.bounds, self.section.train, speeds)
         return _run(speeds, time_s, cruise_mps, np.zeros(len(speeds) - 1, np.bool_))
 
-    def coast(self, cruise_mps: float, crossings: NDArray[np.int8]) -> Run:
+    def coast(self, cruise_mps: float, ends: Ints) -> Run:
         """A base run with coasting arcs (see baseline_kernels.four_mode_run)."""
         base = self.cruise(cruise_mps)
-        speeds, coasting = self._start(), np.empty(len(crossings), np.bool_)
+        speeds, coasting = self._start(), np.empty(len(ends), np.bool_)
         time_s = kernels.four_mode_run(
-            cruise_mps, crossings, base.speeds_mps, *self.line, *self.bounds, self.section.train, speeds, coasting
+            cruise_mps, ends, base.speeds_mps, *self.line, *self.bounds, self.section.train, speeds, coasting
         )
         return _run(speeds, time_s, cruise_mps, coasting)
 
@@ -139,13 +139,12 @@ class _Path(NamedTuple):
 
 
 class _Edges(NamedTuple):
-    """All arcs of a base run (E,): start and end node, extra time and energy, crossing at which it ends (1, 2, …)."""
+    """All arcs of a base run (E,): start and end node, extra time and energy."""
 
     start: Ints
     end: Ints
     extra_s: Floats
     extra_j: Floats
-    crossing: Ints
 
 
 class _Arcs:
@@ -234,11 +233,11 @@ class _Arcs:
         mixed = [path for pair in pairs for path in pair if path is not None]
         return mixed[:MAX_TUNED]
 
-    def crossings(self, path: _Path) -> NDArray[np.int8]:
+    def ends(self, path: _Path) -> Ints:
         """A path as baseline_kernels.four_mode_run takes it."""
         edges, arcs = self._edges(), list(path.arcs)
-        result = np.zeros(len(self._table[0]), np.int8)
-        result[edges.start[arcs]] = edges.crossing[arcs]
+        result = np.zeros(len(self._table[0]), np.int64)
+        result[edges.start[arcs]] = edges.end[arcs]
         return result
 
     def _miss_s(self, path: _Path) -> float:
@@ -247,8 +246,7 @@ class _Arcs:
     def _edges(self) -> _Edges:
         target, extra_s, extra_j, count = self._table
         used = np.arange(kernels.CROSSINGS) < count[:, None]
-        start, crossing = np.nonzero(used)
-        return _Edges(start, target[used], extra_s[used], extra_j[used], crossing + 1)
+        return _Edges(np.nonzero(used)[0], target[used], extra_s[used], extra_j[used])
 
     def _exchanged(self, path: _Path, edges: _Edges) -> Iterator[_Path]:
         """The path with one arc added, left out, or exchanged for another between its neighbours."""
@@ -281,7 +279,7 @@ class FourModeSearch:
         arcs = self.arcs(speeds[0])
         slow, quick, _ = arcs.around()
         if slow is quick and quick.extra_s < arcs.spare_s:
-            return [self.driving.coast(speeds[0], arcs.crossings(quick))]
+            return [self.driving.coast(speeds[0], arcs.ends(quick))]
         bound_j = arcs.bound_j()
         runs = [rms]
         for speed_mps in speeds[:TRIED_SPEEDS]:
@@ -297,7 +295,7 @@ class FourModeSearch:
         arcs = self.arcs(cruise_mps)
         runs: list[Run] = []
         for path in arcs.near_time():
-            run = self._on_time(cruise_mps, arcs.crossings(path))
+            run = self._on_time(cruise_mps, arcs.ends(path))
             if abs(run.time_s - self.time_s) <= tol.TIME_TOLERANCE_S:
                 runs.append(run)
             if len(runs) >= ENOUGH_TUNED:
@@ -311,11 +309,11 @@ class FourModeSearch:
             raise InfeasibleError(f"{self.driving.section.name}: the train stalls at {cruise_mps / KMH:.1f} km/h")
         return _Arcs(self.driving, base, max(self.time_s - base.time_s, 0.0))
 
-    def _on_time(self, cruise_mps: float, crossings: NDArray[np.int8]) -> Run:
+    def _on_time(self, cruise_mps: float, ends: Ints) -> Run:
         """The run with these arcs whose cruising speed, near the given one, makes it take the time wanted."""
 
         def drive(speed_mps: float) -> Run:
-            return self.driving.coast(speed_mps, crossings)
+            return self.driving.coast(speed_mps, ends)
 
         run = drive(cruise_mps)
         if run.time_s > self.time_s:

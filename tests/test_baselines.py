@@ -436,3 +436,30 @@ def test_a_train_that_stalls_is_named(hilly: Section) -> None:
 
 def test_warm_up_runs_every_strategy() -> None:
     warm_up()
+
+
+def test_four_modes_on_a_metro_section_stay_near_the_optimum(shared: Path) -> None:
+    # With hills a coasting arc grazes the base run: a little more speed must not end it there.
+    route = load_route(str(shared / "ttobench/tracks/CN_Songjiazhuang_Yizhuang.json"))
+    vehicle = load_vehicle(str(shared / "ttobench/trains/CN_Beijing_Subway.json"))
+    section = build_section(route, vehicle, end_m=route.stops[1].position_m)
+    front = solve_front(section)
+    least_s = fastest(section).time_s
+    energies = []
+    for buffer_ratio in (0.02, 0.03, 0.05, 0.07, 0.10, 0.15, 0.20):
+        run = four_modes(section, least_s * (1 + buffer_ratio))
+        best_j = front.trajectory(least_s * (1 + buffer_ratio)).ledger.input
+        assert -2e-3 * best_j < run.ledger.input - best_j < 5e-3 * best_j
+        energies.append(run.ledger.input)
+    assert energies == sorted(energies, reverse=True), "more time never costs more"
+
+
+def test_a_section_too_short_to_move_is_refused() -> None:
+    section = build_section(load_route("flat-6km"), load_vehicle("re460-ic"), end_m=3.0)
+    for time_s in (10.0, 60.0):
+        with pytest.raises(InfeasibleError, match="too short to move"):
+            reduced_maximum_speed(section, time_s)
+        with pytest.raises(InfeasibleError, match="too short to move"):
+            four_modes(section, time_s)
+    with pytest.raises(InfeasibleError, match="too short to move"):
+        fastest(section)

@@ -172,3 +172,13 @@ def test_a_bad_parameter_is_refused(component: str, key: str, value: float) -> N
 def test_what_is_divided_by_must_not_be_zero(component: str, key: str) -> None:
     with pytest.raises(InputError, match=f"^{component}: {key} = 0.0: expected a finite number > 0$"):
         replace(getattr(CHAIN, component), **{key: 0.0})
+
+
+def test_a_map_of_impossible_size_is_refused() -> None:
+    with pytest.raises(InputError, match="points of the map"):
+        CHAIN.to_map("huge", 1e12, 1e5, 40.0)
+
+
+def test_a_parameter_beyond_any_train_is_refused() -> None:
+    with pytest.raises(InputError, match="churning_speed_mps"):
+        replace(CHAIN.gear, churning_speed_mps=1e300)
