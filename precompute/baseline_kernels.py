@@ -1,7 +1,7 @@
 """Numba kernels of the baseline strategies, on the integration grid of a section.
 
 Symbols and preconditions as in `das.solver.kernels`. `base` is the run that holds one cruising speed: full traction up
-to min(envelope, cruising speed), then holding, then braking along the envelope; `floor` is what passing_floor
+to min(envelope, cruising speed), then holding, then braking along the envelope; `floor` is what climbing_floor
 gives. A *coasting arc* leaves the base run at a node and comes back to it where the two speeds cross.
 """
 
@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from das.solver.kernels import electric_limit, electric_share, kernel, loss_power, mean_resistance, traction_limit
+from das.solver.kernels import electric_limit, electric_share, kernel, loss_power, mean_resistance
 from das.solver.rollout_kernels import drive, trip_time
 from das.solver.tolerances import CREEP_MPS
 
@@ -25,31 +25,6 @@ _EARLY_SHARE = 0.25
 """An arc may end earlier than planned by this share of its nodes."""
 _NO_FRICTION = 1.0 - 1e-9
 """So much less than the electric brake can do that no friction slips in from rounding."""
-
-
-@kernel
-def passing_floor(step, g, q, envelope, least, p):
-    """As the section's climbing floor (kernels.climbing_floor), but every crest is passed at `least` or faster.
-
-    The climbing floor leads over a crest at a standstill, where rounding decides whether the train gets over. Not above
-    the envelope.
-    """
-    n = step.size
-    v = np.empty(n + 1)
-    v[n] = envelope[n]
-    for i in range(n - 1, -1, -1):
-        v1 = max(v[i + 1], min(least, envelope[i + 1]))
-        v0 = v1
-        for _ in range(_STEPS):
-            rate = (traction_limit(max(v0, v1), p) - mean_resistance(v0, v1, q[i], p) - g[i]) / p.inertial_mass_kg
-            w0 = v1 * v1 - 2.0 * step[i] * min(rate, p.max_acceleration_mps2)
-            new = math.sqrt(w0) if w0 > 0.0 else 0.0
-            if abs(new - v0) <= _TOLERANCE * max(new, 1.0):
-                v0 = new
-                break
-            v0 = new
-        v[i] = min(v0, envelope[i])
-    return v
 
 
 @kernel

@@ -15,6 +15,7 @@ from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
 from das.solver.front import trajectory_on
+from das.solver.kernels import climbing_floor
 from das.solver.section import Section
 from precompute import baseline_kernels as kernels
 
@@ -61,7 +62,8 @@ class Driving:
         self.section = section
         self.envelope_mps = section.envelope_mps if envelope_mps is None else envelope_mps
         self.line = (section.step_m, section.constant_n, section.tunnel_n_per_mps2)
-        floor = kernels.passing_floor(*self.line, self.envelope_mps, LOWEST_CRUISE_MPS, section.train)
+        # A floor of 0 at a crest would leave it to rounding whether the train gets over.
+        floor = climbing_floor(*self.line, self.envelope_mps, LOWEST_CRUISE_MPS, section.train)
         self.bounds = (self.envelope_mps, floor)
         self.dissipative = section.brakes is BrakePolicy.FRICTION
         self.fastest = self.cruise(float(self.envelope_mps.max()))

@@ -54,8 +54,8 @@ NoFrictionOption = Annotated[bool, typer.Option("--no-friction-brake", help="Bra
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
 
-BUFFERS = "0,2,5,7,10,15,20"
-EXACT_MAX_BUFFER = 10.0
+BUFFERS_PERCENT = "0,2,5,7,10,15,20"
+EXACT_MAX_BUFFER_PERCENT = 10.0
 COMPILING = "compiling the solver (once on a machine, about 10 s) …"
 
 
@@ -137,7 +137,7 @@ def front(
     route: RouteArgument,
     vehicle: VehicleArgument,
     buffers: Annotated[
-        str | None, typer.Option(help=f"Buffers in %, with commas between [default: {BUFFERS}].")
+        str | None, typer.Option(help=f"Buffers in %, with commas between [default: {BUFFERS_PERCENT}].")
     ] = None,
     exact: Annotated[
         bool,
@@ -174,9 +174,9 @@ def front(
     pose = _pose(locals())
     if not exact and (csv is not None or max_buffer_percent is not None):
         raise DasError("--csv and --max-buffer belong to --exact")
-    max_buffer_percent = EXACT_MAX_BUFFER if max_buffer_percent is None else max_buffer_percent
+    max_buffer_percent = EXACT_MAX_BUFFER_PERCENT if max_buffer_percent is None else max_buffer_percent
     _buffered(1.0, max_buffer_percent)
-    wanted = _numbers(BUFFERS if buffers is None else buffers)
+    wanted = _numbers(BUFFERS_PERCENT if buffers is None else buffers)
     if csv is not None:
         check_writable(csv)
     section, solved, min_time_s, front_s = _front(pose)

@@ -35,8 +35,13 @@ Floats = NDArray[np.float64]
 
 CRUISING_MPS = np.arange(40.0, 160.5) * KMH
 """Speeds at which the deviation of a fit is taken when cruising on the level."""
+CSV_VEHICLE = "re460-ic"
+"""The train whose forces bound a CSV map, unless another is named."""
 _LOWEST_SHOWN_EFFICIENCY = 0.70
 _LEVELS = 17
+_BAND_KW = 50.0
+_MOST_BANDS = 60
+"""A picture of losses has bands of 50 kW; where these were more than 60, as many as one of efficiency."""
 
 
 def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
@@ -65,17 +70,13 @@ def _norm(levels: Floats) -> Any:
     return BoundaryNorm(levels, 256, extend="min")
 
 
-MOST_LEVELS = 60
-"""Most bands of 50 kW in a picture of losses; beyond, a map gets as many as one of efficiency."""
-
-
 def draw_loss_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
     """Loss in kW over speed (km/h) and wheel force (kN), both quadrants; returns the mappable (see efficiency)."""
     speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
     loss = loss_map.loss_w(np.where(inside, force, 0.0), speed) / KW
     highest = max(float(loss[inside].max()), 1.0)
-    round_steps = 200 < highest < 50 * MOST_LEVELS
-    levels = np.arange(0.0, highest + 50.0, 50.0) if round_steps else np.linspace(0.0, highest, _LEVELS)
+    round_steps = 4 * _BAND_KW < highest < _MOST_BANDS * _BAND_KW
+    levels = np.arange(0.0, highest + _BAND_KW, _BAND_KW) if round_steps else np.linspace(0.0, highest, _LEVELS)
     return _filled(axes, (speed, force, np.ma.masked_array(loss, ~inside)), vehicle, levels=levels, cmap="inferno_r")
 
 
@@ -179,10 +180,12 @@ def _best(loss_map: LossMap, vehicle: Vehicle, sign: int) -> dict[str, float] | 
     }
 
 
-def map_of(name: str, vehicle: str) -> tuple[LossMap, Vehicle]:
+def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
     """A vehicle's L3 map, or a map from a CSV file with the forces of `vehicle`; DasError where there is none."""
     if Path(name).suffix.lower() == ".csv":
-        return read_loss_map(Path(name)), load_vehicle(vehicle)
+        return read_loss_map(Path(name)), load_vehicle(vehicle or CSV_VEHICLE)
+    if vehicle is not None:
+        raise DasError(f"--vehicle {vehicle}: belongs to a CSV map, {name} is a train itself")
     train = load_vehicle(name)
     model = train.loss_model(Level.L3)
     if not isinstance(model, LossMap):
@@ -239,7 +242,9 @@ def loss_map_command(
     loss_map: Annotated[
         str, typer.Argument(metavar="VEHICLE|MAP.csv", help="Bundled vehicle name, vehicle file, or loss map (CSV).")
     ],
-    vehicle: Annotated[str, typer.Option(help="Train whose forces bound a CSV map.", show_default=True)] = "re460-ic",
+    vehicle: Annotated[
+        str | None, typer.Option(help=f"Train whose forces bound a CSV map [default: {CSV_VEHICLE}].")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG): efficiency and loss.")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the map as CSV.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,

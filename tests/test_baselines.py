@@ -15,37 +15,16 @@ import pytest
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossModel
-from das.domain.route import Route, Stop, Stretches
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 from das.solver.front import Fit, solve_front
 from das.solver.section import Section, build_section
 from precompute.baselines import Baseline, Strategy, baseline, fastest, four_modes, reduced_maximum_speed, warm_up
+from tests.making import make_route
 from tests.verifier import Line, integrate
 
 MASS_KG, FORCE_N = 1e5, 1e5
 SOLVER_RATIO = 2e-3
 """How far above the true optimum the optimal solver may be: docs/physics.md says to 0.3 %; here it is nearer."""
-
-
-def stretches(*rows: tuple[float, float]) -> Stretches:
-    return Stretches(start_m=np.array([r[0] for r in rows]), value=np.array([r[1] for r in rows]))
-
-
-def line(length_m: float, limits: Stretches, grades: Stretches | None = None) -> Route:
-    return Route(
-        id="test",
-        name="test",
-        source="test",
-        illustrative=True,
-        length_m=length_m,
-        stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=length_m)),
-        limits_mps=limits,
-        gradients_ratio=grades or stretches((0.0, 0.0)),
-        curvature_per_m=stretches((0.0, 0.0)),
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
-    )
 
 
 def train(
@@ -72,11 +51,13 @@ def train(
 @pytest.fixture(scope="module")
 def hilly() -> Section:
     """Limits, a climb the train cannot hold its speed on, a descent it has to brake on, losses, both brakes."""
-    limits = stretches((0.0, 30.0), (3_000.0, 22.0), (4_500.0, 40.0), (9_000.0, 25.0))
-    grades = stretches((0.0, 0.0), (2_000.0, 0.030), (4_000.0, -0.025), (7_000.0, 0.0), (8_000.0, -0.004))
+    limits = [(0.0, 30.0), (3_000.0, 22.0), (4_500.0, 40.0), (9_000.0, 25.0)]
+    grades = [(0.0, 0.0), (2_000.0, 0.030), (4_000.0, -0.025), (7_000.0, 0.0), (8_000.0, -0.004)]
     loss = EfficiencyLoss.from_efficiencies(0.88, 0.85, 2e4)
     return build_section(
-        line(12_000.0, limits, grades), train(1500.0, 4.0, loss=loss, power_w=8e5, friction_n=5e4), level=Level.OWN
+        make_route(12_000.0, limits, grades),
+        train(1500.0, 4.0, loss=loss, power_w=8e5, friction_n=5e4),
+        level=Level.OWN,
     )
 
 
@@ -116,7 +97,7 @@ def assert_on_time(run: Baseline, time_s: float) -> None:
 @pytest.mark.parametrize("time_s", [210.0, 300.0, 900.0])
 def test_rms_without_resistance(time_s: float) -> None:
     """a = F/m = 1 m/s² up and down: t = s/v + v/a, so v = (t − √(t² − 4·s/a))·a/2."""
-    run = reduced_maximum_speed(build_section(line(6_000.0, stretches((0.0, 40.0))), train()), time_s)
+    run = reduced_maximum_speed(build_section(make_route(6_000.0, [(0.0, 40.0)]), train()), time_s)
     assert_on_time(run, time_s)
     assert run.cruise_speed_mps == pytest.approx((time_s - math.sqrt(time_s**2 - 4 * 6_000.0)) / 2, rel=5e-3)
     assert run.coasting_m == ()
@@ -124,7 +105,7 @@ def test_rms_without_resistance(time_s: float) -> None:
 
 def test_rms_holds_its_speed_against_a_slope_and_the_air() -> None:
     """While cruising the force is m·g·i + c0 + c2·v², uphill and (braking) downhill."""
-    route = line(20_000.0, stretches((0.0, 40.0)), stretches((0.0, 0.005), (10_000.0, -0.010)))
+    route = make_route(20_000.0, [(0.0, 40.0)], [(0.0, 0.005), (10_000.0, -0.010)])
     run = reduced_maximum_speed(build_section(route, train(2_000.0, 5.0)), 800.0)
     assert_on_time(run, 800.0)
     v = run.cruise_speed_mps
@@ -136,7 +117,7 @@ def test_rms_holds_its_speed_against_a_slope_and_the_air() -> None:
 
 
 def test_fastest_is_half_acceleration_half_braking() -> None:
-    run = fastest(build_section(line(1_000.0, stretches((0.0, 60.0))), train()))
+    run = fastest(build_section(make_route(1_000.0, [(0.0, 60.0)]), train()))
     assert run.time_s == pytest.approx(2 * math.sqrt(1_000.0), rel=1e-3)
     assert (run.cruise_speed_mps, run.coasting_m, run.fit) == (None, (), Fit.ON_TIME)
     assert run.requested_s == run.least_time_s == run.time_s
@@ -146,7 +127,7 @@ def test_four_modes_with_dissipative_brakes_and_no_resistance() -> None:
     """Without resistance, energy only buys speed and no brake gives it back: least energy is the least top speed that
     makes the time, held to the brake point, which is the RMS run; E = m·v²/2."""
     vehicle = replace(train(), brake_policy=BrakePolicy.FRICTION, friction_brake_force_n=0.0)
-    section = build_section(line(6_000.0, stretches((0.0, 40.0))), vehicle)
+    section = build_section(make_route(6_000.0, [(0.0, 40.0)]), vehicle)
     run = four_modes(section, 300.0)
     assert_on_time(run, 300.0)
     v = (300.0 - math.sqrt(300.0**2 - 4 * 6_000.0)) / 2
@@ -157,7 +138,7 @@ def test_four_modes_with_dissipative_brakes_and_no_resistance() -> None:
 def test_coasting_loses_kinetic_energy_to_resistance_alone() -> None:
     """R = c0: on the level a coasting train loses m·Δ(v²)/2 = c0·s; the longest arc is found so, and no force acts."""
     loss = EfficiencyLoss.from_efficiencies(0.8, 0.8)
-    run = four_modes(build_section(line(6_000.0, stretches((0.0, 40.0))), train(6_000.0, loss=loss)), 240.0)
+    run = four_modes(build_section(make_route(6_000.0, [(0.0, 40.0)]), train(6_000.0, loss=loss)), 240.0)
     assert_on_time(run, 240.0)
     (start_m, end_m) = max(run.coasting_m, key=lambda pair: pair[1] - pair[0])
     assert end_m - start_m > 500.0
@@ -229,7 +210,7 @@ def test_best_cruising_speed_and_coasting_point_by_brute_force(time_s: float) ->
             best_j, best_mps = energy_j, float(cruise_mps)
     assert best_j < math.inf
     loss = EfficiencyLoss.from_efficiencies(ETA, ETA)
-    run = four_modes(build_section(line(LENGTH_M, stretches((0.0, 40.0))), train(C0_N, C2, loss=loss)), time_s)
+    run = four_modes(build_section(make_route(LENGTH_M, [(0.0, 40.0)]), train(C0_N, C2, loss=loss)), time_s)
     assert_on_time(run, time_s)
     assert run.ledger.input == pytest.approx(best_j, rel=2e-4)
     assert run.trajectory.v_mps.max() == pytest.approx(best_mps, rel=0.01)
@@ -320,7 +301,7 @@ def test_sections_that_begin_or_end_at_speed(start_mps: float, end_mps: float) -
 
 def test_a_hill_that_needs_momentum() -> None:
     """120 ‰ at 100 kN and 100 t: 20 kN short over 300 m, so m·v²/2 must be 6 MJ + resistance: at least 10.9 m/s."""
-    route = line(6_000.0, stretches((0.0, 30.0)), stretches((0.0, 0.0), (4_200.0, 0.12), (4_500.0, 0.0)))
+    route = make_route(6_000.0, [(0.0, 30.0)], [(0.0, 0.0), (4_200.0, 0.12), (4_500.0, 0.0)])
     section = build_section(route, train(2_000.0, 10.0, loss=EfficiencyLoss.from_efficiencies(0.9, 0.9)))
     for run in (reduced_maximum_speed(section, 900.0), four_modes(section, 900.0)):
         assert_on_time(run, 900.0)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +17,7 @@ from das.domain.vehicle import Vehicle
 from precompute import calibrate as calibration
 from precompute import calibration_targets as paper
 from precompute.calibrate import GTO, IGBT, IGBT_START, STAGE_1_START, value_of, with_chain, with_values
-
-REPOSITORY = Path(__file__).parents[1]
+from tests.making import das_precompute
 
 
 @pytest.fixture(scope="module")
@@ -168,19 +164,6 @@ def test_table_2_of_a_constant_efficiency_is_a_closed_form(vehicles: dict[str, V
     for row, cells in paper.table_2(gto, vehicles[IGBT], every).items():
         noreg, reg, l1 = cells[:3]
         assert l1 == pytest.approx(reg + k.traction_ratio * (2 * noreg - reg), rel=1e-6), row
-
-
-def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return subprocess.run(
-        [sys.executable, "-m", "precompute.cli", *args],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "utf-8"},
-        capture_output=True,
-        encoding="utf-8",
-        timeout=300,
-        check=False,
-    )
 
 
 def test_check_prints_every_target_and_what_is_reached(tmp_path: Path, figures: paper.Figures) -> None:

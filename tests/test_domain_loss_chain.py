@@ -13,34 +13,8 @@ from hypothesis import strategies as st
 from das.domain.errors import InputError
 from das.domain.files.load import locate_vehicle
 from das.domain.files.native import read_loss_chain
-from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
+from tests.making import CHAIN
 
-CHAIN = LossChain(
-    auxiliaries=Auxiliaries(base_w=10e3, fan_w=8e3, rated_heat_w=100e3),
-    transformer=Transformer(no_load_w=5e3, copper_w=40e3, rated_power_w=2e6),
-    converter=Converter(
-        fixed_w=4e3,
-        line_ratio=0.02,
-        line_brake_ratio=0.03,
-        conduction_w=12e3,
-        switching_w=6e3,
-        snubber_w=3e3,
-        asynchronous_hz=200.0,
-        stator_hz_per_mps=1.8,
-        clock_speeds_mps=(10.0, 20.0),
-        clock_pulses=(7.0, 1.0),
-    ),
-    motors=Motors(
-        base_speed_mps=20.0,
-        rated_force_n=90e3,
-        magnetising_ratio=0.25,
-        pull_out_ratio=2.0,
-        brake_current_ratio=1.1,
-        copper_w=20e3,
-        iron_w=6e3,
-    ),
-    gear=Gear(mesh_ratio=0.03, churning_w=2e3, churning_speed_mps=40.0),
-)
 COMPONENTS = {"auxiliaries", "transformer", "line converter", "motor inverter", "motor copper", "motor iron", "gear"}
 force_n = st.floats(-90e3, 90e3)
 speed_mps = st.floats(0.01, 40.0)

@@ -18,7 +18,7 @@ from das.solver.front import solve_front
 from das.solver.section import Section, build_section
 from precompute.exact.front import ExactFront, solve_exact
 from precompute.exact.grid import Grid
-from tests.test_solver import make_route, make_train
+from tests.making import make_route, make_train
 
 KMH = 1 / 3.6
 TINY = Grid(step_m=500.0, speed_kmh=10.0, coast_kmh=1.0, lowest_kmh=20.0)

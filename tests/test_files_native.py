@@ -14,9 +14,9 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.native import read_loss_chain, read_route, read_vehicle
 from das.domain.files.writing import check_writable, write_whole
-from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.vehicle import BrakePolicy
+from tests.making import CHAIN
 
 VEHICLE = """schema_version = 1
 [vehicle]
@@ -123,38 +123,12 @@ def test_a_good_vehicle(tmp_path: Path) -> None:
     assert train.default_level is Level.L2
     assert train.losses[Level.OWN] == EfficiencyLoss.from_efficiencies(0.9, 0.8)
     assert train.losses[Level.L2] == EfficiencyLoss.symmetric(0.85, 20e3)
-    chain = LossChain(
-        auxiliaries=Auxiliaries(base_w=10e3, fan_w=8e3, rated_heat_w=100e3),
-        transformer=Transformer(no_load_w=5e3, copper_w=40e3, rated_power_w=2e6),
-        converter=Converter(
-            fixed_w=4e3,
-            line_ratio=0.02,
-            line_brake_ratio=0.03,
-            conduction_w=12e3,
-            switching_w=6e3,
-            snubber_w=3e3,
-            asynchronous_hz=200.0,
-            stator_hz_per_mps=1.8,
-            clock_speeds_mps=(10.0, 20.0),
-            clock_pulses=(7.0, 1.0),
-        ),
-        motors=Motors(
-            base_speed_mps=20.0,
-            rated_force_n=90e3,
-            magnetising_ratio=0.25,
-            pull_out_ratio=2.0,
-            brake_current_ratio=1.1,
-            copper_w=20e3,
-            iron_w=6e3,
-        ),
-        gear=Gear(mesh_ratio=0.03, churning_w=2e3, churning_speed_mps=40.0),
-    )
-    assert read_loss_chain(path) == chain
+    assert read_loss_chain(path) == CHAIN
     loss_map = train.losses[Level.L3]
     assert isinstance(loss_map, LossMap)
     assert loss_map.speed_mps[-1] >= train.max_speed_mps
     force, speed = np.array([50e3, -40e3, 0.0]), np.array([20.0, 30.0, 35.0])
-    assert loss_map.loss_w(force, speed) == pytest.approx(chain.loss_w(force, speed), rel=1e-9)
+    assert loss_map.loss_w(force, speed) == pytest.approx(CHAIN.loss_w(force, speed), rel=1e-9)
 
 
 def test_a_loss_chain_is_read_only_where_there_is_one(tmp_path: Path) -> None:

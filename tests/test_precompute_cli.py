@@ -7,14 +7,14 @@ import json
 import os
 import re
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-REPOSITORY = Path(__file__).parents[1]
+from tests.making import REPOSITORY, das_precompute
+
 SOLVE = ("solve", "flat-6km", "re460-ic")
 MASS_KG, FORCE_N, POWER_W, LIMIT_MPS, LENGTH_M = 440e3, 300e3, 6.1e6, 160 / 3.6, 6000.0
 LEDGER = {"resistance", "component_loss", "friction_brake", "kinetic", "potential", "input", "comfort"}
@@ -25,24 +25,11 @@ def resistance_n(v: np.ndarray | float) -> np.ndarray | float:
     return 8200 + 38.8 * v + 8.6 * v * v
 
 
-def run(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return subprocess.run(
-        [sys.executable, "-m", "precompute.cli", *args],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "utf-8"},
-        capture_output=True,
-        encoding="utf-8",
-        timeout=180,
-        check=False,
-    )
-
-
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object], Path]:
     """The flat section at 7 % buffer: what `--json` printed, and the folder with run.csv and run.png."""
     folder = tmp_path_factory.mktemp("solved")
-    done = run(folder, *SOLVE, "--buffer", "7", "--json", "--csv", "run.csv", "--plot", "run.png")
+    done = das_precompute(folder, *SOLVE, "--buffer", "7", "--json", "--csv", "run.csv", "--plot", "run.png")
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout), folder
 
@@ -136,7 +123,7 @@ def test_the_plot_is_a_png(solved: tuple[dict[str, object], Path]) -> None:
 
 
 def test_solve_for_people_says_what_it_wrote(tmp_path: Path) -> None:
-    done = run(tmp_path, *SOLVE, "--time", "100", "--csv", "run.csv")
+    done = das_precompute(tmp_path, *SOLVE, "--time", "100", "--csv", "run.csv")
     assert (done.returncode, done.stderr) == (0, "")
     assert "late" in done.stdout
     assert "written: run.csv" in done.stdout
@@ -144,7 +131,7 @@ def test_solve_for_people_says_what_it_wrote(tmp_path: Path) -> None:
 
 
 def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
-    done = run(tmp_path, "front", "flat-6km", "re460-ic", "--buffers", "0,2,7,20", "--json")
+    done = das_precompute(tmp_path, "front", "flat-6km", "re460-ic", "--buffers", "0,2,7,20", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     result = json.loads(done.stdout)
     points = result["points"]
@@ -165,7 +152,7 @@ def test_baseline_strategies(tmp_path: Path, solved: tuple[dict[str, object], Pa
     for strategy in ("four-mode", "rms", "fastest"):
         time_given = () if strategy == "fastest" else ("--buffer", "7")
         files = ("--csv", f"{strategy}.csv", "--plot", f"{strategy}.png")
-        done = run(tmp_path, *SOLVE, "--strategy", strategy, *time_given, "--json", *files)
+        done = das_precompute(tmp_path, *SOLVE, "--strategy", strategy, *time_given, "--json", *files)
         assert (done.returncode, done.stderr) == (0, "")
         result = json.loads(done.stdout)
         assert set(result) == set(solved[0])
@@ -186,7 +173,7 @@ def test_baseline_strategies(tmp_path: Path, solved: tuple[dict[str, object], Pa
 
 
 def test_a_baseline_for_people(tmp_path: Path) -> None:
-    done = run(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")
+    done = das_precompute(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")
     assert (done.returncode, done.stderr) == (0, "")
     assert "four-mode" in done.stdout
     assert re.search(r"^holds 1[34]\d\.\d km/h$", done.stdout, re.MULTILINE)
@@ -194,7 +181,7 @@ def test_a_baseline_for_people(tmp_path: Path) -> None:
 
 
 def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
-    done = run(
+    done = das_precompute(
         tmp_path, "front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--csv", "front.csv", "--json"
     )
     assert done.returncode == 0, done.stderr
@@ -306,7 +293,8 @@ def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, subprocess.C
     (folder / "train.json").write_text(json.dumps(train))
     before = sorted(os.listdir(folder))
     with ThreadPoolExecutor(os.cpu_count() or 2) as pool:
-        done = dict(zip(REFUSED, pool.map(lambda case: run(folder, *case[0]), REFUSED.values()), strict=True))
+        answers = pool.map(lambda case: das_precompute(folder, *case[0]), REFUSED.values())
+        done = dict(zip(REFUSED, answers, strict=True))
     assert sorted(os.listdir(folder)) == before, "a refused command left something behind"
     return done
 
@@ -325,7 +313,7 @@ def test_a_command_that_cannot_be_done_is_refused_in_one_line(
 
 
 def test_an_option_that_is_no_number_is_a_usage_error(tmp_path: Path) -> None:
-    done = run(tmp_path, *SOLVE, "--time", "soon")
+    done = das_precompute(tmp_path, *SOLVE, "--time", "soon")
     assert done.returncode == 2
     assert "--time" in done.stderr
     assert "Traceback" not in done.stderr

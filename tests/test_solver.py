@@ -18,60 +18,15 @@ from hypothesis import strategies as st
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
-from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossMap, LossModel
-from das.domain.route import Route, Stop, Stretches
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel
+from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.solver import tolerances as tol
 from das.solver.front import Fit, Front, Solution, solve_front
 from das.solver.section import Section, build_section
+from tests.making import flat, make_route, make_train
 from tests.verifier import Line, integrate
 
 KWH = 3.6e6
-
-
-def make_route(length_m: float, limits: list[tuple[float, float]], grades: list[tuple[float, float]]) -> Route:
-    def stretches(rows: list[tuple[float, float]]) -> Stretches:
-        return Stretches(start_m=np.array([r[0] for r in rows]), value=np.array([r[1] for r in rows]))
-
-    return Route(
-        id="test",
-        name="test",
-        source="test",
-        illustrative=True,
-        length_m=length_m,
-        stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=length_m)),
-        limits_mps=stretches(limits),
-        gradients_ratio=stretches(grades),
-        curvature_per_m=stretches([(0.0, 0.0)]),
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
-    )
-
-
-def make_train(
-    *, resistance: tuple[float, float, float] = (0.0, 0.0, 0.0), power_w: float = 1e12, loss: LossModel = LOSSLESS
-) -> Vehicle:
-    effort = EffortEnvelope(max_force_n=1e5, max_power_w=power_w)
-    return Vehicle(
-        id="test",
-        name="test",
-        source="test",
-        mass_kg=1e5,
-        rotating_mass_ratio=0.0,
-        length_m=0.0,
-        max_speed_mps=60.0,
-        resistance=Resistance(c0_n=resistance[0], c1_n_per_mps=resistance[1], c2_n_per_mps2=resistance[2]),
-        traction=effort,
-        electric_brake=effort,
-        friction_brake_force_n=0.0,
-        brake_policy=BrakePolicy.ELECTRIC,
-        losses=MappingProxyType({Level.OWN: loss}),
-    )
-
-
-def flat(length_m: float, limit_mps: float = 60.0) -> Route:
-    return make_route(length_m, [(0.0, limit_mps)], [(0.0, 0.0)])
 
 
 @pytest.fixture(scope="module")

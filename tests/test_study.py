@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -36,8 +33,8 @@ from precompute.study.cases import ALL_VARIANTS, COMPLETE, DECELERATION, L0_NORE
 from precompute.study.command import ITEMS, chosen, make
 from precompute.study.output import Output
 from precompute.study.runs import Workbench, lowest_running_speed_mps
+from tests.making import das_precompute
 
-REPOSITORY = Path(__file__).parents[1]
 STEP_M = 10.0
 
 
@@ -263,21 +260,8 @@ def test_the_same_figure_gives_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
 
 
-def run_command(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return subprocess.run(
-        [sys.executable, "-m", "precompute.cli", "study", *args],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "utf-8"},
-        capture_output=True,
-        encoding="utf-8",
-        timeout=180,
-        check=False,
-    )
-
-
 def test_an_item_end_to_end(tmp_path: Path) -> None:
-    done = run_command(tmp_path, "-o", "new/folder", "--only", "fig8", "--json")
+    done = das_precompute(tmp_path, "study", "-o", "new/folder", "--only", "fig8", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     folder = tmp_path / "new" / "folder"
     assert sorted(p.name for p in folder.iterdir()) == ["fig8.csv", "fig8.png", "fig8.svg", "summary.json"]
@@ -306,7 +290,7 @@ def test_an_item_end_to_end(tmp_path: Path) -> None:
 )
 def test_refusals_are_one_line(tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
     (tmp_path / "file").write_text("mine", encoding="utf-8")
-    done = run_command(tmp_path, *arguments)
+    done = das_precompute(tmp_path, "study", *arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith(said)

@@ -264,14 +264,12 @@ def _total(losses: dict[str, Floats]) -> Floats:
 
 
 def _check(component: object, name: str, positive: tuple[str, ...] = ()) -> None:
-    """Every parameter must be finite and >= 0, those named > 0."""
+    """Every parameter must be finite, >= 0 and of a train's size, those named > 0."""
     for item in fields(component):  # type: ignore[arg-type]
         value = getattr(component, item.name)
-        if (
-            not np.isfinite(value).all()
-            or np.any(np.asarray(value) < 0)
-            or np.any(np.asarray(value) > LARGEST_PARAMETER)
-        ):
+        if not np.isfinite(value).all() or np.any(np.asarray(value) < 0):
             raise InputError(name, item.name, value, "a finite number >= 0")
+        if np.any(np.asarray(value) > LARGEST_PARAMETER):
+            raise InputError(name, item.name, value, f"at most {LARGEST_PARAMETER:g}")
         if item.name in positive and value <= 0:
             raise InputError(name, item.name, value, "a finite number > 0")

@@ -111,17 +111,17 @@ def braking_envelope(step, g, q, limit, end_speed, p):
 
 
 @kernel
-def climbing_floor(step, g, q, end_speed, p):
+def climbing_floor(step, g, q, envelope, least, p):
     """Slowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead.
 
-    0 where the train can set off from a standstill. Integrated backwards; the power limit is taken at the faster end
-    of each step.
+    0 where the train can set off from a standstill; no crest is passed slower than `least`. Never above the envelope,
+    whose last value is the end speed. Integrated backwards; the power limit is taken at the faster end of each step.
     """
     n = step.size
     v = np.zeros(n + 1)
-    v[n] = end_speed
+    v[n] = envelope[n]
     for i in range(n - 1, -1, -1):
-        v1 = v[i + 1]
+        v1 = max(v[i + 1], min(least, envelope[i + 1]))
         v0 = v1
         for _ in range(_FIXED_POINT_STEPS):
             rate = (traction_limit(max(v0, v1), p) - mean_resistance(v0, v1, q[i], p) - g[i]) / p.inertial_mass_kg
@@ -131,7 +131,7 @@ def climbing_floor(step, g, q, end_speed, p):
                 v0 = new
                 break
             v0 = new
-        v[i] = v0
+        v[i] = min(v0, envelope[i])
     return v
 
 

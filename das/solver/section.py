@@ -263,7 +263,7 @@ def _bounding_speeds(
         raise InfeasibleError(
             f"{route.source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
         )
-    floor = np.minimum(kernels.climbing_floor(*arrays, end_speed_mps, train), envelope)
+    floor = kernels.climbing_floor(*arrays, envelope, 0.0, train)
     return floor, envelope, fastest
 
 

@@ -225,7 +225,8 @@ class _Pass:
         done = list(pool.map(block, _blocks(len(there.speed), BLOCKS)))
         counts = np.concatenate([x[3] for x in done])
         self.offsets.append(np.concatenate(([0], np.cumsum(counts))))
-        self.parents.append(np.concatenate([x[2] for x in done]) if self.bucket_ns == 0 else self.parents[0])
+        if self.bucket_ns == 0:
+            self.parents.append(np.concatenate([x[2] for x in done]))
         self.count += int(counts.sum())
         return _Labels(
             offset=self.offsets[-1],

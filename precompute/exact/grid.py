@@ -106,13 +106,12 @@ class Graph:
 class Layer:
     """The states of a node that lie on some run within the time, and how each may go on.
 
-    Per state: `speed` (grid units, rising), earliest arrival and least time to go (ns), the coarse speeds `first` …
-    `last` it can reach at the next node (in coarse steps) and the speed it coasts to (-1: none). `row[speed − lowest]`
-    is the state's index, or -1.
+    Per state: `speed` (grid units, rising), least time to go (ns), the coarse speeds `first` … `last` it can reach at
+    the next node (in coarse steps) and the speed it coasts to (-1: none). `row[speed − lowest]` is the state's index,
+    or -1.
     """
 
     speed: Ints
-    earliest_ns: Ints
     to_go_ns: Ints
     first: Ints
     last: Ints
@@ -149,7 +148,6 @@ def viable_layers(graph: Graph, max_buffer_ratio: float) -> tuple[list[Layer], i
         layers.append(
             Layer(
                 speed=speed[keep],
-                earliest_ns=time[keep],
                 to_go_ns=to_go[keep],
                 first=first[keep],
                 last=last[keep],

@@ -71,7 +71,7 @@ def spans(u, unit, ratio, h, g, q, lowest, highest, p, first, last, coast):
         while down <= up and not attainable(v0, down * ratio * unit, h, g, q, p):
             down += 1
         first[i] = down
-        last[i] = up
+        last[i] = max(up, down - 1)
         coast[i] = -1
         v1 = landing_speed(v0, h, 1.0, 0.0, 1.0, g, q, p)
         target = round(v1 / unit)
