@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.domain.units import KMH, NS
+from das.solver import kernels
 from das.solver.front import Fit, Front, Solution
 from das.solver.section import Section
 
@@ -151,7 +152,7 @@ class Plan:
     @classmethod
     def of(cls, solution: Solution, section: Section, now_ns: int) -> Plan:
         run = solution.trajectory
-        energy = run.force_el_n * np.diff(run.s_m) + run.loss_j(section.loss)
+        energy = run.input_j(run.loss_j(section.loss))
         return cls(
             made_ns=now_ns,
             solution=solution,
@@ -182,13 +183,12 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
 
     A mode shorter than `MODE_HOLD_S` is that of the interval before it, unless it brakes hard: nobody could follow it.
     """
-    run, train = solution.trajectory, section.train
+    run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
     rate = np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)
     fastest_rate = FULL_EFFORT_RATIO * train.max_acceleration_mps2
     accelerating = np.abs(rate) > CRUISE_ACCELERATION_MPS2
-    traction = np.minimum(train.traction_force_n, train.traction_power_w / mean)
-    electric = np.minimum(train.electric_force_n, train.electric_power_w / mean)
+    traction, electric = vehicle.traction_effort_n(mean), vehicle.electric_brake_effort_n(mean)
     idle = IDLE_EFFORT_RATIO * train.traction_force_n
     force, friction = run.force_el_n, run.force_friction_n
     modes = np.select(
@@ -511,8 +511,8 @@ class Advisor:
         """The largest force in the direction of `force_n` (N, > 0)."""
         train, v = self.section.train, max(v_mps, 0.1)
         if force_n >= 0:
-            return min(train.traction_force_n, train.traction_power_w / v)
-        return max(min(train.electric_force_n, train.electric_power_w / v) + train.friction_force_n, 1.0)
+            return float(kernels.traction_limit(v, train))
+        return max(float(kernels.brake_limit(v, train, train.friction_force_n)), 1.0)
 
 
 def _deviation(late_s: float) -> str:

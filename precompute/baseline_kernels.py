@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from das.solver.kernels import electric_limit, electric_share, kernel, loss_power, mean_resistance
+from das.solver.kernels import electric_limit, electric_share, kernel, loss_power, mean_resistance, on_supply
 from das.solver.rollout_kernels import drive, trip_time
 from das.solver.tolerances import CREEP_MPS
 
@@ -28,16 +28,17 @@ _NO_FRICTION = 1.0 - 1e-9
 
 
 @kernel
-def electric_envelope(step, g, q, envelope, p):
+def electric_envelope(step, g, q, u, envelope, p):
     """Fastest speed at each node from which motors alone keep the envelope; where they cannot hold, friction does."""
     n = step.size
     v = np.empty(n + 1)
     v[n] = envelope[n]
     for i in range(n - 1, -1, -1):
+        here = on_supply(p, u[i])
         v1 = v[i + 1]
         v0 = v1
         for _ in range(_STEPS):
-            brake = electric_limit(max(v0, v1), p) * _NO_FRICTION
+            brake = electric_limit(max(v0, v1), here) * _NO_FRICTION
             rate = (brake + mean_resistance(v0, v1, q[i], p) + g[i]) / p.inertial_mass_kg
             new = math.sqrt(v1 * v1 + 2.0 * step[i] * max(min(rate, p.max_deceleration_mps2), 0.0))
             new = min(new, envelope[i])
@@ -50,7 +51,7 @@ def electric_envelope(step, g, q, envelope, p):
 
 
 @kernel
-def cruise_run(cruise, step, g, q, envelope, floor, p, v):
+def cruise_run(cruise, step, g, q, u, envelope, floor, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
     Full effort to min(envelope, cruise), which is held with traction or brakes; where the train is too slow in spite of
@@ -58,7 +59,7 @@ def cruise_run(cruise, step, g, q, envelope, floor, p, v):
     """
     for i in range(step.size):
         landing = min(envelope[i + 1], max(cruise, floor[i + 1]))
-        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, envelope, p, v):
+        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, u, envelope, p, v):
             return -1.0
     return trip_time(step, v)
 
@@ -86,22 +87,23 @@ def coasting_speed(v0, h, g, q, p):
 
 
 @kernel
-def interval_cost(v0, v1, h, g, q, p, c, dissipative):
+def interval_cost(v0, v1, h, g, q, p, c):
     """Time (s) and energy at the collector (J) of an interval of a trajectory, as its ledger counts them."""
     mid = 0.5 * (v0 + v1)
     dt = h / mid
     f = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * h) + mean_resistance(v0, v1, q, p) + g
-    el = electric_share(f, max(v0, v1), p, dissipative)
-    return dt, el * h + loss_power(el, mid, c) * dt
+    el = electric_share(f, max(v0, v1), p)
+    energy = el * h + loss_power(el, mid, c) * dt
+    return dt, energy if energy > 0.0 else p.receptivity_ratio * energy
 
 
 @kernel
-def run_costs(v, step, g, q, p, c, dissipative, time_s, energy_j):
+def run_costs(v, step, g, q, u, p, c, time_s, energy_j):
     """Time and energy from the start to each node of a run; fills time_s and energy_j."""
     time_s[0] = 0.0
     energy_j[0] = 0.0
     for i in range(step.size):
-        dt, de = interval_cost(v[i], v[i + 1], step[i], g[i], q[i], p, c, dissipative)
+        dt, de = interval_cost(v[i], v[i + 1], step[i], g[i], q[i], on_supply(p, u[i]), c)
         time_s[i + 1] = time_s[i] + dt
         energy_j[i + 1] = energy_j[i] + de
 
@@ -115,9 +117,7 @@ def _side(v, base_v):
 
 
 @kernel
-def coasting_arcs(
-    base, base_s, base_j, most_s, step, g, q, envelope, floor, p, c, dissipative, target, extra_s, extra_j, count
-):
+def coasting_arcs(base, base_s, base_j, most_s, step, g, q, u, envelope, floor, p, c, target, extra_s, extra_j, count):
     """All coasting arcs of a base run: from every node to up to CROSSINGS places where they meet it again.
 
     count[i] arcs start at node i; arc m ends at node target[i, m] and takes extra_s[i, m] (s) and extra_j[i, m] (J)
@@ -143,7 +143,7 @@ def coasting_arcs(
                 if now == 0:
                     break
             if now != side:
-                dt, de = interval_cost(v, base[j + 1], step[j], g[j], q[j], p, c, dissipative)
+                dt, de = interval_cost(v, base[j + 1], step[j], g[j], q[j], on_supply(p, u[j]), c)
                 m = count[i]
                 target[i, m] = j + 1
                 extra_s[i, m] = time_s + dt - (base_s[j + 1] - base_s[i])
@@ -159,7 +159,7 @@ def coasting_arcs(
                 dt = step[j] / mid
                 de = loss_power(0.0, mid, c) * dt
             else:
-                dt, de = interval_cost(v, ahead, step[j], g[j], q[j], p, c, dissipative)
+                dt, de = interval_cost(v, ahead, step[j], g[j], q[j], on_supply(p, u[j]), c)
             time_s += dt
             energy_j += de
             v = ahead
@@ -191,7 +191,7 @@ def best_arcs(price, target, extra_s, extra_j, count, choice, cost, time_s):
 
 
 @kernel
-def four_mode_run(cruise, ends, base, step, g, q, envelope, floor, p, v, coasting):
+def four_mode_run(cruise, ends, base, step, g, q, u, envelope, floor, p, v, coasting):
     """Drive a base run with coasting arcs; fills v, returns the trip time (s), or -1 after a stall.
 
     ends[i] > 0: an arc starts at node i (unless another is under way) and ends at the first crossing of the base run
@@ -218,6 +218,6 @@ def four_mode_run(cruise, ends, base, step, g, q, envelope, floor, p, v, coastin
                 coasting[i] = ahead == free
             else:
                 landing = base[i + 1]
-        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, envelope, p, v):
+        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, u, envelope, p, v):
             return -1.0
     return trip_time(step, v)

@@ -61,11 +61,10 @@ class Driving:
     def __init__(self, section: Section, envelope_mps: Floats | None = None) -> None:
         self.section = section
         self.envelope_mps = section.envelope_mps if envelope_mps is None else envelope_mps
-        self.line = (section.step_m, section.constant_n, section.tunnel_n_per_mps2)
+        self.line = section.for_kernels
         # A floor of 0 at a crest would leave it to rounding whether the train gets over.
         floor = climbing_floor(*self.line, self.envelope_mps, LOWEST_CRUISE_MPS, section.train)
         self.bounds = (self.envelope_mps, floor)
-        self.dissipative = section.brakes is BrakePolicy.FRICTION
         self.fastest = self.cruise(float(self.envelope_mps.max()))
         self.top_mps = float(self.fastest.speeds_mps.max())
 
@@ -108,9 +107,7 @@ def driven_with_motors(section: Section) -> Driving | None:
     train = section.train
     if section.brakes is not BrakePolicy.BLENDED or train.friction_force_n == 0 or train.electric_force_n == 0:
         return None
-    envelope = kernels.electric_envelope(
-        section.step_m, section.constant_n, section.tunnel_n_per_mps2, section.envelope_mps, train
-    )
+    envelope = kernels.electric_envelope(*section.for_kernels, section.envelope_mps, train)
     if section.start_speed_mps > envelope[0] or (section.floor_mps > envelope).any():
         return None
     return Driving(section, envelope)
@@ -158,7 +155,7 @@ class _Arcs:
         self.base, self.spare_s = base, spare_s
         self.highest_w = HIGHEST_PRICE_RATIO * section.train.traction_power_w
         base_s, base_j = np.empty(n + 1), np.empty(n + 1)
-        costs = (section.train, section.loss_params, driving.dissipative)
+        costs = (section.train, section.loss_params)
         kernels.run_costs(base.speeds_mps, *driving.line, *costs, base_s, base_j)
         self.base_j = float(base_j[-1])
         shape = (n, kernels.CROSSINGS)

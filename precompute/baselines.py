@@ -150,8 +150,7 @@ def _check_time(time_s: float) -> None:
 def _fastest_mps(section: Section) -> Floats:
     speeds = np.empty(len(section.node_m))
     speeds[0] = section.start_speed_mps
-    line = (section.step_m, section.constant_n, section.tunnel_n_per_mps2)
-    time_s = rollout_kernels.fastest_roll_out(*line, section.envelope_mps, section.train, speeds)
+    time_s = rollout_kernels.fastest_roll_out(*section.for_kernels, section.envelope_mps, section.train, speeds)
     if not 0 <= time_s < math.inf:
         raise InfeasibleError(f"{section.name}: the train stalls on its way, or the section is too short to move")
     return speeds

@@ -51,6 +51,12 @@ BrakeForceOption = Annotated[float | None, typer.Option(help="Largest force of t
 SpeedOption = Annotated[float | None, typer.Option(help="Largest speed of the train.")]
 StrategyOption = Annotated[Strategy, typer.Option(help="How the section is driven (fastest: needs no time).")]
 NoFrictionOption = Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")]
+LoadOption = Annotated[str | None, typer.Option(help="Load state that the vehicle's file names [default: its mass].")]
+MassOption = Annotated[float, typer.Option("--mass", help="Mass, as a multiple of the plan's.")]
+ResistanceOption = Annotated[float, typer.Option("--resistance", help="Running resistance, as a multiple.")]
+WindOption = Annotated[float, typer.Option(help="Wind against the train in km/h (tail wind < 0).")]
+ReceptivityOption = Annotated[float, typer.Option("--receptivity", help="Share of fed back power the line takes.")]
+AdhesionOption = Annotated[float, typer.Option("--adhesion", help="Adhesion, as a multiple of a dry rail's.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
 
@@ -84,6 +90,12 @@ def solve(
     max_brake_force_kn: BrakeForceOption = None,
     max_speed_kmh: SpeedOption = None,
     no_friction_brake: NoFrictionOption = False,
+    load: LoadOption = None,
+    mass_ratio: MassOption = 1.0,
+    resistance_ratio: ResistanceOption = 1.0,
+    head_wind_kmh: WindOption = 0.0,
+    receptivity_ratio: ReceptivityOption = 1.0,
+    adhesion_ratio: AdhesionOption = 1.0,
     as_json: JsonOption = False,
     csv: Annotated[Path | None, typer.Option(help="Write the trajectory as CSV, one row a node.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG).")] = None,
@@ -163,6 +175,12 @@ def front(
     max_brake_force_kn: BrakeForceOption = None,
     max_speed_kmh: SpeedOption = None,
     no_friction_brake: NoFrictionOption = False,
+    load: LoadOption = None,
+    mass_ratio: MassOption = 1.0,
+    resistance_ratio: ResistanceOption = 1.0,
+    head_wind_kmh: WindOption = 0.0,
+    receptivity_ratio: ReceptivityOption = 1.0,
+    adhesion_ratio: AdhesionOption = 1.0,
     as_json: JsonOption = False,
 ) -> None:
     """The trade-off between time and energy: the least-energy run for each of a list of buffers.

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import Level
-from das.domain.route import section_stops
+from das.domain.route import Route, section_stops
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
 from das.solver.section import Section, build_section
@@ -34,12 +35,31 @@ class Pose:
     max_brake_force_kn: float | None = None
     max_speed_kmh: float | None = None
     no_friction_brake: bool = False
+    load: str | None = None
+    mass_ratio: float = 1.0
+    resistance_ratio: float = 1.0
+    head_wind_kmh: float = 0.0
+    receptivity_ratio: float = 1.0
+    adhesion_ratio: float = 1.0
+
+    def conditions(self) -> Conditions:
+        """What differs from the files; raises DasError where it cannot be."""
+        return Conditions(
+            mass_ratio=self.mass_ratio,
+            resistance_ratio=self.resistance_ratio,
+            head_wind_mps=self.head_wind_kmh * KMH,
+            receptivity_ratio=self.receptivity_ratio,
+            adhesion_ratio=self.adhesion_ratio,
+        )
+
+    def line(self) -> Route:
+        """The route, driven the way asked for, under the conditions."""
+        route = self.conditions().line(load_route(self.route))
+        return route.reversed() if self.reverse else route
 
     def section(self) -> Section:
         """Read the files and build the section; raises DasError for anything unusable."""
-        route = load_route(self.route)
-        if self.reverse:
-            route = route.reversed()
+        route = self.line()
         start, end = section_stops(route, self.from_stop, self.to_stop)
         return build_section(
             route,
@@ -56,19 +76,22 @@ class Pose:
         return self.boundary_speed_mps if speed_mps is None else speed_mps
 
     def train(self) -> Vehicle:
-        """The vehicle with the overrides; a loss map changes its losses and nothing else."""
+        """The loaded vehicle with the overrides and conditions; a loss map changes its losses and nothing else."""
         vehicle = load_vehicle(self.vehicle)
+        if self.load is not None:
+            vehicle = vehicle.loaded(self.load)
         if self.loss_map is not None:
             vehicle = vehicle.with_loss_map(read_loss_map(self.loss_map))
         traction, electric = vehicle.traction, vehicle.electric_brake
         power_w = self.max_power_kw * KW if self.max_power_kw is not None else None
-        return replace(
+        changed = replace(
             vehicle,
             traction=_changed(traction, self.max_force_kn, power_w),
             electric_brake=_changed(electric, self.max_brake_force_kn, power_w),
             max_speed_mps=self.max_speed_kmh * KMH if self.max_speed_kmh is not None else vehicle.max_speed_mps,
             brake_policy=BrakePolicy.ELECTRIC if self.no_friction_brake else vehicle.brake_policy,
         )
+        return self.conditions().train(changed)
 
 
 def _changed(envelope: EffortEnvelope, force_kn: float | None, power_w: float | None) -> EffortEnvelope:

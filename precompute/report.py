@@ -39,7 +39,7 @@ class Answer(Protocol):
 
 def ledger_kwh(ledger: Ledger) -> dict[str, float]:
     """Every term of the energy ledger in kWh."""
-    names = ("resistance", "component_loss", "friction_brake", "kinetic", "potential", "input", "comfort")
+    names = ("resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort")
     return {name: kwh(getattr(ledger, name)) for name in names}
 
 

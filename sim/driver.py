@@ -49,7 +49,7 @@ class HurriedDriver:
         share = min(max(error / style.full_effort_error_mps, -1.0), 1.0)
         hold = float(self.vehicle.resistance.force_n(speed_mps))
         if share >= 0:
-            return hold + share * (float(self.vehicle.traction.force_n(speed_mps)) - hold)
+            return hold + share * (float(self.vehicle.traction_effort_n(speed_mps)) - hold)
         return hold + share * self.vehicle.inertial_mass_kg * 2.0 * style.braking_mps2
 
     def _aim(self, s_m: float) -> float:

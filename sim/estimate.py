@@ -55,11 +55,12 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         + profile.constant_n
     )
     mean = np.maximum(0.5 * (v[:-1] + v[1:]), 0.1)
-    traction, electric_limit = vehicle.traction.force_n(mean), vehicle.electric_brake.force_n(mean)
-    motors_limit = np.zeros_like(mean) if section.brakes is BrakePolicy.FRICTION else electric_limit
+    traction, electric_limit = vehicle.traction_effort_n(mean), vehicle.electric_brake_effort_n(mean)
+    may_feed_back = (profile.supply >= 0) & (section.brakes is not BrakePolicy.FRICTION)
+    motors_limit = np.where(may_feed_back, electric_limit, 0.0)
     electric = np.clip(force, -motors_limit, traction)
     friction = np.minimum(force + motors_limit, 0.0)
-    brakes_limit = electric_limit + vehicle.friction_brake_force_n
+    brakes_limit = vehicle.brake_effort_n(mean)
     beyond = (force > BEYOND_RATIO * traction) | (-force > BEYOND_RATIO * brakes_limit)
     t = time_s[index]
     trajectory = Trajectory(
@@ -72,13 +73,13 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         grade_and_curve_n=profile.constant_n,
         tunnel_n_per_mps2=profile.tunnel_n_per_mps2,
         limit_mps=profile.limit_mps,
+        supply=profile.supply,
     )
     loss = section.loss.loss_w(_in_map(section, electric, mean), _speed_in_map(section, mean)) * np.diff(t)
-    work = trajectory.force_el_n * step
     return DrivenEstimate(
         trajectory=trajectory,
-        ledger=trajectory.ledger_with(vehicle, float(loss.sum())),
-        energy_input_j=np.concatenate(([0.0], np.cumsum(work + loss))),
+        ledger=trajectory.ledger_with(vehicle, loss),
+        energy_input_j=np.concatenate(([0.0], np.cumsum(trajectory.input_j(loss)))),
         index=index,
         beyond_ratio=float(np.diff(t)[beyond].sum() / max(t[-1] - t[0], 1e-9)),
     )

@@ -42,7 +42,7 @@ class Plant:
         """One step of semi-implicit Euler: forces from the speed before, position from the mean speed."""
         vehicle, v, dt = self.vehicle, state.speed_mps, self.step_s
         total = self._built_up(state, self._within_envelope(wanted_n, v))
-        electric = max(total, -float(vehicle.electric_brake.force_n(v))) if total < 0 else total
+        electric = max(total, -float(vehicle.electric_brake_effort_n(v))) if total < 0 else total
         friction = total - electric
         resisting = float(vehicle.resistance.force_n(v)) + self._line_force(state.s_m, v)
         acceleration = (total - resisting) / vehicle.inertial_mass_kg
@@ -63,8 +63,7 @@ class Plant:
 
     def _within_envelope(self, wanted_n: float, v: float) -> float:
         vehicle = self.vehicle
-        brake = float(vehicle.electric_brake.force_n(v)) + vehicle.friction_brake_force_n
-        return min(max(wanted_n, -brake), float(vehicle.traction.force_n(v)))
+        return min(max(wanted_n, -float(vehicle.brake_effort_n(v))), float(vehicle.traction_effort_n(v)))
 
     def _built_up(self, state: PlantState, wanted_n: float) -> float:
         before = state.force_el_n + state.force_friction_n

@@ -59,6 +59,7 @@ def motions(draw: st.DrawFn) -> Trajectory:
         grade_and_curve_n=constant,
         tunnel_n_per_mps2=tunnel,
         limit_mps=np.full(n, 60.0),
+        supply=np.ones(n),
     )
 
 
@@ -83,6 +84,7 @@ def climb(force_el_n: float = 70e3, force_friction_n: float = -10e3) -> Trajecto
         grade_and_curve_n=np.array([0.01 * 400e3 * 9.81]),
         tunnel_n_per_mps2=np.array([0.0]),
         limit_mps=np.array([40.0]),
+        supply=np.ones(1),
     )
 
 

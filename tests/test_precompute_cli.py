@@ -17,7 +17,7 @@ from tests.making import REPOSITORY, das_precompute
 
 SOLVE = ("solve", "flat-6km", "re460-ic")
 MASS_KG, FORCE_N, POWER_W, LIMIT_MPS, LENGTH_M = 440e3, 300e3, 6.1e6, 160 / 3.6, 6000.0
-LEDGER = {"resistance", "component_loss", "friction_brake", "kinetic", "potential", "input", "comfort"}
+LEDGER = {"resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort"}
 
 
 def resistance_n(v: np.ndarray | float) -> np.ndarray | float:

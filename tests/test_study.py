@@ -68,6 +68,7 @@ def as_run(v2: np.ndarray, vehicle: Vehicle) -> Trajectory:
         grade_and_curve_n=zeros,
         tunnel_n_per_mps2=zeros,
         limit_mps=np.full(n, 45.0),
+        supply=np.ones(n),
     )
 
 

@@ -7,7 +7,7 @@ standstill it is zero at every level.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -60,6 +60,10 @@ class EfficiencyLoss:
         """Levels L1 and L2 of the paper: (1/η̄ − 1)·|P_mech| + c0 (eqs. 10, 11)."""
         ratio = 1.0 / mean_efficiency - 1.0
         return cls(traction_ratio=ratio, brake_ratio=ratio, idle_w=idle_w)
+
+    def with_constant(self, power_w: float) -> EfficiencyLoss:
+        """The same losses and a constant power on top."""
+        return replace(self, idle_w=self.idle_w + power_w)
 
     def loss_w(self, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
         """Loss (W) at each pair of wheel force (N) and speed (m/s)."""
@@ -132,6 +136,10 @@ class LossMap:
             (speed <= self.speed_mps[-1] * (1 + 1e-9)) & (force >= low) & (force <= high) & on_axes
         )
         return result
+
+    def with_constant(self, power_w: float) -> LossMap:
+        """The same losses and a constant power on top."""
+        return replace(self, loss_w_table=self.loss_w_table + power_w)
 
     def loss_w(self, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
         """Loss (W), bilinear; raises DasError naming the first state that is outside the map."""

@@ -1,8 +1,10 @@
-"""The line: stops, speed limits, gradients, curves, tunnels, geometry, as functions of position."""
+"""The line: stops, speed limits, gradients, curves, tunnels, power supply, geometry, as functions of position."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +16,10 @@ Floats = NDArray[np.float64]
 
 POSITION_TOLERANCE_M = 1e-6
 """Two positions nearer than this are the same point."""
+NO_REGENERATION = -1.0
+"""Supply of a stretch on which the electric brake must not be used."""
+NEUTRAL = -2.0
+"""Supply of a neutral section: neither traction nor electric brake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,12 +72,25 @@ class Stretches:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tunnel:
-    """A tunnel from `start_m` over `length_m` with a free cross section `area_m2`."""
+class Zone:
+    """A stretch of the line from `start_m` over `length_m`."""
 
     start_m: float
     length_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tunnel(Zone):
+    """A tunnel with a free cross section `area_m2`."""
+
     area_m2: float
+
+
+_Zone = TypeVar("_Zone", bound=Zone)
+
+
+def _fully_receptive() -> Stretches:
+    return Stretches(start_m=np.zeros(1), value=np.ones(1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,6 +98,9 @@ class Route:
     """A line from position 0 to `length_m`.
 
     `curvature_per_m` holds |κ| of each stretch at its mean (a clothoid is taken as its mean curvature).
+    `receptivity_ratio` is the share of the power fed back that the line takes (0 to 1). In `neutral_sections` there is
+    neither traction nor electric brake, in `no_regeneration` zones no electric brake, while the head of the train is
+    in them.
     `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where unknown.
     """
 
@@ -92,6 +114,9 @@ class Route:
     gradients_ratio: Stretches
     curvature_per_m: Stretches
     tunnels: tuple[Tunnel, ...] = ()
+    receptivity_ratio: Stretches = field(default_factory=_fully_receptive)
+    neutral_sections: tuple[Zone, ...] = ()
+    no_regeneration: tuple[Zone, ...] = ()
     altitude_at_start_m: float = 0.0
     geometry_position_m: Floats
     geometry_latitude_deg: Floats
@@ -112,7 +137,15 @@ class Route:
             raise InputError(self.source, f"speed limits[{bad[0]}] (km/h)", limit_kmh, "a speed > 0")
         if not np.isfinite(self.altitude_at_start_m):
             raise InputError(self.source, "altitude", self.altitude_at_start_m, "a finite number")
-        _check_tunnels(self.source, self.tunnels, self.length_m)
+        _check_zones(self.source, "tunnels", self.tunnels, self.length_m)
+        for i, tunnel in enumerate(self.tunnels):
+            _check_positive(self.source, f"tunnels[{i}] area_m2", tunnel.area_m2)
+        _check_zones(self.source, "neutral_sections", self.neutral_sections, self.length_m)
+        _check_zones(self.source, "no_regeneration", self.no_regeneration, self.length_m)
+        share = self.receptivity_ratio.value
+        bad = np.flatnonzero((share < 0) | (share > 1))
+        if len(bad):
+            raise InputError(self.source, f"receptivity[{bad[0]}]", float(share[bad[0]]), "a ratio from 0 to 1")
         if len(self.geometry_position_m):
             _check_positions(self.source, "geometry", self.geometry_position_m, self.length_m)
         for array in (self.geometry_position_m, self.geometry_latitude_deg, self.geometry_longitude_deg):
@@ -124,13 +157,25 @@ class Route:
             ("speed limits", self.limits_mps),
             ("gradients", self.gradients_ratio),
             ("curves", self.curvature_per_m),
+            ("receptivity", self.receptivity_ratio),
         )
 
     def breakpoints_m(self) -> Floats:
-        """Every position where a limit, gradient, curve or tunnel changes, sorted."""
+        """Every position where a limit, gradient, curve, tunnel or the supply changes, sorted."""
         parts = [stretches.start_m for _, stretches in self._lists()]
-        parts += [np.array([t.start_m, t.start_m + t.length_m]) for t in self.tunnels]
+        zones = (*self.tunnels, *self.neutral_sections, *self.no_regeneration)
+        parts += [np.array([zone.start_m, zone.start_m + zone.length_m]) for zone in zones]
         return np.unique(np.concatenate(parts))
+
+    def supply(self) -> Stretches:
+        """What the line gives and takes: the receptivity, or `NO_REGENERATION`, or `NEUTRAL`."""
+        starts = self.breakpoints_m()
+        value = self.receptivity_ratio.at(starts)
+        for zones, code in ((self.no_regeneration, NO_REGENERATION), (self.neutral_sections, NEUTRAL)):
+            for zone in zones:
+                inside = (starts >= zone.start_m) & (starts < zone.start_m + zone.length_m - POSITION_TOLERANCE_M)
+                value = np.where(inside, code, value)
+        return Stretches(start_m=starts, value=value)
 
     def stop(self, wanted: str) -> Stop:
         """The stop with this name (case does not matter), or with this number counted from 1."""
@@ -152,10 +197,10 @@ class Route:
             limits_mps=self.limits_mps.reversed(length),
             gradients_ratio=self.gradients_ratio.reversed(length, sign=-1.0),
             curvature_per_m=self.curvature_per_m.reversed(length),
-            tunnels=tuple(
-                Tunnel(start_m=length - t.start_m - t.length_m, length_m=t.length_m, area_m2=t.area_m2)
-                for t in reversed(self.tunnels)
-            ),
+            tunnels=_zones_reversed(self.tunnels, length),
+            receptivity_ratio=self.receptivity_ratio.reversed(length),
+            neutral_sections=_zones_reversed(self.neutral_sections, length),
+            no_regeneration=_zones_reversed(self.no_regeneration, length),
             altitude_at_start_m=float(self.altitude_m(length)),
             geometry_position_m=length - self.geometry_position_m[::-1],
             geometry_latitude_deg=self.geometry_latitude_deg[::-1].copy(),
@@ -222,20 +267,25 @@ def _check_positions(
         )
 
 
-def _check_tunnels(source: str, tunnels: tuple[Tunnel, ...], length_m: float) -> None:
-    """Tunnels lie on the line, in order, apart, with a length and a cross section."""
+def _zones_reversed(zones: tuple[_Zone, ...], length_m: float) -> tuple[_Zone, ...]:
+    return tuple(replace(zone, start_m=length_m - zone.start_m - zone.length_m) for zone in reversed(zones))
+
+
+def _check_zones(source: str, key: str, zones: Sequence[Zone], length_m: float) -> None:
+    """Zones lie on the line, in order, apart, and have a length."""
     free_from_m = 0.0
-    for i, tunnel in enumerate(tunnels):
-        key = f"tunnels[{i}]"
-        for name in ("length_m", "area_m2"):
-            value = getattr(tunnel, name)
-            if not np.isfinite(value) or value <= 0:
-                raise InputError(source, f"{key} {name}", value, "a finite number > 0")
-        if not tunnel.start_m >= free_from_m:
-            raise InputError(source, f"{key} position", f"{tunnel.start_m:g} m", f"at least {free_from_m:g} m")
-        free_from_m = tunnel.start_m + tunnel.length_m
+    for i, zone in enumerate(zones):
+        _check_positive(source, f"{key}[{i}] length_m", zone.length_m)
+        if not zone.start_m >= free_from_m:
+            raise InputError(source, f"{key}[{i}] position", f"{zone.start_m:g} m", f"at least {free_from_m:g} m")
+        free_from_m = zone.start_m + zone.length_m
         if free_from_m > length_m + POSITION_TOLERANCE_M:
-            raise InputError(source, f"{key} end", f"{free_from_m:g} m", f"at most {length_m:g} m")
+            raise InputError(source, f"{key}[{i}] end", f"{free_from_m:g} m", f"at most {length_m:g} m")
+
+
+def _check_positive(source: str, key: str, value: float) -> None:
+    if not np.isfinite(value) or value <= 0:
+        raise InputError(source, key, value, "a finite number > 0")
 
 
 def _check_finite(source: str, key: str, values: Floats) -> None:

@@ -16,14 +16,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Ledger:
-    """Where the energy of a run went, in J (design: input = resistance + component_loss + friction_brake + Δ + Δ).
+    """Where the energy of a run went, in J.
 
-    `input` is the net energy at the current collector without comfort systems; `comfort` is beside it.
+    input = resistance + component_loss + friction_brake + unreturned + kinetic + potential. `input` is the net energy
+    at the current collector without comfort systems, which are beside it; `unreturned` is what was fed back and the
+    line did not take (it heats the brake resistors).
     """
 
     resistance: float
     component_loss: float
     friction_brake: float
+    unreturned: float
     kinetic: float
     potential: float
     input: float
@@ -32,7 +35,7 @@ class Ledger:
     @property
     def irreversible(self) -> float:
         """E_IC of the paper: what is gone after the trip."""
-        return self.resistance + self.component_loss + self.friction_brake
+        return self.resistance + self.component_loss + self.friction_brake + self.unreturned
 
     @property
     def residual_ratio(self) -> float:
@@ -48,7 +51,7 @@ class Trajectory:
 
     Per node: `s_m` (route position), `t_s` (from 0), `v_mps`. Per interval (from its node to the next): wheel forces
     `force_el_n` (traction > 0, electric brake < 0) and `force_friction_n` (<= 0), `grade_ratio` (train-averaged),
-    `grade_and_curve_n`, `tunnel_n_per_mps2` and `limit_mps`.
+    `grade_and_curve_n`, `tunnel_n_per_mps2`, `limit_mps` and `supply` (see `das.domain.route.Route.supply`).
     """
 
     s_m: Floats
@@ -60,6 +63,7 @@ class Trajectory:
     grade_and_curve_n: Floats
     tunnel_n_per_mps2: Floats
     limit_mps: Floats
+    supply: Floats
 
     @property
     def time_s(self) -> float:
@@ -77,11 +81,16 @@ class Trajectory:
         """Component loss of each interval under any loss model (J)."""
         return loss.loss_w(self.force_el_n, self.mean_speed_mps()) * self.interval_s()
 
+    def input_j(self, loss_j: Floats) -> Floats:
+        """Energy of each interval at the current collector (J), net of what the line takes back."""
+        gross = self.force_el_n * np.diff(self.s_m) + loss_j
+        return np.where(gross > 0, gross, np.clip(self.supply, 0.0, 1.0) * gross)
+
     def braked_as(self, vehicle: Vehicle, level: Level) -> Trajectory:
         """The same motion with its forces split between motors and friction brake as the vehicle does at a level."""
         total = self.force_el_n + self.force_friction_n
         faster = np.maximum(self.v_mps[:-1], self.v_mps[1:])
-        electric = vehicle.electric_effort_n(total, faster, level)
+        electric = vehicle.electric_effort_n(total, faster, level, self.supply)
         return replace(self, force_el_n=electric, force_friction_n=total - electric)
 
     def ledger(self, vehicle: Vehicle, loss: LossModel) -> Ledger:
@@ -89,21 +98,26 @@ class Trajectory:
 
         Raises DasError where a loss map does not cover the run.
         """
-        return self.ledger_with(vehicle, float(self.loss_j(loss).sum()))
+        return self.ledger_with(vehicle, self.loss_j(loss))
 
-    def ledger_with(self, vehicle: Vehicle, component_loss_j: float) -> Ledger:
-        """The ledger with component losses known; every term on its own, so that its closing is a check."""
+    def ledger_with(self, vehicle: Vehicle, loss_j: Floats) -> Ledger:
+        """The ledger with the component loss of each interval known (J).
+
+        Every term is computed on its own, so that its closing is a check.
+        """
         step = np.diff(self.s_m)
         v2 = self.v_mps**2
         running = mean_resistance_n(vehicle.resistance, self.v_mps, self.tunnel_n_per_mps2)
         weight = vehicle.mass_kg * STANDARD_GRAVITY_MPS2 * self.grade_ratio
+        fed_back = np.maximum(-(self.force_el_n * step + loss_j), 0.0)
         return Ledger(
             resistance=float((running + self.grade_and_curve_n - weight) @ step),
-            component_loss=component_loss_j,
+            component_loss=float(loss_j.sum()),
             friction_brake=float(-self.force_friction_n @ step),
+            unreturned=float(fed_back @ (1.0 - np.clip(self.supply, 0.0, 1.0))),
             kinetic=float(0.5 * vehicle.inertial_mass_kg * (v2[-1] - v2[0])),
             potential=float(weight @ step),
-            input=float(self.force_el_n @ step) + component_loss_j,
+            input=float(self.input_j(loss_j).sum()),
             comfort=vehicle.comfort_power_w * self.time_s,
         )
 

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
 from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossMap, LossModel, fit_mean_efficiency
+from das.domain.route import NEUTRAL
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +42,26 @@ class Resistance:
         v = np.asarray(speed_mps, dtype=float)
         return self.c0_n + self.c1_n_per_mps * v + self.c2_n_per_mps2 * v**2
 
+    def scaled(self, ratio: float) -> Resistance:
+        """All of it times a ratio."""
+        return Resistance(
+            c0_n=ratio * self.c0_n,
+            c1_n_per_mps=ratio * self.c1_n_per_mps,
+            c2_n_per_mps2=ratio * self.c2_n_per_mps2,
+        )
+
+    def in_head_wind(self, wind_mps: float) -> Resistance:
+        """R(v) = c0 + c1·v + c2·(v + w)²: the air meets the train with its own speed and the wind's (tail wind < 0).
+
+        A train slower than a tail wind would be pushed; here it is held back by as much.
+        """
+        w = wind_mps
+        return Resistance(
+            c0_n=self.c0_n + self.c2_n_per_mps2 * w * w,
+            c1_n_per_mps=self.c1_n_per_mps + 2 * self.c2_n_per_mps2 * w,
+            c2_n_per_mps2=self.c2_n_per_mps2,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class EffortEnvelope:
@@ -55,11 +77,22 @@ class EffortEnvelope:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Load:
+    """A load state of a train: its whole mass, and its constant resistance where known (else see `with_mass`)."""
+
+    mass_kg: float
+    c0_n: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Vehicle:
     """A train as the planner sees it, in SI units.
 
     `rotating_mass_ratio` is the share of rotating mass on top of `mass_kg` (0.06 = 6 %). `losses` holds the loss
     model of each level the file gives; the others follow from them (see `loss_model`). Accelerations may be inf.
+    `adhesive_mass_kg` is the mass on the driven axles (inf: adhesion is no limit), `adhesion_ratio` the state of the
+    rail (1 = as Curtius and Kniffler found it). `auxiliary_power_w` is drawn while the train moves, on top of what the
+    loss model of OWN, L2 or L3 counts; `comfort_power_w` stays outside the optimisation.
     """
 
     id: str
@@ -76,11 +109,15 @@ class Vehicle:
     brake_policy: BrakePolicy
     max_acceleration_mps2: float = np.inf
     max_deceleration_mps2: float = np.inf
+    adhesive_mass_kg: float = np.inf
+    adhesion_ratio: float = 1.0
+    auxiliary_power_w: float = 0.0
     comfort_power_w: float = 0.0
     tunnel_area_m2: tuple[float, ...] = ()
     tunnel_resistance_n_per_mps2: tuple[float, ...] = ()
     default_level: Level = Level.OWN
     losses: Mapping[Level, LossModel] = field(default_factory=lambda: MappingProxyType({}))
+    loads: Mapping[str, Load] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         for key, low in _LOWER_BOUNDS.items():
@@ -88,7 +125,12 @@ class Vehicle:
             if not np.isfinite(value) or value < low or (low == 0 and key in _POSITIVE and value <= 0):
                 bound = "> 0" if key in _POSITIVE else f">= {low:g}"
                 raise InputError(self.source, key, value, f"a finite number {bound}")
-        for key in ("max_acceleration_mps2", "max_deceleration_mps2"):
+        for name, load in self.loads.items():
+            for key, given in (("mass_kg", load.mass_kg), ("c0_n", load.c0_n)):
+                if given is not None and not 0 < given < np.inf:
+                    raise InputError(self.source, f"loads.{name}.{key}", given, "a finite number > 0")
+        _check_resistance(self)
+        for key in ("max_acceleration_mps2", "max_deceleration_mps2", "adhesive_mass_kg"):
             value = getattr(self, key)
             if np.isnan(value) or value <= 0:
                 raise InputError(self.source, key, value, "a number > 0")
@@ -103,9 +145,17 @@ class Vehicle:
     def loss_model(self, level: Level) -> LossModel:
         """The component losses at `level`.
 
+        `auxiliary_power_w` is part of OWN, L2 and L3 (L1 is a pure efficiency, L0 lossless).
+
         L0 has none. L1 and L2 are the file's, or fitted to the vehicle's L3 map. L3 and OWN must be given.
         Raises DasError where the vehicle has nothing to derive the level from.
         """
+        model = self._chain_loss(level)
+        if self.auxiliary_power_w and level in (Level.OWN, Level.L2, Level.L3):
+            return model.with_constant(self.auxiliary_power_w)
+        return model
+
+    def _chain_loss(self, level: Level) -> LossModel:
         if level in (Level.L0_NOREG, Level.L0_REG):
             return LOSSLESS
         if level in self.losses:
@@ -125,15 +175,50 @@ class Vehicle:
         """Brake policy at a level: L0 NOREG dissipates everything, the others brake as the train does."""
         return BrakePolicy.FRICTION if level is Level.L0_NOREG else self.brake_policy
 
-    def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level) -> Floats:
-        """What the motors give or take (N) of each wheel force at a speed (m/s); the rest is friction brake."""
+    def traction_effort_n(self, speed_mps: ArrayLike) -> Floats:
+        """Largest traction force (N, >= 0) at each speed: force, power and adhesion of the driven axles."""
+        return np.asarray(np.minimum(self.traction.force_n(speed_mps), self._adhesion_n(speed_mps)))
+
+    def electric_brake_effort_n(self, speed_mps: ArrayLike) -> Floats:
+        """Largest force of the electric brake (N, >= 0) at each speed: force, power and adhesion."""
+        return np.asarray(np.minimum(self.electric_brake.force_n(speed_mps), self._adhesion_n(speed_mps)))
+
+    def brake_effort_n(self, speed_mps: ArrayLike) -> Floats:
+        """Largest force of both brakes together (N, >= 0); where adhesion counts, at most that of all axles."""
+        both = self.electric_brake_effort_n(speed_mps) + self.friction_brake_force_n
+        if np.isinf(self.adhesive_mass_kg):
+            return both
+        return np.asarray(np.minimum(both, self.braked_adhesive_force_n * adhesion_coefficient(speed_mps)))
+
+    @property
+    def adhesive_force_n(self) -> float:
+        """Weight on the driven axles times the state of the rail (N)."""
+        return self.adhesive_mass_kg * STANDARD_GRAVITY_MPS2 * self.adhesion_ratio
+
+    @property
+    def braked_adhesive_force_n(self) -> float:
+        """Weight on all axles times the state of the rail (N); inf where adhesion is no limit."""
+        if np.isinf(self.adhesive_mass_kg):
+            return np.inf
+        return self.mass_kg * STANDARD_GRAVITY_MPS2 * self.adhesion_ratio
+
+    def _adhesion_n(self, speed_mps: ArrayLike) -> Floats:
+        return np.asarray(self.adhesive_force_n * adhesion_coefficient(speed_mps))
+
+    def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level, supply: ArrayLike) -> Floats:
+        """What the motors give or take (N) of each wheel force at a speed (m/s); the rest is friction brake.
+
+        `supply` as in `das.domain.route.Route.supply`: where it forbids the electric brake, friction does it all.
+        """
         force = np.asarray(force_n, dtype=float)
         brakes = self.brakes_at(level)
-        if brakes is BrakePolicy.ELECTRIC:
-            return force
         if brakes is BrakePolicy.FRICTION:
             return np.asarray(np.maximum(force, 0.0))
-        return np.asarray(np.maximum(force, -self.electric_brake.force_n(speed_mps)))
+        supply = np.asarray(supply, dtype=float)
+        most = np.where(
+            supply >= 0, np.inf if brakes is BrakePolicy.ELECTRIC else self.electric_brake_effort_n(speed_mps), 0.0
+        )
+        return np.where(supply == NEUTRAL, 0.0, np.maximum(force, -most))
 
     def tunnel_coefficient_n_per_mps2(self, area_m2: float) -> float:
         """Additional resistance coefficient in a tunnel of this cross section (N/(m/s)²), 0 where the file has none.
@@ -144,25 +229,64 @@ class Vehicle:
             return 0.0
         return float(np.interp(area_m2, self.tunnel_area_m2, self.tunnel_resistance_n_per_mps2))
 
+    def with_mass(self, mass_kg: float) -> Vehicle:
+        """The same train with another load.
+
+        The rotating parts keep their mass; the constant resistance c0, rolling friction, grows with the weight.
+        """
+        ratio = mass_kg / self.mass_kg
+        return replace(
+            self,
+            mass_kg=mass_kg,
+            rotating_mass_ratio=self.rotating_mass_ratio / ratio,
+            resistance=replace(self.resistance, c0_n=self.resistance.c0_n * ratio),
+        )
+
+    def loaded(self, name: str) -> Vehicle:
+        """The train in one of its load states; DasError where the file has no such load."""
+        if name not in self.loads:
+            have = ", ".join(self.loads) or "none"
+            raise DasError(f"{self.source}: no load {name!r}; it has {have}")
+        load = self.loads[name]
+        train = replace(self.with_mass(load.mass_kg), id=f"{self.id}/{name}")
+        return train if load.c0_n is None else replace(train, resistance=replace(train.resistance, c0_n=load.c0_n))
+
     def with_loss_map(self, loss_map: LossMap) -> Vehicle:
         """The same train with the losses of `loss_map` and nothing else of it."""
         return replace(self, losses=MappingProxyType({Level.L3: loss_map}), default_level=Level.L3)
 
 
-_POSITIVE = frozenset({"mass_kg", "max_speed_mps", "traction.max_force_n", "traction.max_power_w"})
+def adhesion_coefficient(speed_mps: ArrayLike) -> Floats:
+    """Friction between wheel and rail, µ = 0.161 + 7.5/(V + 44), V in km/h (Curtius & Kniffler 1944, dry rail)."""
+    return np.asarray(0.161 + 7.5 / (np.asarray(speed_mps, dtype=float) / KMH + 44.0))
+
+
+def _check_resistance(vehicle: Vehicle) -> None:
+    """The resistance is nowhere negative up to the train's speed (c1 may be: a tail wind)."""
+    c = vehicle.resistance
+    if not np.isfinite(c.c1_n_per_mps):
+        raise InputError(vehicle.source, "resistance.c1_n_per_mps", c.c1_n_per_mps, "a finite number")
+    least_at = np.clip(-c.c1_n_per_mps / (2 * max(c.c2_n_per_mps2, 1e-9)), 0.0, vehicle.max_speed_mps)
+    least_n = float(c.force_n(least_at))
+    if least_n < 0:
+        raise InputError(vehicle.source, f"resistance (N) at {least_at / KMH:.0f} km/h", least_n, "a force >= 0")
+
+
+_POSITIVE = frozenset({"mass_kg", "max_speed_mps", "traction.max_force_n", "traction.max_power_w", "adhesion_ratio"})
 _LOWER_BOUNDS = {
     "mass_kg": 0,
     "rotating_mass_ratio": 0,
     "length_m": 0,
     "max_speed_mps": 0,
     "resistance.c0_n": 0,
-    "resistance.c1_n_per_mps": 0,
     "resistance.c2_n_per_mps2": 0,
     "traction.max_force_n": 0,
     "traction.max_power_w": 0,
     "electric_brake.max_force_n": 0,
     "electric_brake.max_power_w": 0,
     "friction_brake_force_n": 0,
+    "adhesion_ratio": 0,
+    "auxiliary_power_w": 0,
     "comfort_power_w": 0,
 }
 

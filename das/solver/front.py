@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
+from das.domain.route import NEUTRAL
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
 from das.domain.units import KMH
-from das.domain.vehicle import BrakePolicy
 from das.solver import kernels, rollout_kernels
 from das.solver import tolerances as tol
 from das.solver.section import LineProfile, Section
@@ -173,6 +173,7 @@ class Front:
             constant_n=section.constant_n[first],
             tunnel_n_per_mps2=section.tunnel_n_per_mps2[first],
             limit_mps=section.limit_mps[first],
+            supply=section.supply[first],
             floor_mps=section.floor_mps[first],
             envelope_mps=envelope,
             decision=np.concatenate(([0], section.decision[k:] - (i - 1))),
@@ -186,9 +187,8 @@ class Front:
         speeds[0] = state.speed_mps
         time_s = rollout_kernels.roll_out(
             state.k0, policy.price_w, policy.index, policy.offset_w, policy.gap_w, state.decision,
-            state.step_m, state.constant_n, state.tunnel_n_per_mps2, state.floor_mps, state.envelope_mps,
-            self.value_j, self.time_to_go_s, section.train, section.loss_params,
-            section.brakes is BrakePolicy.FRICTION, speeds,
+            *state.for_kernels, state.floor_mps, state.envelope_mps,
+            self.value_j, self.time_to_go_s, section.train, section.loss_params, speeds,
         )  # fmt: skip
         return self._checked(state, speeds, time_s)
 
@@ -196,18 +196,15 @@ class Front:
         """The fastest run; from above the envelope it brakes first."""
         speeds = np.empty(len(state.node_m))
         speeds[0] = state.speed_mps
-        time_s = rollout_kernels.fastest_roll_out(
-            state.step_m, state.constant_n, state.tunnel_n_per_mps2, state.envelope_mps, self.section.train, speeds
-        )
+        time_s = rollout_kernels.fastest_roll_out(*state.for_kernels, state.envelope_mps, self.section.train, speeds)
         return self._checked(state, speeds, time_s)
 
     def _blend(self, state: _State, share: float, quick: _Run, slow: _Run) -> _Run:
         """The run between two runs (see rollout_kernels.blend_runs)."""
         speeds = np.empty(len(state.node_m))
         time_s = rollout_kernels.blend_runs(
-            share, quick.speeds_mps, slow.speeds_mps, state.step_m, state.constant_n, state.tunnel_n_per_mps2,
-            state.envelope_mps, self.section.train, speeds,
-        )  # fmt: skip
+            share, quick.speeds_mps, slow.speeds_mps, *state.for_kernels, state.envelope_mps, self.section.train, speeds
+        )
         return self._checked(state, speeds, time_s)
 
     def _checked(self, state: _State, speeds: Floats, time_s: float) -> _Run:
@@ -227,8 +224,8 @@ class Front:
         rollout_kernels.one_step_totals(
             state.k0 + 1, state.speed_mps, length, float(state.constant_n[:n] @ step) / length,
             float(state.tunnel_n_per_mps2[:n] @ step) / length, float(state.floor_mps[n]), float(state.envelope_mps[n]),
-            len(state.decision) == 2, self.lambda_w, self.value_j, self.time_to_go_s, section.train,
-            section.loss_params, section.brakes is BrakePolicy.FRICTION, total, time_s,
+            len(state.decision) == 2, self.lambda_w, self.value_j, self.time_to_go_s,
+            kernels.on_supply(section.train, state.supply[0]), section.loss_params, total, time_s,
         )  # fmt: skip
         return total, time_s
 
@@ -397,14 +394,14 @@ def transitions(section: Section, *, threads: int = 2) -> Transitions:
     length = np.diff(node)
     constant = np.add.reduceat(section.constant_n * section.step_m, starts) / length
     tunnel = np.add.reduceat(section.tunnel_n_per_mps2 * section.step_m, starts) / length
+    supply = section.supply[starts]
     floor = np.ascontiguousarray(section.floor_mps[section.decision])
     envelope = np.ascontiguousarray(section.envelope_mps[section.decision])
-    dissipative = section.brakes is BrakePolicy.FRICTION
 
     def block(first: int, last: int) -> None:
         kernels.transitions(
-            first, last, node, constant, tunnel, floor, envelope, steps, section.train, section.loss_params,
-            dissipative, result.time_s, result.energy_j, result.target, result.weight, result.count,
+            first, last, node, constant, tunnel, supply, floor, envelope, steps, section.train, section.loss_params,
+            result.time_s, result.energy_j, result.target, result.weight, result.count,
         )  # fmt: skip
 
     _in_blocks(block, n, threads)
@@ -445,13 +442,12 @@ def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajec
     interval = 2.0 * step / (speeds[:-1] + speeds[1:])
     running = mean_resistance_n(vehicle.resistance, speeds, line.tunnel_n_per_mps2)
     force = train.inertial_mass_kg * np.diff(speeds**2) / (2.0 * step) + running + line.constant_n
-    faster = np.maximum(np.maximum(speeds[:-1], speeds[1:]), 1e-9)
-    if section.brakes is BrakePolicy.FRICTION:
-        electric = np.maximum(force, 0.0)
+    faster = np.maximum(speeds[:-1], speeds[1:])
+    if train.friction_force_n == 0 and not train.brakes_dissipate:
+        electric = np.where(line.supply == NEUTRAL, 0.0, force)
+        force = electric
     else:
-        electric = np.maximum(force, -np.minimum(train.electric_force_n, train.electric_power_w / faster))
-    if train.friction_force_n == 0 and section.brakes is not BrakePolicy.FRICTION:
-        electric = force
+        electric = vehicle.electric_effort_n(force, faster, section.level, line.supply)
     return Trajectory(
         s_m=line.node_m,
         t_s=np.concatenate(([0.0], np.cumsum(interval))),
@@ -462,4 +458,5 @@ def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajec
         grade_and_curve_n=line.constant_n,
         tunnel_n_per_mps2=line.tunnel_n_per_mps2,
         limit_mps=line.limit_mps,
+        supply=line.supply,
     )

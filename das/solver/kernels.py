@@ -1,7 +1,8 @@
 """Numba kernels of the solver: they fill arrays they are given or return plain tuples, and check nothing.
 
 Symbols: s position (m), v speed (m/s), h step (m), w = v² (m²/s²), m inertial mass (kg), f wheel force (N),
-g constant resisting force of an interval (gradient and curves, N), q tunnel coefficient (N/(m/s)²), lam the
+g constant resisting force of an interval (gradient and curves, N), q tunnel coefficient (N/(m/s)²), u supply
+(receptivity, or `NO_REGENERATION`, or `NEUTRAL`), p the train, c its losses, lam the
 multiplier λ (W): the price of a second. Within a step of integration the acceleration is constant.
 
 Preconditions of every kernel: float64 C-contiguous arrays of matching lengths, steps > 0, a TrainParams and a
@@ -15,6 +16,8 @@ import math
 import numpy as np
 from numba import njit
 
+from das.domain.route import NEUTRAL
+from das.solver.params import NO_LIMIT_N, TrainParams
 from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, SMALLEST_SHARE, UNREACHABLE
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
@@ -26,6 +29,7 @@ LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 
 _FIXED_POINT_STEPS = 60
 _FIXED_POINT_TOLERANCE = 1e-13
+_LANDING_STEPS = 4
 
 
 @kernel
@@ -39,17 +43,60 @@ def mean_resistance(v0, v1, q, p):
 
 
 @kernel
+def on_supply(p, u):
+    """The train on a stretch with supply u: without motors, without electric brake, or with the line's receptivity."""
+    traction = 0.0 if u == NEUTRAL else p.traction_force_n
+    electric = p.electric_force_n if u >= 0.0 or p.brakes_dissipate else 0.0
+    return TrainParams(
+        p.inertial_mass_kg,
+        p.c0_n,
+        p.c1_n_per_mps,
+        p.c2_n_per_mps2,
+        traction,
+        p.traction_power_w,
+        electric,
+        p.electric_power_w,
+        p.friction_force_n,
+        p.adhesive_force_n,
+        p.braked_adhesive_force_n,
+        p.max_acceleration_mps2,
+        p.max_deceleration_mps2,
+        max(u, 0.0),
+        p.brakes_dissipate,
+    )
+
+
+@kernel
+def adhesion_coefficient(v):
+    """Curtius & Kniffler; as das.domain.vehicle.adhesion_coefficient, in a kernel."""
+    return 0.161 + 7.5 / (3.6 * v + 44.0)
+
+
+@kernel
+def _effort_limit(v, force, power, adhesive_force):
+    limit = force if v * force <= power else power / v
+    if adhesive_force < NO_LIMIT_N:
+        return min(limit, adhesive_force * adhesion_coefficient(v))
+    return limit
+
+
+@kernel
 def traction_limit(v, p):
-    if v * p.traction_force_n <= p.traction_power_w:
-        return p.traction_force_n
-    return p.traction_power_w / v
+    return _effort_limit(v, p.traction_force_n, p.traction_power_w, p.adhesive_force_n)
 
 
 @kernel
 def electric_limit(v, p):
-    if v * p.electric_force_n <= p.electric_power_w:
-        return p.electric_force_n
-    return p.electric_power_w / v
+    return _effort_limit(v, p.electric_force_n, p.electric_power_w, p.adhesive_force_n)
+
+
+@kernel
+def brake_limit(v, p, friction_n):
+    """Electric brake and `friction_n` of friction brake together, at most what all axles can put on the rail."""
+    both = electric_limit(v, p) + friction_n
+    if p.braked_adhesive_force_n < NO_LIMIT_N:
+        return min(both, p.braked_adhesive_force_n * adhesion_coefficient(v))
+    return both
 
 
 @kernel
@@ -72,17 +119,17 @@ def loss_power(f, v, c):
 
 
 @kernel
-def electric_share(f, v, p, dissipative):
+def electric_share(f, v, p):
     """The part of wheel force f that motors give or take: all traction; braking up to the electric limit."""
     if f >= 0.0:
         return f
-    if dissipative:
+    if p.brakes_dissipate:
         return 0.0
     return max(f, -electric_limit(v, p))
 
 
 @kernel
-def braking_envelope(step, g, q, limit, end_speed, p):
+def braking_envelope(step, g, q, u, limit, end_speed, p):
     """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
 
     Returns it with the index of the first interval (from the end) where braking is impossible, or -1.
@@ -93,10 +140,11 @@ def braking_envelope(step, g, q, limit, end_speed, p):
     v[n] = min(end_speed, limit[n - 1])
     for i in range(n - 1, -1, -1):
         cap = limit[i] if i == 0 else min(limit[i], limit[i - 1])
+        here = on_supply(p, u[i])
         v1 = v[i + 1]
         v0 = v1
         for _ in range(_FIXED_POINT_STEPS):
-            brake = electric_limit(max(v0, v1), p) + p.friction_force_n
+            brake = brake_limit(max(v0, v1), here, here.friction_force_n)
             rate = (brake + mean_resistance(v0, v1, q[i], p) + g[i]) / p.inertial_mass_kg
             w0 = v1 * v1 + 2.0 * step[i] * min(rate, p.max_deceleration_mps2)
             if w0 <= 0.0:
@@ -111,7 +159,7 @@ def braking_envelope(step, g, q, limit, end_speed, p):
 
 
 @kernel
-def climbing_floor(step, g, q, envelope, least, p):
+def climbing_floor(step, g, q, u, envelope, least, p):
     """Slowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead.
 
     0 where the train can set off from a standstill; no crest is passed slower than `least`. Never above the envelope,
@@ -121,10 +169,11 @@ def climbing_floor(step, g, q, envelope, least, p):
     v = np.zeros(n + 1)
     v[n] = envelope[n]
     for i in range(n - 1, -1, -1):
+        here = on_supply(p, u[i])
         v1 = max(v[i + 1], min(least, envelope[i + 1]))
         v0 = v1
         for _ in range(_FIXED_POINT_STEPS):
-            rate = (traction_limit(max(v0, v1), p) - mean_resistance(v0, v1, q[i], p) - g[i]) / p.inertial_mass_kg
+            rate = (traction_limit(max(v0, v1), here) - mean_resistance(v0, v1, q[i], p) - g[i]) / p.inertial_mass_kg
             w0 = v1 * v1 - 2.0 * step[i] * min(rate, p.max_acceleration_mps2)
             new = math.sqrt(w0) if w0 > 0.0 else 0.0
             if abs(new - v0) <= _FIXED_POINT_TOLERANCE * max(new, 1.0):
@@ -187,13 +236,13 @@ def full_traction_speed(v0, h, g, q, p):
 
 
 @kernel
-def fastest_run(step, g, q, envelope, start_speed, p):
+def fastest_run(step, g, q, u, envelope, start_speed, p):
     """Speeds of the fastest run under the envelope, with the index of the interval where it stalls, or -1."""
     n = step.size
     v = np.empty(n + 1)
     v[0] = start_speed
     for i in range(n):
-        v1 = min(full_traction_speed(v[i], step[i], g[i], q[i], p), envelope[i + 1])
+        v1 = min(full_traction_speed(v[i], step[i], g[i], q[i], on_supply(p, u[i])), envelope[i + 1])
         if v1 <= 0.0 and i < n - 1:
             return v, i
         v[i + 1] = v1
@@ -201,40 +250,56 @@ def fastest_run(step, g, q, envelope, start_speed, p):
 
 
 @kernel
-def landing_speed(v0, h, f_power_w, f_max_n, sign, g, q, p):
-    """Speed after a decision step under the force sign·min(f_max, f_power/v̄), mid-speed rule; 0 if it stops."""
+def landing_speed(v0, h, sign, g, q, p):
+    """Speed after a decision step at full traction (sign 1) or electric brake (−1) of its mean speed; 0 if it stops."""
     v1 = v0
-    for _ in range(4):
+    for _ in range(_LANDING_STEPS):
         mid = 0.5 * (v0 + v1)
-        f = f_max_n
-        if mid * f > f_power_w:
-            f = f_power_w / mid
-        rate = (sign * f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
-        rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
-        w1 = v0 * v0 + 2.0 * h * rate
-        if w1 <= 0.0:
+        f = traction_limit(mid, p) if sign > 0.0 else -electric_limit(mid, p)
+        v1 = _speed_under(f, v0, v1, h, g, q, p)
+        if v1 <= 0.0:
             return 0.0
-        v1 = math.sqrt(w1)
     return v1
 
 
 @kernel
-def step_cost(v0, v1, h, g, q, p, c, dissipative):
+def landing_under(f, v0, h, g, q, p):
+    """Speed after a decision step under the constant wheel force f; 0 if it stops."""
+    v1 = v0
+    for _ in range(_LANDING_STEPS):
+        v1 = _speed_under(f, v0, v1, h, g, q, p)
+        if v1 <= 0.0:
+            return 0.0
+    return v1
+
+
+@kernel
+def _speed_under(f, v0, v1, h, g, q, p):
+    """Speed after a step under wheel force f, the resistance taken as for a landing at v1; 0 if it stops."""
+    rate = (f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
+    rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
+    w1 = v0 * v0 + 2.0 * h * rate
+    return math.sqrt(w1) if w1 > 0.0 else 0.0
+
+
+@kernel
+def step_cost(v0, v1, h, g, q, p, c):
     """Time (s) and energy at the collector (J) of a decision step at constant acceleration from v0 to v1."""
     mid = 0.5 * (v0 + v1)
     dt = h / mid
     f = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * h) + mean_resistance(v0, v1, q, p) + g
-    el = electric_share(f, mid, p, dissipative)
-    return dt, el * h + loss_power(el, mid, c) * dt
+    el = electric_share(f, mid, p)
+    energy = el * h + loss_power(el, mid, c) * dt
+    return dt, energy if energy > 0.0 else p.receptivity_ratio * energy
 
 
 @kernel
-def landings(v0, h, g, q, top, last, p, dissipative, out):
+def landings(v0, h, g, q, top, last, p, out):
     """Fill `out` with the landing speeds worth trying from v0; returns how many, hardest brake first.
 
     `top` is the envelope at the landing node; at the section's last node it is the only landing.
     """
-    high = landing_speed(v0, h, p.traction_power_w, p.traction_force_n, 1.0, g, q, p)
+    high = landing_speed(v0, h, 1.0, g, q, p)
     if last:
         if high < top:
             return 0
@@ -243,15 +308,14 @@ def landings(v0, h, g, q, top, last, p, dissipative, out):
     high = min(high, top)
     if high <= 0.0:
         return 0
-    coast = landing_speed(v0, h, 1.0, 0.0, 1.0, g, q, p)
+    coast = landing_under(0.0, v0, h, g, q, p)
     electric = coast
-    if not dissipative and p.electric_force_n > 0.0:
-        electric = landing_speed(v0, h, p.electric_power_w, p.electric_force_n, -1.0, g, q, p)
+    if not p.brakes_dissipate and p.electric_force_n > 0.0:
+        electric = landing_speed(v0, h, -1.0, g, q, p)
     low = electric
-    if p.friction_force_n > 0.0 or dissipative:
+    if p.friction_force_n > 0.0 or p.brakes_dissipate:
         # Both brakes together; the electric part is taken at its limit at v0, exact where that is a force limit.
-        total = electric_limit(v0, p) + p.friction_force_n
-        low = min(landing_speed(v0, h, 1e30, total, -1.0, g, q, p), electric)
+        low = min(landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p), electric)
     low, electric, coast = min(low, high), min(electric, high), min(coast, high)
     n = 0
     if low < electric:
@@ -271,7 +335,7 @@ def landings(v0, h, g, q, top, last, p, dissipative, out):
 
 @kernel
 def transitions(
-    first, last, node, constant, tunnel, floor, envelope, steps, p, c, dissipative, dt, energy, target, weight, count
+    first, last, node, constant, tunnel, supply, floor, envelope, steps, p, c, dt, energy, target, weight, count
 ):
     """All transitions of the decision nodes first … last − 1.
 
@@ -282,6 +346,7 @@ def transitions(
     out = np.empty(LANDINGS)
     for k in range(first, last):
         h = node[k + 1] - node[k]
+        here = on_supply(p, supply[k])
         top = envelope[k + 1]
         final = k == n - 1
         for j in range(steps + 1):
@@ -289,7 +354,7 @@ def transitions(
             count[k, j] = 0
             if v0 <= 0.0:
                 continue
-            m = landings(v0, h, constant[k], tunnel[k], top, final, p, dissipative, out)
+            m = landings(v0, h, constant[k], tunnel[k], top, final, here, out)
             used = 0
             for i in range(m):
                 v1 = out[i]
@@ -299,7 +364,7 @@ def transitions(
                     lower, share = locate(v1, floor[k + 1], top, steps)
                     if lower < 0:
                         continue
-                a, b = step_cost(v0, v1, h, constant[k], tunnel[k], p, c, dissipative)
+                a, b = step_cost(v0, v1, h, constant[k], tunnel[k], here, c)
                 dt[k, j, used] = a
                 energy[k, j, used] = b
                 target[k, j, used] = lower

@@ -14,7 +14,7 @@ import numpy as np
 
 from das.solver.kernels import (
     LANDINGS,
-    electric_limit,
+    brake_limit,
     full_traction_speed,
     grid_speed,
     kernel,
@@ -22,6 +22,7 @@ from das.solver.kernels import (
     landings,
     locate,
     mean_resistance,
+    on_supply,
     step_cost,
     traction_limit,
 )
@@ -71,25 +72,25 @@ def value_at(value, time_to_go, k, v, floor, top, a, offset, gap):
 
 
 @kernel
-def _total_cost(v0, v1, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap):
+def _total_cost(v0, v1, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap):
     if v0 + v1 <= 0.0:
         return INFEASIBLE
-    dt, energy = step_cost(v0, v1, h, g, q, p, c, dissipative)
+    dt, energy = step_cost(v0, v1, h, g, q, p, c)
     return energy + price * dt + value_at(value, time_to_go, k, v1, floor, top, a, offset, gap)
 
 
 @kernel
-def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value, time_to_go, p, c, dissipative, out):
+def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value, time_to_go, p, c, out):
     """Landing speed at decision node k that minimises cost (at λ = price) plus value, and that least total.
 
     Tries all landings of the step into k, then narrows between the best one's neighbours by golden section.
     Returns (-1, INFEASIBLE) where no landing is feasible.
     """
-    m = landings(v0, h, g, q, top, final, p, dissipative, out)
+    m = landings(v0, h, g, q, top, final, p, out)
     if m == 0:
         return -1.0, INFEASIBLE
     if final:
-        dt, energy = step_cost(v0, out[0], h, g, q, p, c, dissipative)
+        dt, energy = step_cost(v0, out[0], h, g, q, p, c)
         return out[0], energy + price * dt
     best = INFEASIBLE
     choice = -1.0
@@ -98,9 +99,7 @@ def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value
     for i in range(m):
         left = min(left, out[i])
         right = max(right, out[i])
-        cost = _total_cost(
-            v0, out[i], h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap
-        )
+        cost = _total_cost(v0, out[i], h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
         if cost < best:
             best = cost
             choice = out[i]
@@ -113,25 +112,21 @@ def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value
             right = out[i]
     x1 = left + _GOLDEN * (right - left)
     x2 = right - _GOLDEN * (right - left)
-    y1 = _total_cost(v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap)
-    y2 = _total_cost(v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap)
+    y1 = _total_cost(v0, x1, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
+    y2 = _total_cost(v0, x2, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
     for _ in range(_POLISH_STEPS):
         if y1 <= y2:
             right = x2
             x2 = x1
             y2 = y1
             x1 = left + _GOLDEN * (right - left)
-            y1 = _total_cost(
-                v0, x1, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap
-            )
+            y1 = _total_cost(v0, x1, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
         else:
             left = x1
             x1 = x2
             y1 = y2
             x2 = right - _GOLDEN * (right - left)
-            y2 = _total_cost(
-                v0, x2, h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap
-            )
+            y2 = _total_cost(v0, x2, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
     if min(y1, y2) < best:
         if y1 <= y2:
             return x1, y1
@@ -144,7 +139,7 @@ def _hardest_brake_speed(v0, h, g, q, p, friction_n):
     """Speed after a step at full electric brake plus friction_n; the power limit holds over the whole step."""
     v1 = v0
     for _ in range(_BRAKE_STEPS):
-        brake = electric_limit(max(v0, v1), p) + friction_n
+        brake = brake_limit(max(v0, v1), p, friction_n)
         rate = (brake + mean_resistance(v0, v1, q, p) + g) / p.inertial_mass_kg
         w1 = v0 * v0 - 2.0 * h * min(rate, p.max_deceleration_mps2)
         new = math.sqrt(w1) if w1 > 0.0 else 0.0
@@ -164,11 +159,11 @@ def _attainable(a, b, h, g, q, p, friction_n):
     faster = max(a, b)
     if force >= 0.0:
         return force <= traction_limit(faster, p)
-    return -force <= electric_limit(faster, p) + friction_n
+    return -force <= brake_limit(faster, p, friction_n)
 
 
 @kernel
-def drive(first, last, landing, friction_n, step, g, q, envelope, p, v):
+def drive(first, last, landing, friction_n, step, g, q, u, envelope, p, v):
     """From v[first] towards the speed `landing` at integration node `last`, at constant acceleration.
 
     Every step is cut to what the train allows, with at most `friction_n` of friction brake, and to the envelope (with
@@ -183,17 +178,18 @@ def drive(first, last, landing, friction_n, step, g, q, envelope, p, v):
     done = 0.0
     for i in range(first, last):
         done += step[i]
+        here = on_supply(p, u[i])
         a = v[i]
         b = landing if i == last - 1 else math.sqrt(w0 + (w1 - w0) * done / length)
         b = min(b, envelope[i + 1])
-        if not _attainable(a, b, step[i], g[i], q[i], p, friction_n):
-            top = full_traction_speed(a, step[i], g[i], q[i], p)
+        if not _attainable(a, b, step[i], g[i], q[i], here, friction_n):
+            top = full_traction_speed(a, step[i], g[i], q[i], here)
             if b > top:
                 b = top
             else:
-                b = max(b, _hardest_brake_speed(a, step[i], g[i], q[i], p, friction_n))
+                b = max(b, _hardest_brake_speed(a, step[i], g[i], q[i], here, friction_n))
                 if b > envelope[i + 1]:
-                    b = max(envelope[i + 1], _hardest_brake_speed(a, step[i], g[i], q[i], p, p.friction_force_n))
+                    b = max(envelope[i + 1], _hardest_brake_speed(a, step[i], g[i], q[i], here, here.friction_force_n))
                     if b * b <= envelope[i + 1] ** 2 + _ROUNDING_W:
                         b = envelope[i + 1]
             if b <= 0.0 and landing > 0.0:
@@ -203,7 +199,7 @@ def drive(first, last, landing, friction_n, step, g, q, envelope, p, v):
 
 
 @kernel
-def roll_out(k0, price, a, offset, gap, decision, step, g, q, floor, envelope, value, time_to_go, p, c, dissipative, v):
+def roll_out(k0, price, a, offset, gap, decision, step, g, q, u, floor, envelope, value, time_to_go, p, c, v):
     """Follow a policy from v[0] to the end; fills v, returns the trip time (s), or -1 after a stall.
 
     `decision[m]` are the integration nodes of decision nodes k0 + m; decision[0] = 0.
@@ -220,6 +216,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, floor, envelope, v
             h += step[i]
             gh += g[i] * step[i]
             qh += q[i] * step[i]
+        here = on_supply(p, u[i0])
         landing, _ = best_landing(
             k0 + m + 1,
             v[i0],
@@ -235,52 +232,51 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, floor, envelope, v
             gap,
             value,
             time_to_go,
-            p,
+            here,
             c,
-            dissipative,
             out,
         )
         if landing < 0.0:
             # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
             landing = envelope[i1]
         landing = max(landing, floor[i1])
-        full = landing_speed(v[i0], h, p.traction_power_w, p.traction_force_n, 1.0, gh / h, qh / h, p)
+        full = landing_speed(v[i0], h, 1.0, gh / h, qh / h, here)
         creeping = m == n - 1 and v[i0] < CREEP_MPS
         if landing >= full or creeping:
             # The decision step's full traction is a little rough: integrate it finely.
-            moving = hurry(i0, i1, step, g, q, envelope, p, v)
+            moving = hurry(i0, i1, step, g, q, u, envelope, p, v)
         else:
             # A landing at or above full electric brake needs no friction brake: none shall slip in from rounding.
-            electric = landing_speed(v[i0], h, p.electric_power_w, p.electric_force_n, -1.0, gh / h, qh / h, p)
-            friction_n = p.friction_force_n if dissipative or landing < 0.999 * electric else 0.0
-            moving = drive(i0, i1, landing, friction_n, step, g, q, envelope, p, v)
+            electric = landing_speed(v[i0], h, -1.0, gh / h, qh / h, here)
+            friction_n = p.friction_force_n if p.brakes_dissipate or landing < 0.999 * electric else 0.0
+            moving = drive(i0, i1, landing, friction_n, step, g, q, u, envelope, p, v)
             if v[i1] < floor[i1]:
                 # The end speed can no longer be reached from here: this step needs full traction from its beginning.
-                moving = hurry(i0, i1, step, g, q, envelope, p, v)
+                moving = hurry(i0, i1, step, g, q, u, envelope, p, v)
         if not moving:
             return -1.0
     return trip_time(step, v)
 
 
 @kernel
-def hurry(first, last, step, g, q, envelope, p, v):
+def hurry(first, last, step, g, q, u, envelope, p, v):
     """From v[first] to integration node `last` as fast as train and envelope allow; False after a stall."""
     for i in range(first, last):
-        if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, step, g, q, envelope, p, v):
+        if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, step, g, q, u, envelope, p, v):
             return False
     return True
 
 
 @kernel
-def fastest_roll_out(step, g, q, envelope, p, v):
+def fastest_roll_out(step, g, q, u, envelope, p, v):
     """The fastest run from v[0]; fills v, returns the trip time (s), or -1 after a stall."""
-    if not hurry(0, step.size, step, g, q, envelope, p, v):
+    if not hurry(0, step.size, step, g, q, u, envelope, p, v):
         return -1.0
     return trip_time(step, v)
 
 
 @kernel
-def blend_runs(share, quick, slow, step, g, q, envelope, p, v):
+def blend_runs(share, quick, slow, step, g, q, u, envelope, p, v):
     """Drive between two runs from the same state: v² is `share` of the quick one's and the rest of the slow one's.
 
     Cut to what the train can do in every step. Fills v, returns the trip time (s), or -1 after a stall.
@@ -288,7 +284,7 @@ def blend_runs(share, quick, slow, step, g, q, envelope, p, v):
     v[0] = slow[0]
     for i in range(step.size):
         landing = math.sqrt(share * quick[i + 1] ** 2 + (1.0 - share) * slow[i + 1] ** 2)
-        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, envelope, p, v):
+        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, u, envelope, p, v):
             return -1.0
     return trip_time(step, v)
 
@@ -302,14 +298,12 @@ def trip_time(step, v):
 
 
 @kernel
-def one_step_totals(k0, v0, h, g, q, floor, top, final, lam, value, time_to_go, p, c, dissipative, total, time_s):
+def one_step_totals(k0, v0, h, g, q, floor, top, final, lam, value, time_to_go, p, c, total, time_s):
     """For every λ of the ladder: least total cost (J) and time (s) from speed v0, one step of length h before k0."""
     out = np.empty(LANDINGS)
     steps = value.shape[1] - 1
     for a in range(lam.size):
-        x, cost = best_landing(
-            k0, v0, h, g, q, floor, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, dissipative, out
-        )
+        x, cost = best_landing(k0, v0, h, g, q, floor, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, out)
         total[a] = cost
         if x < 0.0:
             time_s[a] = INFEASIBLE

@@ -7,49 +7,21 @@ stops); between them the motion is integrated over the finer *integration nodes*
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
-from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel, outside_map
+from das.domain.losses import Level, LossMap, LossModel, outside_map
 from das.domain.route import Route, Stretches, curve_resistance_mps2
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import kernels
 from das.solver import tolerances as tol
+from das.solver.params import LossParams, TrainParams, loss_params, train_params
 
 Floats = NDArray[np.float64]
-
-
-class TrainParams(NamedTuple):
-    """The train's numbers as the kernels take them (all float, SI)."""
-
-    inertial_mass_kg: float
-    c0_n: float
-    c1_n_per_mps: float
-    c2_n_per_mps2: float
-    traction_force_n: float
-    traction_power_w: float
-    electric_force_n: float
-    electric_power_w: float
-    friction_force_n: float
-    max_acceleration_mps2: float
-    max_deceleration_mps2: float
-
-
-class LossParams(NamedTuple):
-    """A loss model as the kernels take it; `table_w[i, j]` at speed i/per_mps, force force0_n + j/per_n."""
-
-    is_map: bool
-    traction_ratio: float
-    brake_ratio: float
-    idle_w: float
-    steps_per_mps: float
-    force0_n: float
-    steps_per_n: float
-    table_w: Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +29,8 @@ class LineProfile:
     """What the line asks of a train on a grid of positions `node_m` (route coordinates).
 
     One value per interval: `step_m`, `grade_ratio` (gradient averaged over the train), `constant_n` (gradient and curve
-    force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train).
+    force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train), `supply` (receptivity, `NO_REGENERATION`
+    or `NEUTRAL`; the least where an interval has several).
     """
 
     node_m: Floats
@@ -66,6 +39,7 @@ class LineProfile:
     constant_n: Floats
     tunnel_n_per_mps2: Floats
     limit_mps: Floats
+    supply: Floats
 
     @classmethod
     def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, length_m: float) -> Self:
@@ -84,7 +58,13 @@ class LineProfile:
             constant_n=constant_n,
             tunnel_n_per_mps2=tunnel,
             limit_mps=limit,
+            supply=route.supply().minimum(node_m[:-1], node_m[1:]),
         )
+
+    @property
+    def for_kernels(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Step, constant force, tunnel coefficient and supply of each interval, as every kernel takes them."""
+        return self.step_m, self.constant_n, self.tunnel_n_per_mps2, self.supply
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,7 +129,7 @@ def build_section(
         )
     level = vehicle.default_level if level is None else level
     loss, brakes = vehicle.loss_model(level), vehicle.brakes_at(level)
-    train, loss_params = _train_params(vehicle, brakes), _loss_params(loss)
+    train = train_params(vehicle, brakes)
     length_m = 0.0 if point_mass else vehicle.length_m
 
     decision_m = _decision_nodes(route, start_m, end_m, length_m)
@@ -161,7 +141,7 @@ def build_section(
     fine = LineProfile.on(route, vehicle, node_m, length_m)
     floor, envelope, fastest = _bounding_speeds(route, fine, train, *speeds)
     if isinstance(loss, LossMap):
-        _check_coverage(loss, train, float(envelope.max()))
+        _check_coverage(loss, vehicle, float(envelope.max()))
     return Section(
         **vars(fine),
         route=route,
@@ -178,7 +158,7 @@ def build_section(
         envelope_mps=envelope,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         train=train,
-        loss_params=loss_params,
+        loss_params=loss_params(loss),
     )
 
 
@@ -240,7 +220,7 @@ def _bounding_speeds(
     route: Route, profile: LineProfile, train: TrainParams, start_speed_mps: float, end_speed_mps: float
 ) -> tuple[Floats, Floats, Floats]:
     """Climbing floor, braking envelope and fastest run over a grid; InfeasibleError where one is impossible."""
-    arrays = (profile.step_m, profile.constant_n, profile.tunnel_n_per_mps2)
+    arrays = profile.for_kernels
     if end_speed_mps > profile.limit_mps[-1]:
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
     envelope, stuck = kernels.braking_envelope(*arrays, profile.limit_mps, end_speed_mps, train)
@@ -267,49 +247,10 @@ def _bounding_speeds(
     return floor, envelope, fastest
 
 
-def _train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
-    electric = vehicle.electric_brake
-    friction_n = vehicle.friction_brake_force_n if vehicle.brake_policy is not BrakePolicy.ELECTRIC else 0.0
-    if brakes is BrakePolicy.ELECTRIC:
-        friction_n = 0.0
-    return TrainParams(
-        vehicle.inertial_mass_kg,
-        vehicle.resistance.c0_n,
-        vehicle.resistance.c1_n_per_mps,
-        vehicle.resistance.c2_n_per_mps2,
-        vehicle.traction.max_force_n,
-        vehicle.traction.max_power_w,
-        electric.max_force_n,
-        electric.max_power_w,
-        friction_n,
-        min(vehicle.max_acceleration_mps2, 1e6),
-        min(vehicle.max_deceleration_mps2, 1e6),
-    )
-
-
-def _loss_params(loss: LossModel) -> LossParams:
-    if isinstance(loss, EfficiencyLoss):
-        empty = np.zeros((2, 2))
-        return LossParams(False, loss.traction_ratio, loss.brake_ratio, loss.idle_w, 1.0, 0.0, 1.0, empty)
-    return LossParams(
-        True,
-        0.0,
-        0.0,
-        0.0,
-        1.0 / loss.speed_step_mps,
-        float(loss.force_n[0]),
-        1.0 / loss.force_step_n,
-        np.array(loss.filled_w),  # a writable copy: numba compiles anew for read-only arrays
-    )
-
-
-def _check_coverage(loss: LossMap, train: TrainParams, top_speed_mps: float) -> None:
+def _check_coverage(loss: LossMap, vehicle: Vehicle, top_speed_mps: float) -> None:
     """The map must cover every force the train can use up to the highest speed it may reach here."""
     speeds = np.append(np.arange(0.0, top_speed_mps, 0.5 * loss.speed_step_mps), top_speed_mps)
-    slow = np.maximum(speeds, 1e-9)
-    traction = np.minimum(train.traction_force_n, train.traction_power_w / slow)
-    brake = -np.minimum(train.electric_force_n, train.electric_power_w / slow)
-    for force in (traction, brake):
+    for force in (vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)):
         outside = np.flatnonzero(~loss.covers(force, speeds))
         if len(outside):
             raise outside_map(loss, float(force[outside[0]]), float(speeds[outside[0]]))

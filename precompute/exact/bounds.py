@@ -72,7 +72,7 @@ class Duals:
                 def block(part: tuple[int, int], k: int = k, here: Layer = here, there: Layer = there) -> None:
                     kernels.dual_values(
                         *part, here.speed, here.first, here.last, here.coast, graph.unit_mps, graph.ratio,
-                        *graph.interval(k), graph.section.train, graph.section.loss_params, graph.dissipative,
+                        *graph.interval(k), graph.train(k), graph.section.loss_params,
                         there.lowest, there.row, self.value_j[k + 1], lambda_w, self.value_j[k],
                         self._choice[k],
                     )  # fmt: skip

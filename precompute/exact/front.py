@@ -218,7 +218,7 @@ class _Pass:
             return kernels.merge_labels(  # type: ignore[no-any-return]
                 there.speed[a:b], coast_start[a : b + 1], coast_source, here.speed, labels.offset, cost,
                 labels.time_ns, labels.energy_mj, here.first, here.last, graph.unit_mps, graph.ratio,
-                *graph.interval(k), graph.section.train, graph.section.loss_params, graph.dissipative, self.lambda_w,
+                *graph.interval(k), graph.train(k), graph.section.loss_params, self.lambda_w,
                 self.allowed, ahead[a:b], latest[a:b], self.bucket_ns,
             )  # fmt: skip
 

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
+from das.domain.route import NEUTRAL
 from das.domain.units import KMH
-from das.domain.vehicle import BrakePolicy
+from das.solver.kernels import on_supply
+from das.solver.params import TrainParams
 from das.solver.section import LineProfile, Section
 from precompute.exact import kernels
 
@@ -51,11 +53,14 @@ class Graph:
     ratio: int
     lowest: Ints
     highest: Ints
-    dissipative: bool
 
     @classmethod
     def of(cls, section: Section, grid: Grid) -> Graph:
-        """Lay the grid over the section; DasError where a speed at its ends is not on the coarse grid."""
+        """Lay the grid over the section; DasError where it does not fit: a speed at its ends, a neutral section."""
+        if (section.supply == NEUTRAL).any():
+            raise DasError(
+                f"{section.name}: no exact front: on its grid nothing coasts exactly through a neutral section"
+            )
         length = section.end_m - section.start_m
         count = max(int(np.ceil(length / grid.step_m - 1e-9)), 2)
         node = section.start_m + np.linspace(0, count, count + 1) * min(grid.step_m, length / 2)
@@ -81,7 +86,6 @@ class Graph:
             ratio=ratio,
             lowest=lowest,
             highest=highest,
-            dissipative=section.brakes is BrakePolicy.FRICTION,
         )
 
     @property
@@ -92,12 +96,17 @@ class Graph:
         """Length (m), constant resisting force (N) and tunnel coefficient of interval k."""
         return float(self.line.step_m[k]), float(self.line.constant_n[k]), float(self.line.tunnel_n_per_mps2[k])
 
+    def train(self, k: int) -> TrainParams:
+        """The train as the supply of interval k lets it run."""
+        result: TrainParams = on_supply(self.section.train, float(self.line.supply[k]))
+        return result
+
     def spans(self, k: int, speed: Ints) -> tuple[Ints, Ints, Ints]:
         """What states of node k can reach: first and last coarse speed (in coarse steps), coasting speed."""
         first, last, coast = (np.empty(len(speed), np.int64) for _ in range(3))
         kernels.spans(
             speed, self.unit_mps, self.ratio, *self.interval(k), int(self.lowest[k + 1]), int(self.highest[k + 1]),
-            self.section.train, first, last, coast,
+            self.train(k), first, last, coast,
         )  # fmt: skip
         return first, last, coast
 
@@ -187,8 +196,7 @@ def totals(graph: Graph, runs: Ints) -> tuple[Ints, Ints]:
     line, section = graph.line, graph.section
     for i, run in enumerate(runs):
         time[i], energy[i] = kernels.run_total(
-            run, graph.unit_mps, line.step_m, line.constant_n, line.tunnel_n_per_mps2, section.train,
-            section.loss_params, graph.dissipative,
+            run, graph.unit_mps, *line.for_kernels, section.train, section.loss_params
         )  # fmt: skip
     return time, energy
 

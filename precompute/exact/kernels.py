@@ -14,7 +14,16 @@ import math
 
 import numpy as np
 
-from das.solver.kernels import electric_limit, kernel, landing_speed, mean_resistance, step_cost, traction_limit
+from das.solver.kernels import (
+    brake_limit,
+    kernel,
+    landing_speed,
+    landing_under,
+    mean_resistance,
+    on_supply,
+    step_cost,
+    traction_limit,
+)
 
 NS = 1e9
 MJ = 1e3
@@ -34,13 +43,13 @@ def attainable(v0, v1, h, g, q, p):
     f = p.inertial_mass_kg * rate + mean_resistance(v0, v1, q, p) + g
     if f >= 0.0:
         return f <= traction_limit(mid, p) * (1.0 + _ROUNDING)
-    return -f <= (electric_limit(mid, p) + p.friction_force_n) * (1.0 + _ROUNDING)
+    return -f <= brake_limit(mid, p, p.friction_force_n) * (1.0 + _ROUNDING)
 
 
 @kernel
-def segment(v0, v1, h, g, q, p, c, dissipative):
+def segment(v0, v1, h, g, q, p, c):
     """Time (ns) and energy at the collector (mJ) of a segment, rounded to whole numbers."""
-    dt, energy = step_cost(v0, v1, h, g, q, p, c, dissipative)
+    dt, energy = step_cost(v0, v1, h, g, q, p, c)
     return np.int64(round(dt * NS)), np.int64(round(energy * MJ))
 
 
@@ -57,7 +66,7 @@ def spans(u, unit, ratio, h, g, q, lowest, highest, p, first, last, coast):
     """
     for i in range(u.size):
         v0 = u[i] * unit
-        fastest = landing_speed(v0, h, p.traction_power_w, p.traction_force_n, 1.0, g, q, p)
+        fastest = landing_speed(v0, h, 1.0, g, q, p)
         up = min(int(fastest / unit) // ratio + 1, highest // ratio)
         while up * ratio >= lowest and not attainable(v0, up * ratio * unit, h, g, q, p):
             if up * ratio * unit < v0 and up * ratio * unit < fastest * 0.98:
@@ -66,14 +75,14 @@ def spans(u, unit, ratio, h, g, q, lowest, highest, p, first, last, coast):
         low = (lowest + ratio - 1) // ratio
         # A start below the hardest braking: the power limit holds at the mean speed, which is not known yet.
         brake = p.electric_force_n + p.friction_force_n
-        slowest = landing_speed(v0, h, 1e30, brake, -1.0, g, q, p)
+        slowest = landing_under(-brake, v0, h, g, q, p)
         down = max(int(slowest / unit) // ratio - 1, low)
         while down <= up and not attainable(v0, down * ratio * unit, h, g, q, p):
             down += 1
         first[i] = down
         last[i] = max(up, down - 1)
         coast[i] = -1
-        v1 = landing_speed(v0, h, 1.0, 0.0, 1.0, g, q, p)
+        v1 = landing_under(0.0, v0, h, g, q, p)
         target = round(v1 / unit)
         if lowest <= target <= highest and attainable(v0, target * unit, h, g, q, p):
             coast[i] = target
@@ -114,9 +123,7 @@ def least_time_to_go(u, first, last, coast, unit, ratio, h, lowest, ahead, resul
 
 
 @kernel
-def dual_values(
-    start, stop, u, first, last, coast, unit, ratio, h, g, q, p, c, dissipative, lowest, row, ahead, lam, value, choice
-):
+def dual_values(start, stop, u, first, last, coast, unit, ratio, h, g, q, p, c, lowest, row, ahead, lam, value, choice):
     """Backward: value[i, l] = least energy + lam·time (J) to go of states start … stop − 1; choice: the speed taken.
 
     `row[k]` is the row of the next node's state k in `ahead`, or -1.
@@ -135,7 +142,7 @@ def dual_values(
             r = row[target - lowest]
             if r < 0:
                 continue
-            t, e = segment(v0, target * unit, h, g, q, p, c, dissipative)
+            t, e = segment(v0, target * unit, h, g, q, p, c)
             time_s = t / NS
             energy_j = e / MJ
             for l in range(m):
@@ -222,7 +229,6 @@ def merge_labels(
     q,
     p,
     c,
-    dissipative,
     lam,
     allowed,
     ahead,
@@ -275,7 +281,7 @@ def merge_labels(
         for x in range(n_source):
             i = source[x]
             v0 = u[i] * unit
-            dt, de = segment(v0, v1, h, g, q, p, c, dissipative)
+            dt, de = segment(v0, v1, h, g, q, p, c)
             useful = 0
             for l in range(m):
                 limit = allowed[l] - ahead[d, l] - de / MJ - lam[l] * (dt / NS)
@@ -349,12 +355,12 @@ def least_costs(offset, time, energy, lam, result):
 
 
 @kernel
-def run_total(run, unit, step, constant, tunnel, p, c, dissipative):
+def run_total(run, unit, step, constant, tunnel, supply, p, c):
     """Time (ns) and energy (mJ) of a run given by its speeds at the nodes."""
     time = np.int64(0)
     energy = np.int64(0)
     for k in range(step.size):
-        t, e = segment(run[k] * unit, run[k + 1] * unit, step[k], constant[k], tunnel[k], p, c, dissipative)
+        t, e = segment(run[k] * unit, run[k + 1] * unit, step[k], constant[k], tunnel[k], on_supply(p, supply[k]), c)
         time += t
         energy += e
     return time, energy

@@ -14,9 +14,9 @@ from das.domain.files.reading import Fields, number, read_toml
 from das.domain.files.ttobench import check_tunnel_resistance, curvature_stretches
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import EfficiencyLoss, Level, LossModel
-from das.domain.route import Route, Stop, Stretches, Tunnel
+from das.domain.route import Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import KMH
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
 
 SCHEMA_VERSION = 1
 
@@ -26,6 +26,7 @@ _VEHICLE = {
     "max_speed": "speed",
     "max_acceleration": "acceleration",
     "max_deceleration": "acceleration",
+    "auxiliary_power": "power",
     "comfort_power": "power",
 }
 _ENVELOPE = {"max_force": "force", "max_power": "power"}
@@ -39,7 +40,7 @@ def read_vehicle(path: Path) -> Vehicle:
     fields.check_keys(
         [
             *("schema_version", "vehicle", "resistance", "tunnel_resistance", "traction"),
-            *("electric_brake", "friction_brake", "brakes", "losses"),
+            *("electric_brake", "friction_brake", "brakes", "adhesion", "losses", "loads"),
         ]
     )
     main = fields.table("vehicle")
@@ -76,11 +77,14 @@ def read_vehicle(path: Path) -> Vehicle:
         brake_policy=_brake_policy(fields, electric, friction_n),
         max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf),
         max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf),
+        adhesive_mass_kg=_adhesive_mass(fields),
+        auxiliary_power_w=main.quantity("auxiliary_power", "power", 0.0),
         comfort_power_w=main.quantity("comfort_power", "power", 0.0),
         tunnel_area_m2=areas,
         tunnel_resistance_n_per_mps2=coefficients,
         default_level=default,
         losses=MappingProxyType(losses),
+        loads=MappingProxyType(_loads(fields)),
     )
 
 
@@ -97,7 +101,10 @@ def read_route(path: Path) -> Route:
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
-        ["schema_version", "route", "stops", "speed_limits", "gradients", "curves", "tunnels", "geometry"]
+        [
+            *("schema_version", "route", "stops", "speed_limits", "gradients", "curves", "tunnels", "geometry"),
+            *("receptivity", "neutral_sections", "no_regeneration"),
+        ]
     )
     main = fields.table("route")
     main.check_keys(
@@ -125,11 +132,37 @@ def read_route(path: Path) -> Route:
         gradients_ratio=_stretches(fields, "gradients", "gradient", "gradient"),
         curvature_per_m=curvature_stretches(str(path), curves),
         tunnels=_tunnels(fields),
+        receptivity_ratio=_receptivity(fields),
+        neutral_sections=_zones(fields, "neutral_sections"),
+        no_regeneration=_zones(fields, "no_regeneration"),
         altitude_at_start_m=main.quantity("altitude_at_start", "length", 0.0),
         geometry_position_m=np.array(geometry["position"]),
         geometry_latitude_deg=np.array(geometry["latitude"]),
         geometry_longitude_deg=np.array(geometry["longitude"]),
     )
+
+
+def _adhesive_mass(fields: Fields) -> float:
+    """Mass on the driven axles (kg); inf without a table: adhesion is no limit."""
+    if not fields.has("adhesion"):
+        return np.inf
+    table = fields.table("adhesion")
+    table.check_keys(["source", *table.quantity_keys({"adhesive_mass": "mass"})])
+    return table.quantity("adhesive_mass", "mass")
+
+
+def _loads(fields: Fields) -> dict[str, Load]:
+    if not fields.has("loads"):
+        return {}
+    loads, quantities = {}, {"mass": "mass", "c0": "force"}
+    for name in fields.table("loads").data:
+        table = fields.table("loads").table(name)
+        table.check_keys(["source", *table.quantity_keys(quantities)])
+        c0_given = any(table.has(key) for key in table.quantity_keys({"c0": "force"}))
+        loads[name] = Load(
+            mass_kg=table.quantity("mass", "mass"), c0_n=table.quantity("c0", "force") if c0_given else None
+        )
+    return loads
 
 
 def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -297,6 +330,19 @@ def _stops(fields: Fields) -> tuple[Stop, ...]:
 def _stretches(fields: Fields, key: str, name: str, dimension: str) -> Stretches:
     columns = fields.columns(key, {"position": "length", name: dimension})
     return Stretches(start_m=np.array(columns["position"]), value=np.array(columns[name]))
+
+
+def _receptivity(fields: Fields) -> Stretches:
+    if not fields.has("receptivity"):
+        return Stretches(start_m=np.zeros(1), value=np.ones(1))
+    return _stretches(fields, "receptivity", "receptivity", "ratio")
+
+
+def _zones(fields: Fields, key: str) -> tuple[Zone, ...]:
+    if not fields.has(key):
+        return ()
+    columns = fields.columns(key, {"position": "length", "length": "length"})
+    return tuple(Zone(start_m=start, length_m=length) for start, length in zip(*columns.values(), strict=True))
 
 
 def _tunnels(fields: Fields) -> tuple[Tunnel, ...]:

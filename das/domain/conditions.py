@@ -1,0 +1,60 @@
+"""What may differ from the plan: load, resistance, wind, what the line takes back, the rail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from das.domain.errors import DasError
+from das.domain.route import Route, Stretches
+from das.domain.vehicle import Vehicle
+
+STRONGEST_WIND_MPS = 50.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """Changes of a train and a line against their files; the defaults change nothing.
+
+    `mass_ratio` and `resistance_ratio` multiply mass and running resistance, `receptivity_ratio` and `adhesion_ratio`
+    what the line takes back and the rail's adhesion. `head_wind_mps` blows against the train (tail wind < 0).
+    """
+
+    mass_ratio: float = 1.0
+    resistance_ratio: float = 1.0
+    head_wind_mps: float = 0.0
+    receptivity_ratio: float = 1.0
+    adhesion_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("mass_ratio", "resistance_ratio", "adhesion_ratio"):
+            value = getattr(self, name)
+            if not 0 < value <= 10:
+                raise DasError(f"conditions: {name} = {value}: expected more than 0 and at most 10")
+        if not 0 <= self.receptivity_ratio <= 1:
+            raise DasError(f"conditions: receptivity_ratio = {self.receptivity_ratio}: expected 0 to 1")
+        if not abs(self.head_wind_mps) <= STRONGEST_WIND_MPS:
+            raise DasError(
+                f"conditions: head_wind_mps = {self.head_wind_mps}: expected at most {STRONGEST_WIND_MPS:g} either way"
+            )
+
+    def train(self, vehicle: Vehicle) -> Vehicle:
+        """The train under these conditions; DasError for a slippery rail and a train without data of its adhesion."""
+        if self.adhesion_ratio != 1 and np.isinf(vehicle.adhesive_mass_kg):
+            raise DasError(f"{vehicle.source}: adhesion is missing: expected [adhesion] adhesive_mass_t in the file")
+        if self.mass_ratio != 1:
+            vehicle = vehicle.with_mass(self.mass_ratio * vehicle.mass_kg)
+        return replace(
+            vehicle,
+            resistance=vehicle.resistance.scaled(self.resistance_ratio).in_head_wind(self.head_wind_mps),
+            adhesion_ratio=self.adhesion_ratio * vehicle.adhesion_ratio,
+        )
+
+    def line(self, route: Route) -> Route:
+        """The route under these conditions."""
+        if self.receptivity_ratio == 1:
+            return route
+        given = route.receptivity_ratio
+        taken = Stretches(start_m=given.start_m.copy(), value=self.receptivity_ratio * given.value)
+        return replace(route, receptivity_ratio=taken)
