@@ -16,12 +16,40 @@ from das.commands import PRINTED_WIDTH, busy, interrupt_on_termination, run_app
 from das.domain.errors import DasError
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
-from das.domain.losses import Level
 from das.domain.units import KM, KMH
 from precompute.baselines import Strategy
 from precompute.calibrate import calibrate
 from precompute.loss_pictures import loss_map_command
+from precompute.options import (
+    COMPILING,
+    AdhesionOption,
+    BoundaryOption,
+    BrakeForceOption,
+    EndSpeedOption,
+    ForceOption,
+    FromOption,
+    JsonOption,
+    LevelOption,
+    LoadOption,
+    LossMapOption,
+    MassOption,
+    NoFrictionOption,
+    PointMassOption,
+    PowerOption,
+    ReceptivityOption,
+    ResistanceOption,
+    ReverseOption,
+    RouteArgument,
+    SpeedOption,
+    StartSpeedOption,
+    ToOption,
+    VehicleArgument,
+    WindOption,
+    buffered,
+    posed,
+)
 from precompute.pose import Pose
+from precompute.sensitivity_command import sensitivity
 from precompute.study.command import study
 
 app = typer.Typer(
@@ -32,37 +60,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-RouteArgument = Annotated[str, typer.Argument(help="Bundled route name, TOML file or TTOBench track (JSON).")]
-VehicleArgument = Annotated[str, typer.Argument(help="Bundled vehicle name, TOML file or TTOBench train (JSON).")]
-FromOption = Annotated[str | None, typer.Option("--from", help="First stop: name or number [default: the route's].")]
-ToOption = Annotated[str | None, typer.Option("--to", help="Last stop [default: the route's]; no stop between.")]
-ReverseOption = Annotated[bool, typer.Option("--reverse", help="Drive the route the other way.")]
-LevelOption = Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")]
-LossMapOption = Annotated[
-    Path | None, typer.Option(help="CSV loss map (speed_kmh, force_n, loss_w): its losses and nothing else.")
-]
-PointMassOption = Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")]
-BoundaryOption = Annotated[float, typer.Option(help="Speed at both ends of the section.")]
-StartSpeedOption = Annotated[float | None, typer.Option(help="Speed at the start only.", show_default=False)]
-EndSpeedOption = Annotated[float | None, typer.Option(help="Speed at the end only.", show_default=False)]
-PowerOption = Annotated[float | None, typer.Option(help="Power of traction and of the electric brake.")]
-ForceOption = Annotated[float | None, typer.Option(help="Largest traction force.")]
-BrakeForceOption = Annotated[float | None, typer.Option(help="Largest force of the electric brake.")]
-SpeedOption = Annotated[float | None, typer.Option(help="Largest speed of the train.")]
 StrategyOption = Annotated[Strategy, typer.Option(help="How the section is driven (fastest: needs no time).")]
-NoFrictionOption = Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")]
-LoadOption = Annotated[str | None, typer.Option(help="Load state that the vehicle's file names [default: its mass].")]
-MassOption = Annotated[float, typer.Option("--mass", help="Mass, as a multiple of the plan's.")]
-ResistanceOption = Annotated[float, typer.Option("--resistance", help="Running resistance, as a multiple.")]
-WindOption = Annotated[float, typer.Option(help="Wind against the train in km/h (tail wind < 0).")]
-ReceptivityOption = Annotated[float, typer.Option("--receptivity", help="Share of fed back power the line takes.")]
-AdhesionOption = Annotated[float, typer.Option("--adhesion", help="Adhesion, as a multiple of a dry rail's.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
-
 
 BUFFERS_PERCENT = "0,2,5,7,10,15,20"
 EXACT_MAX_BUFFER_PERCENT = 10.0
-COMPILING = "compiling the solver (once on a machine, about 10 s) …"
 
 
 @app.command(
@@ -115,7 +116,7 @@ def solve(
         raise DasError("give either --time (s) or --buffer (%)")
     if time_s is None and buffer_percent is None and strategy is not Strategy.FASTEST:
         raise DasError("give either --time (s) or --buffer (%)")
-    pose = _pose(locals())
+    pose = posed(locals())
     if csv is not None and csv == plot:
         raise DasError(f"{csv}: --csv and --plot name the same file")
     for path in (csv, plot):
@@ -189,11 +190,11 @@ def front(
     front; times are those of its grid, which is a little slower than the continuous solver. 6 km take some ten
     seconds, and memory grows fast with length and buffer.
     """
-    pose = _pose(locals())
+    pose = posed(locals())
     if not exact and (csv is not None or max_buffer_percent is not None):
         raise DasError("--csv and --max-buffer belong to --exact")
     max_buffer_percent = EXACT_MAX_BUFFER_PERCENT if max_buffer_percent is None else max_buffer_percent
-    _buffered(1.0, max_buffer_percent)
+    buffered(1.0, max_buffer_percent)
     wanted = _numbers(BUFFERS_PERCENT if buffers is None else buffers)
     if csv is not None:
         check_writable(csv)
@@ -212,7 +213,7 @@ def front(
     with busy("rolling out …"):
         for buffer_percent in wanted:
             began = time.perf_counter()
-            solution = solved.trajectory(_buffered(min_time_s, buffer_percent))
+            solution = solved.trajectory(buffered(min_time_s, buffer_percent))
             point = report.solution_json(solution, min_time_s, time.perf_counter() - began)
             points.append({"buffer_percent": buffer_percent, **point})
     if as_json:
@@ -221,33 +222,14 @@ def front(
     _print_solutions(section.name, points)
 
 
-def _pose(options: dict[str, Any]) -> Pose:
-    pose = Pose(**{name: options[name] for name in Pose.__dataclass_fields__})
-    for name in ("max_power_kw", "max_force_kn", "max_brake_force_kn", "max_speed_kmh"):
-        value = getattr(pose, name)
-        if value is not None and not 0 < value < 1e9:
-            raise DasError(f"--{name.replace('_', '-')} {value}: expected a number > 0")
-    for name in ("boundary_speed_mps", "start_speed_mps", "end_speed_mps"):
-        value = getattr(pose, name)
-        if value is not None and not 0 <= value < 200:
-            raise DasError(f"--{name.replace('_', '-')} {value}: expected a speed from 0 to 200 m/s")
-    return pose
-
-
 def _numbers(text: str) -> list[float]:
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         raise DasError(f"--buffers {text}: expected numbers with commas between, like 0,5,10") from None
     for value in values:
-        _buffered(1.0, value)
+        buffered(1.0, value)
     return values
-
-
-def _buffered(min_time_s: float, buffer_percent: float | None) -> float:
-    if buffer_percent is None or not 0 <= buffer_percent < 1e4:
-        raise DasError(f"buffer {buffer_percent} %: expected a number from 0 to 10000")
-    return min_time_s * (1 + buffer_percent / 100)
 
 
 def _answer(
@@ -256,7 +238,7 @@ def _answer(
     """Section, run of a strategy, least time, and the seconds it took once everything was compiled."""
 
     def wanted_s(min_time_s: float) -> float | None:
-        return _buffered(min_time_s, buffer_percent) if buffer_percent is not None else time_s
+        return buffered(min_time_s, buffer_percent) if buffer_percent is not None else time_s
 
     if strategy is Strategy.OPTIMAL:
         section, front, min_time_s, front_s = _front(pose)
@@ -332,6 +314,9 @@ def _print_parameters(result: dict[str, Any]) -> None:
 app.command(epilog="Example: das-precompute study -o study --only fig9,table2")(study)
 app.command("calibrate", epilog="Example: das-precompute calibrate --check")(calibrate)
 app.command("loss-map", epilog="Example: das-precompute loss-map re460-ic --plot map.png")(loss_map_command)
+app.command(epilog="Example: das-precompute sensitivity zurich-luzern re460-ic --from Zug --to Luzern --buffer 7")(
+    sensitivity
+)
 
 
 def main() -> None:

@@ -52,18 +52,18 @@ class Pose:
             adhesion_ratio=self.adhesion_ratio,
         )
 
-    def line(self) -> Route:
-        """The route, driven the way asked for, under the conditions."""
-        route = self.conditions().line(load_route(self.route))
+    def line(self, conditions: Conditions | None = None) -> Route:
+        """The route, driven the way asked for, under the pose's or other conditions."""
+        route = (conditions or self.conditions()).line(load_route(self.route))
         return route.reversed() if self.reverse else route
 
-    def section(self) -> Section:
-        """Read the files and build the section; raises DasError for anything unusable."""
-        route = self.line()
+    def section(self, conditions: Conditions | None = None) -> Section:
+        """Read the files and build the section (default: the pose's conditions); DasError for anything unusable."""
+        route = self.line(conditions)
         start, end = section_stops(route, self.from_stop, self.to_stop)
         return build_section(
             route,
-            self.train(),
+            self.train(conditions),
             level=self.level,
             start_m=start.position_m,
             end_m=end.position_m,
@@ -75,8 +75,11 @@ class Pose:
     def _end_speed(self, speed_mps: float | None) -> float:
         return self.boundary_speed_mps if speed_mps is None else speed_mps
 
-    def train(self) -> Vehicle:
-        """The loaded vehicle with the overrides and conditions; a loss map changes its losses and nothing else."""
+    def train(self, conditions: Conditions | None = None) -> Vehicle:
+        """The loaded vehicle with the overrides, under the pose's or other conditions.
+
+        A loss map changes its losses and nothing else.
+        """
         vehicle = load_vehicle(self.vehicle)
         if self.load is not None:
             vehicle = vehicle.loaded(self.load)
@@ -91,7 +94,7 @@ class Pose:
             max_speed_mps=self.max_speed_kmh * KMH if self.max_speed_kmh is not None else vehicle.max_speed_mps,
             brake_policy=BrakePolicy.ELECTRIC if self.no_friction_brake else vehicle.brake_policy,
         )
-        return self.conditions().train(changed)
+        return (conditions or self.conditions()).train(changed)
 
 
 def _changed(envelope: EffortEnvelope, force_kn: float | None, power_w: float | None) -> EffortEnvelope:
