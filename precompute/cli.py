@@ -51,6 +51,7 @@ from precompute.options import (
 from precompute.pose import Pose
 from precompute.sensitivity_command import sensitivity
 from precompute.study.command import study
+from precompute.tables.command import build, show, verify
 
 app = typer.Typer(
     help="Solve the time–energy trade-off of a train on a section, offline.",
@@ -312,6 +313,12 @@ def _print_parameters(result: dict[str, Any]) -> None:
 
 
 app.command(epilog="Example: das-precompute study -o study --only fig9,table2")(study)
+app.command(
+    epilog="Examples: das-precompute build plan.toml -o tables; "
+    "das-precompute build plan.toml -o tables --scheduler tcp://10.0.0.1:8786"
+)(build)
+app.command(epilog="Example: das-precompute verify tables")(verify)
+app.command(epilog="Example: das-precompute show tables --json")(show)
 app.command("calibrate", epilog="Example: das-precompute calibrate --check")(calibrate)
 app.command("loss-map", epilog="Example: das-precompute loss-map re460-ic --plot map.png")(loss_map_command)
 app.command(epilog="Example: das-precompute sensitivity zurich-luzern re460-ic --from Zug --to Luzern --buffer 7")(

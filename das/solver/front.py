@@ -101,13 +101,14 @@ class _Run(NamedTuple):
 class Front:
     """Policies of a section for a ladder of multipliers.
 
-    `lambda_w` (L,) ascending; `value_j` and `time_to_go_s` (K + 1 decision nodes, J + 1 speeds, L).
+    `lambda_w` (L,) ascending; `value_j` and `time_to_go_s` (K + 1 decision nodes, J + 1 speeds, L), float64 and float32
+    as solved, float32 and packed as a table on disk holds them.
     """
 
     section: Section
     lambda_w: Floats
-    value_j: Floats
-    time_to_go_s: NDArray[np.float32]
+    value_j: Floats | NDArray[np.float32]
+    time_to_go_s: NDArray[np.float32] | rollout_kernels.PackedTimes
 
     def fastest(self, s_m: float | None = None, v_mps: float | None = None) -> Solution:
         """The fastest run from a state (default: the start of the section)."""
@@ -144,10 +145,7 @@ class Front:
         section = self.section
         s_m = section.start_m if s_m is None else float(s_m)
         v_mps = section.start_speed_mps if v_mps is None else float(v_mps)
-        if not section.start_m <= s_m < section.end_m - tol.MIN_STEP_M:
-            raise DasError(f"position {s_m} m: expected one in the section {section.start_m:g} … {section.end_m:g} m")
-        if not 0 <= v_mps < 200:
-            raise DasError(f"speed {v_mps} m/s: expected one from 0 to 200 m/s")
+        check_state(section, s_m, v_mps)
         i = int(np.searchsorted(section.node_m, s_m + tol.MIN_STEP_M, side="right"))
         k = int(np.searchsorted(section.decision, i))
         first = slice(i - 1, None)
@@ -232,6 +230,10 @@ class Front:
         known = total < tol.UNREACHABLE
         return float((total[known] - self.lambda_w[known] * time_s).max(initial=-math.inf))
 
+    def ladder_times_s(self) -> Floats:
+        """Time of the whole section under every multiplier, as the policies know it (s)."""
+        return self.one_step_totals(self._state(None, None))[1]
+
     def least_time_s(self, s_m: float, v_mps: float) -> float:
         """Time of the fastest run from a state; raises as `trajectory` does."""
         return self._fastest(self._state(s_m, v_mps)).time_s
@@ -262,6 +264,14 @@ class Front:
             bound_j=ledger.input if bound_j is None else bound_j,
             feasible=bool(ends_right and (speeds <= section.envelope_mps[-len(speeds) :] + 1e-6).all()),
         )
+
+
+def check_state(section: Section, s_m: float, v_mps: float) -> None:
+    """Raise DasError for a position outside the section or a speed no train has."""
+    if not section.start_m <= s_m < section.end_m - tol.MIN_STEP_M:
+        raise DasError(f"position {s_m} m: expected one in the section {section.start_m:g} … {section.end_m:g} m")
+    if not 0 <= v_mps < 200:
+        raise DasError(f"speed {v_mps} m/s: expected one from 0 to 200 m/s")
 
 
 class _Trial(NamedTuple):

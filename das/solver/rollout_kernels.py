@@ -9,8 +9,12 @@ smooth where the optimum is.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
+from numpy.typing import NDArray
 
 from das.solver.kernels import (
     LANDINGS,
@@ -34,6 +38,33 @@ _ROUNDING_W = 1e-9
 """A v² this little above the envelope's is rounding of the iterations."""
 
 
+class PackedTimes(NamedTuple):
+    """Times-to-go as a table on disk holds them: low_s + step_s·steps.
+
+    `steps` (K + 1 decision nodes, J + 1 speeds, L multipliers), `low_s` and `step_s` (K + 1, L).
+    """
+
+    steps: NDArray[np.uint16]
+    low_s: NDArray[np.float32]
+    step_s: NDArray[np.float32]
+
+
+def time_at(time_to_go, k, j, a):
+    """Time-to-go (s) at decision node k, grid line j and multiplier a, of an array or of PackedTimes."""
+    if isinstance(time_to_go, PackedTimes):
+        return time_to_go.low_s[k, a] + time_to_go.step_s[k, a] * float(time_to_go.steps[k, j, a])
+    return time_to_go[k, j, a]
+
+
+@overload(time_at)
+def _compiled_time_at(time_to_go, k, j, a):
+    if isinstance(time_to_go, types.BaseNamedTuple):
+        return lambda time_to_go, k, j, a: (
+            time_to_go.low_s[k, a] + time_to_go.step_s[k, a] * float(time_to_go.steps[k, j, a])
+        )
+    return lambda time_to_go, k, j, a: time_to_go[k, j, a]
+
+
 @kernel
 def blended_values(value, time_to_go, k, first, last, a, offset, gap, row):
     """Values (J) of the policy at decision node k, grid lines first … last, into row[first … last]."""
@@ -53,7 +84,9 @@ def blended_values(value, time_to_go, k, first, last, a, offset, gap, row):
         if va >= 0.5 * INFEASIBLE or vb >= 0.5 * INFEASIBLE:
             row[j] = INFEASIBLE
         else:
-            row[j] = of_va * va + of_ta * time_to_go[k, j, a] + of_vb * vb + of_tb * time_to_go[k, j, a + 1]
+            ta = time_at(time_to_go, k, j, a)
+            tb = time_at(time_to_go, k, j, a + 1)
+            row[j] = of_va * va + of_ta * ta + of_vb * vb + of_tb * tb
 
 
 @kernel
@@ -336,4 +369,4 @@ def one_step_totals(k0, v0, h, g, q, floor, top, final, lam, value, time_to_go, 
         time_s[a] = 2.0 * h / (v0 + x)
         if not final:
             j, s = locate(x, floor, top, steps)
-            time_s[a] += (1.0 - s) * time_to_go[k0, j, a] + s * time_to_go[k0, j + 1, a]
+            time_s[a] += (1.0 - s) * time_at(time_to_go, k0, j, a) + s * time_at(time_to_go, k0, j + 1, a)

@@ -1,12 +1,17 @@
-"""Writing files whole: beside, then renamed into place, so that a reader never sees half of one."""
+"""Writing files and folders whole: beside, then renamed into place, so that a reader never sees half of one."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from das.domain.errors import DasError
+
+UNFINISHED = ".unfinished-"
+"""Beginning of the names of folders that are being written, or were when their writer was killed."""
 
 
 def check_writable(path: Path) -> None:
@@ -39,12 +44,50 @@ def write_whole(path: Path, content: bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(name, 0o666 & ~umask)
+            os.chmod(name, 0o666 & ~_umask())
             os.replace(name, path)
         except BaseException:
             os.unlink(name)
             raise
     except OSError as error:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def write_folder_whole(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write a folder of files beside `folder` and rename it into place, on the disk for good; replaces what is there.
+
+    A writer that is killed leaves a folder whose name begins with `UNFINISHED`. DasError where writing fails.
+    """
+    try:
+        beside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=UNFINISHED))
+        try:
+            for name, content in files.items():
+                with (beside / name).open("xb") as file:
+                    file.write(content)
+                    file.flush()
+                    os.fsync(file.fileno())
+            beside.chmod(0o777 & ~_umask())
+            _sync_folder(beside)
+            if folder.exists():
+                folder.rename(beside.with_name(f"{beside.name}-replaced"))
+            beside.rename(folder)
+            _sync_folder(folder.parent)
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
+            shutil.rmtree(beside.with_name(f"{beside.name}-replaced"), ignore_errors=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be written ({error.strerror})") from error
+
+
+def _umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,105 @@
+"""A synthetic network from a seed: plausible lines of many sections, for benchmarks and tests of builds."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.route import Route, Stop, Stretches
+from das.domain.units import KM, KMH, PERMILLE
+
+Floats = NDArray[np.float64]
+
+SECTIONS_PER_LINE = 10
+SHORTEST_SECTION_M, LONGEST_SECTION_M = 1.0 * KM, 40.0 * KM
+"""Sections are drawn evenly in the logarithm of their length between these."""
+ROUNDING_M = 10.0
+LIMITS_KMH = (80.0, 90.0, 100.0, 110.0, 120.0, 125.0, 140.0, 160.0)
+TOWN_LIMITS_KMH = (60.0, 70.0, 80.0, 90.0)
+TOWN_M = 800.0
+"""So near to a stop one of the town's limits holds."""
+LIMIT_EVERY_M = 3.5 * KM
+"""Mean length of the stretches between towns."""
+GRADIENT_EVERY_M = 1.2 * KM
+GRADIENT_SPREAD_RATIO = 6.0 * PERMILLE
+STEEPEST_RATIO = 12.0 * PERMILLE
+CURVE_EVERY_M = 2.5 * KM
+CURVE_MPS2 = 0.9
+"""Lateral acceleration at the limit in the tightest curves drawn; most are wider."""
+
+
+def synthetic_routes(sections: int, seed: int) -> list[Route]:
+    """Lines with so many sections in all, stops 1 to 40 km apart; the same seed gives the same lines."""
+    rng = np.random.default_rng(seed)
+    counts = [SECTIONS_PER_LINE] * (sections // SECTIONS_PER_LINE)
+    rest = sections % SECTIONS_PER_LINE
+    return [_line(rng, f"synthetic-{seed}-{i:03d}", n) for i, n in enumerate([*counts, *([rest] if rest else [])], 1)]
+
+
+def _line(rng: np.random.Generator, name: str, sections: int) -> Route:
+    spread = math.log(LONGEST_SECTION_M / SHORTEST_SECTION_M)
+    lengths_m = _rounded(SHORTEST_SECTION_M * np.exp(spread * rng.random(sections)), ROUNDING_M)
+    stops_m = np.concatenate(([0.0], np.cumsum(lengths_m)))
+    length_m = float(stops_m[-1])
+    limits = _limits(rng, stops_m, length_m)
+    return Route(
+        id=name,
+        name=f"{name}, {sections} sections from a seed",
+        source=name,
+        illustrative=True,
+        length_m=length_m,
+        stops=tuple(Stop(name=f"stop {i}", position_m=float(x)) for i, x in enumerate(stops_m, 1)),
+        limits_mps=limits,
+        gradients_ratio=_gradients(rng, length_m),
+        curvature_per_m=_curves(rng, limits, length_m),
+        geometry_position_m=np.empty(0),
+        geometry_latitude_deg=np.empty(0),
+        geometry_longitude_deg=np.empty(0),
+    )
+
+
+def _limits(rng: np.random.Generator, stops_m: Floats, length_m: float) -> Stretches:
+    """A town's limit around each stop, others between."""
+    starts, values = [0.0], [rng.choice(TOWN_LIMITS_KMH)]
+    for here, there in pairwise(stops_m):
+        half = min(TOWN_M, (there - here) / 3)
+        between = np.concatenate(([here + half], here + half + _places(rng, there - here - 2 * half, LIMIT_EVERY_M)))
+        starts += [*between.tolist(), float(there - half)]
+        values += [*rng.choice(LIMITS_KMH, len(between)), rng.choice(TOWN_LIMITS_KMH)]
+    return _stretches(starts, KMH * np.array(values), length_m)
+
+
+def _gradients(rng: np.random.Generator, length_m: float) -> Stretches:
+    """Gradients that lean back towards level, so that a line does not climb for ever."""
+    starts = np.concatenate(([0.0], _places(rng, length_m, GRADIENT_EVERY_M)))
+    drawn = rng.normal(0.0, GRADIENT_SPREAD_RATIO, len(starts))
+    drawn[1:] -= 0.3 * drawn[:-1]
+    return _stretches(starts, _rounded(np.clip(drawn, -STEEPEST_RATIO, STEEPEST_RATIO), 0.1 * PERMILLE), length_m)
+
+
+def _curves(rng: np.random.Generator, limits: Stretches, length_m: float) -> Stretches:
+    """Every other stretch is curved, at most as tight as its limit lets."""
+    starts = np.concatenate(([0.0], _places(rng, length_m, CURVE_EVERY_M)))
+    tightest = CURVE_MPS2 / limits.at(starts) ** 2
+    curved = np.arange(len(starts)) % 2 == 1
+    return _stretches(starts, np.where(curved, tightest * rng.uniform(0.2, 1.0, len(starts)), 0.0), length_m)
+
+
+def _places(rng: np.random.Generator, length_m: float, every_m: float) -> Floats:
+    """Random positions inside a length, on average so far apart."""
+    return _rounded(np.sort(rng.uniform(0.0, length_m, rng.poisson(length_m / every_m))), ROUNDING_M)
+
+
+def _stretches(starts: list[float] | Floats, values: Floats, length_m: float) -> Stretches:
+    """Stretches of these starts, each once (the first value of several counts) and inside the line."""
+    rounded = _rounded(np.asarray(starts, dtype=float), ROUNDING_M)
+    rounded, first = np.unique(rounded, return_index=True)
+    inside = rounded < length_m
+    return Stretches(start_m=rounded[inside], value=np.asarray(values)[first][inside])
+
+
+def _rounded(values: Floats, step: float) -> Floats:
+    return np.asarray(np.round(values / step) * step)

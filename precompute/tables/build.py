@@ -1,0 +1,97 @@
+"""A build: what is missing is solved, what is there is kept, and what became of every section is reported."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Protocol
+
+from precompute.tables.job import Job
+from precompute.tables.plan import Plan
+from precompute.tables.store import (
+    Outcome,
+    Status,
+    finished,
+    locked,
+    read_report,
+    remove_superseded,
+    remove_unfinished,
+    write_report,
+)
+
+REPORT_EVERY_S = 5.0
+"""The report on disk is at most so old while a build goes on."""
+
+
+class Solver(Protocol):
+    """Solves jobs into tables in a folder and yields the outcome of each as it comes (local pool or cluster)."""
+
+    def __call__(self, jobs: Sequence[Job], folder: Path) -> Generator[Outcome]: ...
+
+
+def build(
+    plan: Plan, folder: Path, solve: Solver, facts: Mapping[str, Any], watch: Callable[[Outcome], None]
+) -> dict[str, Any]:
+    """Build a plan into a folder; `watch` hears every outcome. Returns the report, which is written to build.json.
+
+    Whatever ends the build, the report says how far it came. Raises DasError where another build has the folder.
+    """
+    with locked(folder):
+        remove_unfinished(folder)
+        state = _State(plan, folder, facts)
+        for outcome in state.outcomes_that_are(Status.KEPT):
+            watch(outcome)
+        try:
+            with closing(solve(state.jobs_that_are(Status.PENDING), folder)) as coming:
+                for outcome in coming:
+                    state.take(outcome)
+                    watch(outcome)
+            state.superseded = remove_superseded(folder, state.jobs_that_are(Status.BUILT, Status.KEPT))
+        finally:
+            remove_unfinished(folder)
+            report = state.report()
+    return report
+
+
+class _State:
+    """How far a build has come."""
+
+    def __init__(self, plan: Plan, folder: Path, facts: Mapping[str, Any]) -> None:
+        self._plan, self._folder, self._facts = plan, folder, facts
+        self._began_s = self._reported_s = time.perf_counter()
+        self.superseded: list[str] = []
+        before = {section["name"]: section for section in read_report(folder).get("sections", [])}
+        self._outcomes = {job.name: _standing(job, folder, before.get(job.name, {})) for job in plan.jobs}
+
+    def outcomes_that_are(self, *statuses: Status) -> list[Outcome]:
+        return [outcome for outcome in self._outcomes.values() if outcome.status in statuses]
+
+    def jobs_that_are(self, *statuses: Status) -> list[Job]:
+        return [job for job in self._plan.jobs if self._outcomes[job.name].status in statuses]
+
+    def take(self, outcome: Outcome) -> None:
+        self._outcomes[outcome.name] = outcome
+        if time.perf_counter() - self._reported_s > REPORT_EVERY_S:
+            self.report()
+
+    def report(self) -> dict[str, Any]:
+        """Write build.json; returns what it holds."""
+        self._reported_s = time.perf_counter()
+        facts = {
+            "plan": str(self._plan.source),
+            **self._facts,
+            "seconds": self._reported_s - self._began_s,
+            "superseded": self.superseded,
+        }
+        return write_report(self._folder, facts, list(self._outcomes.values()))
+
+
+def _standing(job: Job, folder: Path, before: Mapping[str, Any]) -> Outcome:
+    """A job as kept, with what the last report says of it, or pending."""
+    size = finished(folder, job)
+    if size is None:
+        return Outcome(name=job.name, status=Status.PENDING)
+    seconds, attempts = before.get("seconds"), before.get("attempts") or 0
+    return Outcome(name=job.name, status=Status.KEPT, seconds=seconds, attempts=attempts, size_bytes=size)

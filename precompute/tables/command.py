@@ -1,0 +1,223 @@
+"""The commands `das-precompute build`, `verify` and `show`."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table as PrintedTable
+
+from das.commands import PRINTED_WIDTH, busy, err
+from das.domain.errors import DasError
+from das.domain.units import KM, kwh
+
+if TYPE_CHECKING:
+    from das.table import Table
+    from precompute.tables.build import Solver
+
+MB = 1e6
+EXIT_SOME_FAILED = 1
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
+
+
+def build(
+    plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Routes × trains × loads × levels.")],
+    folder: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of tables; it is created.")],
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="Processes [default: one a core].", show_default=False)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Solve on this Dask cluster.", show_default=False)
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Solve every section of a plan into a table for the cab.
+
+    What is already there is kept unless an input has changed; a build that was stopped goes on where it was. A section
+    that fails is reported and does not stop the rest; then the exit code is 1. DIR/build.json says how each went.
+    """
+    if workers is not None and scheduler is not None:
+        raise DasError("give either --workers or --scheduler: a cluster has its own workers")
+    with busy("reading the plan …"):
+        from precompute.tables.build import build as build_plan
+        from precompute.tables.plan import read_plan
+
+        wanted = read_plan(plan)
+    solve, facts = _locally(workers or _cores()) if scheduler is None else _on_cluster(scheduler)
+    with _bar("sections", len(wanted.jobs)) as advance:
+        report = build_plan(wanted, folder, solve, facts, lambda _outcome: advance())
+    if as_json:
+        print(json.dumps(report, ensure_ascii=False))
+    else:
+        _print_report(report, folder)
+    if report["counts"]["failed"] or report["counts"]["poison"]:
+        raise typer.Exit(EXIT_SOME_FAILED)
+
+
+def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
+    """Check tables byte by byte against their hashes, and that all the last build finished are there.
+
+    The exit code is 1 where one is damaged or missing.
+    """
+    from das.table import Table, TableError
+    from precompute.tables.store import REPORT, missing_tables, table_folders
+
+    paths = table_folders(folder)
+    results: list[dict[str, Any]] = [
+        {"name": name, "size_bytes": 0, "problem": f"{folder / name}: is missing ({REPORT} lists it)"}
+        for name in missing_tables(folder)
+    ]
+    began = time.perf_counter()
+    with _bar("tables", len(paths)) as advance:
+        for path in paths:
+            size, problem = 0, None
+            try:
+                table = Table.open(path)
+                table.verify()
+                size = table.size_bytes
+            except TableError as error:
+                problem = str(error)
+            results.append({"name": path.name, "size_bytes": size, "problem": problem})
+            advance()
+    seconds, damaged = time.perf_counter() - began, [result for result in results if result["problem"]]
+    if as_json:
+        print(json.dumps({"tables": results, "damaged": len(damaged), "seconds": seconds}, ensure_ascii=False))
+    else:
+        for result in damaged:
+            print(result["problem"])
+        size_mb = sum(result["size_bytes"] for result in results) / MB
+        print(f"{len(results) - len(damaged)} of {len(results)} tables are whole ({size_mb:.1f} MB in {seconds:.1f} s)")
+    if damaged:
+        raise typer.Exit(EXIT_SOME_FAILED)
+
+
+def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
+    """What is in a folder of tables: sections, trains, sizes, times and energies, certificates.
+
+    kWh: net energy at the current collector of the first and of the last trajectory (mostly that of least energy).
+    gap: how far the energy lies above its lower bound at most, in % of the irreversible energy (see docs/physics.md).
+    """
+    from das.table import Table, TableError
+    from precompute.tables.store import table_folders
+
+    rows = []
+    for path in table_folders(folder):
+        try:
+            rows.append(_facts(Table.open(path)))
+        except TableError as error:
+            rows.append({"name": path.name, "problem": str(error), "size_bytes": 0})
+    if as_json:
+        size_bytes = sum(row["size_bytes"] for row in rows)
+        print(json.dumps({"tables": rows, "size_bytes": size_bytes}, ensure_ascii=False))
+    else:
+        _print_tables(rows, folder)
+
+
+def _cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _locally(workers: int) -> tuple[Solver, dict[str, Any]]:
+    from precompute.tables.pool import solve_locally
+
+    return lambda jobs, folder: solve_locally(jobs, folder, workers), {"workers": workers}
+
+
+def _on_cluster(address: str) -> tuple[Solver, dict[str, Any]]:
+    from precompute.tables.cluster import solve_on_cluster
+
+    return lambda jobs, folder: solve_on_cluster(jobs, folder, address), {"scheduler": address}
+
+
+@contextmanager
+def _bar(what: str, total: int) -> Iterator[Callable[[], None]]:
+    """A progress bar on a terminal; call what it yields for every step."""
+    columns = (
+        *(TextColumn(what), BarColumn(), MofNCompleteColumn()),
+        *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
+    )
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
+        task = progress.add_task("", total=total)
+        yield lambda: progress.advance(task)
+
+
+def _print_report(report: dict[str, Any], folder: Path) -> None:
+    for section in report["sections"]:
+        if section["reason"]:
+            print(f"{section['name']}: {section['status']}: {section['reason']}")
+    if report["superseded"]:
+        print(f"removed {len(report['superseded'])} tables whose inputs have changed")
+    counts = ", ".join(f"{count} {status}" for status, count in report["counts"].items() if count)
+    size_mb = sum(section["size_bytes"] or 0 for section in report["sections"]) / MB
+    print(f"{folder}: {counts or 'nothing to do'} ({size_mb:.1f} MB, {report['seconds']:.1f} s)")
+
+
+def _facts(table: Table) -> dict[str, Any]:
+    """A table as `show` prints it; energies at the collector (kWh)."""
+    runs = table.manifest["trajectories"]
+    fastest, slowest = runs[0], runs[-1]
+    gaps = [
+        (run["energy_input_j"] - run["bound_j"]) / run["energy_irreversible_j"]
+        for run in runs
+        if run["bound_j"] is not None
+    ]
+    return {
+        "name": table.folder.name,
+        "problem": None,
+        **table.manifest["section"],
+        "size_bytes": table.size_bytes,
+        "decision_nodes": table.manifest["grid"]["decision_nodes"],
+        "multipliers": len(table.manifest["lambda_w"]),
+        "trajectories": len(runs),
+        "least_time_s": table.manifest["least_time_s"],
+        "first_buffer_percent": fastest["buffer_percent"],
+        "first_energy_kwh": kwh(fastest["energy_input_j"]),
+        "last_buffer_percent": slowest["buffer_percent"],
+        "last_energy_kwh": kwh(slowest["energy_input_j"]),
+        "largest_gap_ratio": max(gaps, default=None),
+    }
+
+
+def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
+    printed = PrintedTable(title=str(folder), title_justify="left", box=box.SIMPLE_HEAD)
+    for name in ("route", "from – to", "train", "level"):
+        printed.add_column(name, overflow="fold")
+    for name in ("km", "least s", "runs", "kWh first", "kWh last", "gap %", "MB"):
+        printed.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        if row["problem"]:
+            continue
+        gap = row["largest_gap_ratio"]
+        printed.add_row(
+            row["route"],
+            f"{row['from']} – {row['to']}",
+            row["train"],
+            row["level"],
+            f"{(row['end_m'] - row['start_m']) / KM:.1f}",
+            f"{row['least_time_s']:.1f}",
+            f"{row['trajectories']}",
+            f"{row['first_energy_kwh']:.2f}",
+            f"{row['last_energy_kwh']:.2f}",
+            f"{100 * gap:.3f}" if gap is not None else "–",
+            f"{row['size_bytes'] / MB:.1f}",
+        )
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = PRINTED_WIDTH
+    console.print(printed)
+    for row in rows:
+        if row["problem"]:
+            print(row["problem"])
+    print(f"{len(rows)} tables, {sum(row['size_bytes'] for row in rows) / MB:.1f} MB")

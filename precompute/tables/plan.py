@@ -1,0 +1,236 @@
+"""The plan of a build: from a TOML file to the jobs it asks for (format: docs/tables.md)."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any, TypeVar
+
+from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.load import catalogue, load_route, load_vehicle
+from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.files.reading import Fields, number, read_toml
+from das.domain.losses import Level
+from das.domain.route import Route, Stop
+from das.domain.vehicle import Vehicle
+from das.table import FEWEST_MULTIPLIERS, MULTIPLIERS, TableSettings
+from precompute.synthetic import synthetic_routes
+from precompute.tables.job import Job
+
+SCHEMA_VERSION = 1
+MOST_SECTIONS = 100_000
+MOST_BUFFERS = 1000
+LARGEST_BUFFER_PERCENT = 1000.0
+MOST_MULTIPLIERS = 256
+_NAME_LENGTH = 48
+"""Longest part of a table's name that comes from one input."""
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a build is asked for: every section of every line with every train, each once."""
+
+    source: Path
+    jobs: tuple[Job, ...]
+    settings: TableSettings
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A route in one direction with the stops between which sections lie."""
+
+    route: Route
+    stops: tuple[Stop, ...]
+
+
+@dataclass(frozen=True)
+class _Train:
+    """A loaded train at one level of losses."""
+
+    vehicle: Vehicle
+    level: Level
+
+
+def read_plan(path: Path) -> Plan:
+    """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation)."""
+    fields = read_toml(path)
+    fields.check_schema_version(SCHEMA_VERSION)
+    fields.check_keys(["schema_version", "routes", "trains", "tables", "synthetic"])
+    lines = [line for entry in _entries(fields, "routes") for line in _lines(entry)]
+    if fields.has("synthetic"):
+        lines += _synthetic(fields.table("synthetic"))
+    if not lines:
+        raise fields.error("routes", MISSING, "at least one [[routes]], or [synthetic]")
+    trains = [train for entry in _entries(fields, "trains") for train in _trains(entry)]
+    if not trains:
+        raise fields.error("trains", MISSING, "at least one [[trains]]")
+    settings = _settings(fields.table("tables")) if fields.has("tables") else TableSettings()
+    jobs: dict[str, Job] = {}
+    for line, train in product(lines, trains):
+        for start, end in pairwise(line.stops):
+            job = _job(line.route, start, end, train, settings)
+            if job.name in jobs:
+                raise InputError(path, "routes or trains", job.name, "every section and train once")
+            jobs[job.name] = job
+    return Plan(source=path, jobs=tuple(jobs.values()), settings=settings)
+
+
+def _job(route: Route, start: Stop, end: Stop, train: _Train, settings: TableSettings) -> Job:
+    vehicle, level = train.vehicle, train.level
+    ends = f"{_slug(start.name)}-{_slug(end.name)}"
+    return Job.of(
+        f"{_slug(route.id)}_{ends}_{_slug(vehicle.id)}_{level}",
+        route,
+        vehicle,
+        level=level,
+        start_m=start.position_m,
+        end_m=end.position_m,
+        settings=settings,
+    )
+
+
+def _slug(text: str) -> str:
+    """A name as a part of a folder's name: plain letters, digits and hyphens."""
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
+    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_NAME_LENGTH] or "x"
+
+
+def _entries(fields: Fields, key: str) -> Iterator[Fields]:
+    """The tables of an array of tables; none where the key is missing."""
+    entries = fields.data.get(key, [])
+    if not isinstance(entries, list):
+        raise fields.error(key, entries, f"[[{key}]] tables")
+    for i, entry in enumerate(entries):
+        yield Fields.of(fields.source, entry, f"{key}[{i}].")
+
+
+def _lines(fields: Fields) -> list[_Line]:
+    fields.check_keys(["route", "reverse", "stops"])
+    route = _loaded(fields, "route", "routes", load_route)
+    reverse = fields.data.get("reverse", False)
+    if not isinstance(reverse, bool) and reverse != "both":
+        raise fields.error("reverse", reverse, 'true, false or "both"')
+    stops = _stops(fields, route)
+    ways = {False: (False,), True: (True,), "both": (False, True)}[reverse]
+    return [_reversed(route, stops) if backwards else _Line(route, stops) for backwards in ways]
+
+
+def _stops(fields: Fields, route: Route) -> tuple[Stop, ...]:
+    """The stops a plan names, in the order of the route; all where it names none."""
+    names = _texts(fields, "stops")
+    if not names:
+        return route.stops
+    stops = tuple(_in_plan(fields, "stops", name, route.stop) for name in names)
+    for before, after in pairwise(stops):
+        if after.position_m <= before.position_m:
+            raise fields.error("stops", after.name, f"a stop after {before.name!r} (the order of the route's file)")
+    if len(stops) < 2:
+        raise fields.error("stops", names, "at least two stops")
+    return stops
+
+
+def _reversed(route: Route, stops: tuple[Stop, ...]) -> _Line:
+    back = route.reversed()
+    count = len(route.stops)
+    places = [route.stops.index(stop) for stop in reversed(stops)]
+    return _Line(back, tuple(back.stops[count - 1 - place] for place in places))
+
+
+def _synthetic(fields: Fields) -> list[_Line]:
+    fields.check_keys(["sections", "seed"])
+    sections = _whole(fields, "sections", 1, MOST_SECTIONS)
+    seed = _whole(fields, "seed", 0, 2**32 - 1)
+    return [_Line(route, route.stops) for route in synthetic_routes(sections, seed)]
+
+
+def _trains(fields: Fields) -> list[_Train]:
+    fields.check_keys(["vehicle", "loads", "levels", "loss_map"])
+    vehicle = _loaded(fields, "vehicle", "vehicles", load_vehicle)
+    if fields.has("loss_map"):
+        name = fields.text("loss_map")
+        loss_map = _in_plan(fields, "loss_map", name, lambda text: read_loss_map(fields.source.parent / text))
+        vehicle = vehicle.with_loss_map(loss_map)
+    loads = _texts(fields, "loads")
+    loaded = [_in_plan(fields, "loads", name, vehicle.loaded) for name in loads] if loads else [vehicle]
+    levels = [_level(fields, name) for name in _texts(fields, "levels")] or [vehicle.default_level]
+    for level in levels:
+        _in_plan(fields, "levels", level, vehicle.loss_model)
+    return [_Train(train, level) for train, level in product(loaded, levels)]
+
+
+def _level(fields: Fields, name: str) -> Level:
+    if name not in list(Level):
+        raise fields.error("levels", name, "one of " + ", ".join(Level))
+    return Level(name)
+
+
+def _settings(fields: Fields) -> TableSettings:
+    fields.check_keys(["buffers_percent", "max", "multipliers"])
+    default = TableSettings()
+    return TableSettings(
+        buffers_percent=_buffers(fields) if fields.has("buffers_percent") else default.buffers_percent,
+        with_max=fields.flag("max", default.with_max),
+        multipliers=_whole(fields, "multipliers", FEWEST_MULTIPLIERS, MOST_MULTIPLIERS, MULTIPLIERS),
+    )
+
+
+def _buffers(fields: Fields) -> tuple[float, ...]:
+    """A list of buffers, or from, to and step (%)."""
+    given = fields.data["buffers_percent"]
+    if isinstance(given, list):
+        buffers = [number(fields.source, f"{fields.prefix}buffers_percent[{i}]", x) for i, x in enumerate(given)]
+    else:
+        table = fields.table("buffers_percent")
+        table.check_keys(["from", "to", "step"])
+        first, last, step = (
+            number(table.source, table.prefix + key, table.data.get(key, MISSING)) for key in ("from", "to", "step")
+        )
+        if not step > 0:
+            raise table.error("step", step, "a number > 0")
+        if not 0 <= (last - first) / step < MOST_BUFFERS:
+            raise table.error("to", last, f"at least from, and at most {MOST_BUFFERS} buffers")
+        buffers = [round(first + step * i, 9) for i in range(int((last - first) / step + 1e-9) + 1)]
+    rising = all(a < b for a, b in pairwise(buffers))
+    if not buffers or not rising or not buffers[0] >= 0 or not buffers[-1] <= LARGEST_BUFFER_PERCENT:
+        raise fields.error("buffers_percent", given, f"rising numbers from 0 to {LARGEST_BUFFER_PERCENT:g}")
+    if len(buffers) > MOST_BUFFERS:
+        raise fields.error("buffers_percent", f"{len(buffers)} numbers", f"at most {MOST_BUFFERS}")
+    return tuple(buffers)
+
+
+def _whole(fields: Fields, key: str, least: int, most: int, default: int | None = None) -> int:
+    value: Any = fields.data.get(key, MISSING if default is None else default)
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise fields.error(key, value, f"a whole number from {least} to {most}")
+    return value
+
+
+def _texts(fields: Fields, key: str) -> list[str]:
+    """A list of different texts; empty where the key is missing."""
+    value = fields.data.get(key, [])
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value) or len(set(value)) < len(value):
+        raise fields.error(key, value, "a list of different texts")
+    return list(value)
+
+
+def _loaded(fields: Fields, key: str, kind: str, load: Callable[[str], _T]) -> _T:
+    """A bundled thing by name, or one from a file beside the plan."""
+    name = fields.text(key)
+    return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else _beside(fields, text)))
+
+
+def _beside(fields: Fields, name: str) -> str:
+    return str(fields.source.parent / name)
+
+
+def _in_plan(fields: Fields, key: str, value: str, read: Callable[[Any], _T]) -> _T:
+    """What `read` makes of a value; its DasError with the place in the plan in front."""
+    try:
+        return read(value)
+    except DasError as error:
+        raise DasError(f"{fields.source}: {fields.prefix}{key} = {value!r}: {error}") from error

@@ -1,0 +1,139 @@
+"""A folder of tables: who may write to it, what is finished in it, and the report of the last build."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from das.domain.errors import DasError
+from das.domain.files.writing import UNFINISHED, write_whole
+from das.table import MANIFEST, Table, TableError
+from precompute.tables.job import HASH_DIGITS, Job
+
+LOCK = ".lock"
+REPORT = "build.json"
+REPORT_VERSION = 1
+
+
+class Status(StrEnum):
+    """How a section of a build stands."""
+
+    BUILT = "built"
+    KEPT = "kept"
+    """Finished before, and nothing it depends on has changed."""
+    FAILED = "failed"
+    POISON = "poison"
+    """It took its worker down every time."""
+    PENDING = "pending"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a job: the reason where it failed, the seconds of the last attempt and how many there were."""
+
+    name: str
+    status: Status
+    reason: str = ""
+    seconds: float | None = None
+    attempts: int = 0
+    size_bytes: int | None = None
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Create the folder and hold it: DasError where it cannot be written to, or another build holds it.
+
+    The lock ends with the process, however that ends.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    except (FileExistsError, NotADirectoryError):
+        raise DasError(f"{folder}: is a file, expected a folder to write to") from None
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be written to ({error.strerror})") from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            pid = os.read(handle, 20).decode(errors="replace").strip() or "unknown"
+            raise DasError(f"{folder}: another build is writing to it (process {pid})") from None
+        os.ftruncate(handle, 0)
+        os.write(handle, f"{os.getpid()}\n".encode())
+        yield
+    finally:
+        os.close(handle)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed writers left."""
+    for path in folder.glob(f"{UNFINISHED}*"):
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def finished(folder: Path, job: Job) -> int | None:
+    """Size of the job's table (bytes) if it is there and whole (its hashes are `verify`'s), else None."""
+    try:
+        table = Table.open(folder / job.name)
+    except TableError:
+        return None
+    return table.size_bytes if table.manifest["table_sha256"] == job.key else None
+
+
+def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:
+    """Remove the tables of former inputs of sections that are done with their present ones; returns their names."""
+    wanted = {job.name for job in done}
+    labels = {job.label for job in done}
+    removed = []
+    for path in table_folders(folder):
+        label, _, digits = path.name.rpartition("_")
+        if label in labels and len(digits) == HASH_DIGITS and path.name not in wanted and (path / MANIFEST).is_file():
+            shutil.rmtree(path, ignore_errors=True)
+            removed.append(path.name)
+    return removed
+
+
+def table_folders(folder: Path) -> list[Path]:
+    """Folders of tables, by name; the folder itself where it is one. DasError where there is no such folder."""
+    if not folder.is_dir():
+        raise DasError(f"{folder}: no such folder")
+    if (folder / MANIFEST).is_file():
+        return [folder]
+    return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """The report of the last build; empty where there is none that can be read."""
+    try:
+        report = json.loads((folder / REPORT).read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return report if isinstance(report, dict) and report.get("schema_version") == REPORT_VERSION else {}
+
+
+def missing_tables(folder: Path) -> list[str]:
+    """Tables that the last build finished and that are not there any more."""
+    done = (Status.BUILT, Status.KEPT)
+    names = [section["name"] for section in read_report(folder).get("sections", []) if section["status"] in done]
+    return [name for name in names if not (folder / name).is_dir()]
+
+
+def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Write build.json; returns what it holds."""
+    counts = {str(status): sum(outcome.status is status for outcome in outcomes) for status in Status}
+    report = {
+        "schema_version": REPORT_VERSION,
+        **facts,
+        "counts": counts,
+        "sections": [asdict(outcome) for outcome in outcomes],
+    }
+    write_whole(folder / REPORT, json.dumps(report, ensure_ascii=False, indent=1).encode() + b"\n")
+    return report
