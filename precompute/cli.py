@@ -20,6 +20,7 @@ from das.domain.losses import Level
 from das.domain.units import KM, KMH
 from precompute.baselines import Strategy
 from precompute.calibrate import calibrate
+from precompute.journey_command import EXAMPLES, journey_command
 from precompute.loss_pictures import loss_map_command
 from precompute.pose import Pose
 from precompute.study.command import study
@@ -313,6 +314,7 @@ def _print_parameters(result: dict[str, Any]) -> None:
 
 app.command(epilog="Example: das-precompute study -o study --only fig9,table2")(study)
 app.command("calibrate", epilog="Example: das-precompute calibrate --check")(calibrate)
+app.command("journey", epilog=EXAMPLES)(journey_command)
 app.command("loss-map", epilog="Example: das-precompute loss-map re460-ic --plot map.png")(loss_map_command)
 
 

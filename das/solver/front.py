@@ -179,6 +179,9 @@ class Front:
             speed_mps=v_mps,
         )
 
+    def _ladder(self, index: int) -> _Policy:
+        return _Policy(price_w=float(self.lambda_w[index]), index=index)
+
     def _roll(self, state: _State, policy: _Policy) -> _Run:
         """The run under a policy."""
         section = self.section
@@ -227,8 +230,9 @@ class Front:
         rollout_kernels.one_step_totals(
             state.k0 + 1, state.speed_mps, length, float(state.constant_n[:n] @ step) / length,
             float(state.tunnel_n_per_mps2[:n] @ step) / length, float(state.floor_mps[n]), float(state.envelope_mps[n]),
-            len(state.decision) == 2, self.lambda_w, self.value_j, self.time_to_go_s, section.train,
-            section.loss_params, section.brakes is BrakePolicy.FRICTION, total, time_s,
+            len(state.decision) == 2 and bool(state.floor_mps[n] >= state.envelope_mps[n]), self.lambda_w,
+            self.value_j, self.time_to_go_s, section.train, section.loss_params,
+            section.brakes is BrakePolicy.FRICTION, total, time_s,
         )  # fmt: skip
         return total, time_s
 
@@ -239,6 +243,13 @@ class Front:
         total, _ = self.one_step_totals(state)
         known = total < tol.UNREACHABLE
         return float((total[known] - self.lambda_w[known] * time_s).max(initial=-math.inf))
+
+    def by_multiplier(self, s_m: float, v_mps: float) -> tuple[Floats, Floats]:
+        """Times (s) of the runs from a state under every multiplier of the ladder, and their least costs (J)."""
+        state = self._state(s_m, v_mps)
+        total_j, _ = self.one_step_totals(state)
+        times_s = [self._roll(state, self._ladder(index)).time_s for index in range(len(self.lambda_w))]
+        return np.array(times_s), total_j
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
         """Time of the fastest run from a state; raises as `trajectory` does."""
@@ -251,7 +262,7 @@ class Front:
         trajectory = trajectory_on(self.section, state, speeds)
         section = self.section
         ledger = trajectory.ledger(section.vehicle, section.loss)
-        ends_right = abs(speeds[-1] - section.end_speed_mps) <= tol.SPEED_TOLERANCE_MPS
+        ends_right = speeds[-1] >= section.floor_mps[-1] - tol.SPEED_TOLERANCE_MPS
         return Solution(
             trajectory=trajectory,
             ledger=ledger,
@@ -300,22 +311,19 @@ class _TimeSearch:
         front, last = self.front, len(self.front.lambda_w) - 1
         _, estimate_s = front.one_step_totals(self.state)
         index = int(np.clip(np.count_nonzero(estimate_s >= self.time_s) - 1, 0, last))
-        slow, quick = front._roll(self.state, self._ladder(index)), None
+        slow, quick = front._roll(self.state, front._ladder(index)), None
         while slow.time_s < self.time_s:
             if index == 0:
                 return slow, None, 0
             index, quick = index - 1, slow
-            slow = front._roll(self.state, self._ladder(index))
+            slow = front._roll(self.state, front._ladder(index))
         while quick is None and index < last:
-            faster = front._roll(self.state, self._ladder(index + 1))
+            faster = front._roll(self.state, front._ladder(index + 1))
             if faster.time_s <= self.time_s:
                 quick = faster
             else:
                 index, slow = index + 1, faster
         return slow, quick or self.quickest, index
-
-    def _ladder(self, index: int) -> _Policy:
-        return _Policy(price_w=float(self.front.lambda_w[index]), index=index)
 
     def _narrow(self, slow: _Run, quick: _Run, index: int) -> tuple[_Run, _Run, float]:
         """Move both runs towards the time by multipliers between two neighbours (Illinois false position)."""
@@ -361,15 +369,18 @@ class _TimeSearch:
         return best
 
 
-def solve_front(section: Section, *, threads: int = 2, lambda_w: Floats | None = None) -> Front:
+def solve_front(
+    section: Section, *, threads: int = 2, lambda_w: Floats | None = None, end_value_j: Floats | None = None
+) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
+    `end_value_j` (J + 1,): what lies ahead of a section with a free end speed costs, by the speeds of its last node.
     The transitions are computed once, in blocks of nodes; the sweeps run in blocks of multipliers. Both on `threads`
     threads (the kernels release the GIL and share nothing they write).
     """
     ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
     moves = transitions(section, threads=threads)
-    return sweep(section, moves, ladder, threads=threads)
+    return sweep(section, moves, ladder, threads=threads, end_value_j=end_value_j)
 
 
 def default_ladder(section: Section) -> Floats:
@@ -411,13 +422,17 @@ def transitions(section: Section, *, threads: int = 2) -> Transitions:
     return result
 
 
-def sweep(section: Section, moves: Transitions, lambda_w: Floats, *, threads: int = 2) -> Front:
-    """Backward sweeps of all multipliers over given transitions."""
+def sweep(
+    section: Section, moves: Transitions, lambda_w: Floats, *, threads: int = 2, end_value_j: Floats | None = None
+) -> Front:
+    """Backward sweeps of all multipliers over given transitions; `end_value_j` as for `solve_front`."""
     n, states = moves.count.shape
     size = len(lambda_w)
     value = np.empty((n + 1, states, size))
     time_to_go = np.empty((n + 1, states, size), np.float32)
     value[-1], time_to_go[-1] = 0.0, 0.0
+    if end_value_j is not None:
+        value[-1] = end_value_j[:, np.newaxis]
 
     def block(first: int, last: int) -> None:
         kernels.backward_sweep(

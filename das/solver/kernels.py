@@ -232,7 +232,7 @@ def step_cost(v0, v1, h, g, q, p, c, dissipative):
 def landings(v0, h, g, q, top, last, p, dissipative, out):
     """Fill `out` with the landing speeds worth trying from v0; returns how many, hardest brake first.
 
-    `top` is the envelope at the landing node; at the section's last node it is the only landing.
+    `top` is the envelope at the landing node; at the end of a section with one end speed it is the only landing.
     """
     high = landing_speed(v0, h, p.traction_power_w, p.traction_force_n, 1.0, g, q, p)
     if last:
@@ -283,7 +283,7 @@ def transitions(
     for k in range(first, last):
         h = node[k + 1] - node[k]
         top = envelope[k + 1]
-        final = k == n - 1
+        final = k == n - 1 and floor[k + 1] >= top
         for j in range(steps + 1):
             v0 = grid_speed(floor[k], envelope[k], j, steps)
             count[k, j] = 0

@@ -89,8 +89,9 @@ def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value
     if m == 0:
         return -1.0, INFEASIBLE
     if final:
-        dt, energy = step_cost(v0, out[0], h, g, q, p, c, dissipative)
-        return out[0], energy + price * dt
+        return out[0], _total_cost(
+            v0, out[0], h, g, q, p, c, dissipative, price, value, time_to_go, k, floor, top, a, offset, gap
+        )
     best = INFEASIBLE
     choice = -1.0
     left = out[0]
@@ -213,6 +214,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, floor, envelope, v
     for m in range(n):
         i0 = decision[m]
         i1 = decision[m + 1]
+        final = m == n - 1 and floor[i1] >= envelope[i1]
         h = 0.0
         gh = 0.0
         qh = 0.0
@@ -228,7 +230,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, floor, envelope, v
             qh / h,
             floor[i1],
             envelope[i1],
-            m == n - 1,
+            final,
             price,
             a,
             offset,
@@ -245,7 +247,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, floor, envelope, v
             landing = envelope[i1]
         landing = max(landing, floor[i1])
         full = landing_speed(v[i0], h, p.traction_power_w, p.traction_force_n, 1.0, gh / h, qh / h, p)
-        creeping = m == n - 1 and v[i0] < CREEP_MPS
+        creeping = final and v[i0] < CREEP_MPS
         if landing >= full or creeping:
             # The decision step's full traction is a little rough: integrate it finely.
             moving = hurry(i0, i1, step, g, q, envelope, p, v)
