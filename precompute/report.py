@@ -82,13 +82,7 @@ def _parameters(answer: Answer) -> dict[str, Any]:
 
 def draw_solution(path: Path, section: Section, answer: Answer) -> None:
     """Speed with limit, altitude, and wheel forces over the line, as a PNG."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise DasError("--plot needs matplotlib: install the extra, pip install '.[view]' in the checkout") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
+    pyplot = offscreen_pyplot()
     run = answer.trajectory
     x_km = run.s_m / KM
     figure, (speed, altitude, force) = pyplot.subplots(
@@ -120,6 +114,18 @@ def draw_solution(path: Path, section: Section, answer: Answer) -> None:
     figure.savefig(buffer, format="png", dpi=120)
     pyplot.close(figure)
     write_whole(path, buffer.getvalue())
+
+
+def offscreen_pyplot() -> Any:
+    """matplotlib.pyplot that draws without a screen; DasError where it is missing."""
+    try:
+        import matplotlib
+    except ImportError:
+        raise DasError("--plot needs matplotlib: install the extra, pip install '.[view]' in the checkout") from None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
 
 
 def _altitude(section: Section, s_m: Any) -> Any:

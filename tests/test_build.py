@@ -444,7 +444,7 @@ def test_a_cluster_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(cluster, "CONNECT_WITHIN_S", 0.5)
     with pytest.raises(DasError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers"):
         list(cluster.solve_on_cluster([job(1)], tmp_path, "tcp://127.0.0.1:9"))
-    with pytest.raises(DasError, match="--scheduler 127.0.0.1:9: expected an address like tcp://HOST:8786"):
+    with pytest.raises(DasError, match=r"--scheduler 127.0.0.1:9: expected an address like tcp://HOST:8786"):
         list(cluster.solve_on_cluster([job(1)], tmp_path, "127.0.0.1:9"))
 
 

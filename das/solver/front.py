@@ -214,7 +214,8 @@ class Front:
         rollout_kernels.one_step_totals(
             state.k0 + 1, state.speed_mps, length, float(state.constant_n[:n] @ step) / length,
             float(state.tunnel_n_per_mps2[:n] @ step) / length, float(state.floor_mps[n]), float(state.envelope_mps[n]),
-            len(state.decision) == 2, self.lambda_w, self.value_j, self.time_to_go_s,
+            len(state.decision) == 2 and bool(state.floor_mps[n] >= state.envelope_mps[n]), self.lambda_w,
+            self.value_j, self.time_to_go_s,
             kernels.on_supply(section.train, state.supply[0]), section.loss_params, total, time_s,
         )  # fmt: skip
         return total, time_s
@@ -233,6 +234,13 @@ class Front:
     def ladder_times_s(self) -> Floats:
         """Time of the whole section under every multiplier, as the policies know it (s)."""
         return self.one_step_totals(self._state(None, None))[1]
+
+    def by_multiplier(self, s_m: float, v_mps: float) -> tuple[Floats, Floats]:
+        """Times (s) of the runs from a state under every multiplier of the ladder, and their least costs (J)."""
+        state = self._state(s_m, v_mps)
+        total_j, _ = self.one_step_totals(state)
+        policies = (_Policy(price_w=float(price), index=i) for i, price in enumerate(self.lambda_w))
+        return np.array([self._roll(state, policy).time_s for policy in policies]), total_j
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
         """Time of the fastest run from a state; raises as `trajectory` does."""
@@ -253,7 +261,7 @@ class Front:
         trajectory = trajectory_on(self.section, state, speeds)
         section = self.section
         ledger = trajectory.ledger(section.vehicle, section.loss)
-        ends_right = abs(speeds[-1] - section.end_speed_mps) <= tol.SPEED_TOLERANCE_MPS
+        ends_right = speeds[-1] >= section.floor_mps[-1] - tol.SPEED_TOLERANCE_MPS
         return Solution(
             trajectory=trajectory,
             ledger=ledger,
@@ -401,10 +409,16 @@ class _TimeSearch:
 
 
 def solve_front(
-    section: Section, *, threads: int = 2, lambda_w: Floats | None = None, block_nodes: int = BLOCK_NODES
+    section: Section,
+    *,
+    threads: int = 2,
+    lambda_w: Floats | None = None,
+    end_value_j: Floats | None = None,
+    block_nodes: int = BLOCK_NODES,
 ) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
+    `end_value_j` (J + 1,): what lies ahead of a section with a free end speed costs, by the speeds of its last node.
     From the end in blocks of decision nodes: first the transitions of a block, each thread some of its nodes, then the
     sweep through it, each thread some of the multipliers (the kernels release the GIL and share nothing they write).
     Only one block's transitions are kept: all of them together would be as large as the result, and fresh memory is
@@ -414,7 +428,8 @@ def solve_front(
     grid = DecisionGrid.of(section)
     n, states, size = len(grid.node_m) - 1, grid.speed_steps + 1, len(ladder)
     value, time_to_go = np.empty((n + 1, states, size)), np.empty((n + 1, states, size), np.float32)
-    value[-1], time_to_go[-1] = 0.0, 0.0
+    value[-1] = 0.0 if end_value_j is None else end_value_j[:, np.newaxis]
+    time_to_go[-1] = 0.0
     working_space = Transitions.empty(min(block_nodes, n), states)
     with ThreadPoolExecutor(threads) as pool:
         for end in range(n, 0, -block_nodes):

@@ -303,7 +303,7 @@ def step_cost(v0, v1, h, g, q, p, c):
 def landings(v0, h, g, q, top, last, p, out):
     """Fill `out` with the landing speeds worth trying from v0; returns how many, hardest brake first.
 
-    `top` is the envelope at the landing node; at the section's last node it is the only landing.
+    `top` is the envelope at the landing node; at the end of a section with one end speed it is the only landing.
     """
     high = landing_speed(v0, h, 1.0, g, q, p)
     if last:
@@ -355,7 +355,7 @@ def transitions(
         h = node[k + 1] - node[k]
         here = on_supply(p, supply[k])
         top = envelope[k + 1]
-        final = k == n - 1
+        final = k == n - 1 and floor[k + 1] >= top
         row = k - first
         for j in range(steps + 1):
             v0 = grid_speed(floor[k], envelope[k], j, steps)

@@ -45,7 +45,7 @@ def first_step(s, v0, node, decision, step, g, q, u, floor, envelope, p):
         h += step[j]
         gh += g[j] * step[j]
         qh += q[j] * step[j]
-    final = k == decision.size - 1
+    final = k == decision.size - 1 and floor[last] >= envelope[last]
     return FirstStep(k, v0, h, gh / h, qh / h, floor[last], envelope[last], final, on_supply(p, u[i - 1]))
 
 

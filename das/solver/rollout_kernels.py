@@ -141,7 +141,8 @@ def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value
         return -1.0, INFEASIBLE
     if final:
         dt, energy = step_cost(v0, out[0], h, g, q, p, c)
-        return out[0], energy + price * dt
+        blended_values(value, time_to_go, k, 0, 0, a, offset, gap, row)
+        return out[0], energy + price * dt + row[0]
     left = out[0]
     right = out[0]
     for i in range(m):
@@ -263,6 +264,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, u, floor, envelope
     for m in range(n):
         i0 = decision[m]
         i1 = decision[m + 1]
+        final = m == n - 1 and floor[i1] >= envelope[i1]
         h = 0.0
         gh = 0.0
         qh = 0.0
@@ -279,7 +281,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, u, floor, envelope
             qh / h,
             floor[i1],
             envelope[i1],
-            m == n - 1,
+            final,
             price,
             a,
             offset,
@@ -296,7 +298,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, u, floor, envelope
             landing = envelope[i1]
         landing = max(landing, floor[i1])
         full = landing_speed(v[i0], h, 1.0, gh / h, qh / h, here)
-        creeping = m == n - 1 and v[i0] < CREEP_MPS
+        creeping = final and v[i0] < CREEP_MPS
         if landing >= full or creeping:
             # The decision step's full traction is a little rough: integrate it finely.
             moving = hurry(i0, i1, step, g, q, u, envelope, p, v)

@@ -28,6 +28,17 @@ SUBSTEP_SPEED_RATIO: Final = 0.005
 """Within a step of integration the speed of the fastest run changes by at most about this ratio."""
 MAX_SUBSTEPS: Final = 80
 """Most steps of integration in one step of the decision grid."""
+LADDER_IDLE_RATIOS: Final = (0.99, 0.95, 0.8, 0.5, 0.2)
+"""Below 0 a journey's ladder has these multiples of the train's idle loss: for a window that asks for a run slower than
+that of least energy. At -1 a standing train would cost nothing; the first is the slowest run that is thought of."""
+JOURNEY_FRONTS_BYTES: Final = 400_000_000
+"""Fronts of a journey's sections are kept up to this size; the others are solved once more when they are needed."""
+JOURNEY_TIME_TOLERANCE_S: Final = 0.002
+"""A journey's runs hit their times to within this, for they add up."""
+PASSING_SPEED_STEP_MPS: Final = 1e-6
+"""To within this the slowest speed is known at which a passing is not too late for what follows."""
+PASSING_BAND_RATIO: Final = 1e-3
+"""A passing at one given speed is kept to within this."""
 MIN_STEP_M: Final = 1e-3
 """Breakpoints nearer than this are one."""
 SPEED_TOLERANCE_MPS: Final = 1e-6

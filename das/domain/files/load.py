@@ -1,4 +1,4 @@
-"""Vehicles and routes by bundled name or by file."""
+"""Vehicles, routes and journeys by bundled name or by file."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from importlib.resources import files
 from pathlib import Path
 
 from das.domain.errors import DasError
-from das.domain.files import native, ttobench
+from das.domain.files import journey_toml, native, ttobench
+from das.domain.journey import Journey
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 
 
 def catalogue(kind: str) -> dict[str, Path]:
-    """Bundled files of a kind ("vehicles" or "routes") by name."""
+    """Bundled files of a kind ("vehicles", "routes" or "journeys") by name."""
     folder = Path(str(files("das.domain") / "catalogue" / kind))
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
@@ -27,6 +28,18 @@ def load_route(name_or_path: str) -> Route:
     """A bundled route, a native TOML file or a TTOBench JSON track; raises DasError for anything unusable."""
     path = locate_route(name_or_path)
     return ttobench.read_track(path) if path.suffix.lower() == ".json" else native.read_route(path)
+
+
+def load_journey(name_or_path: str, route: Route) -> Journey:
+    """A bundled journey, a native TOML file or a TTOBench JSON journey, on a route.
+
+    Raises DasError for anything unusable, and where a point of the journey is not on the route.
+    """
+    path = _locate(name_or_path, "journeys")
+    json = path.suffix.lower() == ".json"
+    journey = ttobench.read_journey(path) if json else journey_toml.read_journey(path, route)
+    journey.check_on(route)
+    return journey
 
 
 def locate_vehicle(name_or_path: str) -> Path:

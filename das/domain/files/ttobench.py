@@ -1,7 +1,8 @@
-"""Reader for TTOBench tracks and trains (Kouzoupis, Pendharkar, Corman 2023): JSON that states each unit."""
+"""Reader for TTOBench tracks, trains and journeys (Kouzoupis, Pendharkar, Corman 2023): JSON that states each unit."""
 
 from __future__ import annotations
 
+from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from das.domain.errors import MISSING, InputError
 from das.domain.files.reading import Fields, number, read_json
+from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import Route, Stop, Stretches, Tunnel
 from das.domain.units import FACTORS, to_si
@@ -103,6 +105,53 @@ def read_track(path: Path) -> Route:
     )
 
 
+_TIMING = {
+    "position": "length",
+    "lower time constraint": "time",
+    "upper time constraint": "time",
+    "lower speed constraint": "speed",
+    "upper speed constraint": "speed",
+}
+"""Columns of a journey's timing points, and what an open bound (null) means, in order."""
+_OPEN = (None, -np.inf, np.inf, 0.0, np.inf)
+
+
+def read_journey(path: Path) -> Journey:
+    """Read a TTOBench journey; its points are named by their position, for the format has no names.
+
+    Two rows at one position are the arrival and the departure of a stop; one row with both speeds 0 is a stop without
+    a dwell, any other a passing. Null is an open bound. Raises DasError for a missing file, InputError (file, key,
+    value, expectation) for anything unusable in it.
+    """
+    fields = read_json(path)
+    rows = _rows(fields, "timing points", *_TIMING.items(), missing=_OPEN)
+    groups = [list(group) for _, group in groupby(rows, key=lambda row: row[0])]
+    last = len(groups) - 1
+    points = tuple(_timing_point(fields, group, first=i == 0, last=i == last) for i, group in enumerate(groups))
+    identity = _identity(fields)
+    return Journey(id=identity, name=identity, source=str(path), points=points)
+
+
+def _timing_point(fields: Fields, rows: list[list[float]], *, first: bool, last: bool) -> Call | Passing:
+    """A point of a journey from its rows (SI): one, or two for a stop with a dwell."""
+    position_m = rows[0][0]
+    name = f"{position_m:g} m"
+    windows = [Window(earliest_s=row[1], latest_s=row[2]) for row in rows]
+    if len(rows) == 1 and rows[0][4] > 0:
+        return Passing(
+            name=name, position_m=position_m, window=windows[0], lowest_mps=rows[0][3], highest_mps=rows[0][4]
+        )
+    if len(rows) > 2 or any(row[3] != 0 or row[4] != 0 for row in rows):
+        raise fields.error(f"timing points at {name}", f"{len(rows)} rows", "one, or two with speeds 0: a stop")
+    if first or last:
+        if len(rows) > 1:
+            raise fields.error(f"timing points at {name}", "2 rows", "one row at an end of the journey")
+        open_end = Window()
+        arrival, departure = (open_end, windows[0]) if first else (windows[0], open_end)
+        return Call(name=name, position_m=position_m, arrival=arrival, departure=departure)
+    return Call(name=name, position_m=position_m, arrival=windows[0], departure=windows[-1])
+
+
 def curvature_stretches(source: str, rows: list[list[float]]) -> Stretches:
     """Mean |curvature| of each stretch from rows of position and signed radii at its start and end (m).
 
@@ -155,8 +204,13 @@ def _stop_positions(fields: Fields) -> list[float]:
     return [to_si(number(fields.source, f"stops.values[{i}]", x), unit, "length") for i, x in enumerate(values)]
 
 
-def _rows(fields: Fields, key: str, *columns: tuple[str, str]) -> list[list[float]]:
-    """`{"units": {column: unit}, "values": [[…], …]}` in SI; "infinity" is a number here."""
+def _rows(
+    fields: Fields, key: str, *columns: tuple[str, str], missing: tuple[float | None, ...] = ()
+) -> list[list[float]]:
+    """`{"units": {column: unit}, "values": [[…], …]}` in SI; "infinity" is a number here.
+
+    `missing`: what null stands for in each column, None where it is refused (default: everywhere).
+    """
     table = fields.table(key)
     units_table = table.table("units")
     units = [
@@ -165,13 +219,22 @@ def _rows(fields: Fields, key: str, *columns: tuple[str, str]) -> list[list[floa
     values = table.data.get("values", MISSING)
     if not isinstance(values, list) or not values:
         raise table.error("values", values, "a list of rows")
-    return [_row(fields, f"{key}.values[{i}]", row, columns, units) for i, row in enumerate(values)]
+    missing = missing or (None,) * len(columns)
+    return [_row(fields, f"{key}.values[{i}]", row, columns, units, missing) for i, row in enumerate(values)]
 
 
-def _row(fields: Fields, key: str, row: Any, columns: tuple[tuple[str, str], ...], units: list[str]) -> list[float]:
+def _row(
+    fields: Fields,
+    key: str,
+    row: Any,
+    columns: tuple[tuple[str, str], ...],
+    units: list[str],
+    missing: tuple[float | None, ...],
+) -> list[float]:
     if not isinstance(row, list) or len(row) != len(columns):
         raise fields.error(key, row, f"{len(columns)} numbers: {', '.join(name for name, _ in columns)}")
     cells = [float(cell) if cell in ("infinity", "-infinity") else cell for cell in row]
+    cells = [default if cell is None else cell for cell, default in zip(cells, missing, strict=True)]
     return [
         to_si(number(fields.source, f"{key}.{name}", cell), unit, dimension)
         for cell, unit, (name, dimension) in zip(cells, units, columns, strict=True)

@@ -1,0 +1,111 @@
+"""Reader for the project's own TOML files of journeys (format: docs/file-formats.md)."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from das.domain.errors import MISSING, DasError
+from das.domain.files.native import SCHEMA_VERSION
+from das.domain.files.reading import Fields, read_toml
+from das.domain.journey import Call, Journey, Passing, Window
+from das.domain.route import Route
+
+_CLOCK = re.compile(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
+_PLACE = {"position": "length"}
+_SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
+
+
+def read_journey(path: Path, route: Route) -> Journey:
+    """Read a journey on a route; raises DasError or InputError (file, key, value, expectation) where it is unusable."""
+    fields = read_toml(path)
+    fields.check_schema_version(SCHEMA_VERSION)
+    fields.check_keys(["schema_version", "journey", "stops", "passings"])
+    main = fields.table("journey")
+    main.check_keys(["id", "name", "source", "description", "route"])
+    if main.text("route", route.id) != route.id:
+        raise main.error("route", main.text("route"), f"{route.id}, the route it is planned on")
+    points: list[Call | Passing] = [_call(table, route) for table in _tables(fields, "stops")]
+    points += [_passing(table, route) for table in _tables(fields, "passings")]
+    return Journey(
+        id=main.text("id"),
+        name=main.text("name"),
+        source=str(path),
+        points=tuple(sorted(points, key=lambda point: point.position_m)),
+    )
+
+
+def _tables(fields: Fields, key: str) -> list[Fields]:
+    entries = fields.data.get(key, [])
+    if not isinstance(entries, list):
+        raise fields.error(key, entries, f"a list of [[{key}]]")
+    return [Fields.of(fields.source, entry, f"{key}[{i}].") for i, entry in enumerate(entries)]
+
+
+def _call(fields: Fields, route: Route) -> Call:
+    times = ("arrival_earliest", "arrival", "departure", "departure_latest")
+    fields.check_keys([*_place_keys(fields), *_time_keys(fields, *times), *fields.quantity_keys({"dwell": "time"})])
+    name, position_m = _place(fields, route)
+    return Call(
+        name=name,
+        position_m=position_m,
+        arrival=_window(fields, "arrival_earliest", "arrival"),
+        departure=_window(fields, "departure", "departure_latest"),
+        dwell_s=fields.quantity("dwell", "time", 0.0),
+    )
+
+
+def _passing(fields: Fields, route: Route) -> Passing:
+    fields.check_keys([*_place_keys(fields), *_time_keys(fields, "earliest", "latest"), *fields.quantity_keys(_SPEEDS)])
+    name, position_m = _place(fields, route)
+    return Passing(
+        name=name,
+        position_m=position_m,
+        window=_window(fields, "earliest", "latest"),
+        lowest_mps=fields.quantity("lowest_speed", "speed", 0.0),
+        highest_mps=fields.quantity("highest_speed", "speed", math.inf),
+    )
+
+
+def _place_keys(fields: Fields) -> list[str]:
+    return ["stop", "name", *fields.quantity_keys(_PLACE)]
+
+
+def _place(fields: Fields, route: Route) -> tuple[str, float]:
+    """Name and position (m): a stop of the route, or a position with a name of its own."""
+    given = [key for key in fields.quantity_keys(_PLACE) if fields.has(key)]
+    if not fields.has("stop"):
+        return fields.text("name"), fields.quantity("position", "length")
+    for key in ("name", *given):
+        if fields.has(key):
+            raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
+    try:
+        stop = route.stop(fields.text("stop"))
+    except DasError as error:
+        raise fields.error("stop", fields.data["stop"], f"a stop of the route ({error})") from None
+    return stop.name, stop.position_m
+
+
+def _time_keys(fields: Fields, *names: str) -> list[str]:
+    return [*names, *fields.quantity_keys(dict.fromkeys(names, "time"))]
+
+
+def _window(fields: Fields, earliest: str, latest: str) -> Window:
+    return Window(earliest_s=_time_s(fields, earliest, -math.inf), latest_s=_time_s(fields, latest, math.inf))
+
+
+def _time_s(fields: Fields, name: str, default: float) -> float:
+    """A time as text (`arrival = "07:12:30"`, from midnight) or as a quantity (`arrival_s = 450`)."""
+    value: Any = fields.data.get(name, MISSING)
+    if value is MISSING:
+        return fields.quantity(name, "time", default)
+    match = _CLOCK.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise fields.error(name, value, f'a time in quotes like "07:12:30", or {name}_s')
+    for key in fields.quantity_keys({name: "time"}):
+        if fields.has(key):
+            raise fields.error(key, fields.data[key], f"only one of {name} and {key}")
+    hours, minutes, seconds = match.groups()
+    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds or 0.0)

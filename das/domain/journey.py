@@ -1,0 +1,179 @@
+"""A journey: the stops and passing points of one train with the times it must keep there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
+from typing import Self
+
+from das.domain.errors import InputError
+from das.domain.route import POSITION_TOLERANCE_M, Route, Stop
+from das.domain.units import KMH
+
+LEAST_SPACING_M = 1.0
+"""Two points of a journey are at least this far apart."""
+
+
+class Held(StrEnum):
+    """Which bound of its window a time is at."""
+
+    FREE = "free"
+    EARLIEST = "earliest"
+    LATEST = "latest"
+    FIXED = "fixed"
+    """The window is one time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """When something may happen (s on the journey's clock); infinite bounds are open."""
+
+    earliest_s: float = -math.inf
+    latest_s: float = math.inf
+
+    def held_at(self, time_s: float, tolerance_s: float) -> Held:
+        """The bound that a time is at."""
+        early, late = (abs(bound_s - time_s) <= tolerance_s for bound_s in (self.earliest_s, self.latest_s))
+        if early and late:
+            return Held.FIXED
+        return Held.EARLIEST if early else Held.LATEST if late else Held.FREE
+
+
+ANY_TIME = Window()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Call:
+    """A stop of the train: arrival, departure (never before its earliest) and a least dwell between them."""
+
+    name: str
+    position_m: float
+    arrival: Window = ANY_TIME
+    departure: Window = ANY_TIME
+    dwell_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Passing:
+    """A point passed within a window of time and between two speeds."""
+
+    name: str
+    position_m: float
+    window: Window = ANY_TIME
+    lowest_mps: float = 0.0
+    highest_mps: float = math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Journey:
+    """Stops and passing points in the order of the run, the first and the last of them stops.
+
+    Times count on one clock, its zero is the journey's own (midnight, or the departure). Known at least: the earliest
+    departure from the first stop and the latest arrival at the last.
+    """
+
+    id: str
+    name: str
+    source: str
+    points: tuple[Call | Passing, ...]
+
+    def __post_init__(self) -> None:
+        for key, ends in (("first point", self.points[:1]), ("last point", self.points[-1:])):
+            if len(self.points) < 2 or not isinstance(ends[0], Call):
+                raise InputError(self.source, key, len(self.points), "a stop (a journey has at least two)")
+        self._check_ends(self.calls[0], self.calls[-1])
+        for point in self.points:
+            _check_point(self.source, point)
+        for before, point in pairwise(self.points):
+            if not point.position_m >= before.position_m + LEAST_SPACING_M:
+                expected = f"at least {LEAST_SPACING_M:g} m after {before.name} ({before.position_m:g} m)"
+                raise InputError(self.source, f"position of {point.name}", f"{point.position_m:g} m", expected)
+        self._check_order()
+
+    @classmethod
+    def over_stops(cls, stops: Sequence[Stop], *, time_s: float, dwell_s: float) -> Self:
+        """From the first to the last stop in `time_s`, calling at all of them for at least `dwell_s`.
+
+        Nothing but the departure (0 s) and the last arrival is timed, so the split of the time is free.
+        Raises InputError where that is not a journey.
+        """
+        first, *inner, last = stops
+        calls = [Call(name=x.name, position_m=x.position_m, dwell_s=dwell_s) for x in inner]
+        start = Call(name=first.name, position_m=first.position_m, departure=Window(earliest_s=0.0, latest_s=0.0))
+        end = Call(name=last.name, position_m=last.position_m, arrival=Window(latest_s=time_s))
+        name = f"{first.name} – {last.name}, all stops"
+        return cls(id="stops", name=name, source="stops", points=(start, *calls, end))
+
+    @property
+    def calls(self) -> tuple[Call, ...]:
+        """The stops of the journey."""
+        return tuple(point for point in self.points if isinstance(point, Call))
+
+    def check_on(self, route: Route) -> None:
+        """Raise InputError for a point that does not lie on the route."""
+        for point in self.points:
+            if not 0 <= point.position_m <= route.length_m + POSITION_TOLERANCE_M:
+                expected = f"a position on {route.id}, 0 … {route.length_m:g} m"
+                raise InputError(self.source, f"position of {point.name}", f"{point.position_m:g} m", expected)
+
+    def _check_ends(self, first: Call, last: Call) -> None:
+        for key, call, unused in (("arrival", first, first.arrival), ("departure", last, last.departure)):
+            if unused != ANY_TIME or call.dwell_s:
+                raise InputError(
+                    self.source, f"{key} or dwell of {call.name}", "given", "none at an end of the journey"
+                )
+        if not math.isfinite(first.departure.earliest_s):
+            raise InputError(
+                self.source, f"departure of {first.name}", None, "an earliest time: the journey begins there"
+            )
+        if not math.isfinite(last.arrival.latest_s):
+            raise InputError(self.source, f"arrival at {last.name}", None, "a latest time: the journey ends by then")
+
+    def _check_order(self) -> None:
+        """No time may be over before the one before it can be."""
+        reached_s, since = -math.inf, ""
+        for key, window, dwell_s in self._windows():
+            reached_s += dwell_s
+            if window.latest_s < reached_s:
+                expected = f"at least {reached_s:g} s, for {since} cannot be earlier"
+                raise InputError(self.source, f"{key}, latest", f"{window.latest_s:g} s", expected)
+            if window.earliest_s > reached_s:
+                reached_s, since = window.earliest_s, key
+
+    def _windows(self) -> Iterator[tuple[str, Window, float]]:
+        """Every time of the journey in order: what it is, its window, and the least dwell before it."""
+        for point in self.points:
+            if isinstance(point, Call):
+                yield f"arrival at {point.name}", point.arrival, 0.0
+                yield f"departure of {point.name}", point.departure, point.dwell_s
+            else:
+                yield f"passing {point.name}", point.window, 0.0
+
+
+def _check_point(source: str, point: Call | Passing) -> None:
+    if not math.isfinite(point.position_m):
+        raise InputError(source, f"position of {point.name}", point.position_m, "a finite number")
+    windows = (point.arrival, point.departure) if isinstance(point, Call) else (point.window,)
+    for window in windows:
+        # Written so that NaN is refused as well.
+        if not (window.earliest_s <= window.latest_s and window.earliest_s < math.inf and window.latest_s > -math.inf):
+            shown = f"{window.earliest_s:g} … {window.latest_s:g} s"
+            raise InputError(source, f"times of {point.name}", shown, "an earliest time not after the latest")
+    if isinstance(point, Call):
+        if not 0 <= point.dwell_s < math.inf:
+            raise InputError(source, f"dwell of {point.name}", point.dwell_s, "a finite number >= 0")
+    elif not (0 <= point.lowest_mps <= point.highest_mps and point.highest_mps > 0 and point.lowest_mps < math.inf):
+        shown = f"{point.lowest_mps / KMH:g} … {point.highest_mps / KMH:g} km/h"
+        raise InputError(
+            source, f"speeds of {point.name}", shown, "a lowest speed >= 0 not above the highest, that > 0"
+        )
+
+
+def clock(time_s: float) -> str:
+    """A time as hours, minutes and seconds."""
+    tenths = round(10 * abs(time_s))
+    sign = "-" if time_s < 0 and tenths else ""
+    return f"{sign}{tenths // 36000}:{tenths // 600 % 60:02}:{tenths // 10 % 60:02}.{tenths % 10}"

@@ -1,0 +1,181 @@
+"""The hops of a journey: its sections from stop to stop, with the passing points as nodes that keep their speeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import InfeasibleError
+from das.domain.journey import Call, Journey, Passing
+from das.domain.losses import Level
+from das.domain.route import Route, Stretches
+from das.domain.units import KMH
+from das.domain.vehicle import Vehicle
+from das.solver import kernels, rollout_kernels
+from das.solver import tolerances as tol
+from das.solver.section import LineProfile, Section, build_section
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hop:
+    """A section between two stops of a journey.
+
+    `places` holds the integration nodes of the start, the passings and the end, `least_s` the times at which the
+    fastest run reaches them and `fastest_mps` its speeds at all nodes.
+    """
+
+    start: Call
+    end: Call
+    passings: tuple[Passing, ...]
+    section: Section
+    places: tuple[int, ...]
+    least_s: Floats
+    fastest_mps: Floats
+
+    def part(self, first: int, last: int, least_end_mps: float = 0.0) -> Section:
+        """The section between two places; it ends at any speed from `least_end_mps` where the last is a passing.
+
+        It begins at whatever speed it is asked for: its start and end speeds are those of the hop.
+        """
+        section, a, b = self.section, self.places[first], self.places[last]
+        of_intervals = [field.name for field in fields(LineProfile) if field.name != "node_m"]
+        inside = (section.decision >= a) & (section.decision <= b)
+        floor = section.floor_mps[: b + 1].copy()
+        if least_end_mps > floor[-1]:
+            floor = _run_up(section, b, least_end_mps)
+        return replace(
+            section,
+            **{name: getattr(section, name)[a:b] for name in of_intervals},
+            node_m=section.node_m[a : b + 1],
+            start_m=float(section.node_m[a]),
+            end_m=float(section.node_m[b]),
+            floor_mps=floor[a:],
+            envelope_mps=section.envelope_mps[a : b + 1],
+            decision=section.decision[inside] - a,
+        )
+
+
+def build_hops(
+    journey: Journey, route: Route, vehicle: Vehicle, *, level: Level | None = None, point_mass: bool = False
+) -> tuple[Hop, ...]:
+    """The hops of a journey on a route.
+
+    Raises as `build_section` does, and InfeasibleError where a passing's speeds cannot be kept.
+    """
+    journey.check_on(route)
+    hops = []
+    for start, end in pairwise(journey.calls):
+        inside = (start.position_m, end.position_m)
+        passings = tuple(
+            point for point in journey.points if isinstance(point, Passing) and inside[0] < point.position_m < inside[1]
+        )
+        hops.append(_hop(route, vehicle, start, end, passings, level, point_mass))
+    return tuple(hops)
+
+
+def _hop(
+    route: Route,
+    vehicle: Vehicle,
+    start: Call,
+    end: Call,
+    passings: tuple[Passing, ...],
+    level: Level | None,
+    point_mass: bool,
+) -> Hop:
+    section = build_section(
+        _with_breakpoints(route, [passing.position_m for passing in passings]),
+        vehicle,
+        level=level,
+        start_m=start.position_m,
+        end_m=end.position_m,
+        point_mass=point_mass,
+    )
+    nodes = section.node_m
+    inner = [int(np.argmin(np.abs(nodes - passing.position_m))) for passing in passings]
+    # From the last to the first: a speed ahead bounds those before it.
+    for node, passing in zip(reversed(inner), reversed(passings), strict=True):
+        section = _bounded(section, node, passing)
+    speeds = _fastest_mps(section)
+    for node, passing in zip(inner, passings, strict=True):
+        if speeds[node] < section.floor_mps[node] - tol.SPEED_TOLERANCE_MPS:
+            raise _speed_error(section, passing, 0.0, float(speeds[node]))
+    places = [0, *inner, len(nodes) - 1]
+    return Hop(
+        start=start,
+        end=end,
+        passings=passings,
+        section=section,
+        places=tuple(places),
+        least_s=elapsed_s(section, speeds)[places],
+        fastest_mps=speeds,
+    )
+
+
+def elapsed_s(line: LineProfile, speeds_mps: Floats) -> Floats:
+    """Times (s, from 0) at the nodes of a line, at constant acceleration between them."""
+    return np.concatenate(([0.0], np.cumsum(2.0 * line.step_m / (speeds_mps[:-1] + speeds_mps[1:]))))
+
+
+def _with_breakpoints(route: Route, position_m: list[float]) -> Route:
+    """The same route with breakpoints, and so decision nodes, at the given positions."""
+    limits = route.limits_mps
+    start_m = np.unique(np.concatenate((limits.start_m, position_m)))
+    return replace(route, limits_mps=Stretches(start_m=start_m, value=limits.at(start_m)))
+
+
+def _bounded(section: Section, node: int, passing: Passing) -> Section:
+    """The section with a passing's speeds kept at an integration node: envelope and floor before it change.
+
+    The band between them is at least `PASSING_BAND_RATIO` wide, so that the speed grid has one.
+    """
+    possible = float(section.floor_mps[node]), float(section.envelope_mps[node])
+    lowest, highest = max(passing.lowest_mps, possible[0]), min(passing.highest_mps, possible[1])
+    if lowest > highest:
+        raise _speed_error(section, passing, *possible)
+    envelope, floor = section.envelope_mps.copy(), section.floor_mps.copy()
+    if highest < envelope[node]:
+        before = slice(None, node)
+        step, constant, tunnel, supply = (array[before] for array in section.for_kernels)
+        envelope[: node + 1], stuck = kernels.braking_envelope(
+            step, constant, tunnel, supply, section.limit_mps[before], highest, section.train
+        )
+        if stuck >= 0:
+            raise InfeasibleError(
+                f"{section.route.source}: passing {passing.name} at {highest / KMH:.1f} km/h: the train cannot brake "
+                f"to it on the descent at {section.node_m[stuck]:.0f} m"
+            )
+    section = replace(section, envelope_mps=envelope)
+    if passing.lowest_mps > floor[node]:
+        floor[: node + 1] = _run_up(section, node, min(lowest, highest * (1.0 - tol.PASSING_BAND_RATIO)))
+    return replace(section, floor_mps=np.minimum(floor, envelope))
+
+
+def _run_up(section: Section, node: int, least_mps: float) -> Floats:
+    """Slowest speeds up to an integration node from which it is still reached at `least_mps`."""
+    before = slice(None, node)
+    envelope = section.envelope_mps[: node + 1].copy()
+    envelope[-1] = least_mps
+    step, constant, tunnel, supply = (array[before] for array in section.for_kernels)
+    run_up: Floats = kernels.climbing_floor(step, constant, tunnel, supply, envelope, 0.0, section.train)
+    return np.maximum(run_up, section.floor_mps[: node + 1])
+
+
+def _fastest_mps(section: Section) -> Floats:
+    speeds = np.zeros(len(section.node_m))
+    time_s = rollout_kernels.fastest_roll_out(*section.for_kernels, section.envelope_mps, section.train, speeds)
+    if not 0 <= time_s < np.inf:
+        raise InfeasibleError(f"{section.name}: the train stalls on its way, or the section is too short to move")
+    return speeds
+
+
+def _speed_error(section: Section, passing: Passing, lowest_mps: float, highest_mps: float) -> InfeasibleError:
+    wanted = f"{passing.lowest_mps / KMH:.1f} … {passing.highest_mps / KMH:.1f} km/h"
+    return InfeasibleError(
+        f"{section.route.source}: passing {passing.name} at {wanted}: possible there are "
+        f"{lowest_mps / KMH:.1f} … {highest_mps / KMH:.1f} km/h"
+    )
