@@ -9,10 +9,12 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import LOSSLESS, Level, LossModel
 from das.domain.route import Route, Stop, Stretches
+from das.domain.trajectory import Trajectory
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 
 REPOSITORY = Path(__file__).parents[1]
@@ -95,6 +97,13 @@ def make_train(
 def flat(length_m: float, limit_mps: float = 60.0) -> Route:
     """A level line with one limit."""
     return make_route(length_m, [(0.0, limit_mps)])
+
+
+def csv_rows(run: Trajectory) -> NDArray[np.float64]:
+    """A trajectory as the rows of its CSV: (nodes, 7)."""
+    forces = [np.append(force, 0.0) for force in (run.force_el_n, run.force_friction_n)]
+    line = [np.append(value, value[-1]) for value in (run.grade_ratio, run.limit_mps)]
+    return np.column_stack([run.s_m, run.t_s, run.v_mps, *forces, *line])
 
 
 def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:

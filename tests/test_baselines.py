@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +18,10 @@ from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 from das.solver.front import Fit, solve_front
 from das.solver.section import Section, build_section
 from precompute.baselines import Baseline, Strategy, baseline, fastest, four_modes, reduced_maximum_speed, warm_up
-from tests.making import make_route
-from tests.verifier import Line, integrate
+from precompute.report import solution_json
+from tests.making import csv_rows, make_route
+from tests.raw_data import Line, Train
+from tests.verifier import verify
 
 MASS_KG, FORCE_N = 1e5, 1e5
 SOLVER_RATIO = 2e-3
@@ -324,8 +325,8 @@ def test_public_tracks(shared: Path, track: str) -> None:
     section = build_section(
         load_route(str(track_path)), vehicle, point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0
     )
-    loss = section.loss
-    assert isinstance(loss, EfficiencyLoss)
+    train, line = replace(Train.read(train_path), length_m=0.0), Line.read(track_path)
+    ends_m = (section.start_m, section.end_m)
     front = solve_front(section)
     for buffer_ratio in (0.05, 0.2):
         time_s = front.fastest().time_s * (1 + buffer_ratio)
@@ -334,17 +335,11 @@ def test_public_tracks(shared: Path, track: str) -> None:
         for run in runs:
             assert_on_time(run, time_s)
             assert_possible(run, section)
-            way = run.trajectory
-            forces = [np.append(x, 0.0) for x in (way.force_el_n, way.force_friction_n)]
-            taken_s, energy_j, worst_mps = integrate(
-                np.stack([way.s_m, way.t_s, way.v_mps, *forces], axis=1),
-                Line.read(track_path),
-                json.loads(train_path.read_text()),
-                lambda f, v: loss.traction_ratio * max(f * v, 0) + loss.brake_ratio * max(-f * v, 0),
+            rows, claim = csv_rows(run.trajectory), solution_json(run, run.least_time_s, 0.0)
+            findings = verify(
+                rows, line, train, train.own_loss(), ends_m=ends_m, end_speeds_mps=(1.0, 1.0), claim=claim
             )
-            assert taken_s == pytest.approx(run.time_s, rel=2e-3)
-            assert energy_j == pytest.approx(run.ledger.input, rel=1e-3)
-            assert worst_mps < 0.05
+            assert findings == [], [str(finding) for finding in findings]
         assert optimal_j * (1 - SOLVER_RATIO) < runs[0].ledger.input < runs[1].ledger.input
 
 
