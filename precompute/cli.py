@@ -19,6 +19,7 @@ from das.domain.files.writing import check_writable
 from das.domain.losses import Level
 from das.domain.units import KM, KMH
 from precompute.baselines import Strategy
+from precompute.bench.command import bench
 from precompute.calibrate import calibrate
 from precompute.loss_pictures import loss_map_command
 from precompute.pose import Pose
@@ -331,6 +332,7 @@ def _print_parameters(result: dict[str, Any]) -> None:
 
 app.command(epilog="Example: das-precompute study -o study --only fig9,table2")(study)
 app.command("calibrate", epilog="Example: das-precompute calibrate --check")(calibrate)
+app.command(epilog="Example: das-precompute bench --only front,trajectory --json")(bench)
 app.command("loss-map", epilog="Example: das-precompute loss-map re460-ic --plot map.png")(loss_map_command)
 
 

@@ -266,7 +266,7 @@ def test_the_line_takes_a_share_of_what_is_fed_back(share: float) -> None:
     assert fastest.ledger.input == pytest.approx((1 - share) * kinetic, rel=1e-6, abs=1.0)
     assert fastest.ledger.unreturned == pytest.approx((1 - share) * kinetic, rel=1e-6, abs=1.0)
     solution = front.trajectory(150.0)
-    assert solution.ledger.residual_ratio < 1e-9
+    assert solution.ledger.residual_ratio < 1e-6
     if share == 0.0:
         noreg = solved(flat(3000.0, 30.0), train, level=Level.L0_NOREG).trajectory(150.0)
         assert solution.ledger.input == pytest.approx(noreg.ledger.input, rel=2e-3)

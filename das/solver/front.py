@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from das.solver import tolerances as tol
 from das.solver.section import LineProfile, Section
 
 Floats = NDArray[np.float64]
+
+BLOCK_NODES = 32
+"""Decision nodes whose transitions are kept at a time: a few MB, and the threads wait for each other rarely."""
 
 
 class Fit(StrEnum):
@@ -95,17 +98,6 @@ class _Run(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Transitions:
-    """All moves of the speed grid between decision nodes; none depends on λ (see kernels.transitions)."""
-
-    time_s: NDArray[np.float32]
-    energy_j: Floats
-    target: NDArray[np.int16]
-    weight: NDArray[np.float32]
-    count: NDArray[np.int16]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Front:
     """Policies of a section for a ladder of multipliers.
 
@@ -121,7 +113,7 @@ class Front:
         """The fastest run from a state (default: the start of the section)."""
         state = self._state(s_m, v_mps)
         run = self._fastest(state)
-        return self._solution(state, run, run.time_s, run.time_s, Fit.ON_TIME, math.inf)
+        return self._solution(state, run, run.time_s, run.time_s, Fit.ON_TIME)
 
     def trajectory(
         self,
@@ -145,7 +137,7 @@ class Front:
         quickest = self._fastest(state)
         if time_s <= quickest.time_s + tolerance_s:
             fit = Fit.ON_TIME if time_s >= quickest.time_s - tolerance_s else Fit.LATE
-            return self._solution(state, quickest, quickest.time_s, time_s, fit, math.inf)
+            return self._solution(state, quickest, quickest.time_s, time_s, fit)
         return _TimeSearch(self, state, time_s, quickest, tolerance_s).run()
 
     def _state(self, s_m: float | None, v_mps: float | None) -> _State:
@@ -229,11 +221,14 @@ class Front:
         )  # fmt: skip
         return total, time_s
 
-    def _bound_j(self, state: _State, time_s: float) -> float:
-        """Dual bound: max over λ of (least total cost − λ·time); −inf where the table does not know the state."""
+    def _bound_j(self, state: _State, totals: tuple[Floats, Floats], time_s: float) -> float:
+        """Dual bound: max over λ of (least total cost − λ·time); −inf where the table does not know the state.
+
+        `totals` as `one_step_totals` gives them.
+        """
         if state.speed_mps > self.section.envelope_mps[-len(state.node_m)] + tol.SPEED_TOLERANCE_MPS:
             return -math.inf
-        total, _ = self.one_step_totals(state)
+        total, _ = totals
         known = total < tol.UNREACHABLE
         return float((total[known] - self.lambda_w[known] * time_s).max(initial=-math.inf))
 
@@ -242,8 +237,16 @@ class Front:
         return self._fastest(self._state(s_m, v_mps)).time_s
 
     def _solution(
-        self, state: _State, run: _Run, least_time_s: float, requested_s: float, fit: Fit, lambda_w: float
+        self,
+        state: _State,
+        run: _Run,
+        least_time_s: float,
+        requested_s: float,
+        fit: Fit,
+        lambda_w: float = math.inf,
+        bound_j: float | None = None,
     ) -> Solution:
+        """The run with its ledger; without a price and a bound it is the fastest, the only one of its time."""
         speeds = run.speeds_mps
         trajectory = trajectory_on(self.section, state, speeds)
         section = self.section
@@ -256,98 +259,127 @@ class Front:
             least_time_s=least_time_s,
             requested_s=requested_s,
             lambda_w=lambda_w,
-            bound_j=ledger.input if math.isinf(lambda_w) else self._bound_j(state, trajectory.time_s),
+            bound_j=ledger.input if bound_j is None else bound_j,
             feasible=bool(ends_right and (speeds <= section.envelope_mps[-len(speeds) :] + 1e-6).all()),
         )
 
 
-class _TimeSearch:
-    """Finds the run that takes a given time: a multiplier, or what lies between two of them where the front jumps."""
+class _Trial(NamedTuple):
+    """A run tried: its place on the ladder (a λ between two of its steps; inf: the fastest run), and how late it is."""
 
-    MAX_ROLL_OUTS = 7
-    BLENDABLE_S = 0.5
-    """Two runs this near in time are blended: what another multiplier would gain is of second order."""
+    place: float
+    run: _Run
+    miss_s: float
+
+
+class _TimeSearch:
+    """Finds the run that takes a given time: a multiplier, or what lies between two of them where the front jumps.
+
+    The table tells where on the ladder to look. Each run tried corrects it, and the next one is aimed a little beyond
+    the wanted time, so that the two enclose it; from there by false position (Illinois).
+    """
+
+    MAX_ROLL_OUTS = 12
+    OVERSHOOT_S = 0.15
+    FIRST_STEP = 0.05
+    """As long as all runs tried are on one side, the next is at least so far from the last one, then four times it."""
+    BLEND_LOSS_RATIO = 2e-5
+    """Two runs are blended when no multiplier between theirs could save more than this share of the train's kinetic
+    energy at the highest speed ahead."""
     MAX_BLENDS = 40
 
     def __init__(self, front: Front, state: _State, time_s: float, quickest: _Run, tolerance_s: float) -> None:
         self.front, self.state, self.time_s, self.quickest = front, state, time_s, quickest
         self.tolerance_s = tolerance_s
+        self.last = len(front.lambda_w) - 1
+        self.steps = np.arange(self.last + 1)
+        self.totals = front.one_step_totals(state)
+        # Where the front is almost a jump the table's times need not fall.
+        self.table_s = np.minimum.accumulate(self.totals[1])
 
     def run(self) -> Solution:
-        slow, quick, index = self._neighbours()
-        price_w = float(self.front.lambda_w[index])
-        if quick is None:
-            on_time = abs(slow.time_s - self.time_s) <= self.tolerance_s
-            return self._answer(slow, price_w, Fit.ON_TIME if on_time else Fit.EARLY)
-        if quick is not self.quickest:
-            slow, quick, price_w = self._narrow(slow, quick, index)
+        slow, quick = self._enclose()
+        for trial in (slow, quick):
+            if trial is not None and abs(trial.miss_s) <= self.tolerance_s:
+                return self._answer(trial.run, trial.place, Fit.ON_TIME)
+        if slow is None:
+            return self._answer(quick.run, quick.place, Fit.EARLY)
         run = self._blend(slow, quick)
         miss = run.time_s - self.time_s
         fit = Fit.ON_TIME if abs(miss) <= self.tolerance_s else Fit.LATE if miss > 0 else Fit.EARLY
-        return self._answer(run, price_w, fit)
+        return self._answer(run, 0.5 * (slow.place + min(quick.place, self.last)), fit)
 
-    def _answer(self, run: _Run, price_w: float, fit: Fit) -> Solution:
-        return self.front._solution(self.state, run, self.quickest.time_s, self.time_s, fit, price_w)
+    def _answer(self, run: _Run, place: float, fit: Fit) -> Solution:
+        bound_j = self.front._bound_j(self.state, self.totals, run.time_s)
+        return self.front._solution(
+            self.state, run, self.quickest.time_s, self.time_s, fit, self._price_w(place), bound_j
+        )
 
-    def _neighbours(self) -> tuple[_Run, _Run | None, int]:
-        """Runs that enclose the time, at a multiplier and the next (or the fastest run), and the first one's index.
-
-        The quick one is None where even the smallest multiplier is early.
-        """
-        front, last = self.front, len(self.front.lambda_w) - 1
-        _, estimate_s = front.one_step_totals(self.state)
-        index = int(np.clip(np.count_nonzero(estimate_s >= self.time_s) - 1, 0, last))
-        slow, quick = front._roll(self.state, self._ladder(index)), None
-        while slow.time_s < self.time_s:
-            if index == 0:
-                return slow, None, 0
-            index, quick = index - 1, slow
-            slow = front._roll(self.state, self._ladder(index))
-        while quick is None and index < last:
-            faster = front._roll(self.state, self._ladder(index + 1))
-            if faster.time_s <= self.time_s:
-                quick = faster
-            else:
-                index, slow = index + 1, faster
-        return slow, quick or self.quickest, index
-
-    def _ladder(self, index: int) -> _Policy:
-        return _Policy(price_w=float(self.front.lambda_w[index]), index=index)
-
-    def _narrow(self, slow: _Run, quick: _Run, index: int) -> tuple[_Run, _Run, float]:
-        """Move both runs towards the time by multipliers between two neighbours (Illinois false position)."""
-        base = float(self.front.lambda_w[index])
-        gap = float(self.front.lambda_w[index + 1]) - base
-        low, high = 0.0, gap
-        above, below = slow.time_s - self.time_s, quick.time_s - self.time_s
-        kept = 0
+    def _enclose(self) -> tuple[_Trial | None, _Trial]:
+        """A slow and a quick run that can be blended; no slow one where even the smallest multiplier is early."""
+        slow, quick = None, _Trial(math.inf, self.quickest, self.quickest.time_s - self.time_s)
+        above, below, kept = 0.0, 0.0, 0
+        place, step = self._place(self.time_s), self.FIRST_STEP
         for _ in range(self.MAX_ROLL_OUTS):
-            near = min(abs(slow.time_s - self.time_s), abs(quick.time_s - self.time_s)) <= self.tolerance_s
-            if near or slow.time_s - quick.time_s <= self.BLENDABLE_S:
-                break
-            offset = low + (high - low) * float(np.clip(above / (above - below), 0.02, 0.98))
-            policy = _Policy(price_w=base + offset, index=index, offset_w=offset, gap_w=gap)
-            run = self.front._roll(self.state, policy)
-            miss = run.time_s - self.time_s
+            trial = self._try(place)
             # The end kept twice in a row counts half, so that both ends move.
-            if miss > 0:
-                slow, low, above, below = run, offset, miss, below * (0.5 if kept > 0 else 1.0)
-                kept = 1
+            if trial.miss_s > 0:
+                slow, above, below, kept = trial, trial.miss_s, below * (0.5 if kept > 0 else 1.0), 1
             else:
-                quick, high, below, above = run, offset, miss, above * (0.5 if kept < 0 else 1.0)
-                kept = -1
-        return slow, quick, base + 0.5 * (low + high)
+                quick, below, above, kept = trial, trial.miss_s, above * (0.5 if kept < 0 else 1.0), -1
+            if abs(trial.miss_s) <= self.tolerance_s or self._blendable(slow, quick):
+                break
+            if slow is None or math.isinf(quick.place):
+                place, step = self._beyond(trial, step), 4 * step
+            else:
+                share = float(np.clip(above / (above - below), 0.02, 0.98))
+                place = slow.place + share * (quick.place - slow.place)
+        return slow, quick
 
-    def _blend(self, slow: _Run, quick: _Run) -> _Run:
+    def _blendable(self, slow: _Trial | None, quick: _Trial) -> bool:
+        """Whether next to nothing is to be gained between two runs, or no multiplier lies between them."""
+        if slow is None:
+            return quick.place <= 0
+        if math.isinf(quick.place):
+            return slow.place >= self.last
+        # The front lies above its tangents at both runs, whose slopes are −λ.
+        late, early = slow.miss_s, -quick.miss_s
+        gain_j = (self._price_w(quick.place) - self._price_w(slow.place)) * late * early / (late + early)
+        kinetic_j = 0.5 * self.front.section.train.inertial_mass_kg * float(self.state.envelope_mps.max()) ** 2
+        return gain_j <= self.BLEND_LOSS_RATIO * kinetic_j
+
+    def _place(self, time_s: float) -> float:
+        """Where on the ladder the table puts a trip time."""
+        return float(np.interp(-time_s, -self.table_s, self.steps))
+
+    def _beyond(self, trial: _Trial, step: float) -> float:
+        """Where a run should lie just on the other side of the wanted time, if the table errs there as at `trial`."""
+        side = math.copysign(1.0, trial.miss_s)
+        known_s = float(np.interp(trial.place, self.steps, self.table_s))
+        aimed = self._place(known_s - trial.miss_s - side * self.OVERSHOOT_S)
+        place = trial.place + side * max(side * (aimed - trial.place), step)
+        return min(max(place, 0.0), float(self.last))
+
+    def _price_w(self, place: float) -> float:
+        return float(np.interp(place, self.steps, self.front.lambda_w))
+
+    def _try(self, place: float) -> _Trial:
+        run = self.front._roll(self.state, self._policy(place))
+        return _Trial(place, run, run.time_s - self.time_s)
+
+    def _policy(self, place: float) -> _Policy:
+        ladder, index = self.front.lambda_w, int(place)
+        gap = float(ladder[index + 1] - ladder[index]) if place > index else 0.0
+        offset = (place - index) * gap
+        return _Policy(price_w=float(ladder[index]) + offset, index=index, offset_w=offset, gap_w=gap)
+
+    def _blend(self, slow: _Trial, quick: _Trial) -> _Run:
         """The run of the wanted time between two runs; its energy is near the chord between theirs."""
-        for run in (slow, quick):
-            if abs(run.time_s - self.time_s) <= self.tolerance_s:
-                return run
-        low, high, above, below = 0.0, 1.0, slow.time_s - self.time_s, quick.time_s - self.time_s
-        best, kept = slow, 0
+        low, high, above, below = 0.0, 1.0, slow.miss_s, quick.miss_s
+        best, kept = slow.run, 0
         for _ in range(self.MAX_BLENDS):
             share = low + (high - low) * float(np.clip(above / (above - below), 0.02, 0.98))
-            best = self.front._blend(self.state, share, quick, slow)
+            best = self.front._blend(self.state, share, quick.run, slow.run)
             miss = best.time_s - self.time_s
             if abs(miss) <= 0.1 * self.tolerance_s:
                 break
@@ -358,15 +390,29 @@ class _TimeSearch:
         return best
 
 
-def solve_front(section: Section, *, threads: int = 2, lambda_w: Floats | None = None) -> Front:
+def solve_front(
+    section: Section, *, threads: int = 2, lambda_w: Floats | None = None, block_nodes: int = BLOCK_NODES
+) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
-    The transitions are computed once, in blocks of nodes; the sweeps run in blocks of multipliers. Both on `threads`
-    threads (the kernels release the GIL and share nothing they write).
+    From the end in blocks of decision nodes: first the transitions of a block, each thread some of its nodes, then the
+    sweep through it, each thread some of the multipliers (the kernels release the GIL and share nothing they write).
+    Only one block's transitions are kept: all of them together would be as large as the result, and fresh memory is
+    slow. Threads and blocks change no bit of the result.
     """
     ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
-    moves = transitions(section, threads=threads)
-    return sweep(section, moves, ladder, threads=threads)
+    grid = DecisionGrid.of(section)
+    n, states, size = len(grid.node_m) - 1, grid.speed_steps + 1, len(ladder)
+    value, time_to_go = np.empty((n + 1, states, size)), np.empty((n + 1, states, size), np.float32)
+    value[-1], time_to_go[-1] = 0.0, 0.0
+    working_space = Transitions.empty(min(block_nodes, n), states)
+    with ThreadPoolExecutor(threads) as pool:
+        for end in range(n, 0, -block_nodes):
+            start = max(end - block_nodes, 0)
+            moves = working_space.rows(0, end - start)
+            in_parts(pool, threads, end - start, grid.fill, start, moves)
+            in_parts(pool, threads, size, moves.sweep, ladder, value[start : end + 1], time_to_go[start : end + 1])
+    return Front(section=section, lambda_w=ladder, value_j=value, time_to_go_s=time_to_go)
 
 
 def default_ladder(section: Section) -> Floats:
@@ -377,62 +423,89 @@ def default_ladder(section: Section) -> Floats:
     return np.asarray(usable_w * np.concatenate((lowest, ladder)), dtype=float)
 
 
-def transitions(section: Section, *, threads: int = 2) -> Transitions:
-    """All moves between the decision nodes of a section."""
-    n, steps = len(section.decision) - 1, section.speed_steps
-    states = steps + 1
-    shape = (n, states, kernels.LANDINGS)
-    result = Transitions(
-        time_s=np.empty(shape, np.float32),
-        energy_j=np.empty(shape),
-        target=np.empty(shape, np.int16),
-        weight=np.empty(shape, np.float32),
-        count=np.empty(shape[:2], np.int16),
-    )
-    node = section.node_m[section.decision]
-    starts = section.decision[:-1]
-    length = np.diff(node)
-    constant = np.add.reduceat(section.constant_n * section.step_m, starts) / length
-    tunnel = np.add.reduceat(section.tunnel_n_per_mps2 * section.step_m, starts) / length
-    supply = section.supply[starts]
-    floor = np.ascontiguousarray(section.floor_mps[section.decision])
-    envelope = np.ascontiguousarray(section.envelope_mps[section.decision])
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Transitions:
+    """Moves from the speeds of some decision nodes to the next nodes'; none depends on λ (see kernels.transitions)."""
 
-    def block(first: int, last: int) -> None:
-        kernels.transitions(
-            first, last, node, constant, tunnel, supply, floor, envelope, steps, section.train, section.loss_params,
-            result.time_s, result.energy_j, result.target, result.weight, result.count,
-        )  # fmt: skip
+    time_s: NDArray[np.float32]
+    energy_j: Floats
+    target: NDArray[np.int16]
+    weight: NDArray[np.float32]
+    count: NDArray[np.int16]
 
-    _in_blocks(block, n, threads)
-    return result
+    @classmethod
+    def empty(cls, nodes: int, states: int) -> Self:
+        """Room for the moves of so many nodes."""
+        shape = (nodes, states, kernels.PADDED_LANDINGS)
+        return cls(
+            time_s=np.empty(shape, np.float32),
+            energy_j=np.empty(shape),
+            target=np.empty(shape, np.int16),
+            weight=np.empty(shape, np.float32),
+            count=np.empty(shape[:2], np.int16),
+        )
 
+    def rows(self, first: int, last: int) -> Transitions:
+        """The part of the nodes first … last − 1 (a view)."""
+        return Transitions(**{name: array[first:last] for name, array in vars(self).items()})
 
-def sweep(section: Section, moves: Transitions, lambda_w: Floats, *, threads: int = 2) -> Front:
-    """Backward sweeps of all multipliers over given transitions."""
-    n, states = moves.count.shape
-    size = len(lambda_w)
-    value = np.empty((n + 1, states, size))
-    time_to_go = np.empty((n + 1, states, size), np.float32)
-    value[-1], time_to_go[-1] = 0.0, 0.0
-
-    def block(first: int, last: int) -> None:
+    def sweep(
+        self, first: int, last: int, lambda_w: Floats, value_j: Floats, time_to_go_s: NDArray[np.float32]
+    ) -> None:
+        """Fill values and times-to-go of these nodes for multipliers first … last − 1 from those of the node after."""
         kernels.backward_sweep(
-            first, last, lambda_w, moves.time_s, moves.energy_j, moves.target, moves.weight, moves.count,
-            value, time_to_go,
+            first, last, lambda_w, self.time_s, self.energy_j, self.target, self.weight, self.count, value_j,
+            time_to_go_s,
         )  # fmt: skip
 
-    _in_blocks(block, size, threads)
-    return Front(section=section, lambda_w=lambda_w, value_j=value, time_to_go_s=time_to_go)
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DecisionGrid:
+    """The line between the decision nodes of a section, as kernels.transitions takes it."""
+
+    section: Section
+    node_m: Floats
+    constant_n: Floats
+    tunnel_n_per_mps2: Floats
+    supply: Floats
+    floor_mps: Floats
+    envelope_mps: Floats
+
+    @classmethod
+    def of(cls, section: Section) -> Self:
+        """Means of the integration steps of each decision step."""
+        node, starts = section.node_m[section.decision], section.decision[:-1]
+        length = np.diff(node)
+        return cls(
+            section=section,
+            node_m=node,
+            constant_n=np.add.reduceat(section.constant_n * section.step_m, starts) / length,
+            tunnel_n_per_mps2=np.add.reduceat(section.tunnel_n_per_mps2 * section.step_m, starts) / length,
+            supply=section.supply[starts],
+            floor_mps=np.ascontiguousarray(section.floor_mps[section.decision]),
+            envelope_mps=np.ascontiguousarray(section.envelope_mps[section.decision]),
+        )
+
+    @property
+    def speed_steps(self) -> int:
+        """Steps of the speed grid."""
+        return self.section.speed_steps
+
+    def fill(self, first: int, last: int, start: int, moves: Transitions) -> None:
+        """Fill rows first … last − 1 of `moves`, whose row 0 is decision node `start`."""
+        rows = moves.rows(first, last)
+        kernels.transitions(
+            start + first, start + last, self.node_m, self.constant_n, self.tunnel_n_per_mps2, self.supply,
+            self.floor_mps, self.envelope_mps, self.speed_steps, self.section.train, self.section.loss_params,
+            rows.time_s, rows.energy_j, rows.target, rows.weight, rows.count,
+        )  # fmt: skip
 
 
-def _in_blocks(work: Callable[[int, int], None], size: int, threads: int) -> None:
-    """Call work(first, last) for equal blocks of range(size), on that many threads."""
+def in_parts(pool: ThreadPoolExecutor, threads: int, size: int, work: Callable[..., None], *args: object) -> None:
+    """Call work(first, last, *args) for equal parts of range(size), on that many threads."""
     edges = [round(size * i / threads) for i in range(threads + 1)]
-    with ThreadPoolExecutor(threads) as pool:
-        futures = [pool.submit(work, a, b) for a, b in pairwise(edges)]
-        for future in futures:
-            future.result()
+    for future in [pool.submit(work, first, last, *args) for first, last in pairwise(edges)]:
+        future.result()
 
 
 def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajectory:

@@ -26,6 +26,9 @@ kernel = njit(cache=True, nogil=True, error_model="numpy")
 SPECIAL_LANDINGS = 2
 """Coasting and holding the speed."""
 LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
+TOGETHER = 5
+"""Landings that the sweep takes at a time; its code is written for five."""
+PADDED_LANDINGS = -(-LANDINGS // TOGETHER) * TOGETHER
 
 _FIXED_POINT_STEPS = 60
 _FIXED_POINT_TOLERANCE = 1e-13
@@ -200,7 +203,7 @@ def locate(v, floor, top, steps):
     span = top - floor
     if span <= 0.0:
         return 0, 0.0
-    x = (v - floor) / span * steps
+    x = (v - floor) * (steps / span)
     if floor <= 0.0:
         if x < 1.0:
             return -1, 0.0
@@ -209,11 +212,14 @@ def locate(v, floor, top, steps):
             return -1, 0.0
         return 0, 0.0
     lower = min(int(x), steps - 1)
-    a = grid_speed(floor, top, lower, steps)
-    b = grid_speed(floor, top, lower + 1, steps)
-    share = min((v * v - a * a) / (b * b - a * a), 1.0)
+    # (v² − a²)/(b² − a²) with the lines a = v − beyond and b = a + span/steps: one division, no cancellation.
+    u = x - lower
+    beyond = u * (span / steps)
+    share = u * (2.0 * v - beyond) / (2.0 * (v - beyond) + span / steps)
     if share < SMALLEST_SHARE:
         share = 0.0
+    elif share > 1.0 - SMALLEST_SHARE:
+        share = 1.0
     return lower, share
 
 
@@ -339,8 +345,9 @@ def transitions(
 ):
     """All transitions of the decision nodes first … last − 1.
 
-    For node k, speed index j and landing i: dt[k, j, i] (s), energy (J), target (speed index below the landing at
-    node k + 1) and weight (share of the index above, linear in v²). count[k, j] landings are filled.
+    For node first + k, speed index j and landing i: dt[k, j, i] (s), energy (J), target (speed index below the landing
+    at the next node) and weight (share of the index above, linear in v²). count[k, j] landings are filled, and the
+    rest of the last `TOGETHER` with what is never chosen.
     """
     n = node.size - 1
     out = np.empty(LANDINGS)
@@ -349,9 +356,10 @@ def transitions(
         here = on_supply(p, supply[k])
         top = envelope[k + 1]
         final = k == n - 1
+        row = k - first
         for j in range(steps + 1):
             v0 = grid_speed(floor[k], envelope[k], j, steps)
-            count[k, j] = 0
+            count[row, j] = 0
             if v0 <= 0.0:
                 continue
             m = landings(v0, h, constant[k], tunnel[k], top, final, here, out)
@@ -365,12 +373,28 @@ def transitions(
                     if lower < 0:
                         continue
                 a, b = step_cost(v0, v1, h, constant[k], tunnel[k], here, c)
-                dt[k, j, used] = a
-                energy[k, j, used] = b
-                target[k, j, used] = lower
-                weight[k, j, used] = share
+                dt[row, j, used] = a
+                energy[row, j, used] = b
+                target[row, j, used] = lower
+                weight[row, j, used] = share
                 used += 1
-            count[k, j] = used
+            count[row, j] = used
+            for i in range(used, -(-used // TOGETHER) * TOGETHER):
+                dt[row, j, i] = 0.0
+                energy[row, j, i] = INFEASIBLE
+                target[row, j, i] = 0
+                weight[row, j, i] = 0.0
+
+
+@kernel
+def _move(time_s, energy, target, weight, k, j, i):
+    return target[k, j, i], float(weight[k, j, i]), energy[k, j, i], float(time_s[k, j, i])
+
+
+@kernel
+def _cheaper(best, choice, cost, i):
+    better = cost < best
+    return cost if better else best, i if better else choice
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -378,41 +402,49 @@ def backward_sweep(first, last, lam, dt, energy, target, weight, count, value, t
     """Bellman sweep of the multipliers lam[first … last − 1] at once: value (J) and time-to-go (s) of every state.
 
     value[k, j, l] = min over landings of energy + lam·dt + value at the landing (linear in v²). Row k = n of both
-    outputs must hold the end values; the other rows are filled.
+    outputs must hold the end values; the other rows are filled. Landings are taken five at a time (`TOGETHER`): one
+    at a time, loading and storing the best so far takes longer than the sums.
     """
     n, states = count.shape
-    m = last - first
-    price = lam[first:last].copy()
+    lo = max(first, 0)
+    m = last - lo
+    price = lam[lo:last].copy()
     best = np.empty(m)
     choice = np.empty(m, dtype=np.int64)
     for k in range(n - 1, -1, -1):
+        # Rows without the first index and an offset known to be >= 0: else the loops over l are not vectorised.
+        ahead, ahead_s, here, here_s = value[k + 1], time_to_go[k + 1], value[k], time_to_go[k]
         for j in range(states):
             for l in range(m):
                 best[l] = INFEASIBLE
                 choice[l] = -1
-            for i in range(count[k, j]):
-                a = target[k, j, i]
-                s = float(weight[k, j, i])
-                e = float(energy[k, j, i])
-                t = float(dt[k, j, i])
-                below = value[k + 1, a, first:last]
-                above = value[k + 1, a + 1, first:last]
-                r = 1.0 - s
+            for i in range(0, count[k, j], TOGETHER):
+                a0, s0, e0, t0 = _move(dt, energy, target, weight, k, j, i)
+                a1, s1, e1, t1 = _move(dt, energy, target, weight, k, j, i + 1)
+                a2, s2, e2, t2 = _move(dt, energy, target, weight, k, j, i + 2)
+                a3, s3, e3, t3 = _move(dt, energy, target, weight, k, j, i + 3)
+                a4, s4, e4, t4 = _move(dt, energy, target, weight, k, j, i + 4)
                 for l in range(m):
-                    cost = e + price[l] * t + r * below[l] + s * above[l]
-                    better = cost < best[l]
-                    best[l] = cost if better else best[l]
-                    choice[l] = i if better else choice[l]
+                    p = price[l]
+                    b = best[l]
+                    c = choice[l]
+                    x = lo + l
+                    b, c = _cheaper(b, c, e0 + p * t0 + (1.0 - s0) * ahead[a0, x] + s0 * ahead[a0 + 1, x], i)
+                    b, c = _cheaper(b, c, e1 + p * t1 + (1.0 - s1) * ahead[a1, x] + s1 * ahead[a1 + 1, x], i + 1)
+                    b, c = _cheaper(b, c, e2 + p * t2 + (1.0 - s2) * ahead[a2, x] + s2 * ahead[a2 + 1, x], i + 2)
+                    b, c = _cheaper(b, c, e3 + p * t3 + (1.0 - s3) * ahead[a3, x] + s3 * ahead[a3 + 1, x], i + 3)
+                    b, c = _cheaper(b, c, e4 + p * t4 + (1.0 - s4) * ahead[a4, x] + s4 * ahead[a4 + 1, x], i + 4)
+                    best[l] = b
+                    choice[l] = c
             for l in range(m):
                 i = choice[l]
+                x = lo + l
                 if i < 0 or best[l] > UNREACHABLE:
                     # Between a feasible and an infeasible neighbour the interpolated cost is neither.
-                    value[k, j, first + l] = INFEASIBLE
-                    time_to_go[k, j, first + l] = INFEASIBLE
+                    here[j, x] = INFEASIBLE
+                    here_s[j, x] = INFEASIBLE
                 else:
-                    value[k, j, first + l] = best[l]
+                    here[j, x] = best[l]
                     a = target[k, j, i]
                     s = weight[k, j, i]
-                    below_s = time_to_go[k + 1, a, first + l]
-                    above_s = time_to_go[k + 1, a + 1, first + l]
-                    time_to_go[k, j, first + l] = dt[k, j, i] + (1.0 - s) * below_s + s * above_s
+                    here_s[j, x] = dt[k, j, i] + (1.0 - s) * ahead_s[a, x] + s * ahead_s[a + 1, x]

@@ -16,7 +16,6 @@ from das.solver.kernels import (
     LANDINGS,
     brake_limit,
     full_traction_speed,
-    grid_speed,
     kernel,
     landing_speed,
     landings,
@@ -36,55 +35,73 @@ _ROUNDING_W = 1e-9
 
 
 @kernel
-def _value_at_index(value, time_to_go, k, j, a, offset, gap):
-    va = value[k, j, a]
+def blended_values(value, time_to_go, k, first, last, a, offset, gap, row):
+    """Values (J) of the policy at decision node k, grid lines first … last, into row[first … last]."""
     if gap <= 0.0:
-        return va
-    vb = value[k, j, a + 1]
-    if va >= 0.5 * INFEASIBLE or vb >= 0.5 * INFEASIBLE:
-        return INFEASIBLE
+        for j in range(first, last + 1):
+            row[j] = value[k, j, a]
+        return
     u = offset / gap
-    ta = time_to_go[k, j, a] * gap
-    tb = time_to_go[k, j, a + 1] * gap
     r = 1.0 - u
-    return (1.0 + 2.0 * u) * r * r * va + u * r * r * ta + u * u * (3.0 - 2.0 * u) * vb - u * u * r * tb
+    of_va = (1.0 + 2.0 * u) * r * r
+    of_ta = u * r * r * gap
+    of_vb = u * u * (3.0 - 2.0 * u)
+    of_tb = -u * u * r * gap
+    for j in range(first, last + 1):
+        va = value[k, j, a]
+        vb = value[k, j, a + 1]
+        if va >= 0.5 * INFEASIBLE or vb >= 0.5 * INFEASIBLE:
+            row[j] = INFEASIBLE
+        else:
+            row[j] = of_va * va + of_ta * time_to_go[k, j, a] + of_vb * vb + of_tb * time_to_go[k, j, a + 1]
 
 
 @kernel
-def value_at(value, time_to_go, k, v, floor, top, a, offset, gap):
-    """Value (J) of the policy at decision node k and speed v, floor and top the bounds of the speed grid there."""
-    steps = value.shape[1] - 1
+def value_at(row, v, floor, top):
+    """Value (J) at speed v of a decision node whose grid lines hold `row`; floor and top bound the speed grid there.
+
+    Only the lines that `needed_lines` names for v are read.
+    """
+    steps = row.size - 1
     i, s = locate(v, floor, top, steps)
     if i < 0:
         return INFEASIBLE
-    y1 = _value_at_index(value, time_to_go, k, i, a, offset, gap)
+    y1 = row[i]
     if s == 0.0:
         return y1
-    y2 = _value_at_index(value, time_to_go, k, i + 1, a, offset, gap)
+    y2 = row[i + 1]
     if i < 2 or i > steps - 2:
         return (1.0 - s) * y1 + s * y2
-    u = (v - grid_speed(floor, top, i, steps)) / (top - floor) * steps
-    y0 = _value_at_index(value, time_to_go, k, i - 1, a, offset, gap)
-    y3 = _value_at_index(value, time_to_go, k, i + 2, a, offset, gap)
+    u = (v - floor) * (steps / (top - floor)) - i
+    y0 = row[i - 1]
+    y3 = row[i + 2]
     if max(max(y0, y1), max(y2, y3)) >= 0.5 * INFEASIBLE:
         return (1.0 - u) * y1 + u * y2
     return y1 + 0.5 * u * (y2 - y0 + u * (2.0 * y0 - 5.0 * y1 + 4.0 * y2 - y3 + u * (3.0 * (y1 - y2) + y3 - y0)))
 
 
 @kernel
-def _total_cost(v0, v1, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap):
-    if v0 + v1 <= 0.0:
-        return INFEASIBLE
-    dt, energy = step_cost(v0, v1, h, g, q, p, c)
-    return energy + price * dt + value_at(value, time_to_go, k, v1, floor, top, a, offset, gap)
+def needed_lines(low, high, floor, top, steps):
+    """First and last grid line that `value_at` reads for speeds low … high."""
+    first = max(locate(low, floor, top, steps)[0] - 1, 0)
+    return first, min(max(locate(high, floor, top, steps)[0], 0) + 2, steps)
 
 
 @kernel
-def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value, time_to_go, p, c, out):
+def _total_cost(v0, v1, h, g, q, p, c, price, floor, top, row):
+    if v0 + v1 <= 0.0:
+        return INFEASIBLE
+    dt, energy = step_cost(v0, v1, h, g, q, p, c)
+    return energy + price * dt + value_at(row, v1, floor, top)
+
+
+@kernel
+def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value, time_to_go, p, c, out, row):
     """Landing speed at decision node k that minimises cost (at λ = price) plus value, and that least total.
 
     Tries all landings of the step into k, then narrows between the best one's neighbours by golden section.
-    Returns (-1, INFEASIBLE) where no landing is feasible.
+    Returns (-1, INFEASIBLE) where no landing is feasible. `out` and `row` (LANDINGS and one per grid line) are
+    working space.
     """
     m = landings(v0, h, g, q, top, final, p, out)
     if m == 0:
@@ -92,14 +109,17 @@ def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value
     if final:
         dt, energy = step_cost(v0, out[0], h, g, q, p, c)
         return out[0], energy + price * dt
-    best = INFEASIBLE
-    choice = -1.0
     left = out[0]
     right = out[0]
     for i in range(m):
         left = min(left, out[i])
         right = max(right, out[i])
-        cost = _total_cost(v0, out[i], h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
+    first, last = needed_lines(left, right, floor, top, row.size - 1)
+    blended_values(value, time_to_go, k, first, last, a, offset, gap, row)
+    best = INFEASIBLE
+    choice = -1.0
+    for i in range(m):
+        cost = _total_cost(v0, out[i], h, g, q, p, c, price, floor, top, row)
         if cost < best:
             best = cost
             choice = out[i]
@@ -112,21 +132,21 @@ def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value
             right = out[i]
     x1 = left + _GOLDEN * (right - left)
     x2 = right - _GOLDEN * (right - left)
-    y1 = _total_cost(v0, x1, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
-    y2 = _total_cost(v0, x2, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
+    y1 = _total_cost(v0, x1, h, g, q, p, c, price, floor, top, row)
+    y2 = _total_cost(v0, x2, h, g, q, p, c, price, floor, top, row)
     for _ in range(_POLISH_STEPS):
         if y1 <= y2:
             right = x2
             x2 = x1
             y2 = y1
             x1 = left + _GOLDEN * (right - left)
-            y1 = _total_cost(v0, x1, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
+            y1 = _total_cost(v0, x1, h, g, q, p, c, price, floor, top, row)
         else:
             left = x1
             x1 = x2
             y1 = y2
             x2 = right - _GOLDEN * (right - left)
-            y2 = _total_cost(v0, x2, h, g, q, p, c, price, value, time_to_go, k, floor, top, a, offset, gap)
+            y2 = _total_cost(v0, x2, h, g, q, p, c, price, floor, top, row)
     if min(y1, y2) < best:
         if y1 <= y2:
             return x1, y1
@@ -205,6 +225,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, u, floor, envelope
     `decision[m]` are the integration nodes of decision nodes k0 + m; decision[0] = 0.
     """
     out = np.empty(LANDINGS)
+    row = np.empty(value.shape[1])
     n = decision.size - 1
     for m in range(n):
         i0 = decision[m]
@@ -235,6 +256,7 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, u, floor, envelope
             here,
             c,
             out,
+            row,
         )
         if landing < 0.0:
             # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
@@ -301,9 +323,12 @@ def trip_time(step, v):
 def one_step_totals(k0, v0, h, g, q, floor, top, final, lam, value, time_to_go, p, c, total, time_s):
     """For every λ of the ladder: least total cost (J) and time (s) from speed v0, one step of length h before k0."""
     out = np.empty(LANDINGS)
+    row = np.empty(value.shape[1])
     steps = value.shape[1] - 1
     for a in range(lam.size):
-        x, cost = best_landing(k0, v0, h, g, q, floor, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, out)
+        x, cost = best_landing(
+            k0, v0, h, g, q, floor, top, final, lam[a], a, 0.0, 0.0, value, time_to_go, p, c, out, row
+        )
         total[a] = cost
         if x < 0.0:
             time_s[a] = INFEASIBLE
