@@ -18,6 +18,7 @@ from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
 from das.domain.units import KM, KMH
 from precompute.baselines import Strategy
+from precompute.bench.command import bench
 from precompute.calibrate import calibrate
 from precompute.journey_command import EXAMPLES, journey_command
 from precompute.loss_pictures import loss_map_command
@@ -322,6 +323,7 @@ app.command(epilog="Example: das-precompute verify tables")(verify)
 app.command(epilog="Example: das-precompute show tables --json")(show)
 app.command("calibrate", epilog="Example: das-precompute calibrate --check")(calibrate)
 app.command("journey", epilog=EXAMPLES)(journey_command)
+app.command(epilog="Example: das-precompute bench --only front,trajectory --json")(bench)
 app.command("loss-map", epilog="Example: das-precompute loss-map re460-ic --plot map.png")(loss_map_command)
 app.command(epilog="Example: das-precompute sensitivity zurich-luzern re460-ic --from Zug --to Luzern --buffer 7")(
     sensitivity

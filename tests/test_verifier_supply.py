@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from das.domain.conditions import Conditions
 
+from das.domain.conditions import Conditions
 from das.domain.files.native import read_route, read_vehicle
 from das.solver.front import solve_front
 from das.solver.section import build_section

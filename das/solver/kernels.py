@@ -27,7 +27,7 @@ SPECIAL_LANDINGS = 2
 """Coasting and holding the speed."""
 LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 TOGETHER = 5
-"""Landings that the sweep takes at a time."""
+"""Landings that the sweep takes at a time; its code is written for five."""
 PADDED_LANDINGS = -(-LANDINGS // TOGETHER) * TOGETHER
 
 _FIXED_POINT_STEPS = 60

@@ -1,0 +1,159 @@
+"""The command `das-precompute bench`."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict
+from itertools import pairwise
+from typing import Annotated, Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from das.commands import busy, err
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.solver.section import Section, build_section
+from precompute.bench.measuring import Figure, available_cores, machine
+
+NAMES = (
+    *("front", "transitions", "sweep", "trajectory", "re-solve", "look-up", "verify", "build", "exact", "growth"),
+    "memory",
+)
+"""The figures, in order."""
+ROUTE, VEHICLE = "zurich-luzern", "re460-ic"
+GIGA = 1e9
+TABLE_WIDTH = 150
+
+
+def bench(
+    only: Annotated[
+        str | None, typer.Option(help=f"Only these, with commas between: {', '.join(NAMES)}.", show_default=False)
+    ] = None,
+    track: Annotated[
+        str, typer.Option(help="Route of the reference section, the longest between two of its stops.")
+    ] = ROUTE,
+    train: Annotated[str, typer.Option(help="Vehicle of the reference section.")] = VEHICLE,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Threads of one front [default: the cores, at most 2].")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Short lines and few rounds: whether it works.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+) -> None:
+    """How fast the solver is here, beside baselines and what the machine could do, all measured in the same run.
+
+    Each figure is a median, with the least and the most. "× better": than the baseline, which the last column names
+    after what is measured. "of roofline": the share of what memory and arithmetic of this machine allow. Half a
+    minute, and half a minute more the first time. Other work on the machine makes figures worse, ratios less so.
+    """
+    wanted = chosen(only)
+    section = longest_section(track, train)
+    began = time.perf_counter()
+    result = measure(wanted, section, default_threads() if threads is None else threads, quick=quick)
+    result["took_s"] = time.perf_counter() - began
+    if as_json:
+        print(json.dumps(result, ensure_ascii=False))
+        return
+    _print(result)
+
+
+def chosen(only: str | None) -> list[str]:
+    """The figures asked for, in order and each once; DasError for one there is not."""
+    if only is None:
+        return list(NAMES)
+    asked = [name.strip() for name in only.split(",")]
+    unknown = [name for name in asked if name not in NAMES]
+    if unknown:
+        raise DasError(f"--only {only}: no figure {unknown[0]!r}; expected some of {', '.join(NAMES)}")
+    return [name for name in NAMES if name in asked]
+
+
+def default_threads() -> int:
+    """As many as the solver uses by default, where there are cores for them."""
+    return min(available_cores(), 2)
+
+
+def longest_section(track: str, train: str) -> Section:
+    """The longest section of a route between two neighbouring stops."""
+    route, vehicle = load_route(track), load_vehicle(train)
+    start, end = max(pairwise(route.stops), key=lambda pair: pair[1].position_m - pair[0].position_m)
+    return build_section(route, vehicle, start_m=start.position_m, end_m=end.position_m)
+
+
+def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -> dict[str, Any]:
+    """Measure figures; what `--json` prints."""
+    with busy("compiling the solver (once on a machine, about 10 s) …"):
+        from das.solver.front import solve_front
+        from das.solver.warm_up import warm_up
+        from precompute.bench.figures import FULL, QUICK, Reference, Workload
+        from precompute.bench.registry import FIGURES
+        from precompute.bench.roofline import Roofline
+
+        warm_up()
+    with busy("measuring the machine …"):
+        reference = Reference(
+            section=section,
+            front=solve_front(section),
+            workload=Workload.of(section),
+            effort=QUICK if quick else FULL,
+            threads=threads,
+            one_thread=Roofline.measured(1),
+            all_threads=Roofline.measured(threads),
+        )
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    figures: list[Figure] = []
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
+        task = progress.add_task("", total=len(wanted))
+        for name in wanted:
+            progress.update(task, description=name)
+            figures += FIGURES[name](reference)
+            progress.advance(task)
+    return {
+        "machine": machine(),
+        "rooflines": [asdict(roofline) for roofline in (reference.one_thread, reference.all_threads)],
+        "figures": [figure.as_json() for figure in figures],
+    }
+
+
+def _print(result: dict[str, Any]) -> None:
+    about = result["machine"]
+    load = "" if about["load_average"] is None else f", load {about['load_average']:.1f}"
+    title = f"{about['cpu']}, {about['cores']} cores{load}, numba {about['numba']}, {about['date']}"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("figure", no_wrap=True)
+    for name in ("median", "least", "most"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for name in ("baseline", "× better", "of roofline"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("what; and the baseline")
+    for figure in result["figures"]:
+        table.add_row(
+            figure["name"],
+            *(_number(figure[key]) for key in ("value", "least", "most")),
+            figure["unit"],
+            _number(figure["baseline_value"]),
+            _number(figure["ratio"]),
+            f"{_number(100 * figure['bound_ratio'])} %",
+            f"{figure['what']}; {figure['baseline']}",
+        )
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = TABLE_WIDTH
+    console.print(table)
+    for roofline in result["rooflines"]:
+        print(
+            f"{roofline['threads']} thread(s): {roofline['flops'] / GIGA:.0f} GFlop/s in vectors, "
+            f"{roofline['divisions_ps'] / GIGA:.2f} G divisions/s, copying {roofline['copy_bps'] / GIGA:.1f} GB/s, "
+            f"fresh memory {roofline['fresh_bps'] / GIGA:.1f} GB/s"
+        )
+
+
+def _number(value: float) -> str:
+    if value >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.3g}" if value >= 10 else f"{value:.2g}"

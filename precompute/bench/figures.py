@@ -1,0 +1,317 @@
+"""The figures of the bench, each beside its baseline and its roofline."""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.losses import Level
+from das.domain.units import KM, KMH
+from das.solver import kernels
+from das.solver.front import BLOCK_NODES, DecisionGrid, Front, Transitions, in_parts, solve_front
+from das.solver.section import Section, build_section
+from das.solver.tolerances import LADDER_SIZE
+from precompute.bench.lines import made_up_line
+from precompute.bench.measuring import Figure, Times, in_turns, peak_bytes_of, timed
+from precompute.bench.plain import bisected, numpy_sweep
+from precompute.bench.roofline import Roofline
+from precompute.exact.front import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL, solve_exact
+
+DIVISIONS_PER_TRANSITION = 7
+"""Divisions and roots, counted in das/solver/kernels.py: step_cost 3 to 4, locate 1, and a landing's share of the four
+landing speeds of its state, 3. They are what the scalar code waits for."""
+DIVISIONS_PER_LANDING_TRIED = 5
+"""In a roll-out: step_cost 3 to 4, locate 1."""
+POLISHED_LANDINGS = 12
+"""Landings that the golden section of a roll-out tries in each step, beyond those of the sweep."""
+FLOP_PER_RELAXATION = 6
+"""Three multiplications with addition (kernels.backward_sweep)."""
+RESULT_BYTES = 12
+"""Of a state and multiplier: its value and its time-to-go."""
+MILLION, MEGA = 1e6, 1e6
+BUFFERS = (0.005, 0.3)
+"""Of the trajectories timed: from, to, as shares of the least time."""
+RESOLVED_BUFFER = 0.1
+RESOLVED_SPEED_RATIO = 0.9
+"""The state solved anew: half-way, at this share of the braking envelope."""
+VEHICLE = "re460-ic"
+EXACT_ROUTE, EXACT_LEVEL = "flat-6km", Level.L1
+SHORT_KM = 30.0
+"""Fronts up to this length are quick enough for many rounds."""
+FRONT_BOUND = "its divisions and its vector arithmetic, or its result written to fresh memory"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How much is measured: rounds of a figure, those of the slow ones, how many of what, and how large."""
+
+    rounds: int
+    slow_rounds: int
+    trajectories: int
+    look_ups: int
+    built_sections: int
+    lengths_km: tuple[float, ...]
+    exact_buffer_ratio: float
+
+
+FULL = Effort(
+    rounds=9,
+    slow_rounds=3,
+    trajectories=24,
+    look_ups=2000,
+    built_sections=24,
+    lengths_km=(10.0, 30.0, 100.0, 300.0),
+    exact_buffer_ratio=0.02,
+)
+QUICK = Effort(
+    rounds=2,
+    slow_rounds=1,
+    trajectories=3,
+    look_ups=20,
+    built_sections=2,
+    lengths_km=(2.0, 5.0),
+    exact_buffer_ratio=0.001,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workload:
+    """The size of a front: its decision steps, speeds, and transitions."""
+
+    nodes: int
+    states: int
+    landings: int
+
+    @classmethod
+    def of(cls, section: Section) -> Workload:
+        """Count a section's transitions."""
+        grid = DecisionGrid.of(section)
+        nodes, states = len(grid.node_m) - 1, grid.speed_steps + 1
+        moves, landings = Transitions.empty(1, states), 0
+        for k in range(nodes):
+            grid.fill(0, 1, k, moves)
+            landings += int(moves.count.sum())
+        return cls(nodes=nodes, states=states, landings=landings)
+
+    @property
+    def relaxations(self) -> int:
+        return self.landings * LADDER_SIZE
+
+    @property
+    def result_bytes(self) -> int:
+        return (self.nodes + 1) * self.states * LADDER_SIZE * RESULT_BYTES
+
+    @property
+    def divisions(self) -> int:
+        return self.landings * DIVISIONS_PER_TRANSITION
+
+    @property
+    def flop(self) -> int:
+        return self.relaxations * FLOP_PER_RELAXATION
+
+    def least_s(self, roofline: Roofline) -> float:
+        """Least time of the front: its arithmetic, or writing its result to fresh memory."""
+        return roofline.least_s(divisions=self.divisions, flop=self.flop, fresh_bytes=self.result_bytes)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference:
+    """The section most figures are about, solved, and what the machine can do with one thread and with all."""
+
+    section: Section
+    front: Front
+    workload: Workload
+    effort: Effort
+    threads: int
+    one_thread: Roofline
+    all_threads: Roofline
+
+
+def front_of_reference(reference: Reference) -> list[Figure]:
+    """The front of the reference section."""
+    section, threads = reference.section, reference.threads
+    times = in_turns(
+        lambda: solve_front(section, threads=threads),
+        lambda: all_at_once(section),
+        rounds=reference.effort.rounds,
+    )
+    return [
+        times.figure(
+            "front", f"front of {LADDER_SIZE} multipliers, {section.name}", "one thread, all transitions first",
+            FRONT_BOUND, reference.workload.least_s(reference.all_threads),
+            unit="ms",
+        )
+    ]  # fmt: skip
+
+
+def all_at_once(section: Section) -> Front:
+    """The front by one thread: first all transitions, then the sweeps."""
+    return solve_front(section, threads=1, block_nodes=len(section.decision))
+
+
+def transition_rate(reference: Reference) -> list[Figure]:
+    """Transitions of the reference section per second."""
+    grid, load = DecisionGrid.of(reference.section), reference.workload
+    moves = Transitions.empty(BLOCK_NODES, load.states)
+
+    def fill(pool: ThreadPoolExecutor, threads: int) -> None:
+        for start in range(0, load.nodes, BLOCK_NODES):
+            in_parts(pool, threads, min(BLOCK_NODES, load.nodes - start), grid.fill, start, moves)
+
+    with ThreadPoolExecutor(reference.threads) as pool:
+        times = in_turns(lambda: fill(pool, reference.threads), lambda: fill(pool, 1), rounds=reference.effort.rounds)
+    least_s = reference.all_threads.least_s(divisions=load.divisions)
+    return [
+        times.figure(
+            "transitions", f"transitions, {load.nodes} nodes × {load.states} speeds", "one thread",
+            "their divisions, one after another", least_s, unit="million/s", amount=load.landings / MILLION,
+        )
+    ]  # fmt: skip
+
+
+def sweep_rate(reference: Reference) -> list[Figure]:
+    """Relaxations (a landing tried for a multiplier) per second, by one thread."""
+    load, ladder = reference.workload, reference.front.lambda_w
+    moves = Transitions.empty(load.nodes, load.states)
+    DecisionGrid.of(reference.section).fill(0, load.nodes, 0, moves)
+    assert isinstance(reference.front.time_to_go_s, np.ndarray)
+    value, time_to_go = reference.front.value_j.astype(np.float64), reference.front.time_to_go_s.copy()
+    times = in_turns(
+        lambda: moves.sweep(0, len(ladder), ladder, value, time_to_go),
+        lambda: numpy_sweep(moves, ladder),
+        rounds=reference.effort.rounds,
+        baseline_rounds=1,
+    )
+    moved = sum(array.nbytes for array in vars(moves).values()) + 2 * load.result_bytes
+    least_s = reference.one_thread.least_s(flop=load.flop, moved_bytes=moved)
+    return [
+        times.figure(
+            "sweep", f"relaxations of {LADDER_SIZE} multipliers, one thread", "the same in numpy",
+            "their arithmetic, or reading transitions and writing values", least_s, unit="million/s",
+            amount=load.relaxations / MILLION,
+        )
+    ]  # fmt: skip
+
+
+def trajectory(reference: Reference) -> list[Figure]:
+    """One run for one time from a front, over many times."""
+    front, load = reference.front, reference.workload
+    buffers = np.linspace(*BUFFERS, reference.effort.trajectories)
+    wanted, wanted_plainly = (itertools.cycle(front.fastest().time_s * (1 + buffers)) for _ in range(2))
+    times = in_turns(
+        lambda: front.trajectory(next(wanted)),
+        lambda: bisected(front, next(wanted_plainly)),
+        rounds=len(buffers),
+    )
+    tried = load.nodes * (kernels.LANDINGS + POLISHED_LANDINGS)
+    least_s = reference.one_thread.least_s(divisions=tried * DIVISIONS_PER_LANDING_TRIED)
+    return [
+        times.figure(
+            "trajectory", f"run for one time from the front, {len(buffers)} times, {BUFFERS[0]:.1%} to "
+            f"{BUFFERS[1]:.0%} above the least", "bisection of λ from end to end of the ladder",
+            "the divisions of one roll-out", least_s, unit="ms",
+        )
+    ]  # fmt: skip
+
+
+def resolve(reference: Reference) -> list[Figure]:
+    """A new section, front and run from half-way, against the run from the front at hand."""
+    section = reference.section
+    i = len(section.node_m) // 2
+    s_m, v_mps = float(section.node_m[i]), RESOLVED_SPEED_RATIO * float(section.envelope_mps[i])
+    time_s = reference.front.fastest(s_m, v_mps).time_s * (1 + RESOLVED_BUFFER)
+
+    def rest() -> Section:
+        return build_section(
+            section.route, section.vehicle, level=section.level, start_m=s_m, end_m=section.end_m,
+            start_speed_mps=v_mps, end_speed_mps=section.end_speed_mps, point_mass=section.length_m == 0,
+        )  # fmt: skip
+
+    times = in_turns(
+        lambda: solve_front(rest(), threads=reference.threads).trajectory(time_s),
+        lambda: reference.front.trajectory(time_s, s_m, v_mps),
+        rounds=reference.effort.rounds,
+    )
+    return [
+        times.figure(
+            "re-solve", f"new front and run from km {s_m / KM:.1f} at {v_mps / KMH:.0f} km/h",
+            "the run from the front at hand", FRONT_BOUND,
+            Workload.of(rest()).least_s(reference.all_threads), unit="ms",
+        )
+    ]  # fmt: skip
+
+
+def exact(reference: Reference) -> list[Figure]:
+    """The exact front of the paper's section, against the solver's front and a run from it."""
+    section = build_section(load_route(EXACT_ROUTE), load_vehicle(VEHICLE), level=EXACT_LEVEL)
+    buffer_ratio, labels = reference.effort.exact_buffer_ratio, 0
+
+    def search() -> None:
+        nonlocal labels
+        labels = solve_exact(section, buffer_ratio, threads=reference.threads).labels
+
+    def supported() -> None:
+        front = solve_front(section, threads=reference.threads)
+        front.trajectory(front.fastest().time_s * (1 + buffer_ratio))
+
+    times = in_turns(search, supported, rounds=reference.effort.slow_rounds)
+    moved = labels * 2 * (BYTES_PER_LABEL + BYTES_PER_OPEN_LABEL)
+    return [
+        times.figure(
+            "exact", f"exact front of {EXACT_ROUTE} + {VEHICLE}, {EXACT_LEVEL}, to {buffer_ratio:.1%}: "
+            f"{labels / MILLION:.2f} million partial runs", "the solver's front and one run",
+            "each partial run written and read once", reference.all_threads.least_s(moved_bytes=moved), unit="ms",
+        )
+    ]  # fmt: skip
+
+
+def growth(reference: Reference) -> list[Figure]:
+    """Fronts of made-up lines of growing length, against the shortest one's time per transition."""
+    figures: list[Figure] = []
+    baseline_s_per_landing = 0.0
+    for length_km in reference.effort.lengths_km:
+        section = made_up_section(length_km)
+        load = Workload.of(section)
+        rounds = reference.effort.rounds if length_km <= SHORT_KM else reference.effort.slow_rounds
+        seconds = timed(partial(solve_front, section, threads=reference.threads), rounds)
+        if not figures:
+            baseline_s_per_landing = statistics.median(seconds) / load.landings
+        times = Times(seconds=seconds, baseline_seconds=[baseline_s_per_landing * load.landings])
+        figure = times.figure(
+            f"growth-{length_km:g}km",
+            f"front of a made-up line, {length_km:g} km, {len(section.route.breakpoints_m())} breakpoints, "
+            f"{load.nodes} nodes × {load.states} speeds, {load.landings / MILLION:.1f} million transitions",
+            f"as long per transition as at {reference.effort.lengths_km[0]:g} km",
+            FRONT_BOUND, load.least_s(reference.all_threads), unit="ms",
+        )  # fmt: skip
+        figures.append(figure)
+    return figures
+
+
+def memory(reference: Reference) -> list[Figure]:
+    """Memory that the front of the longest made-up line needs."""
+    length_km = reference.effort.lengths_km[-1]
+    section = made_up_section(length_km)
+    own = peak_bytes_of(lambda: solve_front(section, threads=reference.threads))
+    plain = peak_bytes_of(lambda: all_at_once(section))
+    if own is None or plain is None:
+        return []
+    load = Workload.of(section)
+    return [
+        Figure(
+            name="memory", what=f"memory for the front of {length_km:g} km", unit="MB", value=own / MEGA,
+            least=own / MEGA, most=own / MEGA, rounds=1, baseline="all transitions first", baseline_value=plain / MEGA,
+            bound="its result", bound_value=load.result_bytes / MEGA,
+        )
+    ]  # fmt: skip
+
+
+def made_up_section(length_km: float) -> Section:
+    """The bundled train on a made-up line."""
+    return build_section(made_up_line(length_km), load_vehicle(VEHICLE))
