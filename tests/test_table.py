@@ -332,6 +332,11 @@ def test_a_table_of_another_solver_is_refused(folder: Path, section: Section, mo
         Table.open(folder).bind(section)
 
 
+def test_settings_of_journeys_do_not_matter(folder: Path, section: Section, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tol, "JOURNEY_TIME_TOLERANCE_S", 0.5, raising=False)
+    Table.open(folder).bind(section)
+
+
 def test_a_table_on_another_grid_is_refused(folder: Path, section: Section) -> None:
     shifted = replace(section, node_m=section.node_m + 1e-4)
     with pytest.raises(TableError, match="another grid"):

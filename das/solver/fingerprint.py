@@ -25,6 +25,11 @@ _LINE_IGNORES = frozenset({
     *("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg"),
 })  # fmt: skip
 _TRAIN_IGNORES = frozenset({"id", "name", "source", "length_m", "comfort_power_w", "default_level", "losses", "loads"})
+_SOLVER_IGNORES = frozenset({
+    *("LADDER_IDLE_RATIOS", "JOURNEY_FRONTS_BYTES", "JOURNEY_TIME_TOLERANCE_S"),
+    *("PASSING_SPEED_STEP_MPS", "PASSING_BAND_RATIO"),
+})  # fmt: skip
+"""Settings that have no part in a section's grid, policies or runs; every other one counts."""
 _LOSSES_IGNORE = frozenset({"name", "filled_w", "force_low_n", "force_high_n"})
 
 
@@ -56,7 +61,7 @@ def section_hashes(
         "train": {**train, "length_m": length_m, "brakes": vehicle.brakes_at(level)},
         "losses": vehicle.loss_model(level),
         "ends": (start_m, end_m, start_speed_mps, end_speed_mps),
-        "solver": {name: value for name, value in vars(tol).items() if name.isupper()},
+        "solver": {name: value for name, value in vars(tol).items() if name.isupper() and name not in _SOLVER_IGNORES},
     }
     return {name: _sha256(part) for name, part in parts.items()}
 
