@@ -23,9 +23,9 @@ from das.solver import tolerances as tol
 from das.solver.front import Fit, Front, Solution, solve_front
 from das.solver.section import Section, build_section
 from precompute.report import solution_json
+from tests import raw_data
 from tests.making import csv_rows, flat, make_route, make_train
 from tests.raw_data import Effort, Line, Loss, Train, constant_efficiencies
-from tests.raw_data import read_loss_map as read_raw_loss_map
 from tests.verifier import verify
 
 KWH = 3.6e6
@@ -364,14 +364,13 @@ def pose_reference(row: dict[str, str], data: Path) -> tuple[Section, Line, Trai
         vehicle = replace(vehicle, brake_policy=BrakePolicy.ELECTRIC)
         train = replace(train, brakes="electric", friction_n=0.0)
     if row["loss_model"].startswith("map"):
-        vehicle, loss = vehicle.with_loss_map(read_loss_map(map_path)), read_raw_loss_map(map_path)
+        vehicle = vehicle.with_loss_map(read_loss_map(map_path))
+        loss = raw_data.read_loss_map(map_path)
     else:
         driving, braking = map(float, row["loss_model"].split()[1].split("/"))
         own = EfficiencyLoss.from_efficiencies(driving, braking)
-        vehicle, loss = (
-            replace(vehicle, losses=MappingProxyType({Level.OWN: own})),
-            constant_efficiencies(driving, braking),
-        )
+        vehicle = replace(vehicle, losses=MappingProxyType({Level.OWN: own}))
+        loss = constant_efficiencies(driving, braking)
     if row["loss_model"].startswith("map") or row["brakes"] == "electric":
         envelope, effort = EffortEnvelope(max_force_n=213.9e3, max_power_w=3129.278e3), Effort(213.9e3, 3129.278e3)
         vehicle = replace(vehicle, traction=envelope, electric_brake=envelope, max_speed_mps=160 / 3.6)

@@ -31,6 +31,8 @@ BUFFERS_RATIO = (0.0, 0.05, 0.15)
 AMPLE_RATIO = 1e4
 """So much buffer that the least-energy run results. These trains idle for nothing, so it creeps: see `verify`."""
 HILLY = [track for track in TRACKS if track.endswith("_10") or not track.startswith("00")]
+OVERLOADS = ((4, True), (8, True), (15, False))
+"""Times the mass, and whether only the motors brake."""
 PUBLISHED_RATIO = 2e-3
 """The published figures hold to this."""
 STEP_M = 10.0
@@ -187,7 +189,7 @@ def build(case: Case, ends_m: tuple[float, float]) -> Section | tuple[str, float
 @pytest.mark.parametrize("track", HILLY)
 def test_an_overloaded_train_is_refused_for_the_true_reason(shared: Path, track: str, train: str) -> None:
     """Up to 15 times the mass, with and without friction brake: refused where it is impossible, else verified."""
-    for factor, motors_only in ((4, True), (8, True), (8, False), (15, False)):
+    for factor, motors_only in OVERLOADS:
         case = Case.read(shared, track, train).heavier(factor, motors_only=motors_only)
         for ends_m in case.sections():
             expected, built = obstacle(case, *ends_m), build(case, ends_m)

@@ -103,6 +103,24 @@ def brake_limit(v, p, friction_n):
 
 
 @kernel
+def largest_gain(v, resisting, p):
+    """Acceleration at full traction against a resisting force: the train's largest, unless full brake leaves more."""
+    rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
+    if rate <= p.max_acceleration_mps2:
+        return rate
+    return max(p.max_acceleration_mps2, -(brake_limit(v, p, p.friction_force_n) + resisting) / p.inertial_mass_kg)
+
+
+@kernel
+def largest_loss(v, resisting, p, friction_n):
+    """Deceleration at full brake with a resisting force: the train's largest, unless full traction leaves more."""
+    rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
+    if rate <= p.max_deceleration_mps2:
+        return rate
+    return max(p.max_deceleration_mps2, (resisting - traction_limit(v, p)) / p.inertial_mass_kg)
+
+
+@kernel
 def loss_power(f, v, c):
     """Component loss (W) at wheel force f and speed v > 0."""
     if not c.is_map:
@@ -145,20 +163,25 @@ def braking_envelope(step, g, q, u, limit, end_speed, p):
         cap = limit[i] if i == 0 else min(limit[i], limit[i - 1])
         here = on_supply(p, u[i])
         v1 = v[i + 1]
-        v0 = v1
+        start = min(_hardest_brake_start(0.0, v1, step[i], g[i], q[i], here), cap)
+        if start <= 0.0:
+            return v, i
+        low, low_gap, high, high_gap, v0 = 0.0, start, 0.0, 0.0, v1
         for _ in range(_FIXED_POINT_STEPS):
-            brake = brake_limit(max(v0, v1), here, here.friction_force_n)
-            rate = (brake + mean_resistance(v0, v1, q[i], p) + g[i]) / p.inertial_mass_kg
-            w0 = v1 * v1 + 2.0 * step[i] * min(rate, p.max_deceleration_mps2)
-            if w0 <= 0.0:
-                return v, i
-            new = min(math.sqrt(w0), cap)
+            new = min(_hardest_brake_start(v0, v1, step[i], g[i], q[i], here), cap)
             if abs(new - v0) <= _FIXED_POINT_TOLERANCE * new:
-                v0 = new
+                low = new
                 break
-            v0 = new
-        v[i] = v0
+            low, low_gap, high, high_gap, v0 = _narrowed(v0, new, low, low_gap, high, high_gap)
+        v[i] = low
     return v, -1
+
+
+@kernel
+def _hardest_brake_start(v0, v1, h, g, q, p):
+    """Speed from which the hardest brake of a start at v0 lands at v1 (0: it would run away)."""
+    w0 = v1 * v1 + 2.0 * h * largest_loss(max(v0, v1), mean_resistance(v0, v1, q, p) + g, p, p.friction_force_n)
+    return math.sqrt(w0) if w0 > 0.0 else 0.0
 
 
 @kernel
@@ -176,8 +199,8 @@ def climbing_floor(step, g, q, u, envelope, least, p):
         v1 = max(v[i + 1], min(least, envelope[i + 1]))
         v0 = v1
         for _ in range(_FIXED_POINT_STEPS):
-            rate = (traction_limit(max(v0, v1), here) - mean_resistance(v0, v1, q[i], p) - g[i]) / p.inertial_mass_kg
-            w0 = v1 * v1 - 2.0 * step[i] * min(rate, p.max_acceleration_mps2)
+            gain = largest_gain(max(v0, v1), mean_resistance(v0, v1, q[i], p) + g[i], here)
+            w0 = v1 * v1 - 2.0 * step[i] * gain
             new = math.sqrt(w0) if w0 > 0.0 else 0.0
             if abs(new - v0) <= _FIXED_POINT_TOLERANCE * max(new, 1.0):
                 v0 = new
@@ -226,19 +249,40 @@ def locate(v, floor, top, steps):
 @kernel
 def full_traction_speed(v0, h, g, q, p):
     """Speed after a step at full traction; the power limit holds over the whole step. 0 where the train stalls."""
-    v1 = v0
+    start = _full_traction_step(v0, 0.0, h, g, q, p)
+    if start <= 0.0:
+        return 0.0
+    low, low_gap, high, high_gap, v1 = 0.0, start, 0.0, 0.0, v0
     for _ in range(_FIXED_POINT_STEPS):
-        rate = (traction_limit(max(v0, v1), p) - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
-        w1 = v0 * v0 + 2.0 * h * min(rate, p.max_acceleration_mps2)
-        if w1 <= 0.0:
-            return 0.0
-        new = math.sqrt(w1)
-        # The power limit at the reached speed makes this an oscillating iteration: damping halves it.
-        new = 0.5 * (new + v1) if v1 > v0 and p.traction_force_n * new > p.traction_power_w else new
+        new = _full_traction_step(v0, v1, h, g, q, p)
         if abs(new - v1) <= _FIXED_POINT_TOLERANCE * new:
             return new
-        v1 = new
-    return v1
+        low, low_gap, high, high_gap, v1 = _narrowed(v1, new, low, low_gap, high, high_gap)
+    return low
+
+
+@kernel
+def _full_traction_step(v0, v1, h, g, q, p):
+    """Speed after a step at the full traction of a landing at v1 (0: it stops)."""
+    w1 = v0 * v0 + 2.0 * h * largest_gain(max(v0, v1), mean_resistance(v0, v1, q, p) + g, p)
+    return math.sqrt(w1) if w1 > 0.0 else 0.0
+
+
+@kernel
+def _narrowed(v, new, low, low_gap, high, high_gap):
+    """The next guess of a speed that is its own `new`, where new falls as v rises, and the bounds of it.
+
+    The power limit leaves less force, the faster the step: v would swing between too fast and too slow. So it is
+    bracketed and found by false position (Illinois); `high_gap` is 0 as long as nothing was too fast.
+    """
+    gap = new - v
+    if gap > 0.0:
+        low, low_gap, high_gap = v, gap, 0.5 * high_gap
+    else:
+        high, high_gap, low_gap = v, gap, 0.5 * low_gap
+    if high_gap == 0.0:
+        return low, low_gap, high, high_gap, new
+    return low, low_gap, high, high_gap, low + (high - low) * low_gap / (low_gap - high_gap)
 
 
 @kernel

@@ -23,6 +23,7 @@ from das.solver.kernels import (
     kernel,
     landing_speed,
     landings,
+    largest_loss,
     locate,
     mean_resistance,
     on_supply,
@@ -193,9 +194,7 @@ def _hardest_brake_speed(v0, h, g, q, p, friction_n):
     """Speed after a step at full electric brake plus friction_n; the power limit holds over the whole step."""
     v1 = v0
     for _ in range(_BRAKE_STEPS):
-        brake = brake_limit(max(v0, v1), p, friction_n)
-        rate = (brake + mean_resistance(v0, v1, q, p) + g) / p.inertial_mass_kg
-        w1 = v0 * v0 - 2.0 * h * min(rate, p.max_deceleration_mps2)
+        w1 = v0 * v0 - 2.0 * h * largest_loss(max(v0, v1), mean_resistance(v0, v1, q, p) + g, p, friction_n)
         new = math.sqrt(w1) if w1 > 0.0 else 0.0
         if abs(new - v1) <= 1e-13 * v0:
             return new
@@ -307,8 +306,8 @@ def roll_out(k0, price, a, offset, gap, decision, step, g, q, u, floor, envelope
             electric = landing_speed(v[i0], h, -1.0, gh / h, qh / h, here)
             friction_n = p.friction_force_n if p.brakes_dissipate or landing < 0.999 * electric else 0.0
             moving = drive(i0, i1, landing, friction_n, step, g, q, u, envelope, p, v)
-            if v[i1] < floor[i1]:
-                # The end speed can no longer be reached from here: this step needs full traction from its beginning.
+            if not moving or v[i1] < floor[i1]:
+                # A hill or the end speed can no longer be reached: this step needs full traction from its beginning.
                 moving = hurry(i0, i1, step, g, q, u, envelope, p, v)
         if not moving:
             return -1.0

@@ -136,7 +136,7 @@ def build_section(
     coarse = LineProfile.on(route, vehicle, decision_m, length_m)
     speeds = (start_speed_mps, end_speed_mps)
     _, envelope, fastest = _bounding_speeds(route, coarse, train, *speeds)
-    counts = _substep_counts(decision_m, fastest)
+    counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
     node_m = _subdivide(decision_m, counts)
     fine = LineProfile.on(route, vehicle, node_m, length_m)
     floor, envelope, fastest = _bounding_speeds(route, fine, train, *speeds)
@@ -206,13 +206,27 @@ def _subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:
     return np.append(inner, nodes[-1])
 
 
-def _substep_counts(decision_m: Floats, fastest_mps: Floats) -> NDArray[np.int64]:
+def _slope_change(route: Route, node_m: Floats, length_m: float) -> Floats:
+    """How much the gradient under the train changes over each interval (ratio); a point mass meets it at nodes."""
+    if length_m == 0:
+        return np.zeros(len(node_m) - 1)
+    return np.abs(np.diff(route.gradients_ratio.mean(node_m - length_m, node_m)))
+
+
+def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Floats) -> NDArray[np.int64]:
+    """Steps of integration in each decision step: few enough changes of speed, and of the slope under a constant force.
+
+    A slope that changes evenly by Δi over h takes and gives back g·Δi·h/8 of kinetic energy per mass: n steps leave
+    1/n² of it, which at speed v is that much over v in speed.
+    """
     mean = np.maximum(0.5 * (fastest_mps[:-1] + fastest_mps[1:]), 0.1)
     change = np.abs(np.diff(fastest_mps)) / mean
     counts = np.ceil(change / tol.SUBSTEP_SPEED_RATIO).astype(np.int64)
     # Near a standstill the force limit, not the power, bounds the effort: a few steps are enough.
     at_rest = np.minimum(fastest_mps[:-1], fastest_mps[1:]) < 2.0
     counts = np.where(at_rest, np.minimum(counts, 4), counts)
+    drift_mps = STANDARD_GRAVITY_MPS2 * slope_change * np.diff(decision_m) / 8 / mean
+    counts = np.maximum(counts, np.ceil(np.sqrt(drift_mps / tol.SUBSTEP_DRIFT_MPS)).astype(np.int64))
     return np.clip(counts, 1, tol.MAX_SUBSTEPS)
 
 
@@ -243,7 +257,7 @@ def _bounding_speeds(
         raise InfeasibleError(
             f"{route.source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
         )
-    floor = kernels.climbing_floor(*arrays, envelope, 0.0, train)
+    floor = kernels.climbing_floor(*arrays, envelope, tol.CREST_MPS, train)
     return floor, envelope, fastest
 
 

@@ -26,6 +26,8 @@ LADDER_HIGH_RATIO: Final = 10.0
 """The other multipliers run geometrically between these multiples of it."""
 SUBSTEP_SPEED_RATIO: Final = 0.005
 """Within a step of integration the speed of the fastest run changes by at most about this ratio."""
+SUBSTEP_DRIFT_MPS: Final = 0.01
+"""Held at a constant force on the slope that changes under the train, a step's speed drifts by at most this."""
 MAX_SUBSTEPS: Final = 80
 """Most steps of integration in one step of the decision grid."""
 LADDER_IDLE_RATIOS: Final = (0.99, 0.95, 0.8, 0.5, 0.2)
@@ -49,7 +51,9 @@ UNREACHABLE: Final = 1e16
 """Costs above this (J) are mixed with INFEASIBLE ones."""
 SMALLEST_SHARE: Final = 1e-9
 """An interpolation weight below this is rounding and taken as 0."""
-CREEP_MPS: Final = 0.3
+CREST_MPS: Final = 0.05
+"""No crest is planned to be passed slower than this: at its very floor speed a train would stop there."""
+CREEP_MPS: Final = 0.1
 """Slower than this at the start of the last decision step, the train first moves on as fast as it may."""
 INFEASIBLE: Final = 1e30
 """Cost of a state from which the section cannot be finished (finite, so that interpolation stays defined)."""

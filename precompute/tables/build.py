@@ -51,6 +51,7 @@ def build(
             state.superseded = remove_superseded(folder, state.jobs_that_are(Status.BUILT, Status.KEPT))
         finally:
             remove_unfinished(folder)
+            state.look_again()
             report = state.report()
     return report
 
@@ -75,6 +76,13 @@ class _State:
         self._outcomes[outcome.name] = outcome
         if time.perf_counter() - self._reported_s > REPORT_EVERY_S:
             self.report()
+
+    def look_again(self) -> None:
+        """Find the tables that were put into place while the build was being stopped, before anybody heard of them."""
+        for job in self.jobs_that_are(Status.PENDING):
+            size = finished(self._folder, job)
+            if size is not None:
+                self._outcomes[job.name] = Outcome(name=job.name, status=Status.BUILT, attempts=1, size_bytes=size)
 
     def report(self) -> dict[str, Any]:
         """Write build.json; returns what it holds."""
