@@ -119,6 +119,7 @@ def there_and_back() -> Trajectory:
         grade_and_curve_n=np.zeros(2),
         tunnel_n_per_mps2=np.zeros(2),
         limit_mps=np.full(2, 40.0),
+        supply=np.ones(2),
     )
 
 
