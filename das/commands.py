@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import io
 import os
 import signal
 import sys
@@ -11,12 +13,14 @@ from types import FrameType
 
 import typer
 from rich.console import Console
+from rich.table import Table
 from typer.exceptions import TyperException
 
 from das.domain.errors import DasError
 
 PRINTED_WIDTH = 110
-"""Width of tables that go to a file or a pipe."""
+"""Least width of tables that go to a file or a pipe."""
+WIDEST = 1000
 EXIT_BAD_INPUT = 2
 STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
 EXIT_INTERRUPTED = 130
@@ -31,8 +35,12 @@ def run_app(app: typer.Typer) -> None:
 
 def run_command(main: Callable[[], object]) -> None:
     """Run a command's main function; user errors become one line and exit code 2, Ctrl-C ends with 130."""
+    _say_what_can_be_said()
     try:
         code = main()
+        if code == EXIT_INTERRUPTED:  # typer turns Ctrl-C into this code
+            raise KeyboardInterrupt
+        sys.stdout.flush()
         sys.exit(code if isinstance(code, int) else 0)
     except TyperException as error:
         message = error.format_message()
@@ -48,6 +56,26 @@ def run_command(main: Callable[[], object]) -> None:
         # The reader of our output has gone (`… | head`): nothing to say, nowhere to say it.
         sys.stderr.close()
         sys.exit(1)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EIO) or error.filename is not None:
+            raise
+        print(f"error: the output cannot be written ({error.strerror})", file=sys.stderr)
+        os._exit(EXIT_BAD_INPUT)  # Python would try to write the rest once more, and say so
+
+
+def _say_what_can_be_said() -> None:
+    """Where the terminal's encoding lacks a letter (–, λ, ü), print a question mark rather than fail."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def print_table(table: Table) -> None:
+    """Print a table with no figure or name cut: wider than a narrow terminal where it must be."""
+    console = Console(highlight=False)
+    needed = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
+    console.width = max(console.width if console.is_terminal else PRINTED_WIDTH, needed)
+    console.print(table)
 
 
 def typed(command: str) -> str:

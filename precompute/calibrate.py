@@ -23,10 +23,9 @@ from typing import Annotated, Any, Final
 import numpy as np
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH, busy, err
+from das.commands import busy, err, print_table
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle, locate_vehicle
 from das.domain.files.native import read_loss_chain
@@ -402,14 +401,11 @@ def _report(figures: Figures, chains: Mapping[str, LossChain], written: list[Pat
             _interval(target),
             "" if target.met(reached) else "missed",
         )
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(table)
+    print_table(table)
     missed = sum(not target.met(figures[target.name]) for target in paper.TARGETS)
-    console.print(f"{len(paper.TARGETS) - missed} of {len(paper.TARGETS)} targets met")
+    print(f"{len(paper.TARGETS) - missed} of {len(paper.TARGETS)} targets met")
     for path in written:
-        console.print(f"written: {path}", markup=False)
+        print(f"written: {path}")
     sys.stdout.flush()
 
 

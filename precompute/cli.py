@@ -9,10 +9,9 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH, busy, interrupt_on_termination, run_app
+from das.commands import busy, interrupt_on_termination, print_table, run_app
 from das.domain.errors import DasError
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
@@ -294,10 +293,7 @@ def _print_solutions(title: str, results: list[dict[str, Any]]) -> None:
             f"{1e3 * result['solve_s']:.0f}",
             result["fit"],
         )
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(table)
+    print_table(table)
 
 
 def _price(result: dict[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,7 @@ import typer
 
 from das.commands import busy
 from das.domain.errors import DasError
-from das.domain.files.load import load_journey, load_route
+from das.domain.files.load import load_journey
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
 from das.domain.journey import Journey
@@ -25,6 +26,14 @@ from das.solver.journey import JourneyPlan, JourneyPlanner
 from das.solver.section import build_section
 from das.solver.warm_up import warm_up
 from precompute import baselines, journey_report
+from precompute.options import (
+    AdhesionOption,
+    LoadOption,
+    MassOption,
+    ReceptivityOption,
+    ResistanceOption,
+    WindOption,
+)
 from precompute.pose import Pose
 
 ALL_STOPS = "stops"
@@ -66,6 +75,12 @@ def journey_command(
     ] = None,
     point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
     no_friction_brake: Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")] = False,
+    load: LoadOption = None,
+    mass_ratio: MassOption = 1.0,
+    resistance_ratio: ResistanceOption = 1.0,
+    head_wind_kmh: WindOption = 0.0,
+    receptivity_ratio: ReceptivityOption = 1.0,
+    adhesion_ratio: AdhesionOption = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
     csv: Annotated[Path | None, typer.Option(help="Write the trajectory of the whole journey as CSV.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG): speed, and time with its windows.")] = None,
@@ -89,10 +104,14 @@ def journey_command(
         loss_map=loss_map,
         point_mass=point_mass,
         no_friction_brake=no_friction_brake,
+        load=load,
+        mass_ratio=mass_ratio,
+        resistance_ratio=resistance_ratio,
+        head_wind_kmh=head_wind_kmh,
+        receptivity_ratio=receptivity_ratio,
+        adhesion_ratio=adhesion_ratio,
     )
-    line, train = load_route(route), pose.train()
-    if reverse:
-        line = line.reversed()
+    line, train = pose.line(), pose.train()
     if journey == ALL_STOPS:
         asked = _all_stops(pose, line, train, time_s, buffer_percent, DWELL_S if dwell_s is None else dwell_s)
     elif (time_s, buffer_percent, dwell_s) == (None, None, None):
@@ -127,6 +146,8 @@ def _all_stops(
         return Journey.over_stops(route.stops, time_s=time_s, dwell_s=dwell_s)
     if time_s is not None or buffer_percent is None:
         raise DasError(f"{ALL_STOPS}: give either --time (s) or --buffer (%)")
+    if not 0 <= dwell_s < math.inf:
+        raise DasError(f"--dwell {dwell_s} s: expected a finite number >= 0")
     if not 0 <= buffer_percent < 1e4:
         raise DasError(f"--buffer {buffer_percent} %: expected a number from 0 to 10000")
     with busy(COMPILING):

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH
+from das.commands import print_table
 from das.domain.files.writing import write_whole
 from das.domain.journey import Held, Window, clock
 from das.domain.units import KM, KMH, KW, kmh, kwh
@@ -86,10 +85,7 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> Non
         )
         for x in hop.passings:
             table.add_row(f"  {x.passing.name}", "", _shown(x.timing), f"{kmh(x.speed_mps):.1f}")
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(table)
+    print_table(table)
     for line in _totals(plan, others_j):
         print(line)
 

@@ -46,7 +46,7 @@ def posed(options: dict[str, Any]) -> Pose:
     for name in ("max_power_kw", "max_force_kn", "max_brake_force_kn", "max_speed_kmh"):
         value = getattr(pose, name)
         if value is not None and not 0 < value < 1e9:
-            raise DasError(f"--{name.replace('_', '-')} {value}: expected a number > 0")
+            raise DasError(f"--{name.replace('_', '-')} {value}: expected a number > 0 and below 1e9")
     for name in ("boundary_speed_mps", "start_speed_mps", "end_speed_mps"):
         value = getattr(pose, name)
         if value is not None and not 0 <= value < 200:

@@ -12,11 +12,10 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH, busy, err
+from das.commands import busy, err, print_table
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from das.domain.units import kwh
@@ -235,10 +234,7 @@ def _print(section: Section, planned: dict[str, Any], rows: list[dict[str, Any]]
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(row["label"], *(_figure(row, *what) for what in COLUMNS.values()))
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(table)
+    print_table(table)
     buffer_percent = 100 * (planned["time_s"] / planned["min_time_s"] - 1)
     print(
         f"plan: {planned['time_s']:.1f} s (buffer {buffer_percent:.2f} %, {planned['fit']}), "

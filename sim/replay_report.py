@@ -5,10 +5,9 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH, typed
+from das.commands import print_table, typed
 from das.domain.units import NS, kwh
 from das.solver.front import Fit
 from sim.replay import Job, Outcome
@@ -81,14 +80,11 @@ def print_result(found: dict[str, Any]) -> None:
     table.add_column(justify="right", no_wrap=True)
     for name, value in _rows(found):
         table.add_row(name, value)
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(table)
+    print_table(table)
     for note in _notes(found):
-        console.print(f"note: {note}", soft_wrap=True)
-    console.print(f"written: {found['file']}", soft_wrap=True)
-    console.print(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}", soft_wrap=True)
+        print(f"note: {note}")
+    print(f"written: {found['file']}")
+    print(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}")
 
 
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:

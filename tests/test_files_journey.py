@@ -89,6 +89,8 @@ BAD_NATIVE = [
     ('stop = "a"', 'stop = "Bern"', r"stops\[0\]\.stop = 'Bern': expected a stop of the route \(test: no stop 'Bern';"),
     ('stop = "a"', 'stop = "a"\nname = "A"', r"stops\[0\]\.name = 'A': expected none beside stop"),
     ('stop = "a"', 'stop = "a"\nposition_m = 0', r"stops\[0\]\.position_m = 0: expected none beside stop"),
+    ('stop = "a"', "stop = true", r"stops\[0\]\.stop = True: expected name or number of a stop of the route"),
+    ('stop = "a"', "stop = 9", r"stops\[0\]\.stop = 9: expected a stop of the route \(test: no stop '9';"),
     ('name = "Halt"', "", r"stops\[1\]\.name is missing: expected a text"),
     ("position_m = 4000", "", r"stops\[1\]\.position is missing: expected position_m or position_km"),
     ("position_m = 4000", "position_m = 2500.5", r"position of Halt = '2500\.5 m': expected at least 1 m after Juncti"),
@@ -105,12 +107,12 @@ BAD_NATIVE = [
     ("lowest_speed_kmh = 36", "lowest_speed_kmh = 73", r"speeds of Junction = '73 … 72 km/h': expected a lowest speed"),
     ("lowest_speed_kmh = 36", "lowest_speed_kmh = -1", r"speeds of Junction = '-1 … 72 km/h': expected a lowest speed"),
     ("highest_speed_mps = 20.0", "highest_speed_mps = 0", r"speeds of Junction = '36 … 0 km/h': expected a lowest spe"),
-    ('departure = "07:10"', "", r"departure of A = None: expected an earliest time: the journey begins there"),
-    ('arrival = "25:00:00"', "", r"arrival at B = None: expected a latest time: the journey ends by then"),
+    ('departure = "07:10"', "", r"departure of A is missing: expected an earliest time: the journey begins there"),
+    ('arrival = "25:00:00"', "", r"arrival at B is missing: expected a latest time: the journey ends by then"),
     ('arrival = "25:00:00"', 'arrival = "07:16:59"', r"arrival at B, latest = '26219 s': expected at least 26220 s, f"),
     ('arrival = "25:00:00"', 'arrival = "25:00"\ndwell_s = 5', r"departure or dwell of B = 'given': expected none at "),
     ('departure = "07:10"', 'departure = "07:10"\narrival_s = 5', r"arrival or dwell of A = 'given': expected none at"),
-    ('[[stops]]\nstop = "2"\narrival', "[[passings]]\nstop = '2'\nlatest", r"last point = 4: expected a stop \(a jour"),
+    ('[[stops]]\nstop = "2"\narrival', "[[passings]]\nstop = '2'\nlatest", r"last point = 'B': expected a stop"),
     ('[[passings]]', "[passings]", r"passings = \{.*\}: expected a list of \[\[passings\]\]"),
 ]  # fmt: skip
 
@@ -183,9 +185,9 @@ BAD_TTOBENCH: list[tuple[int, Any, str]] = [
     (1, [3, None, 200, 0, 0], r"timing points at 3000 m = '3 rows': expected one, or two with speeds 0: a stop"),
     (2, [3, 5, 320, 0, 5], r"timing points at 3000 m = '2 rows': expected one, or two with speeds 0: a stop"),
     (1, [0, None, 200, 0, 0], r"timing points at 0 m = '2 rows': expected one row at an end of the journey"),
-    (0, [0, 1, 60, 0, None], r"first point = 5: expected a stop \(a journey has at least two\)"),
+    (0, [0, 1, 60, 0, None], r"first point = '0 m': expected a stop \(a journey has at least two\)"),
     (1, [5, None, 200, 36, None], r"position of 3000 m = '3000 m': expected at least 1 m after 5000 m \(5000 m\)"),
-    (5, [10, None, None, 0, 0], r"arrival at 10000 m = None: expected a latest time: the journey ends by then"),
+    (5, [10, None, None, 0, 0], r"arrival at 10000 m is missing: expected a latest time: the journey ends by then"),
     (5, [11, None, 1000, 0, 0], r"position of 11000 m = '11000 m': expected a position on test, 0 … 10000 m"),
 ]
 

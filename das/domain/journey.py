@@ -9,7 +9,7 @@ from enum import StrEnum
 from itertools import pairwise
 from typing import Self
 
-from das.domain.errors import InputError
+from das.domain.errors import MISSING, InputError
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop
 from das.domain.units import KMH
 
@@ -83,7 +83,8 @@ class Journey:
     def __post_init__(self) -> None:
         for key, ends in (("first point", self.points[:1]), ("last point", self.points[-1:])):
             if len(self.points) < 2 or not isinstance(ends[0], Call):
-                raise InputError(self.source, key, len(self.points), "a stop (a journey has at least two)")
+                found = ends[0].name if ends else MISSING
+                raise InputError(self.source, key, found, "a stop (a journey has at least two)")
         self._check_ends(self.calls[0], self.calls[-1])
         for point in self.points:
             _check_point(self.source, point)
@@ -127,10 +128,10 @@ class Journey:
                 )
         if not math.isfinite(first.departure.earliest_s):
             raise InputError(
-                self.source, f"departure of {first.name}", None, "an earliest time: the journey begins there"
+                self.source, f"departure of {first.name}", MISSING, "an earliest time: the journey begins there"
             )
         if not math.isfinite(last.arrival.latest_s):
-            raise InputError(self.source, f"arrival at {last.name}", None, "a latest time: the journey ends by then")
+            raise InputError(self.source, f"arrival at {last.name}", MISSING, "a latest time: the journey ends by then")
 
     def _check_order(self) -> None:
         """No time may be over before the one before it can be."""

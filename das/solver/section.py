@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.losses import Level, LossMap, LossModel, outside_map
-from das.domain.route import Route, Stretches, curve_resistance_mps2
+from das.domain.route import NEUTRAL, Route, Stretches, curve_resistance_mps2
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import kernels
@@ -249,10 +249,10 @@ def _bounding_speeds(
         )
     fastest, stuck = kernels.fastest_run(*arrays, envelope, start_speed_mps, train)
     if stuck >= 0:
-        raise InfeasibleError(
-            f"{route.source}: the train stalls at {profile.node_m[stuck]:.0f} m "
-            f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
-        )
+        place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
+        if profile.supply[stuck] == NEUTRAL:
+            place += ", in a neutral section"
+        raise InfeasibleError(f"{route.source}: the train stalls at {profile.node_m[stuck]:.0f} m ({place})")
     if fastest[-1] < end_speed_mps - tol.SPEED_TOLERANCE_MPS:
         raise InfeasibleError(
             f"{route.source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"

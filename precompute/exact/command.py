@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.commands import PRINTED_WIDTH, err
+from das.commands import err, print_table
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
@@ -127,10 +126,7 @@ def _print(section: Section, result: dict[str, Any]) -> None:
             f"{point['fast_energy_input_kwh']:.3f}",
             f"{100 * point['fast_difference_ratio']:+.3f}",
         )
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(table)
+    print_table(table)
     memory = f", {result['peak_memory_gb']:.2f} GB" if result["peak_memory_gb"] is not None else ""
     print(
         f"{result['front_points']} undominated runs on a grid of {result['step_m']:g} m × {result['speed_kmh']:g} km/h "

@@ -7,6 +7,7 @@ written here. Only so many jobs are on the cluster at once that the results wait
 from __future__ import annotations
 
 import importlib
+import re
 import time
 from collections.abc import Generator, Sequence
 from functools import cache
@@ -20,7 +21,7 @@ from precompute.tables.job import Job
 from precompute.tables.store import Outcome, Status
 
 CONNECT_WITHIN_S = 10.0
-SCHEMES = ("tcp://", "tls://", "ws://", "wss://")
+ADDRESS = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
 JOBS_PER_THREAD = 2
 """Jobs on the cluster for each of its threads: one at work, one waiting."""
 
@@ -87,7 +88,7 @@ def _distributed() -> Any:
 
 
 def _connected(address: str) -> Any:
-    if not address.startswith(SCHEMES):
+    if not ADDRESS.fullmatch(address):
         raise DasError(f"--scheduler {address}: expected an address like tcp://HOST:8786")
     client = _distributed().Client
     try:

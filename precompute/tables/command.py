@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table as PrintedTable
 
-from das.commands import PRINTED_WIDTH, busy, err
+from das.commands import busy, err, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 
@@ -74,9 +73,12 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
     from precompute.tables.store import REPORT, missing_tables, table_folders
 
     paths = table_folders(folder)
+    missing = missing_tables(folder)
+    if not paths and not missing:
+        raise DasError(f"{folder}: no tables in it")
     results: list[dict[str, Any]] = [
         {"name": name, "size_bytes": 0, "problem": f"{folder / name}: is missing ({REPORT} lists it)"}
-        for name in missing_tables(folder)
+        for name in missing
     ]
     began = time.perf_counter()
     with _bar("tables", len(paths)) as advance:
@@ -111,8 +113,10 @@ def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
     from das.table import Table, TableError
     from precompute.tables.store import table_folders
 
-    rows = []
-    for path in table_folders(folder):
+    rows, paths = [], table_folders(folder)
+    if not paths:
+        raise DasError(f"{folder}: no tables in it")
+    for path in paths:
         try:
             rows.append(_facts(Table.open(path)))
         except TableError as error:
@@ -193,7 +197,7 @@ def _facts(table: Table) -> dict[str, Any]:
 def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
     printed = PrintedTable(title=str(folder), title_justify="left", box=box.SIMPLE_HEAD)
     for name in ("route", "from – to", "train", "level"):
-        printed.add_column(name, overflow="fold")
+        printed.add_column(name)
     for name in ("km", "least s", "runs", "kWh first", "kWh last", "gap %", "MB"):
         printed.add_column(name, justify="right", no_wrap=True)
     for row in rows:
@@ -213,10 +217,7 @@ def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
             f"{100 * gap:.3f}" if gap is not None else "–",
             f"{row['size_bytes'] / MB:.1f}",
         )
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(printed)
+    print_table(printed)
     for row in rows:
         if row["problem"]:
             print(row["problem"])

@@ -233,4 +233,4 @@ def _in_plan(fields: Fields, key: str, value: str, read: Callable[[Any], _T]) ->
     try:
         return read(value)
     except DasError as error:
-        raise DasError(f"{fields.source}: {fields.prefix}{key} = {value!r}: {error}") from error
+        raise DasError(f"{fields.source}: {fields.prefix}{key} = {str(value)!r}: {error}") from error

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
@@ -87,6 +88,7 @@ class _Pool:
 
     def _start(self) -> None:
         mine, theirs = self._context.Pipe()
+        resource_tracker.ensure_running()  # its start lets SIGINT through again, in the middle of ours
         process = self._context.Process(target=serve, args=(theirs, str(self._folder)), daemon=True)
         # Ctrl-C reaches the whole group: only we shall hear it, and tell the workers to end.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])

@@ -116,7 +116,17 @@ def read_report(folder: Path) -> dict[str, Any]:
         report = json.loads((folder / REPORT).read_bytes())
     except (OSError, ValueError):
         return {}
-    return report if isinstance(report, dict) and report.get("schema_version") == REPORT_VERSION else {}
+    return report if _is_report(report) else {}
+
+
+def _is_report(report: object) -> bool:
+    if not isinstance(report, dict) or report.get("schema_version") != REPORT_VERSION:
+        return False
+    sections = report.get("sections")
+    return isinstance(sections, list) and all(
+        isinstance(section, dict) and isinstance(section.get("name"), str) and section.get("status") in list(Status)
+        for section in sections
+    )
 
 
 def missing_tables(folder: Path) -> list[str]:

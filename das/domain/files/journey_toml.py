@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from das.domain.errors import MISSING, DasError
+from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.native import SCHEMA_VERSION
 from das.domain.files.reading import Fields, read_toml
 from das.domain.journey import Call, Journey, Passing, Window
@@ -81,10 +81,14 @@ def _place(fields: Fields, route: Route) -> tuple[str, float]:
     for key in ("name", *given):
         if fields.has(key):
             raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
+    wanted = fields.data["stop"]
+    number = isinstance(wanted, int) and not isinstance(wanted, bool)
     try:
-        stop = route.stop(fields.text("stop"))
+        stop = route.stop(str(wanted) if number else fields.text("stop"))
+    except InputError:
+        raise fields.error("stop", wanted, "name or number of a stop of the route") from None
     except DasError as error:
-        raise fields.error("stop", fields.data["stop"], f"a stop of the route ({error})") from None
+        raise fields.error("stop", wanted, f"a stop of the route ({error})") from None
     return stop.name, stop.position_m
 
 
