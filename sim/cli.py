@@ -24,6 +24,7 @@ from das.domain.losses import Level
 from das.domain.route import section_stops
 from das.domain.units import NS, kwh
 from sim import trip_command
+from sim.drivers.command import drivers
 from sim.options import ReplayOptions
 
 app = typer.Typer(
@@ -37,6 +38,7 @@ app = typer.Typer(
 TIMETABLE_STEP_S = 6.0
 """Timetables are made in tenths of a minute."""
 BUNDLED = "zurich-zug-late.mcap"
+app.command(epilog="Example: das-sim drivers --json")(drivers)
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
 

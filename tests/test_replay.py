@@ -21,9 +21,8 @@ from das.domain.files.load import load_route, load_vehicle
 from das.solver.front import solve_front
 from das.solver.section import build_section
 from sim.cli import bundled_recording
-from sim.driver import DriverStyle, HurriedDriver
 from sim.estimate import estimate_run
-from sim.plant import Plant, PlantState
+from sim.hurried import DriverStyle, HurriedDriver, Plant, PlantState
 from sim.recording import read_recording
 
 
