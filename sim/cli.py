@@ -23,6 +23,8 @@ from das.domain.files.writing import check_writable
 from das.domain.losses import Level
 from das.domain.route import section_stops
 from das.domain.units import NS, kwh
+from sim import trip_command
+from sim.drivers.command import drivers
 from sim.options import ReplayOptions
 
 app = typer.Typer(
@@ -36,6 +38,7 @@ app = typer.Typer(
 TIMETABLE_STEP_S = 6.0
 """Timetables are made in tenths of a minute."""
 BUNDLED = "zurich-zug-late.mcap"
+app.command(epilog="Example: das-sim drivers --json")(drivers)
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
 
@@ -61,7 +64,7 @@ def default(context: typer.Context) -> None:
     epilog="Example: das-sim replay trip.csv --route track.json --vehicle train.json --line kmposts.csv --reverse"
 )
 def replay(
-    trip: Annotated[Path, typer.Argument(help="GPS record (CSV: latitude, longitude, km/h, ms) or MCAP of ours.")],
+    trip: Annotated[Path, typer.Argument(help="Trip: CSV, GPX or MCAP of ours (see docs/trips.md).")],
     route: Annotated[
         str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
     ] = None,
@@ -76,6 +79,7 @@ def replay(
     ] = None,
     from_stop: Annotated[str | None, typer.Option("--from", help="Stop the trip starts at [default: first].")] = None,
     to_stop: Annotated[str | None, typer.Option("--to", help="Stop the trip ends at [default: last].")] = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse what would be dropped or turned round.")] = False,
     arrival_s: Annotated[
         float | None,
         typer.Option("--arrival", help="Timetable's running time in s [default: as long as the trip took]."),
@@ -99,6 +103,7 @@ def replay(
         vehicle=vehicle,
         reverse=reverse,
         line=line,
+        strict=strict,
         from_stop=from_stop,
         to_stop=to_stop,
         arrival_s=arrival_s,
@@ -112,6 +117,9 @@ def replay(
         as_json=as_json,
     )
     _replay(trip, options)
+
+
+app.command("trip", epilog=trip_command.EPILOG)(trip_command.trip)
 
 
 @app.command(epilog="Example: das-sim view recordings/run.mcap --save run.rrd")

@@ -1,26 +1,57 @@
 """What a run as driven took: forces and energy by inverse dynamics with a chosen vehicle.
 
 What cannot be known from positions: the true train, mass and wind, how braking was shared between motors and friction
-(electric first is assumed), and what the auxiliaries drew. The figures are an estimate and labelled so.
+(electric first is assumed), and what the auxiliaries drew. The figures are an estimate and labelled so; `energy_range`
+says how far they may be off.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.conditions import Conditions
 from das.domain.losses import LossMap
 from das.domain.route import Floats
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy
 from das.solver.section import LineProfile, Section
+from sim.trips.matching import MatchedTrip
+from sim.trips.profile import JERK_PSD_M2PS5, to_profile
 
 MIN_STEP_M = 0.05
 """Grid points nearer than this are one: the train stands."""
 BEYOND_RATIO = 1.05
 """A force this much above the vehicle's envelope is counted as beyond what this train can do."""
+
+MASS_RATIO, RESISTANCE_RATIO, WIND_MPS = 0.05, 0.10, 5.0
+"""How far mass, running resistance and wind along the line may be from what is assumed (assumptions)."""
+SMOOTHING_RATIO = 10.0
+"""The density of jerk in the smoothing is taken this much higher and lower: its window shrinks and grows by 1.8."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unknown:
+    """What is not known, and the energy at the collector (J) at either end of what it may be."""
+
+    name: str
+    assumed: str
+    low_j: float
+    high_j: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnergyRange:
+    """The estimate (J), each unknown on its own, and all of them together at their worst either way."""
+
+    estimate_j: float
+    unknowns: tuple[Unknown, ...]
+    low_j: float
+    high_j: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,6 +114,75 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         index=index,
         beyond_ratio=float(np.diff(t)[beyond].sum() / max(t[-1] - t[0], 1e-9)),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Case:
+    """One way it may have been; the defaults are what the estimate assumes."""
+
+    mass_ratio: float = 1.0
+    resistance_ratio: float = 1.0
+    head_wind_mps: float = 0.0
+    all_friction: bool = False
+    jerk_psd_m2ps5: float = JERK_PSD_M2PS5
+
+
+_Ends = tuple[dict[str, Any], dict[str, Any]]
+_UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
+    ("mass", f"± {100 * MASS_RATIO:g} %", ({"mass_ratio": 1 - MASS_RATIO}, {"mass_ratio": 1 + MASS_RATIO})),
+    (
+        "running resistance",
+        f"± {100 * RESISTANCE_RATIO:g} %",
+        ({"resistance_ratio": 1 - RESISTANCE_RATIO}, {"resistance_ratio": 1 + RESISTANCE_RATIO}),
+    ),
+    ("wind along the line", f"± {WIND_MPS:g} m/s", ({"head_wind_mps": -WIND_MPS}, {"head_wind_mps": WIND_MPS})),
+    ("braking", "electric first … friction alone", ({"all_friction": False}, {"all_friction": True})),
+    (
+        "smoothing of the record",
+        f"jerk ÷ and × {SMOOTHING_RATIO:g}",
+        (
+            {"jerk_psd_m2ps5": JERK_PSD_M2PS5 / SMOOTHING_RATIO},
+            {"jerk_psd_m2ps5": JERK_PSD_M2PS5 * SMOOTHING_RATIO},
+        ),
+    ),
+)
+"""Name, what it may have been in words, and the changes at either end."""
+
+
+def energy_range(section: Section, matched: MatchedTrip) -> EnergyRange:
+    """How far the energy of a trip as driven may be off.
+
+    The inverse dynamics is done again with each unknown at either end, and with all of them together at the end that
+    gives less, and more: the outermost, not the likeliest.
+    """
+    estimate_j = _input_j(section, matched, _Case())
+    lowest = highest = _Case()
+    unknowns = []
+    for name, assumed, ends in _UNKNOWNS:
+        found = [(estimate_j, {}), *((_input_j(section, matched, _Case(**end)), end) for end in ends)]
+        (low_j, low), (high_j, high) = min(found, key=itemgetter(0)), max(found, key=itemgetter(0))
+        lowest, highest = replace(lowest, **low), replace(highest, **high)
+        unknowns.append(Unknown(name=name, assumed=assumed, low_j=low_j, high_j=high_j))
+    return EnergyRange(
+        estimate_j=estimate_j,
+        unknowns=tuple(unknowns),
+        low_j=_input_j(section, matched, lowest),
+        high_j=_input_j(section, matched, highest),
+    )
+
+
+def _input_j(section: Section, matched: MatchedTrip, case: _Case) -> float:
+    """Energy at the collector in one case."""
+    run = to_profile(matched, jerk_psd_m2ps5=case.jerk_psd_m2ps5)
+    conditions = Conditions(
+        mass_ratio=case.mass_ratio, resistance_ratio=case.resistance_ratio, head_wind_mps=case.head_wind_mps
+    )
+    other = replace(
+        section,
+        vehicle=conditions.train(section.vehicle),
+        brakes=BrakePolicy.FRICTION if case.all_friction else section.brakes,
+    )
+    return estimate_run(other, run.time_s, run.s_m, run.speed_mps).ledger.input
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:

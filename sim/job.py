@@ -7,12 +7,13 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from das import __version__
 from das.bus.topics import check_train_name
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
-from das.domain.route import section_stops
 from das.domain.units import NS
 from das.solver.front import solve_front
 from das.solver.section import Section, build_section
@@ -21,7 +22,8 @@ from sim.estimate import estimate_run
 from sim.options import ReplayOptions
 from sim.recording import extract_attachments
 from sim.replay import Job, plan_timing
-from sim.trips.trip import Trip, load_trip, peek_journey
+from sim.trips.reading import Reading, RecordedJourney, read_trip
+from sim.trips.trip import Trip, Whereabouts, load_trip
 
 
 def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) -> Job:
@@ -35,12 +37,8 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     if out.resolve() == trip_path.resolve():
         raise DasError(f"{out}: the recording to write is the trip to read")
     folder = tempfile.TemporaryDirectory(prefix="das-replay-")
-    options = _completed(trip_path, options, Path(folder.name))
-    assert options.route is not None
-    assert options.vehicle is not None
-    section = _section(options)
-    start, end = section_stops(section.route, options.from_stop, options.to_stop)
-    trip = load_trip(trip_path, section.route, start, end, options.line)
+    options, trip = open_trip(trip_path, options, Path(folder.name))
+    section = trip_section(trip, options)
     warm_up()
     front = solve_front(section)
     timing = plan_timing(trip, options.arrival_s, options.delay_s)
@@ -52,10 +50,10 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         timing=timing,
         reference=front.trajectory((timing.arrival_ns - timing.departure_ns) * NS),
         driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
-        names=(start.name, end.name),
-        reversed=options.reverse,
+        names=(trip.start.name, trip.end.name),
+        reversed=trip.reversed,
         delay_given=options.delay_s is not None,
-        node_arguments=_node_arguments(options, start.name, end.name),
+        node_arguments=_node_arguments(options, trip.start.name, trip.end.name),
         out=out,
         files_kept=folder,
         speed=options.speed,
@@ -64,13 +62,30 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     )
 
 
-def _completed(trip_path: Path, options: ReplayOptions, folder: Path) -> ReplayOptions:
+def open_trip(trip_path: Path, options: ReplayOptions, folder: Path) -> tuple[ReplayOptions, Trip]:
+    """Read, clean and match a trip; the options with what the recording or the trip's own direction says.
+
+    Files a recording brings along are put into `folder`. Raises DasError for anything unusable.
+    """
+    reading = read_trip(trip_path)
+    options = _completed(trip_path, reading, options, folder)
+    if options.route is None:
+        raise DasError(f"{trip_path}: a trip without a journey needs --route")
+    said = Whereabouts(
+        reverse=options.reverse,
+        from_stop=options.from_stop,
+        to_stop=options.to_stop,
+        line=options.line,
+        strict=options.strict,
+    )
+    trip = load_trip(trip_path, reading, load_route(options.route), said)
+    return replace(options, reverse=trip.reversed), trip
+
+
+def _completed(trip_path: Path, reading: Reading, options: ReplayOptions, folder: Path) -> ReplayOptions:
     """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
-    journey = peek_journey(trip_path)
+    journey = RecordedJourney.of(reading)
     if journey is None:
-        for name in ("route", "vehicle"):
-            if getattr(options, name) is None:
-                raise DasError(f"{trip_path}: a trip without a journey needs --{name}")
         return options
     if options.reverse:
         raise DasError("--reverse: the recording says itself in which direction it drives")
@@ -101,20 +116,19 @@ def _recorded(identity: str, kind: str, attached: list[Path]) -> str:
     return identity
 
 
-def _section(options: ReplayOptions) -> Section:
-    assert options.route is not None
-    assert options.vehicle is not None
-    route, vehicle = load_route(options.route), load_vehicle(options.vehicle)
-    route = route.reversed() if options.reverse else route
+def trip_section(trip: Trip, options: ReplayOptions) -> Section:
+    """The section of a trip with the chosen vehicle; DasError where none is chosen or it cannot run there."""
+    if options.vehicle is None:
+        raise DasError(f"{trip.path}: a trip without a journey needs --vehicle")
+    vehicle = load_vehicle(options.vehicle)
     if options.loss_map is not None:
         vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
-    start, end = section_stops(route, options.from_stop, options.to_stop)
     return build_section(
-        route,
+        trip.route,
         vehicle,
         level=options.level,
-        start_m=start.position_m,
-        end_m=end.position_m,
+        start_m=trip.start.position_m,
+        end_m=trip.end.position_m,
         point_mass=options.point_mass,
     )
 
@@ -155,9 +169,16 @@ def _metadata(trip: Trip, section: Section, options: ReplayOptions, command: str
         "map_anchor": report.anchor,
         "map_scale": f"{report.scale:.6f}",
         "map_offset_m": f"{report.offset_m:.1f}",
-        "map_median_cross_track_m": f"{report.median_cross_track_m:.1f}",
-        "gps_dropout_points": str(report.dropout_points),
+        "map_median_cross_track_m": _metres(report.median_cross_track_m),
+        "map_p95_cross_track_m": _metres(report.p95_cross_track_m),
+        "map_max_cross_track_m": _metres(report.max_cross_track_m),
+        "gps_dropout_points": str(np.count_nonzero(trip.matched.dropout)),
+        "cleaning": report.cleaning.summary,
     }
+
+
+def _metres(distance_m: float | None) -> str:
+    return "no line" if distance_m is None else f"{distance_m:.1f}"
 
 
 def _sha256(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Options of a replay."""
+"""Options of a replay, and of a look at a trip."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from das.domain.losses import Level
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """What `das-sim replay` is told besides the trip; None = from the recording, or the default.
+    """What `das-sim replay` or `trip` is told besides the trip; None = from the recording, or the default.
 
     `speed` is in times real time, None for as fast as node and recorder keep up.
     """
@@ -19,6 +19,7 @@ class ReplayOptions:
     vehicle: str | None = None
     reverse: bool = False
     line: Path | None = None
+    strict: bool = False
     from_stop: str | None = None
     to_stop: str | None = None
     arrival_s: float | None = None

@@ -5,15 +5,16 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from das.commands import print_table, typed
 from das.domain.units import NS, kwh
 from das.solver.front import Fit
+from sim.estimate import energy_range
 from sim.replay import Job, Outcome
-
-WHOLE_TRIP_M = 100.0
-"""A trip that starts and ends this near to the stops is the whole section."""
+from sim.trip_report import FOREIGN_RATIO, unknowns
+from sim.trips.findings import Kind
 
 
 def result(job: Job, outcome: Outcome) -> dict[str, Any]:
@@ -28,22 +29,26 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
     left_s = (timing.arrival_ns - run.start_time_ns) * NS
     wanted = job.front.trajectory(max(left_s, 1e-3))
     driven_kwh, optimum_kwh = kwh(job.driven.ledger.input), kwh(optimum.ledger.input)
-    section, matched = job.front.section, job.trip.matched
-    off_m = max(abs(float(run.s_m[0]) - section.start_m), abs(float(run.s_m[-1]) - section.end_m))
-    whole = matched.starts_standing and matched.ends_standing and off_m <= WHOLE_TRIP_M
-    comparable = optimum.fit is not Fit.LATE and whole
+    matched, spread = job.trip.matched, energy_range(job.front.section, job.trip.matched)
+    on_the_way = list(job.trip.stops_on_the_way)
+    comparable = optimum.fit is not Fit.LATE and job.trip.whole and not on_the_way
     saved_kwh = driven_kwh - optimum_kwh if comparable else None
-    report = job.trip.matched.report
+    report = matched.report
     replayed_s = outcome.ticks * 1.0
     return {
         "trip_time_s": trip_s,
-        "whole_section": whole,
+        "whole_section": job.trip.whole,
+        "better_stops": job.trip.better_stops,
+        "stops_on_the_way": on_the_way,
         "min_time_s": optimum.least_time_s,
         "advices": outcome.ticks,
         "advices_given": outcome.advices_given,
         "advices_withdrawn": outcome.advices_withdrawn,
         "advices_above_limit": outcome.above_limit,
         "energy_driven_kwh": driven_kwh,
+        "energy_driven_low_kwh": kwh(spread.low_j),
+        "energy_driven_high_kwh": kwh(spread.high_j),
+        "energy_driven_unknowns": unknowns(spread),
         "energy_optimum_kwh": optimum_kwh,
         "optimum_time_s": optimum.time_s,
         "optimum_fit": str(optimum.fit),
@@ -64,9 +69,11 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
         "map_anchor": report.anchor,
         "map_scale": report.scale,
         "map_median_cross_track_m": report.median_cross_track_m,
+        "map_p95_cross_track_m": report.p95_cross_track_m,
         "map_max_cross_track_m": report.max_cross_track_m,
-        "corrected_points": report.corrected_points,
-        "gps_dropout_points": report.dropout_points,
+        "gps_dropout_points": int(np.count_nonzero(matched.dropout)),
+        "cleaning": report.cleaning.as_object(),
+        "cleaning_summary": report.cleaning.summary,
         "gps_speed_lag_s": run.speed_lag_s,
         "position_rms_m": run.position_rms_m,
         "file": str(job.out),
@@ -97,6 +104,7 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("least possible time", f"{found['min_time_s']:.0f} s"),
         ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
         ("energy as driven (estimated)", f"{found['energy_driven_kwh']:.1f} kWh"),
+        ("  it may have been", f"{found['energy_driven_low_kwh']:.0f} to {found['energy_driven_high_kwh']:.0f} kWh"),
         (
             f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
             f"{found['energy_optimum_kwh']:.1f} kWh",
@@ -119,14 +127,23 @@ def _notes(found: dict[str, Any]) -> list[str]:
         late = found["timetable_late_s"]
         notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")
     if not found["whole_section"]:
-        notes.append("the trip does not run from standstill to standstill at the stops: no saving can be stated")
-    if found["beyond_vehicle_ratio"] > 0.005:
+        better = f" (try {found['better_stops']})" if found["better_stops"] else ""
+        notes.append(
+            f"the trip does not run from standstill to standstill at the stops{better}: no saving can be stated"
+        )
+    if found["stops_on_the_way"]:
+        names = ", ".join(found["stops_on_the_way"])
+        notes.append(f"the train stood at {names} on the way, the optimum does not: no saving can be stated")
+    if found["beyond_vehicle_ratio"] > FOREIGN_RATIO:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
     if found["map_anchor"] in ("start", "end"):
         notes.append(f"the kilometrage is anchored at the {found['map_anchor']} only (lengths differ by over 1 %)")
-    if found["gps_dropout_points"]:
-        notes.append(f"{found['gps_dropout_points']} points with a dropped speed: their speed is from the positions")
+    for finding in found["cleaning"]["findings"]:
+        if finding["kind"] == Kind.OTHER_WAY:
+            notes.append(f"the trip runs the other way, and was driven so: {finding['detail']}")
+    if found["cleaning"]["findings"]:
+        notes.append(f"the trip was cleaned: {found['cleaning_summary']}")
     if found["advices_above_limit"]:
         notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
     return notes

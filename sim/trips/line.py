@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,13 +42,24 @@ class Line:
     def from_route(cls, route: Route) -> Line:
         """The route's own geometry, chainage = route position; DasError where it has none."""
         if len(route.geometry_position_m) < 2:
-            raise DasError(f"{route.source}: route {route.id!r} has no geometry, give a file of kilometre posts")
+            raise DasError(
+                f"{route.source}: route {route.id!r} has no geometry to match GPS to; give kilometre posts with --line"
+            )
         return cls(
             source=route.source,
             chainage_m=route.geometry_position_m,
             latitude_deg=route.geometry_latitude_deg,
             longitude_deg=route.geometry_longitude_deg,
             on_route=True,
+        )
+
+    def turned(self) -> Line:
+        """The same line driven the other way, with chainages from its other end."""
+        return replace(
+            self,
+            chainage_m=self.chainage_m[-1] - self.chainage_m[::-1],
+            latitude_deg=self.latitude_deg[::-1].copy(),
+            longitude_deg=self.longitude_deg[::-1].copy(),
         )
 
     def match(self, latitude_deg: Floats, longitude_deg: Floats) -> tuple[Floats, Floats]:

@@ -1,58 +1,52 @@
-"""A GPS record on the route: positions that never decrease, speeds without dropouts, and how well it fits."""
+"""A record on the route: positions that never decrease, speeds without dropouts, what was cleaned, how well it fits."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.domain.route import Floats, Route, Stop
 from das.domain.units import KMH, NS
-from sim.trips.gps_csv import GpsTrip, Ints
+from sim.trips import cleaning
+from sim.trips.cutting import section_of
+from sim.trips.findings import CleaningReport, FindingLog, Kind
 from sim.trips.line import Line
+from sim.trips.points import Points, fitting_points, measured_mps
+from sim.trips.record import Bools, Ints, Record
+from sim.trips.standing import STANDING_MPS, Stand, stands
 
-Bools = NDArray[np.bool_]
-
-STANDING_MPS = 1.0 * KMH
-"""A train reported slower than this, and not moving by its positions, stands."""
-MAX_CROSS_TRACK_M = 200.0
-MAX_BACKWARD_M = 30.0
-MAX_BEYOND_M = 300.0
 SCALE_TOLERANCE_RATIO = 0.01
 """Matched length and distance of the stops may differ by this for the kilometrage to be scaled to the stops."""
-DERIVED_HALF_WINDOW_S = 5.0
-"""Speed from positions is their mean slope over this time either side; GPS positions catch up only after seconds."""
-DROPOUT_MPS, DROPOUT_RATIO = 4.0, 0.2
-"""Reported speed is a dropout where it is below the speed from positions by both; more than delay (3 s at 1 m/s²)."""
-DROPOUT_EDGE_MPS, DROPOUT_EDGE_MPS2 = 1.0, 1.5
-"""Next to a dropout, a speed still below by the first that jumps faster than the second belongs to it."""
+TOLD_M = 0.01
+"""Positions moved by less are not told."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchReport:
     """How the record fits: s = offset_m + scale · chainage.
 
-    `anchor` is what fixed them: "route" (nothing had to), "start and end", "start" or "end" (the stops where it stood).
+    `anchor` is what fixed them: "route" (nothing had to), "start and end", "start" or "end" (the stops where it stood),
+    "positions" (it has positions on the route). Distances from the line are None where there is no line.
     """
 
     offset_m: float
     scale: float
     anchor: str
-    median_cross_track_m: float
-    max_cross_track_m: float
-    corrected_points: int
-    """Positions moved: backward steps made flat, and standing points put together."""
-    dropout_points: int
+    median_cross_track_m: float | None
+    p95_cross_track_m: float | None
+    max_cross_track_m: float | None
+    cleaning: CleaningReport
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatchedTrip:
     """A record on a route, arrays of shape (points,); `s_m` never decreases, `speed_mps` has no dropouts.
 
-    It stands up to point `departure` and from point `arrival` on; where it does not stand these are the first and last
-    point and `starts_standing`, `ends_standing` are False.
+    `dropout` marks speeds that are from the positions, not measured. The train stands up to point `departure` and from
+    point `arrival` on; where it does not these are the first and last point and `starts_standing`, `ends_standing`
+    are False.
     """
 
     source: str
@@ -64,6 +58,7 @@ class MatchedTrip:
     dropout: Bools
     invalid: Bools
     uncertainty_m: Floats
+    standing: Bools
     departure: int
     arrival: int
     starts_standing: bool
@@ -79,149 +74,195 @@ class MatchedTrip:
         return np.asarray((self.time_ns - self.time_ns[0]) * NS, dtype=np.float64)
 
 
-def match_trip(trip: GpsTrip, line: Line, route: Route, start_stop: Stop, end_stop: Stop) -> MatchedTrip:
-    """Put a record on a route that is driven from `start_stop` to `end_stop`, positions increasing.
+def match_trip(
+    record: Record,
+    line: Line | None,
+    route: Route,
+    start_stop: Stop,
+    end_stop: Stop,
+    log: FindingLog | None = None,
+    *,
+    whole_stands: bool = False,
+) -> MatchedTrip:
+    """Put a record (times increasing) on a route that is driven from `start_stop` to `end_stop`, positions increasing.
 
-    Kilometre posts have a zero of their own: the standstill at the start is put on the start stop; if the train also
-    stands at the end and the lengths agree within 1 %, the kilometrage is scaled so that both fit. Backward steps up to
-    30 m are noise and made flat. Raises DasError for a record off the line, backwards, or beyond the section.
+    What cannot be is dropped or mended, and told in the report (see docs/trips.md). Kilometre posts have a zero of
+    their own: two standstills as far apart as the stops, within 1 %, are put on the stops and the kilometrage is scaled
+    to both; else the stand at the start, or that at the end, gives the zero. Without a line the record's positions
+    count. Of long stands at the ends 30 s are kept, or all (`whole_stands`). Raises DasError where nothing sensible
+    remains: off the line, not moving, turning back, not of this section.
     """
+    log = log or FindingLog(read=len(record))
+    stops = (start_stop, end_stop)
     if start_stop.position_m >= end_stop.position_m:
         raise DasError(f"{route.source}: {start_stop.name} does not lie before {end_stop.name} on the route as driven")
-    chainage, cross_track = line.match(trip.latitude_deg, trip.longitude_deg)
-    _check_on_line(trip, line, cross_track)
-    _check_direction(trip, line, chainage)
-    time_s = trip.elapsed_s()
-    dropout = find_dropouts(time_s, chainage, trip.speed_mps)
-    departure, arrival, starts, ends = _standing_ends(trip, (trip.speed_mps < STANDING_MPS) & ~dropout)
-    pinned = chainage.copy()
-    if starts:  # the last fix before departure has settled best
-        pinned[: departure + 1] = chainage[departure]
-    if ends:
-        pinned[arrival:] = np.median(chainage[arrival:])
-    offset_m, scale, anchor = _alignment(trip, line, pinned, (starts, ends), (start_stop, end_stop))
-    position = offset_m + scale * pinned
-    s_m = flattened(trip, position, cap_m=float(position[-1]) if ends else np.inf)
-    check_within(trip, s_m, start_stop, end_stop)
-    report = MatchReport(
-        offset_m=offset_m,
-        scale=scale,
-        anchor=anchor,
-        median_cross_track_m=float(np.median(cross_track)),
-        max_cross_track_m=float(cross_track.max()),
-        corrected_points=int(np.count_nonzero(np.abs(s_m - (offset_m + scale * chainage)) > 1e-6)),
-        dropout_points=int(np.count_nonzero(dropout)),
+    points = fitting_points(record, line, end_stop.position_m - start_stop.position_m, log)
+    found = stands(points.standing)
+    pinned = _pinned(points.along_m, found)
+    anchored = _alignment(record, line, pinned, found, stops)
+    offset_m, scale, _ = anchored
+    placed = replace(points, along_m=offset_m + scale * pinned)
+    kept = section_of(record, placed, found, stops, log, whole_stands=whole_stands)
+    drifted = np.abs(scale * (pinned - points.along_m))[kept] > TOLD_M
+    points = placed.take(kept)
+    log.add(Kind.STANDING_DRIFT, record, points.point[drifted])
+    points = _mended(record, points, log)
+    _tell(record, points, end_stop, log)
+    return _with_invalid(record, points, _report(record, points, anchored, line, log))
+
+
+def _report(
+    record: Record, points: Points, anchored: tuple[float, float, str], line: Line | None, log: FindingLog
+) -> MatchReport:
+    aside_m, known = points.aside_m, line is not None
+    return MatchReport(
+        offset_m=anchored[0],
+        scale=anchored[1],
+        anchor=anchored[2],
+        median_cross_track_m=float(np.median(aside_m)) if known else None,
+        p95_cross_track_m=float(np.percentile(aside_m, 95)) if known else None,
+        max_cross_track_m=float(aside_m.max()) if known else None,
+        cleaning=log.report(len(points), record.unread),
     )
+
+
+def _pinned(along_m: Floats, found: list[Stand]) -> Floats:
+    """Positions with every standstill in one place: at the start the last fix, which has settled best, else the
+    median."""
+    pinned = along_m.copy()
+    for stand in found:
+        here = slice(stand.first, stand.last + 1)
+        pinned[here] = along_m[stand.last] if stand.first == 0 else np.median(along_m[here])
+    return pinned
+
+
+def _alignment(
+    record: Record, line: Line | None, pinned_m: Floats, found: list[Stand], stops: tuple[Stop, Stop]
+) -> tuple[float, float, str]:
+    """Offset, scale and anchor of s = offset + scale·chainage."""
+    if line is None:
+        return 0.0, 1.0, "positions"
+    if line.on_route:
+        return 0.0, 1.0, "route"
+    start_m, end_m = stops[0].position_m, stops[1].position_m
+    pair = _stands_apart(pinned_m, found, end_m - start_m)
+    if pair is not None:
+        first, last = pair
+        scale = (end_m - start_m) / (last - first)
+        return start_m - scale * first, scale, "start and end"
+    if found and found[0].first == 0:
+        return start_m - float(pinned_m[0]), 1.0, "start"
+    if found and found[-1].last == len(pinned_m) - 1:
+        return end_m - float(pinned_m[-1]), 1.0, "end"
+    raise DasError(
+        f"{record.source}: the train stands neither at the first nor at the last {record.place} that fits, so "
+        "kilometre posts cannot be aligned with the route's positions"
+    )
+
+
+def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tuple[float, float] | None:
+    """The two standstills whose distance is nearest to that of the stops, None if all are off by more than 1 %."""
+    places = pinned_m[[stand.first for stand in found]]
+    off = np.abs(np.subtract.outer(places, places).T - distance_m)
+    off[np.tril_indices(len(places))] = np.inf  # the first stands before the last
+    if not np.any(off <= SCALE_TOLERANCE_RATIO * distance_m):
+        return None
+    i, j = np.unravel_index(int(off.argmin()), off.shape)
+    return float(places[i]), float(places[j])
+
+
+def _mended(record: Record, points: Points, log: FindingLog) -> Points:
+    """Positions made flat, and the speeds that are not measured taken from them."""
+    s_m = _flattened(record, points)
+    back = np.abs(s_m - points.along_m) > TOLD_M
+    log.add(Kind.STEP_BACK, record, points.point[back], f"less than {cleaning.MAX_BACKWARD_M:.0f} m")
+    # On the final positions once more: a cleaned trip has nothing left to mend.
+    dropout, spike = cleaning.find_wrong_speeds(points.time_s, s_m, measured_mps(record, points))
+    points = replace(points, dropout=points.dropout | dropout, spike=points.spike | spike)
+    # A train that stands has no speed, one that moves is not slower than one that stands.
+    derived = np.maximum(cleaning.derived_speed_mps(points.time_s, s_m), STANDING_MPS)
+    derived = np.where(points.standing, 0.0, derived)
+    return replace(points, along_m=s_m, speed_mps=np.where(points.speed_derived, derived, points.speed_mps))
+
+
+def _flattened(record: Record, points: Points) -> Floats:
+    """Positions that never decrease nor pass where the train stands at the end; DasError beyond noise."""
+    highest = np.maximum.accumulate(points.along_m)
+    back = highest - points.along_m
+    if back.max() > cleaning.MAX_BACKWARD_M:
+        i = int((back > cleaning.MAX_BACKWARD_M).argmax())
+        raise DasError(
+            f"{record.source}: position decreases by {back[i]:.0f} m at {record.where(int(points.point[i]))} "
+            "(wrong direction? see --reverse)"
+        )
+    return np.minimum(highest, points.along_m[-1]) if points.standing[-1] else highest
+
+
+def _tell(record: Record, points: Points, end_stop: Stop, log: FindingLog) -> None:
+    """Speeds that were mended, and what is left as it is, in the section."""
+    at = points.point
+    for kind, which in (
+        (Kind.SPEED_MISSING, points.missing),
+        (Kind.SPEED_DROPOUT, points.dropout),
+        (Kind.SPEED_SPIKE, points.spike),
+    ):
+        log.add(kind, record, at[which], _speeds(record, at[which], points, which))
+    inside = np.arange(at[0], at[-1] + 1)
+    time_s = record.elapsed_s()[inside]
+    gaps = cleaning.find_gaps(time_s)
+    longest = f"longest {np.diff(time_s)[gaps].max():.0f} s" if len(gaps) else ""
+    log.add(Kind.GAP, record, inside[gaps], longest)
+    for kind, i in ((Kind.STARTS_MOVING, 0), (Kind.ENDS_MOVING, -1)):
+        if not points.standing[i]:
+            left = f", {end_stop.position_m - points.along_m[-1]:.0f} m before {end_stop.name}" if i else ""
+            log.add(kind, record, [at[i]], f"at {points.speed_mps[i] / KMH:.0f} km/h{left}")
+
+
+def _speeds(record: Record, at: Ints, points: Points, which: Bools) -> str:
+    """The reported speed that is furthest off."""
+    off = np.abs(record.speed_mps[at] - points.speed_mps[which])
+    if not len(off) or np.isnan(off).all():
+        return ""
+    worst = int(np.nanargmax(off))
+    unit = ", so most are: another unit?" if 2 * len(at) > len(points) else ""
+    return f"{record.speed_mps[at][worst] / KMH:.0f} instead of {points.speed_mps[which][worst] / KMH:.0f} km/h{unit}"
+
+
+def _with_invalid(record: Record, points: Points, report: MatchReport) -> MatchedTrip:
+    """The trip, with the points a recording calls invalid between the others: they belong to what the node was told."""
+    inside = np.zeros(len(record), dtype=bool)
+    inside[points.point[0] : points.point[-1] + 1] = True
+    kept = record.invalid & inside
+    kept[points.point] = True
+    j = np.flatnonzero(kept)
+    s_m, speed = (np.interp(j, points.point, values) for values in (points.along_m, points.speed_mps))
+    still = np.interp(j, points.point, points.standing) == 1.0
+    derived = np.zeros(len(record), dtype=bool)
+    derived[points.point] = points.speed_derived
+    departure, arrival = _departure_and_arrival(points)
+    uncertainty = record.uncertainty_m[j]
+    if report.median_cross_track_m is not None:
+        uncertainty = np.where(np.isnan(uncertainty), report.median_cross_track_m, uncertainty)
     return MatchedTrip(
-        source=trip.source,
-        time_ns=trip.time_ns,
+        source=record.source,
+        time_ns=record.time_ns[j],
         s_m=s_m,
-        speed_mps=np.where(dropout, derived_speed_mps(time_s, s_m), trip.speed_mps),
-        latitude_deg=trip.latitude_deg,
-        longitude_deg=trip.longitude_deg,
-        dropout=dropout,
-        invalid=np.zeros(len(s_m), dtype=bool),
-        uncertainty_m=np.full(len(s_m), float(np.median(cross_track))),
-        departure=departure,
-        arrival=arrival,
-        starts_standing=starts,
-        ends_standing=ends,
+        speed_mps=speed,
+        latitude_deg=record.latitude_deg[j],
+        longitude_deg=record.longitude_deg[j],
+        dropout=(derived | record.degraded)[j],
+        invalid=record.invalid[j],
+        uncertainty_m=uncertainty,
+        standing=still,
+        departure=int(np.searchsorted(j, points.point[departure])),
+        arrival=int(np.searchsorted(j, points.point[arrival])),
+        starts_standing=bool(points.standing[0]),
+        ends_standing=bool(points.standing[-1]),
         report=report,
     )
 
 
-def derived_speed_mps(time_s: Floats, position_m: Floats) -> Floats:
-    """Speed from positions: mean slope over 5 s (at least one point) either side, one-sided at the ends."""
-    before = np.minimum(time_s - DERIVED_HALF_WINDOW_S, np.append(time_s[0], time_s[:-1]))
-    after = np.maximum(time_s + DERIVED_HALF_WINDOW_S, np.append(time_s[1:], time_s[-1]))
-    before, after = np.maximum(before, time_s[0]), np.minimum(after, time_s[-1])
-    moved_m = np.interp(after, time_s, position_m) - np.interp(before, time_s, position_m)
-    return np.asarray(moved_m / (after - before), dtype=np.float64)
-
-
-def find_dropouts(time_s: Floats, position_m: Floats, speed_mps: Floats) -> Bools:
-    """Points whose reported speed falls far below the speed from positions (see the constants above)."""
-    derived = derived_speed_mps(time_s, position_m)
-    below = derived - speed_mps
-    found = (below > DROPOUT_MPS) & (below > DROPOUT_RATIO * derived)
-    jump = np.abs(np.diff(speed_mps)) > DROPOUT_EDGE_MPS2 * np.diff(time_s)
-    while True:
-        edge = np.zeros_like(found)
-        edge[1:] |= found[:-1] & jump
-        edge[:-1] |= found[1:] & jump
-        edge &= ~found & (below > DROPOUT_EDGE_MPS)
-        if not edge.any():
-            return found
-        found |= edge
-
-
-def _check_on_line(trip: GpsTrip, line: Line, cross_track_m: Floats) -> None:
-    far = cross_track_m > MAX_CROSS_TRACK_M
-    if 2 * np.count_nonzero(far) > len(far):
-        i = int(far.argmax())
-        raise DasError(
-            f"{trip.source}: trip not on the line {line.source}: line {i + 1} is {cross_track_m[i]:.0f} m away and "
-            f"{np.count_nonzero(far)} of {len(far)} points more than {MAX_CROSS_TRACK_M:.0f} m"
-        )
-
-
-def _check_direction(trip: GpsTrip, line: Line, chainage_m: Floats) -> None:
-    back = chainage_m[0] - chainage_m[-1]
-    if back > MAX_BACKWARD_M:
-        raise DasError(
-            f"{trip.source}: the trip runs the other way along {line.source}: its last point lies {back:.0f} m before "
-            "its first (wrong direction? see --reverse)"
-        )
-
-
-def _standing_ends(trip: GpsTrip, standing: Bools) -> tuple[int, int, bool, bool]:
-    """Last point of the standstill at the start, first of that at the end, and whether there are any."""
-    moving = np.flatnonzero(~standing)
-    if not len(moving):
-        raise DasError(f"{trip.source}: the train never moves, every speed is below {STANDING_MPS / KMH:g} km/h")
-    first, last = int(moving[0]), int(moving[-1])
-    return max(first - 1, 0), min(last + 1, len(standing) - 1), first > 0, last < len(standing) - 1
-
-
-def _alignment(
-    trip: GpsTrip, line: Line, chainage_m: Floats, standing: tuple[bool, bool], stops: tuple[Stop, Stop]
-) -> tuple[float, float, str]:
-    """Offset, scale and anchor of s = offset + scale·chainage."""
-    if line.on_route:
-        return 0.0, 1.0, "route"
-    if not any(standing):
-        raise DasError(
-            f"{trip.source}: the train stands neither at the first nor at the last line, so kilometre posts cannot be "
-            "aligned with the route's positions"
-        )
-    first, last = float(chainage_m[0]), float(chainage_m[-1])
-    start_m, end_m = stops[0].position_m, stops[1].position_m
-    distance = end_m - start_m
-    if all(standing) and abs(last - first - distance) <= SCALE_TOLERANCE_RATIO * distance:
-        scale = distance / (last - first)
-        return start_m - scale * first, scale, "start and end"
-    if standing[0]:
-        return start_m - first, 1.0, "start"
-    return end_m - last, 1.0, "end"
-
-
-def flattened(trip: GpsTrip, position_m: Floats, cap_m: float) -> Floats:
-    """Positions that never decrease nor pass where the train stands at the end; DasError beyond noise."""
-    highest = np.maximum.accumulate(position_m)
-    back = highest - position_m
-    if back.max() > MAX_BACKWARD_M:
-        i = int((back > MAX_BACKWARD_M).argmax())
-        raise DasError(
-            f"{trip.source}: position decreases by {back[i]:.0f} m at line {i + 1} (wrong direction? see --reverse)"
-        )
-    return np.minimum(highest, cap_m)
-
-
-def check_within(trip: GpsTrip, s_m: Floats, start_stop: Stop, end_stop: Stop) -> None:
-    before, after = start_stop.position_m - s_m[0], s_m[-1] - end_stop.position_m
-    for beyond, what in (
-        (before, f"starts {before:.0f} m before {start_stop.name}"),
-        (after, f"ends {after:.0f} m beyond {end_stop.name}"),
-    ):
-        if beyond > MAX_BEYOND_M:
-            raise DasError(f"{trip.source}: the trip {what}, more than {MAX_BEYOND_M:.0f} m outside the section")
+def _departure_and_arrival(points: Points) -> tuple[int, int]:
+    """Last point of the stand at the start, first of that at the end; the ends where it does not stand."""
+    moving = np.flatnonzero(~points.standing)
+    return max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(points) - 1)

@@ -9,7 +9,8 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import NS
-from sim.trips.matching import Bools, MatchedTrip
+from sim.trips.matching import MatchedTrip
+from sim.trips.record import Bools
 
 POSITION_SIGMA_M = 25.0
 """Weight of a matched position per second: some 6 m of error that last for about 15 s, so σ·√15."""
@@ -18,8 +19,10 @@ JERK_PSD_M2PS5 = 0.03
 """With the speed's σ the smoothing acts like a local fit over (σ²/psd)^¼ ≈ 1.7 s either side, 8 s in all."""
 EXACT = 1e-3
 """σ of what is known: the position of a stop (m) and that the train stands there (m/s)."""
-MAX_SPEED_GAP_S = 3.0
-"""Reported speeds further apart than this are not joined; positions alone lead through the gap."""
+MAX_SPEED_GAP_S, MAX_POSITION_GAP_S = 3.0, 6.0
+"""Reported speeds, and positions, further apart than this are not joined; inertia leads through the gap."""
+USUAL_STEPS_JOINED = 2.0
+"""Unless the record has so few points that this many of its usual steps are longer."""
 LAGS_S = np.arange(-2.0, 5.01, 0.25)
 MIN_LAG_GAIN_RATIO, MIN_LAG_GAIN_M = 0.2, 1.0
 """A lag must explain this much of the spread between integrated speed and position, or it is taken as 0."""
@@ -44,33 +47,37 @@ class DrivenRun:
     position_rms_m: float
 
 
-def to_profile(matched: MatchedTrip, step_s: float = 1.0) -> DrivenRun:
+def to_profile(matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float = JERK_PSD_M2PS5) -> DrivenRun:
     """Resample from departure to arrival to steps of `step_s`, smooth and consistent.
 
     GPS receivers filter the speed, so it comes seconds late: the lag is estimated by sliding the integrated speed
     against the positions, and departure and arrival, which the speed tells, move with it. Then the likeliest motion
-    under white jerk is taken (Kalman filter and Rauch–Tung–Striebel smoother for s, v, a): positions, weighted little,
-    lead over long distances; speeds, weighted more, give the detail over some 8 s; dropouts and gaps are bridged by
-    positions and inertia. A standing end is exact in position and speed, and moved to the next step. Negative speeds
-    become 0, and s is integrated from the speed. Raises DasError for a run shorter than 3 steps.
+    under white jerk of density `jerk_psd_m2ps5` is taken (Kalman filter and Rauch–Tung–Striebel smoother for s, v, a):
+    positions, weighted little, lead over long distances; speeds, weighted more, give the detail over some 8 s; dropouts
+    are bridged by positions and inertia, gaps by inertia alone. A standing end is exact in position and speed, and
+    moved to the next step. Negative speeds become 0, and s is integrated from the speed. Raises DasError for a run
+    shorter than 3 steps.
     """
-    time_s, dropout = matched.elapsed_s(), matched.dropout
-    lag = speed_lag_s(time_s, matched.s_m, matched.speed_mps)
-    begin, end = _run_times(matched, time_s, lag)
+    valid = ~matched.invalid
+    time_s, place_m, dropout = matched.elapsed_s()[valid], matched.s_m[valid], matched.dropout[valid]
+    lag = speed_lag_s(time_s, place_m, matched.speed_mps[valid])
+    begin, end = _run_times(matched, lag)
     count = (end - begin) / step_s
     steps = int(np.ceil(count - 1e-6) if matched.ends_standing else np.floor(count + 1e-6))
     if steps < 3:
         raise DasError(f"{matched.source}: a run of {end - begin:g} s is too short, expected at least {3 * step_s:g} s")
     grid = np.arange(steps + 1, dtype=np.float64) * step_s
-    position = np.interp(begin + grid, time_s, matched.s_m)
-    speed, unseen = _joined_speed(begin + grid, time_s[~dropout] - lag, matched.speed_mps[~dropout])
+    position, nowhere = _joined(begin + grid, time_s, place_m, MAX_POSITION_GAP_S)
+    seen = ~dropout
+    speed, unseen = _joined(begin + grid, time_s[seen] - lag, matched.speed_mps[valid][seen], MAX_SPEED_GAP_S)
     variance = np.full((2, steps + 1), [[POSITION_SIGMA_M**2], [SPEED_SIGMA_MPS**2]]) / step_s
-    variance[1, unseen] = np.inf
+    variance[0, nowhere], variance[1, unseen] = np.inf, np.inf
     ends = ((0, matched.departure, matched.starts_standing), (-1, matched.arrival, matched.ends_standing))
     for k, point, standing in ends:
         if standing:
             position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, EXACT**2
-    s, v = _integrated(matched, position, np.maximum(_smoothed(step_s, position, speed, variance), 0.0), step_s)
+    smooth = _smoothed(step_s, position, speed, variance, jerk_psd_m2ps5)
+    s, v = _integrated(matched, position, np.maximum(smooth, 0.0), step_s)
     return DrivenRun(
         time_s=grid,
         s_m=s,
@@ -79,12 +86,13 @@ def to_profile(matched: MatchedTrip, step_s: float = 1.0) -> DrivenRun:
         start_time_ns=int(matched.time_ns[0]) + round(begin / NS),
         dropout=np.interp(begin + grid, time_s - lag, dropout.astype(float)) > 0,
         speed_lag_s=lag,
-        position_rms_m=float(np.sqrt(np.mean((s - position) ** 2))),
+        position_rms_m=float(np.sqrt(np.mean((s - position)[~nowhere] ** 2))),
     )
 
 
-def _run_times(matched: MatchedTrip, time_s: Floats, lag_s: float) -> tuple[float, float]:
+def _run_times(matched: MatchedTrip, lag_s: float) -> tuple[float, float]:
     """Departure and arrival, as far as the record goes; its ends where it does not stand."""
+    time_s = matched.elapsed_s()
     begin = time_s[matched.departure] - lag_s if matched.starts_standing else time_s[0]
     end = time_s[matched.arrival] - lag_s if matched.ends_standing else time_s[-1]
     return float(max(begin, time_s[0])), float(min(end, time_s[-1]))
@@ -108,22 +116,22 @@ def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
     return float(LAGS_S[best]) if gain > max(MIN_LAG_GAIN_RATIO * none, MIN_LAG_GAIN_M) else 0.0
 
 
-def _joined_speed(grid: Floats, time_s: Floats, speed_mps: Floats) -> tuple[Floats, Bools]:
-    """Speeds on the grid, and where there is none: outside the points or in a gap."""
+def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) -> tuple[Floats, Bools]:
+    """Values on the grid, and where there is none: outside the points or in a gap."""
     if not len(time_s):
         return np.zeros_like(grid), np.ones(len(grid), dtype=bool)
     after = np.searchsorted(time_s, grid)
-    inside = (after > 0) & (after < len(time_s))
-    i = np.clip(after, 1, max(len(time_s) - 1, 1))
-    wide = np.append(np.inf, np.diff(time_s))[np.minimum(i, len(time_s) - 1)] > MAX_SPEED_GAP_S
-    return np.interp(grid, time_s, speed_mps), ~inside | wide
+    inside = ((after > 0) & (after < len(time_s))) | (grid == time_s[0])
+    steps = np.append(0.0, np.diff(time_s))
+    wide = steps > max(longest_gap_s, USUAL_STEPS_JOINED * float(np.median(steps[1:]))) if len(steps) > 1 else steps > 0
+    return np.interp(grid, time_s, values), ~inside | wide[np.clip(after, 0, len(time_s) - 1)]
 
 
-def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Floats) -> Floats:
+def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Floats, jerk_psd_m2ps5: float) -> Floats:
     """Speed of the likeliest motion under white jerk; `variance` (2 × n) of positions and speeds, inf = not seen."""
     h = step_s
     move = np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]])
-    noise = JERK_PSD_M2PS5 * np.array(
+    noise = jerk_psd_m2ps5 * np.array(
         [[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]]
     )
     n = len(position_m)

@@ -1,7 +1,8 @@
-"""CSV files without a header as arrays, with errors that name the file, the line and the value."""
+"""Rows of CSV files as numbers, with errors that name the file, the line and the value."""
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -11,44 +12,75 @@ from das.domain.errors import DasError, InputError
 from das.domain.files.reading import read_text
 from das.domain.route import Floats
 
+ROUNDING = 1e-6
+"""A negative speed nearer to 0 (in its file's unit) is one that was computed."""
 
-def read_rows(path: Path, names: tuple[str, ...], at_least: int, what: str) -> Floats:
-    """Rows of finite numbers (rows × len(names)); row i is line i + 1 of the file.
 
-    Raises DasError for a missing or empty file and InputError (file, line, value) for an unusable line.
+def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], str]:
+    """Cells of a CSV file, row i being line i + 1, and the separator: a semicolon if line 1 has one, or a comma.
+
+    Raises DasError for a missing or empty file, or one with a line break inside quotes.
     """
     lines = read_text(path).rstrip().splitlines()
     if not lines:
-        raise DasError(f"{path}: empty {what}, expected lines of {', '.join(names)}")
-    rows = np.array([_numbers(path, number, line, names) for number, line in enumerate(lines, 1)])
-    if len(rows) < at_least:
-        raise DasError(f"{path}: {what} of {len(rows)} line, expected at least {at_least} lines")
-    return rows
+        raise DasError(f"{path}: empty {what}, expected {expected}")
+    separator = ";" if ";" in lines[0] else ","
+    try:
+        rows = list(csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True))
+    except csv.Error as error:
+        raise DasError(f"{path}: not a usable CSV file ({error})") from error
+    if len(rows) != len(lines):
+        raise DasError(f"{path}: a quoted cell goes over several lines, expected one line a row")
+    return [[cell.strip() for cell in row] for row in rows], separator
 
 
-def check_column(path: Path, name: str, values: Floats, bad: NDArray[np.bool_], expected: str) -> None:
-    """InputError for the first line marked in `bad` (rows)."""
+def read_rows(path: Path, names: tuple[str, ...], at_least: int, what: str) -> Floats:
+    """Rows of finite numbers (rows × len(names)) of a file without a header; row i is line i + 1 of the file.
+
+    Raises DasError for a missing or empty file and InputError (file, line, value) for an unusable line.
+    """
+    rows, separator = read_cells(path, what, f"lines of {', '.join(names)}")
+    values = []
+    for line, cells in enumerate(rows, 1):
+        check_width(path, line, cells, separator, names)
+        values.append([number(path, line, name, cell) for name, cell in zip(names, cells, strict=True)])
+    if len(values) < at_least:
+        raise DasError(f"{path}: {what} of {len(values)} line, expected at least {at_least} lines")
+    return np.array(values)
+
+
+def check_width(path: Path, line: int, cells: list[str], separator: str, names: tuple[str, ...]) -> None:
+    """InputError for a row of another number of columns."""
+    if len(cells) != len(names):
+        raise InputError(path, f"line {line}", separator.join(cells), f"{len(names)} columns: {', '.join(names)}")
+
+
+def number(path: Path, line: int, name: str, cell: str) -> float:
+    """A finite number, or InputError."""
+    try:
+        value = float(cell)
+    except ValueError:
+        raise InputError(path, f"line {line} {name}", cell, "a number") from None
+    if not np.isfinite(value):
+        raise InputError(path, f"line {line} {name}", cell, "a finite number")
+    return value
+
+
+def not_negative(path: Path, line: int, speed: float) -> float:
+    """A speed, 0 where it is below by rounding alone, or InputError."""
+    if speed < -ROUNDING:
+        raise InputError(path, f"line {line} speed", speed, "a speed >= 0")
+    return max(speed, 0.0)
+
+
+def check_column(path: Path, name: str, values: Floats, bad: NDArray[np.bool_], expected: str, first: int = 1) -> None:
+    """InputError for the first row marked in `bad`; row 0 is line `first`."""
     if bad.any():
         i = int(bad.argmax())
-        raise InputError(path, f"line {i + 1} {name}", float(values[i]), expected)
+        raise InputError(path, f"line {i + first} {name}", float(values[i]), expected)
 
 
-def check_location(path: Path, latitude_deg: Floats, longitude_deg: Floats) -> None:
+def check_location(path: Path, latitude_deg: Floats, longitude_deg: Floats, first: int = 1) -> None:
     """InputError for the first latitude beyond ±90° or longitude beyond ±180°."""
-    check_column(path, "latitude", latitude_deg, np.abs(latitude_deg) > 90, "-90 to 90 deg")
-    check_column(path, "longitude", longitude_deg, np.abs(longitude_deg) > 180, "-180 to 180 deg")
-
-
-def _numbers(path: Path, number: int, line: str, names: tuple[str, ...]) -> list[float]:
-    cells = line.split(",")
-    if len(cells) != len(names):
-        raise InputError(path, f"line {number}", line, f"{len(names)} columns: {', '.join(names)}")
-    values = []
-    for name, cell in zip(names, cells, strict=True):
-        try:
-            values.append(float(cell))
-        except ValueError:
-            raise InputError(path, f"line {number} {name}", cell, "a number") from None
-        if not np.isfinite(values[-1]):
-            raise InputError(path, f"line {number} {name}", cell, "a finite number")
-    return values
+    check_column(path, "latitude", latitude_deg, np.abs(latitude_deg) > 90, "-90 to 90 deg", first)
+    check_column(path, "longitude", longitude_deg, np.abs(longitude_deg) > 180, "-180 to 180 deg", first)

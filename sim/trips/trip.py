@@ -1,163 +1,168 @@
-"""A trip to replay, from a GPS record or from an MCAP recording of ours."""
+"""A trip to replay or to look at: read, cleaned, put on its route in its direction, and its smooth run."""
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from das.bus import das_pb2
-from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
-from das.domain.errors import DasError, InputError
-from das.domain.route import Route, Stop
-from sim.recording import read_recording
-from sim.trips.gps_csv import GpsTrip, read_gps_trip
+from das.domain.errors import DasError
+from das.domain.route import Route, Stop, section_stops
+from das.domain.units import KMH
+from sim.trips.cleaning import in_order
+from sim.trips.findings import FindingLog, Kind
 from sim.trips.line import Line, read_kilometre_posts
-from sim.trips.matching import STANDING_MPS, MatchedTrip, MatchReport, check_within, flattened, match_trip
+from sim.trips.matching import MatchedTrip, match_trip
+from sim.trips.points import runs_back
 from sim.trips.profile import DrivenRun, to_profile
+from sim.trips.reading import Reading
+from sim.trips.record import Record
+from sim.trips.schedule import StandFound, stands_found
+from sim.trips.standing import AT_STOP_M
+
+WHOLE_TRIP_M = 100.0
+"""A trip that starts and ends this near to the stops is the whole section."""
+FASTEST_MPS = 400.0 * KMH
+"""What leads to more is no train's trip."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trip:
-    """A trip matched to a route, its smooth run, and what a recording says besides (journey, delays)."""
+    """A trip matched to a route as driven (`reversed`: against its file), its smooth run, and what a recording says
+    besides (journey, delays)."""
 
     path: Path
+    format: str
+    route: Route
+    reversed: bool
+    start: Stop
+    end: Stop
     matched: MatchedTrip
     run: DrivenRun
     journey: Any | None = None
     delays: tuple[tuple[int, float], ...] = ()
 
+    @property
+    def whole(self) -> bool:
+        """Whether it runs from standstill to standstill at the stops."""
+        off = (self.run.s_m[0] - self.start.position_m, self.run.s_m[-1] - self.end.position_m)
+        standing = self.matched.starts_standing and self.matched.ends_standing
+        return standing and bool(max(abs(x) for x in off) <= WHOLE_TRIP_M)
+
+    @property
+    def stands(self) -> tuple[StandFound, ...]:
+        """Where the train stood, in order."""
+        return stands_found(self.matched, self.route, self.run.speed_lag_s)
+
+    @property
+    def stops_on_the_way(self) -> tuple[str, ...]:
+        """Stops of the route at which it stood between the first and the last."""
+        ends = (self.start.name, self.end.name)
+        return tuple(s.stop for s in self.stands if s.dwell_s is not None and s.stop is not None and s.stop not in ends)
+
+    @property
+    def better_stops(self) -> str:
+        """Options that name the stops at which it starts and ends, where those are others; else empty."""
+        stands = self.stands
+        first = next((s.stop for s in stands if s.arrival_ns is None), None)
+        last = next((s.stop for s in stands if s.departure_ns is None), None)
+        options = [("--from", first, self.start), ("--to", last, self.end)]
+        return " ".join(f"{name} {shlex.quote(stop)}" for name, stop, is_ in options if stop and stop != is_.name)
+
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedJourney:
-    """What a recording's journey names, to choose route, vehicle and stops from."""
+class Whereabouts:
+    """What is said about where a trip was driven: direction, stops (None: the route's first and last), kilometre
+    posts. `strict` refuses a trip from which points would be dropped, or that runs the other way."""
 
-    route_id: str
-    vehicle_id: str
-    reversed: bool
-    from_stop: str
-    to_stop: str
-
-
-def peek_journey(path: Path) -> RecordedJourney | None:
-    """The journey of an MCAP recording, None for a GPS record or a recording without one."""
-    if path.suffix.lower() != ".mcap":
-        return None
-    journeys = read_recording(path).of(JOURNEY)
-    if not journeys or len(journeys[0].message.stops) < 2:
-        return None
-    journey = journeys[0].message
-    return RecordedJourney(
-        route_id=journey.route_id,
-        vehicle_id=journey.vehicle_id,
-        reversed=journey.reversed,
-        from_stop=journey.stops[0].name,
-        to_stop=journey.stops[-1].name,
-    )
+    reverse: bool = False
+    from_stop: str | None = None
+    to_stop: str | None = None
+    line: Path | None = None
+    strict: bool = False
 
 
-def load_trip(path: Path, route: Route, start: Stop, end: Stop, line_path: Path | None) -> Trip:
-    """Read a trip and match it to the route as driven (positions increasing from `start` to `end`).
+def load_trip(path: Path, reading: Reading, route: Route, said: Whereabouts) -> Trip:
+    """Clean a trip and put it on a route (as in its file).
 
-    A GPS record needs kilometre posts, or a route with geometry; a recording of ours has positions on the route.
-    Raises DasError or InputError for anything unusable.
+    A GPS record needs kilometre posts, or a route with geometry, unless it has positions on the route. One that runs
+    the other way than `said` is driven the other way, where no stops are named. Raises DasError or InputError for
+    anything unusable.
     """
-    if path.suffix.lower() == ".mcap":
-        return _from_recording(path, start, end)
-    trip = read_gps_trip(path)
-    matched = match_trip(trip, _line(route, line_path), route, start, end)
-    return Trip(path=path, matched=matched, run=to_profile(matched))
-
-
-def _line(route: Route, line_path: Path | None) -> Line:
-    if line_path is not None:
-        return read_kilometre_posts(line_path)
-    if not len(route.geometry_position_m):
-        raise DasError(f"{route.source}: the route has no geometry to match GPS to; give kilometre posts with --line")
-    return Line.from_route(route)
-
-
-def _from_recording(path: Path, start: Stop, end: Stop) -> Trip:
-    recording = read_recording(path)
-    data = recording.columns(POSITION, "time_ns", "s_m", "speed_mps", "quality", "uncertainty_m")
-    if len(data["time_ns"]) < 2:
-        raise DasError(f"{path}: the recording has {len(data['time_ns'])} positions, expected at least 2")
-    gps = _as_gps(path, recording, data)
-    matched = _as_matched(gps, data, start, end)
-    delays = recording.columns(DELAY, "time_ns", "delay_s")
-    journeys = recording.of(JOURNEY)
+    log = FindingLog(strict=said.strict, read=len(reading.record))
+    record = in_order(reading.record, log)
+    driven, reverse, line = _direction(record, route, said, log)
+    start, end = section_stops(driven, said.from_stop, said.to_stop)
+    recorded = reading.journey is not None
+    if recorded:
+        _check_recorded(record, start, end)
+    record = record.driven(reverse, route.length_m)
+    matched = match_trip(record, line, driven, start, end, log, whole_stands=recorded)
+    run = to_profile(matched)
+    if run.speed_mps.max() > FASTEST_MPS:
+        top_kmh = run.speed_mps.max() / KMH
+        raise DasError(f"{path}: the positions lead to {top_kmh:.0f} km/h, faster than trains run: times are wrong")
     return Trip(
         path=path,
+        format=reading.format,
+        route=driven,
+        reversed=reverse,
+        start=start,
+        end=end,
         matched=matched,
-        run=to_profile(matched),
-        journey=journeys[0].message if journeys else None,
-        delays=tuple(zip(delays["time_ns"].tolist(), delays["delay_s"].tolist(), strict=True)),
+        run=run,
+        journey=reading.journey,
+        delays=reading.delays,
     )
 
 
-def _as_gps(path: Path, recording: Any, data: dict[str, Any]) -> GpsTrip:
-    """The positions of a recording with their locations; NaN where it has none."""
-    time_ns = data["time_ns"]
-    for name in ("s_m", "speed_mps"):
-        bad = np.flatnonzero(~np.isfinite(data[name]))
-        if len(bad):
-            raise InputError(path, f"position[{bad[0]}].{name}", float(data[name][bad[0]]), "a finite number")
-    backwards = np.flatnonzero(data["speed_mps"] < -STANDING_MPS)
-    if len(backwards):
-        i = int(backwards[0])
-        raise InputError(path, f"position[{i}].speed_mps", float(data["speed_mps"][i]), "a speed >= 0")
-    late = np.flatnonzero(np.diff(time_ns) <= 0)
-    if len(late):
-        raise InputError(path, f"position[{late[0] + 1}].time_ns", int(time_ns[late[0] + 1]), "increasing times")
-    fixes = [
-        (m.message.timestamp.ToNanoseconds(), m.message.latitude, m.message.longitude) for m in recording.of(LOCATION)
-    ]
-    latitude, longitude = np.full(len(time_ns), np.nan), np.full(len(time_ns), np.nan)
-    if fixes:
-        t, a, b = np.array(fixes).T
-        latitude, longitude = np.interp(time_ns, t, a), np.interp(time_ns, t, b)
-    return GpsTrip(
-        source=str(path),
-        latitude_deg=latitude,
-        longitude_deg=longitude,
-        speed_mps=np.maximum(data["speed_mps"], 0.0),
-        time_ns=time_ns,
-    )
+def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
+    """A recording with a journey is not cut to another section: its timetable would not be that section's."""
+    s_m = record.position_m[np.isfinite(record.position_m)]
+    if not len(s_m):
+        return
+    before, after = start.position_m - s_m[0], s_m[-1] - end.position_m
+    for beyond, what in (
+        (before, f"starts {before:.0f} m before {start.name}"),
+        (after, f"ends {after:.0f} m beyond {end.name}"),
+    ):
+        if beyond > AT_STOP_M:
+            raise DasError(f"{record.source}: the trip {what}, more than {AT_STOP_M:.0f} m outside the section")
 
 
-def _as_matched(gps: GpsTrip, data: dict[str, Any], start: Stop, end: Stop) -> MatchedTrip:
-    """Positions of a recording are on the route already; standing ends are those of the record."""
-    s_m = data["s_m"]
-    flat = flattened(gps, s_m, cap_m=np.inf)
-    check_within(gps, flat, start, end)
-    standing = gps.speed_mps < STANDING_MPS
-    moving = np.flatnonzero(~standing)
-    if not len(moving):
-        raise DasError(f"{gps.source}: the train never moves")
-    departure, arrival = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(standing) - 1)
-    return MatchedTrip(
-        source=gps.source,
-        time_ns=gps.time_ns,
-        s_m=flat,
-        speed_mps=gps.speed_mps,
-        latitude_deg=gps.latitude_deg,
-        longitude_deg=gps.longitude_deg,
-        dropout=data["quality"] == das_pb2.Position.QUALITY_DEGRADED,
-        invalid=data["quality"] == das_pb2.Position.QUALITY_INVALID,
-        uncertainty_m=data["uncertainty_m"],
-        departure=departure,
-        arrival=arrival,
-        starts_standing=bool(standing[0]),
-        ends_standing=bool(standing[-1]),
-        report=MatchReport(
-            offset_m=0.0,
-            scale=1.0,
-            anchor="recording",
-            median_cross_track_m=0.0,
-            max_cross_track_m=0.0,
-            corrected_points=int(np.count_nonzero(flat != s_m)),
-            dropout_points=int(np.count_nonzero(data["quality"] == das_pb2.Position.QUALITY_DEGRADED)),
-        ),
-    )
+def _direction(record: Record, route: Route, said: Whereabouts, log: FindingLog) -> tuple[Route, bool, Line | None]:
+    """The route as driven, whether that is against its file, and the line (None: the record's positions count)."""
+    ways = (route, route.reversed())
+    line = _line(record, ways[said.reverse], said.line)
+    stated = record.driven(said.reverse, route.length_m)
+    if record.as_driven or not runs_back(stated, line):
+        return ways[said.reverse], said.reverse, line
+    _check_turn(record, said, line)
+    other = ways[not said.reverse]
+    right = "leave out --reverse" if said.reverse else "give --reverse"
+    posts = f", or turn the list {said.line} round" if line is not None and not line.on_route else ""
+    log.add(Kind.OTHER_WAY, record, [0], f"{other.stops[0].name} to {other.stops[-1].name}: {right}{posts}")
+    if line is not None:
+        line = Line.from_route(other) if line.on_route else line.turned()
+    return other, not said.reverse, line
+
+
+def _check_turn(record: Record, said: Whereabouts, line: Line | None) -> None:
+    """A trip with named stops is not turned round: they say which way it should run."""
+    if said.from_stop is None and said.to_stop is None:
+        return
+    right = "leave out --reverse" if said.reverse else "give --reverse"
+    named = " and ".join(f"--{name}" for name, stop in (("from", said.from_stop), ("to", said.to_stop)) if stop)
+    along = f" along {line.source}" if line is not None else ""
+    raise DasError(f"{record.source}: the trip runs the other way{along}: {right}, and change {named}")
+
+
+def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
+    if record.on_route:
+        if posts is not None:
+            raise DasError(f"--line {posts}: {record.source} has positions on the route, which need no kilometre posts")
+        return None
+    return read_kilometre_posts(posts) if posts is not None else Line.from_route(driven)

@@ -1,0 +1,202 @@
+"""From a record to the points of it that one train can have been at, with speeds it can have run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+
+from das.domain.errors import DasError
+from das.domain.route import Floats
+from das.domain.units import KMH
+from sim.trips import cleaning
+from sim.trips.findings import FindingLog, Kind
+from sim.trips.line import Line
+from sim.trips.record import Bools, Ints, Record
+from sim.trips.standing import AT_STOP_M, STANDING_MPS, standing
+
+MAX_CROSS_TRACK_M = 200.0
+"""Further from the line a point is not on it (a line of kilometre posts cuts curves: 62 m at R = 2 km)."""
+LONGEST_GAP_S = 300.0
+"""A record is not continued over a longer gap in which the train moved: by more than 300 m, or before or after."""
+LEAST_MOVED_M, ONE_WAY_RATIO = 30.0, 0.5
+"""A trip in one direction leads further than the noise of positions, and over this share of all it covers."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Points:
+    """The points that are left, arrays of shape (points,); `point` is the index in the record.
+
+    `along_m` is the chainage (later the position on the route), `aside_m` the distance from the line. `missing`,
+    `dropout` and `spike` tell why a speed is not the reported one.
+    """
+
+    point: Ints
+    time_s: Floats
+    along_m: Floats
+    aside_m: Floats
+    speed_mps: Floats
+    missing: Bools
+    dropout: Bools
+    spike: Bools
+    standing: Bools
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    @property
+    def speed_derived(self) -> Bools:
+        """Speeds that are from the positions."""
+        return self.missing | self.dropout | self.spike
+
+    def take(self, which: Any) -> Self:
+        """Some of the points, by mask, slice or indices."""
+        return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)})
+
+
+def _place(record: Record, line: Line | None) -> tuple[Floats, Floats]:
+    """Chainage along a line and distance from it; without a line the record's positions. NaN where there is none."""
+    if line is None:
+        return record.position_m, np.where(np.isfinite(record.position_m), 0.0, np.nan)
+    known = np.isfinite(record.latitude_deg) & np.isfinite(record.longitude_deg)
+    along, aside = np.full(len(record), np.nan), np.full(len(record), np.nan)
+    if known.any():
+        along[known], aside[known] = line.match(record.latitude_deg[known], record.longitude_deg[known])
+    return along, aside
+
+
+def runs_back(record: Record, line: Line | None) -> bool:
+    """Whether a record (in order of time) runs against the line, or against its positions as driven.
+
+    By the medians of its first and its last tenth on the line, which must lie well apart: a trip there and back has no
+    direction.
+    """
+    along, aside = _place(record, line)
+    along = along[aside <= MAX_CROSS_TRACK_M]
+    if not len(along):
+        return False
+    tenth = max(len(along) // 10, 1)
+    back = float(np.median(along[:tenth]) - np.median(along[-tenth:]))
+    return back > max(LEAST_MOVED_M, ONE_WAY_RATIO * float(np.ptp(along)))
+
+
+def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
+    """The points of a record that are on the line and fit together, with speeds that fit them; tells what it drops.
+
+    Wrong speeds are only marked: they are told for the section alone. Raises DasError where most does not fit.
+    """
+    along, aside = _place(record, line)
+    located = np.isfinite(aside)
+    log.add(Kind.NO_POSITION, record, ~located & ~record.invalid, "neither on the map nor on the route")
+    points = _all_points(record, along, aside).take(located & ~record.invalid)
+    if not len(points):
+        raise DasError(f"{record.source}: no point has a position")
+    points = _on_line(record, line, points, section_m, log)
+    points = _without_jumps(record, _without_frozen(record, points, log), section_m, log)
+    points = _one_part(record, points, log)
+    if len(points) < 2:
+        raise DasError(f"{record.source}: a single point fits, expected at least 2")
+    return _with_speeds(record, points)
+
+
+def _all_points(record: Record, along_m: Floats, aside_m: Floats) -> Points:
+    """Every point, speeds as reported."""
+    none = np.zeros(len(record), dtype=bool)
+    return Points(
+        point=np.arange(len(record)),
+        time_s=record.elapsed_s(),
+        along_m=along_m,
+        aside_m=aside_m,
+        speed_mps=record.speed_mps,
+        missing=np.isnan(record.speed_mps),
+        dropout=none,
+        spike=none,
+        standing=none,
+    )
+
+
+def _on_line(record: Record, line: Line | None, points: Points, section_m: float, log: FindingLog) -> Points:
+    """Without what is off the line before and after; what is off it between has jumped."""
+    off = points.aside_m > MAX_CROSS_TRACK_M
+    if line is not None and not _enough(points.take(~off), len(points), section_m):
+        i = int(off.argmax())
+        raise DasError(
+            f"{record.source}: trip not on the line {line.source}: {record.where(int(points.point[i]))} is "
+            f"{points.aside_m[i]:.0f} m away and {np.count_nonzero(off)} of {len(off)} points more than "
+            f"{MAX_CROSS_TRACK_M:.0f} m"
+        )
+    on = np.flatnonzero(~off)
+    outside = np.ones(len(points), dtype=bool)
+    outside[on[0] : on[-1] + 1] = False
+    away = points.aside_m[outside]
+    log.add(Kind.OFF_LINE, record, points.point[outside], f"up to {away.max():.0f} m away" if len(away) else "")
+    return points.take(~outside)
+
+
+def _without_frozen(record: Record, points: Points, log: FindingLog) -> Points:
+    on = np.flatnonzero(points.aside_m <= MAX_CROSS_TRACK_M)
+    frozen = np.zeros(len(points), dtype=bool)
+    frozen[on] = cleaning.find_frozen(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
+    log.add(Kind.POSITION_FROZEN, record, points.point[frozen], "same position to the digit")
+    return points.take(~frozen)
+
+
+def _without_jumps(record: Record, points: Points, section_m: float, log: FindingLog) -> Points:
+    off = points.aside_m > MAX_CROSS_TRACK_M
+    on = np.flatnonzero(~off)
+    jump = off.copy()
+    jump[on] = cleaning.find_jumps(points.time_s[on], points.along_m[on])
+    kept = points.take(~jump)
+    if not jump.any():
+        return kept
+    if not _enough(kept, len(points), section_m):
+        raise DasError(
+            f"{record.source}: the positions jump: only {len(kept)} of {len(points)} points fit together, "
+            f"{record.where(int(points.point[jump.argmax()]))} does not"
+        )
+    led_to = np.interp(points.time_s, kept.time_s, kept.along_m)
+    away = np.where(off, points.aside_m, np.abs(points.along_m - led_to))[jump]
+    log.add(Kind.POSITION_JUMP, record, points.point[jump], f"by up to {away.max():.0f} m")
+    return kept
+
+
+def _enough(kept: Points, count: int, section_m: float) -> bool:
+    """Whether what is left is most of the record, or leads over most of the section."""
+    if len(kept) < 2:
+        return False
+    return (
+        len(kept) >= cleaning.LEAST_KEPT_RATIO * count
+        or float(np.ptp(kept.along_m)) >= cleaning.LEAST_KEPT_RATIO * section_m
+    )
+
+
+def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
+    """The part with the most points between gaps in which nobody knows what the train did."""
+    steps_s, steps_m = np.diff(points.time_s), np.abs(np.diff(points.along_m))
+    moving = steps_m > cleaning.WRONG_SPEED_MPS * steps_s
+    beside = np.append(False, moving[:-1]) | np.append(moving[1:], False)
+    breaks = np.flatnonzero((steps_s > LONGEST_GAP_S) & (beside | (steps_m > AT_STOP_M))) + 1
+    largest = max(np.split(np.arange(len(points)), breaks), key=len)
+    other = np.ones(len(points), dtype=bool)
+    other[largest] = False
+    log.add(Kind.FAR_APART, record, points.point[other], f"the train moved unseen for more than {LONGEST_GAP_S:.0f} s")
+    return points.take(largest)
+
+
+def _with_speeds(record: Record, points: Points) -> Points:
+    """Speeds without dropouts and spikes, and where the train stands; DasError where it never moves."""
+    if cleaning.speeds_unusable(points.time_s, points.along_m, measured_mps(record, points)):
+        points = replace(points, missing=np.ones(len(points), dtype=bool), speed_mps=np.full(len(points), np.nan))
+    dropout, spike = cleaning.find_wrong_speeds(points.time_s, points.along_m, measured_mps(record, points))
+    derived = np.abs(cleaning.derived_speed_mps(points.time_s, points.along_m))
+    speed = np.where(points.missing | dropout | spike, derived, points.speed_mps)
+    still = standing(speed, points.missing | spike) & ~dropout
+    if still.all():
+        raise DasError(f"{record.source}: the train never moves, every speed is below {STANDING_MPS / KMH:g} km/h")
+    return replace(points, speed_mps=speed, dropout=dropout, spike=spike, standing=still)
+
+
+def measured_mps(record: Record, points: Points) -> Floats:
+    """Speeds, NaN for those that are not measured or wrong."""
+    return np.where(record.degraded[points.point] | points.speed_derived, np.nan, points.speed_mps)

@@ -1,0 +1,57 @@
+"""Where a train stood: runs of standing points, and the visits to a stop among them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from das.domain.route import Floats
+from das.domain.units import KMH
+from sim.trips.record import Bools
+
+STANDING_MPS = 1.0 * KMH
+"""A train reported slower than this, and not moving by its positions, stands."""
+STANDING_BY_POSITIONS_MPS = 0.5
+"""The same where no speed is reported: positions wander by some metres in 10 s."""
+AT_STOP_M = 300.0
+"""A train that stands this near to a stop stands at it: platforms are long, and maps inexact."""
+
+
+class Stand(NamedTuple):
+    """A standstill: its first and its last point."""
+
+    first: int
+    last: int
+
+
+def standing(speed_mps: Floats, from_positions: Bools) -> Bools:
+    """Points at which the train stands."""
+    return speed_mps < np.where(from_positions, STANDING_BY_POSITIONS_MPS, STANDING_MPS)
+
+
+def stands(standing_points: Bools) -> list[Stand]:
+    """The standstills in order."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], standing_points, [False])).astype(np.int8)))
+    return [Stand(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
+
+
+def visits(found: list[Stand], s_m: Floats, stop_m: float, *, last: bool) -> list[Stand]:
+    """Of each visit to a stop the standstill nearest to it, of two as near the first or the `last`.
+
+    A visit ends when the train is further away than 300 m.
+    """
+    nearest: list[Stand] = []
+    seen_to = 0
+    for stand in found:
+        off = abs(s_m[stand.last] - stop_m)
+        best_m = abs(s_m[nearest[-1].last] - stop_m) if nearest else np.inf
+        if off > AT_STOP_M:
+            continue
+        stayed = bool(nearest) and bool(np.all(np.abs(s_m[seen_to : stand.first] - stop_m) <= AT_STOP_M))
+        if not stayed:
+            nearest.append(stand)
+        elif (off <= best_m) if last else (off < best_m):
+            nearest[-1] = stand
+        seen_to = stand.last
+    return nearest
