@@ -17,8 +17,7 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from sim.driver import DriverStyle, HurriedDriver
-from sim.plant import Plant, PlantState
+from sim.hurried import DriverStyle, HurriedDriver, Plant, PlantState
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08

@@ -1,0 +1,171 @@
+"""What a driver sees: the cab, the advice as it is presented, and the protocol of a driver."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple, Protocol
+
+from das.bus import das_pb2
+from das.domain.units import NS
+from sim import plant_kernels as kernels
+from sim.plant_kernels import Command, TrainNumbers
+
+AT_STOP_M = 10.0
+"""A train standing this near to its stop is at it (doors at the platform); it does not creep on."""
+
+
+class Presentation(StrEnum):
+    """How much of the same advice the display shows."""
+
+    NONE = "none"
+    RMS = "rms"
+    """One reduced maximum speed."""
+    FOUR_MODE = "four-mode"
+    """Full traction, a speed to hold, coasting, braking; and when the next begins."""
+    VECTOR = "vector"
+    """Speed and effort now, and for the next seconds."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceView:
+    """Advice as the display shows it; NaN and empty: not shown. Times in s on the cab's clock, modes as on the bus.
+
+    `speed_mps` is the advised speed, in RMS the reduced maximum, in FOUR_MODE the speed to hold. `lever_ratio` is the
+    advised effort on the controller's scale (see `sim.plant.lever`). Horizons: in 1 s steps, the first 1 s after
+    `time_s`.
+    """
+
+    time_s: float
+    valid_until_s: float
+    presentation: Presentation
+    mode: int
+    speed_mps: float = math.nan
+    lever_ratio: float = math.nan
+    force_n: float = math.nan
+    horizon_speed_mps: tuple[float, ...] = ()
+    horizon_force_n: tuple[float, ...] = ()
+    next_mode: int = das_pb2.MODE_NONE
+    next_change_s: float = math.nan
+
+
+class Restriction(NamedTuple):
+    """A temporary speed limit (m/s) between two positions (m), for the whole train."""
+
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+
+class Cab(NamedTuple):
+    """What the driver sees and has been told at a moment.
+
+    Clock (s), position by the line's marks (m), speed and limit as displayed (m/s), the next timetabled stop (m) and
+    when to arrive there; not to leave before `departure_s`, nor before `may_depart` (doors closed, signal clear).
+    `signal_m`: a signal at danger ahead. `advice` is None where nothing is shown.
+    """
+
+    time_s: float
+    s_m: float
+    speed_mps: float
+    limit_mps: float
+    stop_m: float
+    departure_s: float
+    arrival_s: float
+    may_depart: bool = True
+    signal_m: float = math.inf
+    restrictions: tuple[Restriction, ...] = ()
+    advice: AdviceView | None = None
+
+    @property
+    def halt_m(self) -> float:
+        """Where the train must stand next."""
+        return min(self.stop_m, self.signal_m)
+
+    @property
+    def shall_stand(self) -> bool:
+        """Standing, and rightly so: at its halt, beyond it, or not to leave yet."""
+        if self.speed_mps > 0:
+            return False
+        waiting = not self.may_depart or self.time_s < self.departure_s
+        return waiting or self.halt_m - self.s_m <= AT_STOP_M
+
+    @property
+    def shown(self) -> AdviceView | None:
+        """The advice, where it is still valid."""
+        view = self.advice
+        return view if view is not None and self.time_s <= view.valid_until_s else None
+
+
+class Driver(Protocol):
+    """Someone who drives: asked at every look, a fraction of a second apart, in the order of time."""
+
+    def command(self, cab: Cab) -> Command:
+        """What the controller is set to until the next look."""
+
+
+_FOUR_MODES: dict[int, int] = {
+    das_pb2.MODE_FULL_TRACTION: das_pb2.MODE_FULL_TRACTION,
+    das_pb2.MODE_REDUCED_TRACTION: das_pb2.MODE_CRUISE,
+    das_pb2.MODE_CRUISE: das_pb2.MODE_CRUISE,
+    das_pb2.MODE_COAST: das_pb2.MODE_COAST,
+    das_pb2.MODE_REDUCED_BRAKE: das_pb2.MODE_FULL_BRAKE,
+    das_pb2.MODE_FULL_BRAKE: das_pb2.MODE_FULL_BRAKE,
+    das_pb2.MODE_FRICTION_BRAKE: das_pb2.MODE_FULL_BRAKE,
+    das_pb2.MODE_STOP: das_pb2.MODE_STOP,
+}
+
+
+def present(
+    advice: Any,
+    presentation: Presentation,
+    train: TrainNumbers,
+    *,
+    clock_zero_ns: int = 0,
+    reduced_mps: float = math.nan,
+) -> AdviceView | None:
+    """What the display shows of an advice (a `das.advisor.Advice` or the bus's message), or None.
+
+    `clock_zero_ns` is the moment at which the cab's clock shows 0; `reduced_mps` the speed that RMS presents.
+    """
+    mode = int(advice.mode)
+    if presentation is Presentation.NONE or mode == das_pb2.MODE_NONE:
+        return None
+    time_s = (advice.time_ns - clock_zero_ns) * NS
+    until_s = (advice.valid_until_ns - clock_zero_ns) * NS
+    if presentation is Presentation.RMS:
+        return AdviceView(
+            time_s=time_s, valid_until_s=until_s, presentation=presentation, mode=mode, speed_mps=reduced_mps
+        )
+    if presentation is Presentation.FOUR_MODE:
+        mode = _FOUR_MODES[mode]
+        return AdviceView(
+            time_s=time_s,
+            valid_until_s=until_s,
+            presentation=presentation,
+            mode=mode,
+            speed_mps=advice.advised_speed_mps if mode == das_pb2.MODE_CRUISE else math.nan,
+            next_mode=_FOUR_MODES.get(int(advice.next_mode), das_pb2.MODE_NONE),
+            next_change_s=advice.next_change_s,
+        )
+    return AdviceView(
+        time_s=time_s,
+        valid_until_s=until_s,
+        presentation=presentation,
+        mode=mode,
+        speed_mps=advice.advised_speed_mps,
+        lever_ratio=lever_ratio(advice.advised_force_n, advice.advised_speed_mps, train),
+        force_n=advice.advised_force_n,
+        horizon_speed_mps=tuple(advice.horizon_speed_mps),
+        horizon_force_n=tuple(advice.horizon_force_n),
+        next_mode=int(advice.next_mode),
+        next_change_s=advice.next_change_s,
+    )
+
+
+def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
+    """The controller's setting (−1 … 1) that gives a wheel force (N) at a speed."""
+    effort = kernels.traction_effort if force_n >= 0 else kernels.brake_effort
+    most_n = effort(max(speed_mps, 0.0), 1.0, train)
+    return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0

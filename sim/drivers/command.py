@@ -1,0 +1,43 @@
+"""The command das-sim drivers: who can drive, and what makes a human."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from das.commands import PRINTED_WIDTH
+from sim.drivers.parameters import HumanParameters, parameter_table
+
+DRIVERS = {
+    "perfect": "follows the full advice, speed and force, as exactly as the train lets",
+    "fast": "as fast as allowed, brakes late",
+    "rms": "holds one reduced maximum speed, the advice's or his own",
+    "timetable": "keeps time without advice",
+    "human": "reacts, errs, refuses and learns, by the parameters below",
+}
+
+
+def drivers(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+) -> None:
+    """Who can drive, and the parameters of a human driver with default, range and source."""
+    if as_json:
+        parameters = {f.name: {"default": f.default, **f.metadata} for f in fields(HumanParameters)}
+        print(json.dumps({"drivers": DRIVERS, "human": parameters}))
+        return
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = PRINTED_WIDTH
+    who = Table(title="drivers", title_justify="left", show_header=False)
+    for name, meaning in DRIVERS.items():
+        who.add_row(name, meaning)
+    console.print(who)
+    table = Table("parameter", "default", "unit", "range", "meaning", "source", title="human", title_justify="left")
+    for row in parameter_table():
+        table.add_row(*row)
+    console.print(table)

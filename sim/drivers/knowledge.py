@@ -1,0 +1,175 @@
+"""What a driver knows by heart: the line, the train, and what both mean for the way to the next halt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stretches, curve_resistance_mps2
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import Vehicle
+from sim.drivers import knowledge_kernels as kernels
+from sim.drivers.cab import Cab, Restriction
+from sim.plant import train_numbers
+from sim.plant_kernels import TrainNumbers
+
+CELL_M = 5.0
+"""The line is remembered in cells of this length, counted back from the halt."""
+SLOWEST_CAP_MPS = 20.0 * KMH
+CAP_HALVINGS = 14
+
+
+@dataclass(frozen=True, kw_only=True)
+class Habit:
+    """How close to what is allowed someone drives.
+
+    Plans to brake with `braking_mps2`, and with at most `reserve_ratio` of what the brakes can do; keeps `below_mps`
+    (and at most a tenth) below limits.
+    """
+
+    braking_mps2: float
+    reserve_ratio: float = 0.9
+    below_mps: float = 1.0 * KMH
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LineKnowledge:
+    """Route and train as the driver learned them (those of the plan, not the day's)."""
+
+    route: Route
+    vehicle: Vehicle
+    train: TrainNumbers = field(init=False)
+    limits_mps: Stretches = field(init=False)
+    """The limit over the train by the position of its head."""
+    supply: Stretches = field(init=False)
+
+    def __post_init__(self) -> None:
+        length_m, limits = self.vehicle.length_m, self.route.limits_mps
+        start_m = np.unique(np.concatenate((limits.start_m, limits.start_m + length_m)))
+        inside = np.append(0.5 * (start_m[:-1] + start_m[1:]), start_m[-1] + 1.0)
+        lowest = limits.minimum(inside - length_m, inside + POSITION_TOLERANCE_M)
+        object.__setattr__(self, "train", train_numbers(self.vehicle))
+        object.__setattr__(
+            self, "limits_mps", Stretches(start_m=start_m, value=np.minimum(lowest, self.vehicle.max_speed_mps))
+        )
+        object.__setattr__(self, "supply", self.route.supply())
+
+
+class Outlook:
+    """The way to the next halt as someone foresees it who brakes in a certain way.
+
+    Asked for positions up to the halt; before the first and beyond the last it goes on as there.
+    """
+
+    def __init__(self, line: LineKnowledge, cab: Cab, habit: Habit) -> None:
+        self.halt_m = cab.halt_m
+        self.train = line.train
+        cells = max(math.ceil((self.halt_m + CELL_M) / CELL_M), 1)
+        node_m = self.halt_m - CELL_M * np.arange(cells, -1, -1.0)
+        self._first_m, self._cells = float(node_m[0]), cells
+        limit = _limits(line, node_m, cab.restrictions)
+        self._limit = limit - np.minimum(habit.below_mps, 0.1 * limit)
+        self._line_n = _line_n(line, node_m)
+        self._tunnel = _tunnels(line, node_m)
+        self._supply = _least(line.supply, node_m)
+        self._top = kernels.ceiling(
+            CELL_M, self._limit, self._line_n, self._tunnel, self._supply, habit.braking_mps2,
+            habit.reserve_ratio, self.train,
+        )  # fmt: skip
+        self.top_mps = math.sqrt(self._top.max())
+        """The highest speed anywhere on the way."""
+        # Plain lists: looked up one by one, many times a second.
+        self._allowed_w: list[float] = self._top.tolist()
+        self._line_list: list[float] = self._line_n.tolist()
+        self._tunnel_list: list[float] = self._tunnel.tolist()
+
+    def allowed_mps(self, s_m: float) -> float:
+        """The highest speed from which all that is known ahead is kept, braking as planned."""
+        if s_m >= self.halt_m:
+            return 0.0
+        return self._root(self._allowed_w, s_m)
+
+    def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
+        """The steady deceleration that keeps what is allowed ahead; excess right ahead is given a way to go."""
+        return float(kernels.needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
+
+    def resisting_n(self, s_m: float, speed_mps: float) -> float:
+        """Force that holds the train back here: running, tunnel, curves, gradient."""
+        i, _ = self._cell(s_m)
+        train = self.train
+        quadratic = train.c2_n_per_mps2 + self._tunnel_list[i]
+        return self._line_list[i] + train.c0_n + speed_mps * (train.c1_n_per_mps + quadratic * speed_mps)
+
+    def cap_for(self, time_s: float, s_m: float, speed_mps: float) -> float:
+        """The reduced maximum speed with which the halt is reached in a time (s) from here."""
+        return float(
+            kernels.cap_for_time(
+                CELL_M, self._top, self._line_n, self._tunnel, self._supply, self._cell(s_m)[0], speed_mps**2, time_s,
+                self.top_mps, SLOWEST_CAP_MPS, CAP_HALVINGS, self.train,
+            )
+        )  # fmt: skip
+
+    def _cell(self, s_m: float) -> tuple[int, float]:
+        x = (s_m - self._first_m) / CELL_M
+        i = min(max(int(x), 0), self._cells - 1)
+        return i, min(max(x - i, 0.0), 1.0)
+
+    def _root(self, w: list[float], s_m: float) -> float:
+        i, part = self._cell(s_m)
+        return math.sqrt(w[i] + part * (w[i + 1] - w[i]))
+
+
+class Foresight:
+    """Keeps the outlook of a driver, made anew when the halt or the restrictions change."""
+
+    def __init__(self, line: LineKnowledge, habit: Habit) -> None:
+        self.line, self.habit = line, habit
+        self._key: tuple[float, tuple[Restriction, ...]] | None = None
+        self._outlook: Outlook | None = None
+
+    def outlook(self, cab: Cab) -> Outlook:
+        """The outlook for what the cab shows."""
+        key = (cab.halt_m, cab.restrictions)
+        if self._outlook is None or key != self._key:
+            self._key, self._outlook = key, Outlook(self.line, cab, self.habit)
+        return self._outlook
+
+
+def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[Restriction, ...]) -> Floats:
+    """The limit over the train in each cell (m/s), temporary ones included."""
+    length_m = line.vehicle.length_m
+    limit = _least(line.limits_mps, node_m)
+    for one in restrictions:
+        inside = (node_m[1:] > one.start_m) & (node_m[:-1] < one.end_m + length_m)
+        limit = np.where(inside, np.minimum(limit, one.limit_mps), limit)
+    return limit
+
+
+def _least(stretches: Stretches, node_m: Floats) -> Floats:
+    """The least value at both ends and the middle of each cell."""
+    start, end = node_m[:-1], node_m[1:] - POSITION_TOLERANCE_M
+    return np.minimum(np.minimum(stretches.at(start), stretches.at(end)), stretches.at(0.5 * (start + end)))
+
+
+def _line_n(line: LineKnowledge, node_m: Floats) -> Floats:
+    """Force of gradient and curves in each cell (N), over the train."""
+    route, mass_kg = line.route, line.vehicle.mass_kg
+    curve = Stretches(start_m=route.curvature_per_m.start_m, value=curve_resistance_mps2(route.curvature_per_m.value))
+    tail = node_m[:-1] - line.vehicle.length_m
+    grade = route.gradients_ratio.mean(tail, node_m[1:])
+    return np.asarray(mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve.mean(tail, node_m[1:])))
+
+
+def _tunnels(line: LineKnowledge, node_m: Floats) -> Floats:
+    """Additional v² coefficient in each cell (N/(m/s)²), by the share of the train in tunnels."""
+    length_m = line.vehicle.length_m
+    total = np.zeros(len(node_m) - 1)
+    for tunnel in line.route.tunnels:
+        inside = np.minimum(node_m[1:], tunnel.start_m + tunnel.length_m) - np.maximum(
+            node_m[:-1] - length_m, tunnel.start_m
+        )
+        share = np.clip(inside, 0.0, None) / (length_m + CELL_M)
+        total += line.vehicle.tunnel_coefficient_n_per_mps2(tunnel.area_m2) * share
+    return total

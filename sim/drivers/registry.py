@@ -1,0 +1,39 @@
+"""The drivers by name."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from sim.drivers.cab import Driver
+from sim.drivers.human import HumanDriver
+from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.parameters import HumanParameters
+from sim.drivers.perfect import PerfectDriver
+from sim.drivers.rules import FastDriver, RmsDriver, TimetableDriver
+
+
+class DriverKind(StrEnum):
+    """Who drives."""
+
+    PERFECT = "perfect"
+    FAST = "fast"
+    RMS = "rms"
+    TIMETABLE = "timetable"
+    HUMAN = "human"
+
+
+def make_driver(
+    kind: DriverKind,
+    line: LineKnowledge,
+    *,
+    parameters: HumanParameters | None = None,
+    seed: int = 0,
+    stream: int = 0,
+) -> Driver:
+    """A driver for a line; parameters, seed and stream (one per driver of a seed) are the human's."""
+    if kind is DriverKind.HUMAN:
+        return HumanDriver(line, parameters, seed=seed, stream=stream)
+    if kind is DriverKind.PERFECT:
+        return PerfectDriver(line)
+    ruled = {DriverKind.FAST: FastDriver, DriverKind.RMS: RmsDriver, DriverKind.TIMETABLE: TimetableDriver}
+    return ruled[kind](line)
