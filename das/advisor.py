@@ -148,6 +148,8 @@ class Plan:
     force_n: Floats
     modes: NDArray[np.int64]
     energy_j: Floats
+    speed_w: Floats
+    """v² at the nodes."""
 
     @classmethod
     def of(cls, solution: Solution, section: Section, now_ns: int) -> Plan:
@@ -159,16 +161,17 @@ class Plan:
             force_n=run.force_el_n + run.force_friction_n,
             modes=classify_modes(solution, section),
             energy_j=energy,
+            speed_w=run.v_mps**2,
         )
 
     def interval(self, s_m: float) -> int:
-        nodes = self.solution.trajectory.s_m
-        return int(np.clip(np.searchsorted(nodes, s_m, side="right") - 1, 0, len(nodes) - 2))
+        """Index of the interval a position is in (before and beyond the run: the first, the last)."""
+        return _interval(self.solution.trajectory.s_m, s_m)
 
     def speed_at(self, s_m: float) -> float:
         """Planned speed at a position; v² is linear within an interval."""
         run = self.solution.trajectory
-        return math.sqrt(float(np.interp(s_m, run.s_m, run.v_mps**2)))
+        return math.sqrt(_linear(run.s_m, self.speed_w, s_m))
 
     def time_at(self, s_m: float) -> float:
         """Planned time from the plan's start at which the train passes a position (s)."""
@@ -232,6 +235,7 @@ class Advisor:
 
     def __init__(self, front: Front, source: Source = Source.SOLVED) -> None:
         self.front, self.section, self.source = front, front.section, source
+        self._envelope_w = self.section.envelope_mps**2
         self._timetable: Timetable | None = None
         self._fix: PositionFix | None = None
         self._jump_m = 0.0
@@ -472,7 +476,7 @@ class Advisor:
         i = np.clip(np.searchsorted(run.t_s, times, side="right") - 1, 0, len(run.t_s) - 2)
         into = np.minimum(times - run.t_s[i], run.t_s[i + 1] - run.t_s[i])
         places = run.s_m[i] + into * 0.5 * (run.v_mps[i] + speeds)
-        speeds = np.minimum(speeds, [self._allowed(float(x)) for x in places])
+        speeds = np.minimum(speeds, self._allowed_at(places))
         forces = np.where(times < run.t_s[-1], plan.force_n[i], 0.0)
         return tuple(speeds.tolist()), tuple(forces.tolist())
 
@@ -495,17 +499,18 @@ class Advisor:
         said = f", operator says {_deviation(self.delay_s)}" if self.delay_s is not None and self.delay_s >= 1 else ""
         return f"least energy on time{said}"
 
-    def _interval(self, s_m: float) -> int:
-        nodes = self.section.node_m
-        return int(np.clip(np.searchsorted(nodes, s_m, side="right") - 1, 0, len(nodes) - 2))
-
     def _limit(self, s_m: float) -> float:
-        return float(self.section.limit_mps[self._interval(s_m)])
+        return float(self.section.limit_mps[_interval(self.section.node_m, s_m)])
 
     def _allowed(self, s_m: float) -> float:
         """The highest speed from which limits and the stop can still be kept."""
-        envelope = math.sqrt(float(np.interp(s_m, self.section.node_m, self.section.envelope_mps**2)))
-        return min(envelope, self._limit(s_m))
+        return min(math.sqrt(_linear(self.section.node_m, self._envelope_w, s_m)), self._limit(s_m))
+
+    def _allowed_at(self, s_m: Floats) -> Floats:
+        """As `_allowed`, at several positions."""
+        nodes, limit = self.section.node_m, self.section.limit_mps
+        interval = np.minimum(np.maximum(nodes.searchsorted(s_m, side="right") - 1, 0), len(limit) - 1)
+        return np.minimum(np.sqrt(np.interp(s_m, nodes, self._envelope_w)), limit[interval])
 
     def _available_n(self, force_n: float, v_mps: float) -> float:
         """The largest force in the direction of `force_n` (N, > 0)."""
@@ -513,6 +518,19 @@ class Advisor:
         if force_n >= 0:
             return float(kernels.traction_limit(v, train))
         return max(float(kernels.brake_limit(v, train, train.friction_force_n)), 1.0)
+
+
+def _interval(nodes: Floats, x: float) -> int:
+    """Index of the interval between nodes that x is in (before and beyond them: the first, the last)."""
+    return min(max(int(nodes.searchsorted(x, side="right")) - 1, 0), len(nodes) - 2)
+
+
+def _linear(nodes: Floats, values: Floats, x: float) -> float:
+    """As np.interp, but quick for a single number."""
+    i = _interval(nodes, x)
+    left, right = float(nodes[i]), float(nodes[i + 1])
+    low, high = float(values[i]), float(values[i + 1])
+    return low + (high - low) * min(max((x - left) / (right - left), 0.0), 1.0)
 
 
 def _deviation(late_s: float) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,17 +23,18 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
 from das.domain.route import Route, section_stops
 from das.domain.vehicle import Vehicle
-from das.solver.front import solve_front
+from das.journey_advisor import JourneyAdvisor
+from das.solver.front import Front, solve_front
 from das.solver.section import build_section
 from das.solver.warm_up import warm_up
 
 POSITION_SLACK_M = 1.0
-"""A journey's stops must lie this near to the section's ends for its front to be used."""
+"""A journey's stops must lie this near to the ends of a solved section for its front to be used."""
 PLAN_EVERY_S = 10.0
 
 
 class Node:
-    """One train's advice: keeps an advisor for the journey's section and answers every tick."""
+    """One train's advice: keeps an advisor for the journey's sections and answers every tick."""
 
     def __init__(
         self,
@@ -48,7 +51,8 @@ class Node:
         self.reverse = reverse
         self.wall_clock = wall_clock
         self._bus_clock_ns = 0
-        self.advisor: Advisor | None = None
+        self.advisor: JourneyAdvisor | None = None
+        self._fronts: list[Front] = []
         self.finished = False
         self.waiting = True
         self._solve_s = 0.0
@@ -59,21 +63,30 @@ class Node:
         self._plan_sent_ns = 0
         self._said_mode: Mode | None = None
 
-    def solve(self, start_m: float, end_m: float) -> None:
-        """Solve a section and make its advisor; DasError where that cannot be done."""
+    def solve(self, stops_m: Sequence[float]) -> None:
+        """Solve the sections between stops and make their advisor; DasError where that cannot be done."""
         began = time.perf_counter()
+        self._fronts = [self._front(start_m, end_m) for start_m, end_m in pairwise(stops_m)]
+        self.advisor = JourneyAdvisor([Advisor(front) for front in self._fronts])
+        self._solve_s = time.perf_counter() - began
+
+    def _front(self, start_m: float, end_m: float) -> Front:
+        """The front of a section: one solved before, where there is one."""
+        for front in self._fronts:
+            section = front.section
+            if max(abs(section.start_m - start_m), abs(section.end_m - end_m)) <= POSITION_SLACK_M:
+                return front
         section = build_section(
             self.route, self.vehicle, level=self.level, start_m=start_m, end_m=end_m, point_mass=self.point_mass
         )
-        self.advisor = Advisor(solve_front(section))
-        self._solve_s = time.perf_counter() - began
+        return solve_front(section)
 
     def take(self, received: Received) -> None:
         """Act on one message as heard; one with numbers nothing can be done with is ignored and said."""
         try:
             self._act(received)
         except (ArithmeticError, ValueError) as error:
-            self.event(0, Log.WARNING, f"{received.topic.name}: a message was ignored ({error})")
+            self.event(self.now_ns(), Log.WARNING, f"{received.topic.name}: a message was ignored ({error})")
 
     def _act(self, received: Received) -> None:
         message, topic = received.message, received.topic
@@ -96,15 +109,15 @@ class Node:
                 self.tick(message.time_ns, message.tick)
 
     def tick(self, now_ns: int, tick: int = 0) -> None:
-        """Advise once and say how we are."""
+        """Say how we are and advise once: the advice is last, so who has it has heard all of this tick."""
         began = time.perf_counter()
         advice = self.advisor.update(now_ns) if self.advisor else Advice(time_ns=now_ns, reason=self._refused)
         self._advice_s = time.perf_counter() - began
-        self.bus.publish(ADVICE, advice_message(advice, tick))
         self._advices += 1
         self._say_changes(advice)
         self._send_plan(now_ns)
         self.status(now_ns, self._state(advice), advice.reason)
+        self.bus.publish(ADVICE, advice_message(advice, tick))
 
     def _state(self, advice: Advice) -> das_pb2.Status.State.ValueType:
         if advice.mode is not Mode.NONE:
@@ -120,15 +133,15 @@ class Node:
         return time.time_ns() if self.wall_clock else self._bus_clock_ns
 
     def status(self, now_ns: int, state: das_pb2.Status.State.ValueType, reason: str) -> None:
-        """Publish how the node is."""
+        """Publish how the node is; what it took, only with the wall clock: a run's recording is the same everywhere."""
         message = das_pb2.Status(
             time_ns=now_ns,
             state=state,
             reason=reason,
             version=__version__,
-            section=self.advisor.section.name if self.advisor else "",
-            solve_s=self._solve_s,
-            last_advice_s=self._advice_s,
+            section=self.advisor.current.section.name if self.advisor else "",
+            solve_s=self._solve_s if self.wall_clock else 0.0,
+            last_advice_s=self._advice_s if self.wall_clock else 0.0,
             advices=self._advices,
         )
         self.bus.publish(STATUS, message)
@@ -140,17 +153,18 @@ class Node:
         self.bus.publish(EVENT, log)
 
     def _take_journey(self, journey: das_pb2.Journey) -> None:
-        """A journey of one section: departure at the first stop, arrival at the second."""
+        """A journey over two or more stops, with the departure and arrival of each section."""
         self.waiting = False
         try:
             self._check_journey(journey)
-            start_m, end_m = journey.stops[0].s_m, journey.stops[1].s_m
-            section = self.advisor.section if self.advisor else None
-            if section is None or max(abs(section.start_m - start_m), abs(section.end_m - end_m)) > POSITION_SLACK_M:
-                self.solve(start_m, end_m)
+            self.solve([stop.s_m for stop in journey.stops])
             assert self.advisor is not None
-            departure, arrival = journey.stops[0].departure_ns, journey.stops[1].arrival_ns
-            self.advisor.set_timetable(Timetable(departure_ns=departure, arrival_ns=arrival))
+            self.advisor.set_timetables(
+                [
+                    Timetable(departure_ns=start.departure_ns, arrival_ns=end.arrival_ns)
+                    for start, end in pairwise(journey.stops)
+                ]
+            )
         except DasError as error:
             self._refused = f"journey refused: {error}"
             self.advisor = None
@@ -159,7 +173,7 @@ class Node:
             return
         self._refused = ""
         names = " – ".join(stop.name for stop in journey.stops)
-        self.event(journey.time_ns, Log.INFO, f"journey {names}, section solved in {self._solve_s:.2f} s")
+        self.event(journey.time_ns, Log.INFO, f"journey {names}")
         self.status(journey.time_ns, das_pb2.Status.STATE_READY, f"ready for {names}")
 
     def _check_journey(self, journey: das_pb2.Journey) -> None:
@@ -172,8 +186,8 @@ class Node:
             raise DasError(f"it drives the route {way[journey.reversed]}, this node has it {way[self.reverse]}")
         if journey.vehicle_id != self.vehicle.id:
             raise DasError(f"it is for vehicle {journey.vehicle_id!r}, this node has {self.vehicle.id!r}")
-        if len(journey.stops) != 2:
-            raise DasError(f"it has {len(journey.stops)} stops, this version advises one section with 2")
+        if len(journey.stops) < 2:
+            raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
 
     def _say_changes(self, advice: Advice) -> None:
         """An event whenever the mode changes, with its reason."""
@@ -216,6 +230,7 @@ def command(
         str | None, typer.Option("--from", help="First stop: name or number [default: first].")
     ] = None,
     to_stop: Annotated[str | None, typer.Option("--to", help="Second stop: name or number [default: last].")] = None,
+    load: Annotated[str | None, typer.Option(help="Load state of the vehicle, as its file names it.")] = None,
     level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
     loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
     point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
@@ -232,6 +247,7 @@ def command(
     the_route = load_route(route)
     the_route = the_route.reversed() if reverse else the_route
     the_vehicle = load_vehicle(vehicle)
+    the_vehicle = the_vehicle if load is None else the_vehicle.loaded(load)
     if loss_map is not None:
         from das.domain.files.loss_map_csv import read_loss_map
 
@@ -242,7 +258,8 @@ def command(
         node = Node(bus, the_route, the_vehicle, level, reverse=reverse, point_mass=point_mass, wall_clock=by_wall)
         node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
-        node.solve(start.position_m, end.position_m)
+        stops_m = [stop.position_m for stop in the_route.stops]
+        node.solve([x for x in stops_m if start.position_m <= x <= end.position_m])
         err.print(f"das-node {train}: {the_route.id}, {the_vehicle.id}, listening on {listen}")
         node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
         _run(node, stop)

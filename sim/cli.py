@@ -6,15 +6,11 @@ import json
 import math
 import shlex
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from das.commands import busy, err, interrupt_on_termination, run_app, typed
 from das.domain.errors import DasError
@@ -24,8 +20,11 @@ from das.domain.losses import Level
 from das.domain.route import section_stops
 from das.domain.units import NS, kwh
 from sim import trip_command
+from sim.batch_command import batch
+from sim.command_line import new_recording, progress_bar, speed_factor, typed_command
 from sim.drivers.command import drivers
 from sim.options import ReplayOptions
+from sim.run_command import run, scenarios
 
 app = typer.Typer(
     help="Replay a train's trip against a live advice node, record it, look at it.\n\n"
@@ -38,6 +37,9 @@ app = typer.Typer(
 TIMETABLE_STEP_S = 6.0
 """Timetables are made in tenths of a minute."""
 BUNDLED = "zurich-zug-late.mcap"
+app.command(epilog="Example: das-sim run departure-delay --driver human --advice vector --seed 3")(run)
+app.command(epilog="Example: das-sim scenarios --json")(scenarios)
+app.command(epilog="Example: das-sim batch clear-day signal-stop --seeds 0-9 --advice vector,none -o runs")(batch)
 app.command(epilog="Example: das-sim drivers --json")(drivers)
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 
@@ -87,7 +89,7 @@ def replay(
     delay_s: Annotated[
         float | None, typer.Option("--delay", help="Seconds by which the trip departs late [default: recorded, or 0].")
     ] = None,
-    speed: Annotated[str, typer.Option(help="Times real time, or max.")] = "max",
+    speed: Annotated[str, typer.Option(help="Times real time, real or max.")] = "max",
     level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
     loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
     point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
@@ -108,7 +110,7 @@ def replay(
         to_stop=to_stop,
         arrival_s=arrival_s,
         delay_s=delay_s,
-        speed=_speed(speed),
+        speed=speed_factor(speed),
         level=level,
         loss_map=loss_map,
         point_mass=point_mass,
@@ -187,7 +189,7 @@ def make_trip(
             train=check_train_name(train),
         )
         states = drive(plan)
-        write_trip(out, plan, states, _command())
+        write_trip(out, plan, states, typed_command())
     late_s = delay_s + states[-1].time_s - plan.running_time_s  # against the timetable
     took_s, due_s = states[-1].time_s, plan.running_time_s
     print(f"{start.name} – {end.name}: {took_s:.0f} s, timetable {due_s:.0f} s, arrival {late_s:+.0f} s")
@@ -195,17 +197,17 @@ def make_trip(
 
 
 def _replay(trip: Path, options: ReplayOptions) -> None:
-    out = options.out or _default_out()
+    out = options.out or new_recording("replay")
     check_writable(out)
     with busy("reading the trip and solving its section …"):
         from sim.job import prepare
         from sim.replay import replay as run_replay
         from sim.replay_report import print_result, result
 
-        job = prepare(trip, options, out, _command())
+        job = prepare(trip, options, out, typed_command())
     interrupt_on_termination()
     try:
-        with _progress(f"replaying {trip.name}") as progress:
+        with progress_bar(f"replaying {trip.name}", "starting node and recorder", "s") as progress:
             outcome = run_replay(job, progress)
     except KeyboardInterrupt:
         print(f"stopped; recorded so far: {out}", file=sys.stderr)
@@ -217,40 +219,6 @@ def _replay(trip: Path, options: ReplayOptions) -> None:
         print_result(found)
 
 
-@contextmanager
-def _progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on a terminal, a line every few seconds elsewhere."""
-    if not err.is_terminal:
-        said = time.monotonic()
-
-        def line(tick: int, ticks: int) -> None:
-            nonlocal said
-            if time.monotonic() - said > 2.0 or tick == ticks:
-                print(f"{title}: {tick} of {ticks} s", file=sys.stderr)
-                said = time.monotonic()
-
-        print(f"{title}: starting node and recorder", file=sys.stderr)
-        yield line
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(f"{title}: starting node and recorder", total=None)
-        yield lambda tick, ticks: bar.update(task, completed=tick, total=ticks, description=title)
-
-
-def _speed(text: str) -> float | None:
-    """Times real time; None for as fast as it goes."""
-    if text == "max":
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0.01 <= value <= 1e6:
-        raise DasError(f"--speed {text}: expected max or a number of times real time, 0.01 to 1000000")
-    return value
-
-
 def _utc_ns(text: str) -> int:
     try:
         moment = datetime.fromisoformat(text)
@@ -258,30 +226,6 @@ def _utc_ns(text: str) -> int:
         raise DasError(f"--departure {text}: expected a time like 2026-11-21T08:04:00") from None
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     return round(moment.timestamp() / NS)
-
-
-def _default_out() -> Path:
-    """A new file in ./recordings, named by the time."""
-    folder = Path("recordings")
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
-    stem = f"replay-{datetime.now(UTC):%Y%m%d-%H%M%S}"
-    for name in (stem, *(f"{stem}-{i}" for i in range(2, 1000))):
-        path = folder / f"{name}.mcap"
-        try:
-            path.touch(exist_ok=False)  # two runs in one second get two files
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise DasError(f"{path}: cannot be written ({error.strerror})") from error
-        return path
-    raise DasError(f"{folder}: too many recordings of one second")
-
-
-def _command() -> str:
-    return shlex.join(["das-sim", *sys.argv[1:]])
 
 
 def main() -> None:

@@ -193,6 +193,11 @@ class Plant:
         """Gradient averaged over the train with its head at s."""
         return float(kernels.line_means(self._line, float(s_m), 0.0)[0])
 
+    def weather(self, state: PlantState) -> tuple[float, float]:
+        """State of the rail under the train (1 = dry) and head wind on it (m/s)."""
+        rail, wind = kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.length_m)
+        return float(rail) * self._train.rail_ratio, float(wind)
+
     def ledger(self, before: PlantState, after: PlantState) -> Ledger:
         """Where the energy went between two states; kinetic and potential from the states alone, so it is a check."""
         vehicle, weight_n = self.vehicle, self.vehicle.mass_kg * STANDARD_GRAVITY_MPS2

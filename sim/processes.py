@@ -48,6 +48,11 @@ class Process:
                 raise DasError(f"the {self.name} was killed by {signal.Signals(-code).name}")
             raise DasError(f"the {self.name} ended: {self._last_words()}")
 
+    def kill(self) -> None:
+        """End it with SIGKILL, as a crash would."""
+        self._child.kill()
+        self._child.wait()
+
     def stop(self) -> int:
         """End it with SIGTERM, after a while with SIGKILL; returns its exit code."""
         if self._child.poll() is None:

@@ -12,7 +12,7 @@ from das.commands import print_table, typed
 from das.domain.units import NS, kwh
 from das.solver.front import Fit
 from sim.estimate import energy_range
-from sim.replay import Job, Outcome
+from sim.replay import TICK_S, Job, Outcome
 from sim.trip_report import FOREIGN_RATIO, unknowns
 from sim.trips.findings import Kind
 
@@ -34,17 +34,18 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
     comparable = optimum.fit is not Fit.LATE and job.trip.whole and not on_the_way
     saved_kwh = driven_kwh - optimum_kwh if comparable else None
     report = matched.report
-    replayed_s = outcome.ticks * 1.0
+    traffic = outcome.traffic
+    replayed_s = traffic.ticks * TICK_S
     return {
         "trip_time_s": trip_s,
         "whole_section": job.trip.whole,
         "better_stops": job.trip.better_stops,
         "stops_on_the_way": on_the_way,
         "min_time_s": optimum.least_time_s,
-        "advices": outcome.ticks,
-        "advices_given": outcome.advices_given,
-        "advices_withdrawn": outcome.advices_withdrawn,
-        "advices_above_limit": outcome.above_limit,
+        "advices": traffic.ticks,
+        "advices_given": traffic.advices_given,
+        "advices_withdrawn": traffic.advices_withdrawn,
+        "advices_above_limit": traffic.above_limit,
         "energy_driven_kwh": driven_kwh,
         "energy_driven_low_kwh": kwh(spread.low_j),
         "energy_driven_high_kwh": kwh(spread.high_j),
@@ -60,10 +61,10 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
         "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
         "timetable_energy_kwh": kwh(wanted.ledger.input),
         "driven_late_s": trip_s - left_s,
-        "messages_sent": sum(outcome.sent.values()),
-        "messages_recorded": sum(outcome.recorded.values()),
-        "messages_lost": outcome.lost,
-        "start_s": outcome.start_s,
+        "messages_sent": sum(traffic.sent.values()),
+        "messages_recorded": sum(traffic.recorded.values()),
+        "messages_lost": traffic.lost,
+        "start_s": traffic.start_s,
         "replay_s": outcome.replay_s,
         "real_time_factor": replayed_s / outcome.replay_s if outcome.replay_s > 0 else None,
         "map_anchor": report.anchor,

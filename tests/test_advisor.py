@@ -63,6 +63,15 @@ def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Fro
 
 
 @settings(max_examples=150, deadline=None)
+@given(place=st.floats(0.0, 0.9999), speed=st.floats(0.0, 1.2))
+def test_the_least_time_is_that_of_the_fastest_run(front: Front, place: float, speed: float) -> None:
+    """Cut short where it meets the section's fastest run, against the whole fastest run from the state."""
+    s_m = 29_000.0 * place
+    v_mps = speed * float(np.interp(s_m, front.section.node_m, front.section.envelope_mps))
+    assert front.least_time_s(s_m, v_mps) == pytest.approx(front.fastest(s_m, v_mps).time_s, abs=1e-6)
+
+
+@settings(max_examples=150, deadline=None)
 @given(
     place=st.floats(0.0, 0.9999),
     speed=st.floats(0.0, 1.2),

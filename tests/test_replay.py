@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, PLAN, POSITION, STATUS, TRUTH
+from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, STATUS, TRUTH
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.front import solve_front
@@ -70,7 +70,7 @@ def test_the_recording_holds_every_topic_and_its_inputs(
     _, folder = default_run
     recording = read_recording(next((folder / "recordings").glob("*.mcap")))
     assert recording.complete
-    for topic in (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION):
+    for topic in (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION, LOG):
         assert recording.of(topic), topic.name
     run = recording.metadata["run"]
     assert run["kind"] == "replay"

@@ -76,6 +76,7 @@ def publish_head(publish: Publish, train: str) -> None:
     journey = das_pb2.Journey(time_ns=at_ns(-5), train=train, route_id="route", vehicle_id="vehicle", stops=stops)
     publish(topics.JOURNEY, journey, -5)
     publish_event(publish, -5, "section solved", Log.INFO)
+    publish_event(publish, 100, "signal at danger", Log.INFO, topics.LOG)
 
 
 def publish_before(publish: Publish) -> None:
@@ -85,10 +86,10 @@ def publish_before(publish: Publish) -> None:
     publish(topics.STATUS, das_pb2.Status(time_ns=at_ns(-9000), state=5), SECONDS)
 
 
-def publish_event(publish: Publish, t_s: float, text: str, level: int) -> None:
+def publish_event(publish: Publish, t_s: float, text: str, level: int, topic: topics.Topic = topics.EVENT) -> None:
     event = Log(message=text, level=level, name="node")  # type: ignore[arg-type]
     event.timestamp.FromNanoseconds(at_ns(t_s))
-    publish(topics.EVENT, event, t_s)
+    publish(topic, event, t_s)
 
 
 def publish_second(publish: Publish, t_s: int) -> None:
@@ -291,7 +292,7 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/deviation/operator"] == 11  # held to the end of the trip
     assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
     assert found["/mode/node"] == 3
-    assert found["/events"] == 2
+    assert found["/events"] == 3  # the node's and the simulator's
     assert {"/summary", "/distance/picture", "/map/way", "/track/way"} <= found.keys()
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
 

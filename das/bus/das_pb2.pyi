@@ -455,8 +455,9 @@ class Status(_message.Message):
     version: _builtins.str
     section: _builtins.str
     solve_s: _builtins.float
+    """what the last solving took; with --clock bus 0: recordings do not depend on the machine"""
     last_advice_s: _builtins.float
-    """time the last advice took to compute"""
+    """time the last advice took to compute; with --clock bus 0"""
     advices: _builtins.int
     def __init__(
         self,
@@ -488,12 +489,18 @@ class RecorderStatus(_message.Message):
     TICK_FIELD_NUMBER: _builtins.int
     MESSAGES_FIELD_NUMBER: _builtins.int
     FILE_FIELD_NUMBER: _builtins.int
+    ADVICE_TICK_FIELD_NUMBER: _builtins.int
+    NODE_STATE_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     tick: _builtins.int
     """of the last Control message written"""
     messages: _builtins.int
     """written so far"""
     file: _builtins.str
+    advice_tick: _builtins.int
+    """of the last Advice message written"""
+    node_state: Global___Status.State.ValueType
+    """in the last Status heard"""
     def __init__(
         self,
         *,
@@ -501,18 +508,139 @@ class RecorderStatus(_message.Message):
         tick: _builtins.int = ...,
         messages: _builtins.int = ...,
         file: _builtins.str = ...,
+        advice_tick: _builtins.int = ...,
+        node_state: Global___Status.State.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["file", b"file", "messages", b"messages", "tick", b"tick", "time_ns", b"time_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_tick", b"advice_tick", "file", b"file", "messages", b"messages", "node_state", b"node_state", "tick", b"tick", "time_ns", b"time_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___RecorderStatus: _TypeAlias = RecorderStatus  # noqa: Y015
 
 @_typing.final
+class Restrictions(_message.Message):
+    """Temporary speed restrictions (das/<train>/restriction): all that are in force and told by now."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    @_typing.final
+    class Restriction(_message.Message):
+        DESCRIPTOR: _descriptor.Descriptor
+
+        START_M_FIELD_NUMBER: _builtins.int
+        END_M_FIELD_NUMBER: _builtins.int
+        LIMIT_MPS_FIELD_NUMBER: _builtins.int
+        start_m: _builtins.float
+        end_m: _builtins.float
+        """for the whole train: until its tail has left"""
+        limit_mps: _builtins.float
+        def __init__(
+            self,
+            *,
+            start_m: _builtins.float = ...,
+            end_m: _builtins.float = ...,
+            limit_mps: _builtins.float = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["end_m", b"end_m", "limit_mps", b"limit_mps", "start_m", b"start_m"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    RESTRICTIONS_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    @_builtins.property
+    def restrictions(self) -> _containers.RepeatedCompositeFieldContainer[Global___Restrictions.Restriction]: ...
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        restrictions: _abc.Iterable[Global___Restrictions.Restriction] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["restrictions", b"restrictions", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Restrictions: _TypeAlias = Restrictions  # noqa: Y015
+
+@_typing.final
+class Cab(_message.Message):
+    """What the driver sees and does (sim/<train>/cab). NaN: not shown, none."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    class _Presentation:
+        ValueType = _typing.NewType("ValueType", _builtins.int)
+        V: _TypeAlias = ValueType  # noqa: Y015
+
+    class _PresentationEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[Cab._Presentation.ValueType], _builtins.type):
+        DESCRIPTOR: _descriptor.EnumDescriptor
+        PRESENTATION_NONE: Cab._Presentation.ValueType  # 0
+        PRESENTATION_RMS: Cab._Presentation.ValueType  # 1
+        PRESENTATION_FOUR_MODE: Cab._Presentation.ValueType  # 2
+        PRESENTATION_VECTOR: Cab._Presentation.ValueType  # 3
+
+    class Presentation(_Presentation, metaclass=_PresentationEnumTypeWrapper): ...
+    PRESENTATION_NONE: Cab.Presentation.ValueType  # 0
+    PRESENTATION_RMS: Cab.Presentation.ValueType  # 1
+    PRESENTATION_FOUR_MODE: Cab.Presentation.ValueType  # 2
+    PRESENTATION_VECTOR: Cab.Presentation.ValueType  # 3
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    PRESENTATION_FIELD_NUMBER: _builtins.int
+    MODE_FIELD_NUMBER: _builtins.int
+    ADVISED_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    ADVISED_LEVER_RATIO_FIELD_NUMBER: _builtins.int
+    NEXT_MODE_FIELD_NUMBER: _builtins.int
+    NEXT_CHANGE_S_FIELD_NUMBER: _builtins.int
+    LIMIT_MPS_FIELD_NUMBER: _builtins.int
+    SIGNAL_M_FIELD_NUMBER: _builtins.int
+    LEVER_RATIO_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    presentation: Global___Cab.Presentation.ValueType
+    """of the advice shown now; NONE: nothing is shown"""
+    mode: Global___Mode.ValueType
+    advised_speed_mps: _builtins.float
+    advised_lever_ratio: _builtins.float
+    next_mode: Global___Mode.ValueType
+    next_change_s: _builtins.float
+    limit_mps: _builtins.float
+    signal_m: _builtins.float
+    """a signal at danger ahead"""
+    lever_ratio: _builtins.float
+    """what the controller is set to: share of the largest traction (> 0) or of all brakes (< 0)"""
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        presentation: Global___Cab.Presentation.ValueType = ...,
+        mode: Global___Mode.ValueType = ...,
+        advised_speed_mps: _builtins.float = ...,
+        advised_lever_ratio: _builtins.float = ...,
+        next_mode: Global___Mode.ValueType = ...,
+        next_change_s: _builtins.float = ...,
+        limit_mps: _builtins.float = ...,
+        signal_m: _builtins.float = ...,
+        lever_ratio: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "signal_m", b"signal_m", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Cab: _TypeAlias = Cab  # noqa: Y015
+
+@_typing.final
 class Truth(_message.Message):
-    """What really happens, beside what sensors say (sim/<train>/truth). In a replay: as estimated from the trip."""
+    """What really happens, beside what sensors say (sim/<train>/truth). In a replay: as estimated from the trip, without
+    what is after limit_mps.
+    """
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -525,6 +653,14 @@ class Truth(_message.Message):
     ENERGY_INPUT_J_FIELD_NUMBER: _builtins.int
     GRADIENT_RATIO_FIELD_NUMBER: _builtins.int
     LIMIT_MPS_FIELD_NUMBER: _builtins.int
+    ADHESION_RATIO_FIELD_NUMBER: _builtins.int
+    HEAD_WIND_MPS_FIELD_NUMBER: _builtins.int
+    RESISTANCE_J_FIELD_NUMBER: _builtins.int
+    COMPONENT_LOSS_J_FIELD_NUMBER: _builtins.int
+    AUXILIARY_J_FIELD_NUMBER: _builtins.int
+    FRICTION_BRAKE_J_FIELD_NUMBER: _builtins.int
+    UNRETURNED_J_FIELD_NUMBER: _builtins.int
+    COMFORT_J_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     s_m: _builtins.float
     speed_mps: _builtins.float
@@ -537,6 +673,17 @@ class Truth(_message.Message):
     """under the train"""
     limit_mps: _builtins.float
     """over the train"""
+    adhesion_ratio: _builtins.float
+    """of the rail under the train, 1 = dry"""
+    head_wind_mps: _builtins.float
+    resistance_j: _builtins.float
+    """Where the energy went since the start:"""
+    component_loss_j: _builtins.float
+    auxiliary_j: _builtins.float
+    friction_brake_j: _builtins.float
+    unreturned_j: _builtins.float
+    comfort_j: _builtins.float
+    """beside energy_input_j"""
     def __init__(
         self,
         *,
@@ -549,10 +696,18 @@ class Truth(_message.Message):
         energy_input_j: _builtins.float = ...,
         gradient_ratio: _builtins.float = ...,
         limit_mps: _builtins.float = ...,
+        adhesion_ratio: _builtins.float = ...,
+        head_wind_mps: _builtins.float = ...,
+        resistance_j: _builtins.float = ...,
+        component_loss_j: _builtins.float = ...,
+        auxiliary_j: _builtins.float = ...,
+        friction_brake_j: _builtins.float = ...,
+        unreturned_j: _builtins.float = ...,
+        comfort_j: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["acceleration_mps2", b"acceleration_mps2", "energy_input_j", b"energy_input_j", "force_el_n", b"force_el_n", "force_friction_n", b"force_friction_n", "gradient_ratio", b"gradient_ratio", "limit_mps", b"limit_mps", "s_m", b"s_m", "speed_mps", b"speed_mps", "time_ns", b"time_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["acceleration_mps2", b"acceleration_mps2", "adhesion_ratio", b"adhesion_ratio", "auxiliary_j", b"auxiliary_j", "comfort_j", b"comfort_j", "component_loss_j", b"component_loss_j", "energy_input_j", b"energy_input_j", "force_el_n", b"force_el_n", "force_friction_n", b"force_friction_n", "friction_brake_j", b"friction_brake_j", "gradient_ratio", b"gradient_ratio", "head_wind_mps", b"head_wind_mps", "limit_mps", b"limit_mps", "resistance_j", b"resistance_j", "s_m", b"s_m", "speed_mps", b"speed_mps", "time_ns", b"time_ns", "unreturned_j", b"unreturned_j"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -22,7 +22,7 @@ from mcap_protobuf.schema import register_schema
 from das import __version__
 from das.bus import das_pb2
 from das.bus.session import Bus, Received, check_endpoint
-from das.bus.topics import CONTROL, RECORDED, RECORDER, Topic
+from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
 from das.commands import StopFlag, run_command
 from das.domain.errors import DasError
 
@@ -98,29 +98,45 @@ def message_time_ns(message: Any) -> int:
 
 
 class Recorder:
-    """Writes what it hears; answers every Control message with its count, so that a fast sender can wait."""
+    """Writes what it hears, and says how far it is at every tick, so that a fast sender can wait.
+
+    With the clock of a run (`clock_ns`, before its first Control) what a node says without a time of that run, while
+    it starts, is left out: how often it does depends on the machine.
+    """
 
     def __init__(self, bus: Bus, file: RecordingFile, clock_ns: int | None) -> None:
         self.bus, self.file = bus, file
-        self._clock_ns = clock_ns
+        self._clock_ns, self._by_run = clock_ns, clock_ns is not None
+        self._how = das_pb2.RecorderStatus(file=file.path.name)
 
     def take(self, received: Received) -> None:
         """Write one message as heard; a payload that is not of its topic's type is left out."""
-        if received.message is None:
+        message, topic = received.message, received.topic
+        if message is None:
             return
-        if received.topic is CONTROL:
-            self._clock_ns = received.message.time_ns
-        log_time_ns = self._clock_ns if self._clock_ns is not None else time.time_ns()
-        self.file.add(received.topic, received.key, received.message, log_time_ns)
-        if received.topic is CONTROL:
-            self.report(received.message.tick)
+        if topic is CONTROL:
+            self._clock_ns = message.time_ns
+        if not self._by_run or message_time_ns(message) != 0:
+            log_time_ns = self._clock_ns if self._clock_ns is not None else time.time_ns()
+            self.file.add(topic, received.key, message, log_time_ns)
+        if self._noted(topic, message):
+            self.report()
 
-    def report(self, tick: int = 0) -> None:
-        """Say how many messages are written."""
-        status = das_pb2.RecorderStatus(
-            time_ns=time.time_ns(), tick=tick, messages=self.file.messages, file=self.file.path.name
-        )
-        self.bus.publish(RECORDER, status)
+    def _noted(self, topic: Topic, message: Any) -> bool:
+        """Note how far we are; whether somebody may wait to hear it."""
+        how, state = self._how, self._how.node_state
+        if topic is CONTROL:
+            how.tick = message.tick
+        elif topic is ADVICE:
+            how.advice_tick = message.tick
+        elif topic is STATUS:
+            how.node_state = message.state
+        return topic is CONTROL or topic is ADVICE or how.node_state != state
+
+    def report(self) -> None:
+        """Say how many messages are written, and up to which tick."""
+        self._how.time_ns, self._how.messages = time.time_ns(), self.file.messages
+        self.bus.publish(RECORDER, self._how)
 
 
 def record(arguments: argparse.Namespace) -> None:

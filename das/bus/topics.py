@@ -42,18 +42,38 @@ DELAY: Final = Topic(name="delay", root="das", message=das_pb2.Delay, rate_hz=No
 JOURNEY: Final = Topic(
     name="journey", root="das", message=das_pb2.Journey, rate_hz=None, publisher="operator", latched=True
 )
+RESTRICTION: Final = Topic(
+    name="restriction", root="das", message=das_pb2.Restrictions, rate_hz=None, publisher="operator", latched=True
+)
 CONTROL: Final = Topic(name="control", root="das", message=das_pb2.Control, rate_hz=1.0, publisher="simulator")
 ADVICE: Final = Topic(name="advice", root="das", message=das_pb2.Advice, rate_hz=1.0, publisher="node")
 PLAN: Final = Topic(name="plan", root="das", message=das_pb2.Plan, rate_hz=0.1, publisher="node")
 STATUS: Final = Topic(name="status", root="das", message=das_pb2.Status, rate_hz=1.0, publisher="node", latched=True)
-EVENT: Final = Topic(name="event", root="das", message=Log, rate_hz=None, publisher="node, simulator")
+EVENT: Final = Topic(name="event", root="das", message=Log, rate_hz=None, publisher="node")
 TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, rate_hz=1.0, publisher="simulator")
 LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, rate_hz=1.0, publisher="simulator")
+CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, rate_hz=1.0, publisher="simulator")
+LOG: Final = Topic(name="log", root="sim", message=Log, rate_hz=None, publisher="simulator")
 RECORDER: Final = Topic(
     name="recorder", root="das", message=das_pb2.RecorderStatus, rate_hz=1.0, publisher="recorder", recorded=False
 )
 
-TOPICS: Final = (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION, RECORDER)
+TOPICS: Final = (
+    POSITION,
+    DELAY,
+    JOURNEY,
+    RESTRICTION,
+    CONTROL,
+    ADVICE,
+    PLAN,
+    STATUS,
+    EVENT,
+    TRUTH,
+    LOCATION,
+    CAB,
+    LOG,
+    RECORDER,
+)
 RECORDED: Final = tuple(topic for topic in TOPICS if topic.recorded)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple, Self
 
@@ -244,7 +245,20 @@ class Front:
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
         """Time of the fastest run from a state; raises as `trajectory` does."""
-        return self._fastest(self._state(s_m, v_mps)).time_s
+        state = self._state(s_m, v_mps)
+        known, to_go = self._known_fastest
+        speeds, ahead = np.empty(len(state.node_m)), len(known) - len(state.node_m)
+        speeds[0] = v_mps
+        time_s = rollout_kernels.least_time(
+            *state.for_kernels, state.envelope_mps, self.section.train, speeds, known[ahead:], to_go[ahead:]
+        )
+        return self._checked(state, speeds, time_s).time_s
+
+    @cached_property
+    def _known_fastest(self) -> tuple[Floats, Floats]:
+        """The section's fastest run: speed at every integration node, and time to go from there (s)."""
+        run = self.fastest().trajectory
+        return run.v_mps, run.time_s - run.t_s
 
     def _solution(
         self,

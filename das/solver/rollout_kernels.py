@@ -332,6 +332,23 @@ def fastest_roll_out(step, g, q, u, envelope, p, v):
 
 
 @kernel
+def least_time(step, g, q, u, envelope, p, v, known, to_go):
+    """Time (s) of the fastest run from v[0], or -1 after a stall.
+
+    `known` is a fastest run at the same nodes, `to_go` its time (s) from each of them: from where the two meet they are
+    one. v is working space.
+    """
+    total = 0.0
+    for i in range(step.size):
+        if not hurry(i, i + 1, step, g, q, u, envelope, p, v):
+            return -1.0
+        total += 2.0 * step[i] / (v[i] + v[i + 1])
+        if v[i + 1] == known[i + 1]:
+            return total + to_go[i + 1]
+    return total
+
+
+@kernel
 def blend_runs(share, quick, slow, step, g, q, u, envelope, p, v):
     """Drive between two runs from the same state: v² is `share` of the quick one's and the rest of the slow one's.
 

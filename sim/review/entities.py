@@ -63,7 +63,7 @@ def send(out: rr.RecordingStream, recording: Recording, trip: Trip, way: Way | N
             _series(out, trip, name, time_ns, values)
     _states(out, trip, MODES, recording.of(topics.ADVICE))
     _states(out, trip, STATES, recording.of(topics.STATUS))
-    _events(out, trip, recording.of(topics.EVENT))
+    _events(out, trip, recording.of(topics.EVENT) + recording.of(topics.LOG))
     if way is not None:
         _location(out, trip, way)
     _distance(out, trip, draw(recording, trip))
@@ -107,6 +107,7 @@ def _states(out: rr.RecordingStream, trip: Trip, lane: Lane, messages: tuple[Sta
 
 
 def _events(out: rr.RecordingStream, trip: Trip, messages: tuple[Stamped, ...]) -> None:
+    messages = tuple(sorted(messages, key=lambda entry: entry.message.timestamp.ToNanoseconds()))
     if messages:
         time_ns = np.array([m.message.timestamp.ToNanoseconds() for m in messages])
         early_s = (trip.time_ns[0] - time_ns) * NS

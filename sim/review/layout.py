@@ -11,7 +11,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
-from das.bus.topics import ADVICE, DELAY, EVENT, POSITION, STATUS, TRUTH, Topic
+from das.bus.topics import ADVICE, DELAY, EVENT, LOG, POSITION, STATUS, TRUTH, Topic
 from das.domain.units import NS
 from sim.recording import Recording
 from sim.review.entities import TRIP_TIME
@@ -57,7 +57,7 @@ def blueprint(recording: Recording, trip: Trip, way: Way | None) -> rrb.Blueprin
     side: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="summary", name="Summary")]
     if way is not None:
         side.insert(0, _track(way))
-    if recording.of(EVENT):
+    if recording.of(EVENT) or recording.of(LOG):
         columns = rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
         side.append(rrb.TextLogView(origin="events", name="Events", columns=columns))
     return rrb.Blueprint(

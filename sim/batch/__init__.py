@@ -1,0 +1,1 @@
+"""Many runs in closed loop: what to run, the workers, what is finished, and the table of results."""

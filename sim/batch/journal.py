@@ -1,0 +1,68 @@
+"""What of a batch is finished: one row of JSON a line, appended as runs end, so that a kill costs at most one line."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
+
+
+class Journal:
+    """The finished rows in a folder, by the hash of their inputs; use with `with`. One batch at a time in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "finished.jsonl"
+        self.rows: dict[str, dict[str, Any]] = {}
+
+    def __enter__(self) -> Journal:
+        try:
+            self._lock: IO[bytes] = (self.path.parent / ".lock").open("wb")
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._lock.close()
+            raise DasError(f"{self.path.parent}: another batch is at work here") from None
+        except OSError as error:
+            raise DasError(f"{self.path.parent}: cannot be written ({error.strerror})") from error
+        self._read()
+        self._file = self.path.open("ab")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        self._lock.close()
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Note a finished run, on disk at once."""
+        self.rows[row["inputs_sha256"]] = row
+        try:
+            self._file.write(_line(row))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
+
+    def _read(self) -> None:
+        """Take what is there; a line cut off by a kill is dropped, for good before the next is appended."""
+        if not self.path.exists():
+            return
+        lines = self.path.read_bytes().splitlines()
+        for line in lines:
+            try:
+                row = json.loads(line)
+                self.rows[row["inputs_sha256"]] = row
+            except (ValueError, KeyError, TypeError):
+                continue
+        if len(self.rows) < len(lines) or not self.path.read_bytes().endswith(b"\n"):
+            write_whole(self.path, b"".join(map(_line, self.rows.values())))
+
+
+def _line(row: dict[str, Any]) -> bytes:
+    return json.dumps(row, ensure_ascii=False).encode() + b"\n"

@@ -1,0 +1,112 @@
+"""What a batch is to run, and the identity of each run: the hash of all that its result depends on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import das
+import precompute
+import sim
+from das import __version__
+from das.domain.errors import DasError
+from das.domain.losses import Level
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind
+from sim.inputs import input_files, sha256
+from sim.world.scenario import load_scenario
+
+MOST_SEEDS = 1_000_000
+"""More seeds than this are taken for a slip of the finger."""
+_SEEDS = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One run to be made; `scenario` is its file, `versions` what it is made with and from, `record` where to."""
+
+    name: str
+    scenario: Path
+    scenario_id: str
+    seed: int
+    driver: DriverKind
+    advice: Presentation
+    level: Level | None
+    versions: tuple[tuple[str, str], ...]
+    record: Path | None
+
+    @property
+    def inputs_sha256(self) -> str:
+        """The hash of everything that decides the result: equal ones need not be run again."""
+        level = None if self.level is None else str(self.level)
+        decides = [self.name, level, sorted(self.versions)]
+        return hashlib.sha256(json.dumps(decides).encode()).hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """What was asked for; every scenario with every driver, presentation and seed."""
+
+    scenarios: Sequence[str]
+    drivers: Sequence[DriverKind]
+    advice: Sequence[Presentation]
+    seeds: Sequence[int]
+    level: Level | None
+    record: bool
+    folder: Path
+
+    def jobs(self) -> Iterator[Job]:
+        """The runs in the order of the table; DasError for scenarios that cannot be read or have one name."""
+        read = [load_scenario(name) for name in self.scenarios]
+        ids = [scenario.id for scenario in read]
+        if len(set(ids)) < len(ids):
+            raise DasError(f"scenarios {', '.join(ids)}: two have the same id")
+        for scenario in read:
+            files = {"scenario": scenario.source, **input_files(scenario.route, scenario.vehicle)}
+            versions = {"version": __version__, "code_sha256": code_sha256()}
+            versions |= {f"{name}_sha256": sha256(path) for name, path in files.items()}
+            for driver, advice, seed in product(self.drivers, self.advice, self.seeds):
+                name = f"{scenario.id}-{driver}-{advice}-{seed}"
+                yield Job(
+                    name=name,
+                    scenario=scenario.source,
+                    scenario_id=scenario.id,
+                    seed=seed,
+                    driver=driver,
+                    advice=advice,
+                    level=self.level,
+                    versions=tuple(versions.items()),
+                    record=self.folder / "recordings" / f"{name}.mcap" if self.record else None,
+                )
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Seeds like `0-99` or `1,5,10-19`, each once; DasError for anything else."""
+    seeds: dict[int, None] = {}
+    for part in text.replace(" ", "").split(","):
+        match = _SEEDS.fullmatch(part)
+        if match is None:
+            raise DasError(f"--seeds {text}: cannot read {part!r}; expected something like 0-99 or 1,5,10-19")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if not first <= last or last - first >= MOST_SEEDS:
+            raise DasError(f"--seeds {text}: {part}: expected a range that rises, of at most {MOST_SEEDS} seeds")
+        seeds.update(dict.fromkeys(range(first, last + 1)))
+    return list(seeds)
+
+
+@cache
+def code_sha256() -> str:
+    """Hash of the program's own source: another program may give other results."""
+    digest = hashlib.sha256()
+    for package in (das, precompute, sim):
+        root = Path(str(package.__file__)).parent
+        for path in sorted(root.rglob("*.py")):
+            digest.update(f"{package.__name__}/{path.relative_to(root).as_posix()}\0".encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,66 @@
+"""The table of a batch's results: Parquet, one row a run (docs/scenarios.md)."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
+from sim.batch.worker import STOP_COLUMNS
+from sim.world.outcome import SHARES
+
+TEXTS = (
+    *("scenario", "driver", "advice", "level", "error", "happens", "recording", "version"),
+    *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256", "inputs_sha256"),
+)
+COUNTS = ("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit", "simulated_s")
+FIGURES = (
+    *("late_s", "running_time_s"),
+    *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh", "beyond_hindsight_ratio"),
+    *(f"{name}_kwh" for name in SHARES),
+    *(f"{name}_ratio" for name in SHARES),
+    *("potential_kwh", "ledger_residual_ratio"),
+)
+
+
+def require_pyarrow() -> None:
+    """Raise DasError where the table cannot be written."""
+    if importlib.util.find_spec("pyarrow") is None:
+        raise DasError("pyarrow is not installed: pip install 'driver-advisory-system[batch]'")
+
+
+def write_table(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Write the rows; what a failed run has not is null."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    listed = list(rows)
+    table = pa.Table.from_pylist([{name: row.get(name) for name in SCHEMA_NAMES} for row in listed], schema=_schema())
+    content = io.BytesIO()
+    parquet.write_table(table, content, compression="zstd")
+    write_whole(path, content.getvalue())
+
+
+SCHEMA_NAMES = (
+    *("seed", *TEXTS, *COUNTS, *FIGURES, "hindsight_faster_than_possible", "stops"),
+    *(f"stop_{name}" for name in STOP_COLUMNS),
+)
+
+
+def _schema() -> Any:
+    import pyarrow as pa
+
+    types = {
+        "seed": pa.int64(),
+        **dict.fromkeys(TEXTS, pa.string()),
+        **dict.fromkeys(COUNTS, pa.int64()),
+        **dict.fromkeys(FIGURES, pa.float64()),
+        "hindsight_faster_than_possible": pa.bool_(),
+        "stops": pa.list_(pa.string()),
+        **{f"stop_{name}": pa.list_(pa.float64()) for name in STOP_COLUMNS},
+    }
+    return pa.schema([(name, types[name]) for name in SCHEMA_NAMES])

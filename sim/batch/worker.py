@@ -1,0 +1,103 @@
+"""A worker of a batch: runs jobs one after another, and solves a service only when the next job needs another."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from das.commands import STOP_SIGNALS
+from das.domain.errors import DasError
+from das.domain.losses import Level
+from sim.batch.plan import Job
+from sim.drivers.registry import make_driver
+from sim.world.day import Day, make_day
+from sim.world.disturbances import described
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
+from sim.world.outcome import outcome
+from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.scenario import Scenario, read_scenario
+from sim.world.service import Service, prepare_service
+
+PARENT_CHECKED_EVERY_S = 1.0
+
+_service: tuple[Level | None, Service] | None = None
+
+
+def begin() -> None:
+    """Make a process a worker: it does not stop by itself but with its parent, even where that is killed."""
+    for number in STOP_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    from das.solver.warm_up import warm_up
+
+    warm_up()
+
+
+def _end_with_parent(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(PARENT_CHECKED_EVERY_S)
+    os._exit(1)
+
+
+def work(job: Job) -> dict[str, Any]:
+    """Make a run; its row, or where it fails the row with the error."""
+    row: dict[str, Any] = {
+        "scenario": job.scenario_id,
+        "seed": job.seed,
+        "driver": str(job.driver),
+        "advice": str(job.advice),
+        **dict(job.versions),
+        "inputs_sha256": job.inputs_sha256,
+        "recording": None if job.record is None else str(job.record),
+    }
+    try:
+        return row | _run(job)
+    except DasError as error:
+        return row | {"error": " ".join(str(error).split())}
+    except Exception as error:  # one run that fails must not end a batch of thousands
+        return row | {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+
+
+def _run(job: Job) -> dict[str, Any]:
+    day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed)
+    figures = outcome(day, _driven(day, job))
+    stops = figures.pop("stops")
+    return {
+        **figures,
+        "happens": "; ".join(map(described, day.disturbances)),
+        "stops": [stop["name"] for stop in stops],
+        **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
+    }
+
+
+STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
+"""Figures of the stops, as lists in the order of the way."""
+
+
+def _driven(day: Day, job: Job) -> Run:
+    driver = make_driver(job.driver, day.service.line, seed=job.seed)
+    if job.record is None:
+        return World(day, driver, job.advice, InProcess(day.service)).run()
+    how = How(driver=job.driver, advice=job.advice, train="train-1", command=f"das-sim batch: {job.name}")
+    run, traffic = run_over_bus(day, driver, job.advice, make_crew(day, how, job.record))
+    if traffic.lost:
+        raise DasError(f"{job.record}: {traffic.lost} messages were lost")
+    return run
+
+
+def _service_of(scenario: Scenario, level: Level | None) -> Service:
+    """The scenario's service, solved anew only where it is another than the last one's."""
+    global _service  # noqa: PLW0603 (a worker is a process: this is its memory between jobs)
+    if _service is None or _service[0] != level or not _service[1].plans(scenario):
+        _service = (level, prepare_service(scenario, level=level))
+    return _service[1].on(scenario)
+
+
+def recorded(job: Job) -> bool:
+    """Whether the recording a job asks for is there."""
+    return job.record is None or Path(job.record).is_file()

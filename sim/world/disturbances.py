@@ -1,0 +1,120 @@
+"""What goes wrong on a day: each kind with its figures, as a scenario file names them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+
+
+class SensorFault(StrEnum):
+    """How localisation fails."""
+
+    DROPOUT = "dropout"
+    """No positions at all."""
+    JUMP = "jump"
+    """Positions off by `size_m`."""
+    FROZEN = "frozen"
+    """The last position again and again, with new times."""
+    NOISE = "noise"
+    """Positions scattered with the standard deviation `size_m`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepartureDelay:
+    """The train leaves a stop late (`dwell-overrun` is the same at a stop on the way)."""
+
+    stop: str
+    delay_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DelayOnTheWay:
+    """From `from_m` to `to_m` the driver may not go faster than `speed_mps`; only he is told."""
+
+    from_m: float
+    to_m: float
+    speed_mps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restriction:
+    """A temporary speed restriction, told to driver and node when the head is `announced_m` before it."""
+
+    from_m: float
+    to_m: float
+    speed_mps: float
+    announced_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalStop:
+    """A signal at danger at `at_m`, seen `seen_m` before it; it clears `clears_after_s` after it was first seen."""
+
+    at_m: float
+    seen_m: float
+    clears_after_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipperyRail:
+    """Adhesion times `adhesion_ratio` from `from_m` to `to_m`."""
+
+    from_m: float
+    to_m: float
+    adhesion_ratio: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadWind:
+    """Wind against the train from `from_m` to `to_m` (tail wind < 0)."""
+
+    from_m: float
+    to_m: float
+    wind_mps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOutage:
+    """Localisation fails from `from_s` after the start for `for_s`."""
+
+    fault: SensorFault
+    from_s: float
+    for_s: float
+    size_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusOutage:
+    """Nothing gets through between simulator and node from `from_s` for `for_s`."""
+
+    from_s: float
+    for_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeRestart:
+    """The node is killed at `at_s` and started anew."""
+
+    at_s: float
+
+
+Disturbance = (
+    DepartureDelay
+    | DelayOnTheWay
+    | Restriction
+    | SignalStop
+    | SlipperyRail
+    | HeadWind
+    | SensorOutage
+    | BusOutage
+    | NodeRestart
+)
+
+
+def described(disturbance: Disturbance) -> str:
+    """A disturbance in a line: its name and figures."""
+    figures = (
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in asdict(disturbance).items()
+    )
+    return f"{type(disturbance).__name__}: {', '.join(figures)}"

@@ -1,0 +1,50 @@
+"""What goes between the simulated world and the advice, whatever carries it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+from das.advisor import PositionFix
+from sim.drivers.cab import Cab, Restriction
+from sim.plant import PlantState
+
+
+class Measured(NamedTuple):
+    """A position as localisation says it, and what it thinks of it: one standard deviation (m), less certain or not."""
+
+    fix: PositionFix
+    uncertainty_m: float
+    degraded: bool
+
+
+class Heard(NamedTuple):
+    """What goes to the node at a tick; None: nothing is said of it now."""
+
+    tick: int
+    now_ns: int
+    measured: Measured | None
+    delay_s: float | None
+    restrictions: tuple[Restriction, ...] | None
+    """All that are in force, whenever they change."""
+
+
+class Told(NamedTuple):
+    """What is recorded beside: the truth, the cab with what it shows, the controller's setting, what happened."""
+
+    state: PlantState
+    cab: Cab
+    lever_ratio: float
+    events: tuple[str, ...]
+
+
+class Link(Protocol):
+    """The way to the advice and to the recording."""
+
+    def exchange(self, heard: Heard) -> Any:
+        """The advice for a tick (`das.advisor.Advice` or the bus's message)."""
+
+    def tell(self, now_ns: int, told: Told) -> None:
+        """Record what nobody advises on."""
+
+    def restart(self) -> None:
+        """Kill the node and start it anew."""

@@ -1,0 +1,92 @@
+"""What comes up on the way: signals, restrictions, faults, and who is told of it when."""
+
+from __future__ import annotations
+
+import math
+
+from das.domain.units import KM, KMH
+from sim.drivers.cab import Restriction as Shown
+from sim.plant import PlantState
+from sim.world.day import Day
+from sim.world.disturbances import BusOutage, DelayOnTheWay, NodeRestart, Restriction, SensorOutage, SignalStop
+
+NODE_DOWN_S = 2.0
+"""A node that is restarted is away for this long."""
+
+
+class News:
+    """Keeps what is known by now; asked once a second, in the order of time."""
+
+    def __init__(self, day: Day) -> None:
+        self._day, self._length_m = day, day.service.vehicle.length_m
+        self._seen_s: dict[SignalStop, float] = {}
+        self._cleared: set[SignalStop] = set()
+        self._waiting_restarts = sorted(day.of(NodeRestart), key=lambda x: x.at_s)
+        self._down_until_s = -math.inf
+        self._faults_to_come: list[SensorOutage | BusOutage] = [*day.of(SensorOutage), *day.of(BusOutage)]
+        self.signal_m = math.inf
+        """The next signal at danger in sight."""
+        self.told: tuple[Shown, ...] = ()
+        """Restrictions in force that driver and node are told of."""
+        self.shown: tuple[Shown, ...] = ()
+        """These, and where only the driver knows that he must be slow."""
+
+    def update(self, state: PlantState) -> list[str]:
+        """Take note of a state; what is new, in words."""
+        return [*self._signals(state), *self._restrictions(state), *self._outages(state.time_s)]
+
+    def restart_due(self, now_s: float) -> bool:
+        """Whether the node is to be killed now (each time said once)."""
+        if not self._waiting_restarts or now_s < self._waiting_restarts[0].at_s:
+            return False
+        self._waiting_restarts.pop(0)
+        self._down_until_s = now_s + NODE_DOWN_S
+        return True
+
+    def cut_off(self, now_s: float) -> bool:
+        """Whether nothing gets through to the node, or there is none."""
+        return now_s < self._down_until_s or any(_lasts(x, now_s) for x in self._day.of(BusOutage))
+
+    def _signals(self, state: PlantState) -> list[str]:
+        events = []
+        for signal in self._day.of(SignalStop):
+            at = f"signal at km {signal.at_m / KM:.1f}"
+            if signal not in self._seen_s and signal.at_m - signal.seen_m <= state.s_m < signal.at_m:
+                self._seen_s[signal] = state.time_s
+                events.append(f"{at} at danger")
+            if signal not in self._cleared and state.time_s >= self._clears_s(signal):
+                self._cleared.add(signal)
+                events.append(f"{at} clear")
+        self.signal_m = min((x.at_m for x in self._seen_s if x not in self._cleared), default=math.inf)
+        return events
+
+    def _clears_s(self, signal: SignalStop) -> float:
+        return self._seen_s.get(signal, math.inf) + signal.clears_after_s
+
+    def _restrictions(self, state: PlantState) -> list[str]:
+        """One that the tail has left is over."""
+        before, ahead = self.told, state.s_m - self._length_m
+        self.told = tuple(
+            Shown(x.from_m, x.to_m, x.speed_mps)
+            for x in self._day.of(Restriction)
+            if x.from_m - x.announced_m <= state.s_m and ahead <= x.to_m
+        )
+        slow = (Shown(x.from_m, x.to_m, x.speed_mps) for x in self._day.of(DelayOnTheWay) if ahead <= x.to_m)
+        self.shown = (*self.told, *slow)
+        return [
+            f"restriction to {x.limit_mps / KMH:.0f} km/h, km {x.start_m / KM:.1f} to {x.end_m / KM:.1f}"
+            for x in self.told
+            if x not in before
+        ]
+
+    def _outages(self, now_s: float) -> list[str]:
+        begun = [x for x in self._faults_to_come if x.from_s <= now_s]
+        self._faults_to_come = [x for x in self._faults_to_come if x not in begun]
+        return [
+            f"{f'localisation: {x.fault}' if isinstance(x, SensorOutage) else 'bus outage'}, {x.for_s:.0f} s"
+            for x in begun
+        ]
+
+
+def _lasts(fault: SensorOutage | BusOutage, now_s: float) -> bool:
+    return fault.from_s <= now_s < fault.from_s + fault.for_s

@@ -1,0 +1,208 @@
+"""The advice over the real bus: node and recorder as processes, in lockstep with the simulated world."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from google.protobuf.message import Message
+
+from das import __version__
+from das.bus import das_pb2
+from das.bus.topics import CAB, DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
+from sim.drivers.cab import AdviceView, Driver, Presentation
+from sim.drivers.registry import DriverKind
+from sim.inputs import input_files, sha256
+from sim.lockstep import Crew, Lockstep, Traffic
+from sim.messages import StopTimes, happened, journey, location
+from sim.world.day import Day
+from sim.world.disturbances import described
+from sim.world.link import Heard, Measured, Told
+from sim.world.loop import BEFORE_S, Progress, Run, World
+from sim.world.service import Service
+
+PRESENTATIONS = {
+    Presentation.RMS: das_pb2.Cab.PRESENTATION_RMS,
+    Presentation.FOUR_MODE: das_pb2.Cab.PRESENTATION_FOUR_MODE,
+    Presentation.VECTOR: das_pb2.Cab.PRESENTATION_VECTOR,
+}
+
+
+class OverBus:
+    """Speaks with a node, and to a recorder, that are in lockstep."""
+
+    def __init__(self, day: Day, lockstep: Lockstep) -> None:
+        self._day, self._lockstep = day, lockstep
+
+    def exchange(self, heard: Heard) -> Any:
+        """Send what is heard at a tick and wait for the node's advice."""
+        send, now_ns = self._lockstep.send, heard.now_ns
+        if heard.measured is not None:
+            send(POSITION, _position(heard.measured))
+            place = self._day.service.route.location_deg(heard.measured.fix.s_m)
+            if place is not None:
+                send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
+        if heard.delay_s is not None:
+            send(DELAY, das_pb2.Delay(time_ns=now_ns, delay_s=heard.delay_s))
+        if heard.restrictions is not None:
+            told = [das_pb2.Restrictions.Restriction(**x._asdict()) for x in heard.restrictions]
+            send(RESTRICTION, das_pb2.Restrictions(time_ns=now_ns, restrictions=told))
+        return self._lockstep.ask(now_ns, heard.tick)
+
+    def tell(self, now_ns: int, told: Told) -> None:
+        """Send what is recorded beside."""
+        self._lockstep.send(TRUTH, _truth(self._day, now_ns, told))
+        self._lockstep.send(CAB, _cab(now_ns, told))
+        for text in told.events:
+            self._lockstep.send(LOG, happened(now_ns, text))
+
+    def restart(self) -> None:
+        """Kill the node and start it anew."""
+        self._lockstep.restart_node()
+
+
+class Recorded(NamedTuple):
+    """A run over the bus, and its messages."""
+
+    run: Run
+    traffic: Traffic
+
+
+def run_over_bus(
+    day: Day, driver: Driver, presentation: Presentation, crew: Crew, progress: Progress | None = None
+) -> Recorded:
+    """Drive a day with node and recorder as processes; DasError where one fails or the train does not get there."""
+    with Lockstep(crew) as lockstep:
+        lockstep.begin(_journey(crew.train, day.service))
+        run = World(day, driver, presentation, OverBus(day, lockstep)).run(progress)
+        lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
+    return Recorded(run, lockstep.traffic)
+
+
+@dataclass(frozen=True, kw_only=True)
+class How:
+    """How a day is driven, as the recording says."""
+
+    driver: DriverKind
+    advice: Presentation
+    train: str
+    command: str
+
+
+def make_crew(day: Day, how: How, out: Path) -> Crew:
+    """Node and recorder for a day; the recording says how it was made and holds the files it was made from."""
+    service, scenario = day.service, day.service.scenario
+    files = {"scenario": scenario.source, **input_files(scenario.route, scenario.vehicle)}
+    metadata = {
+        "kind": "run",
+        "command": how.command,
+        "version": __version__,
+        "train": how.train,
+        "scenario": scenario.id,
+        "seed": str(day.seed),
+        "driver": str(how.driver),
+        "advice": str(how.advice),
+        "happens": "; ".join(map(described, day.disturbances)) or "nothing",
+        "route": service.route.name,
+        "vehicle": service.vehicle.name,
+        "level": str(service.level),
+        **{f"{name}_sha256": sha256(path) for name, path in files.items()},
+    }
+    return Crew(
+        train=how.train,
+        node_arguments=_node_arguments(service),
+        out=out,
+        metadata=metadata,
+        start_ns=service.moment_ns(-BEFORE_S),
+        attachments=tuple(files.values()),
+    )
+
+
+def _node_arguments(service: Service) -> tuple[str, ...]:
+    scenario = service.scenario
+    arguments = ["--route", scenario.route, "--vehicle", scenario.vehicle, "--level", str(service.level)]
+    arguments += ["--from", service.stops[0].name, "--to", service.stops[-1].name]
+    if scenario.load is not None:
+        arguments += ["--load", scenario.load]
+    if scenario.reverse:
+        arguments.append("--reverse")
+    return tuple(arguments)
+
+
+def _journey(train: str, service: Service) -> Message:
+    arrivals = [0, *(table.arrival_ns for table in service.timetables)]
+    departures = [*(table.departure_ns for table in service.timetables), 0]
+    stops = [
+        StopTimes(stop.name, stop.position_m, arrival_ns, departure_ns)
+        for stop, arrival_ns, departure_ns in zip(service.stops, arrivals, departures, strict=True)
+    ]
+    return journey(
+        train,
+        service.route,
+        service.vehicle,
+        stops,
+        reversed_=service.scenario.reverse,
+        time_ns=service.moment_ns(-BEFORE_S),
+    )
+
+
+def _position(measured: Measured) -> Message:
+    quality = das_pb2.Position.QUALITY_DEGRADED if measured.degraded else das_pb2.Position.QUALITY_GOOD
+    fix = measured.fix
+    return das_pb2.Position(
+        time_ns=fix.time_ns,
+        s_m=fix.s_m,
+        speed_mps=fix.speed_mps,
+        uncertainty_m=measured.uncertainty_m,
+        quality=quality,
+    )
+
+
+def _truth(day: Day, now_ns: int, told: Told) -> Message:
+    state = told.state
+    adhesion_ratio, head_wind_mps = day.plant.weather(state)
+    return das_pb2.Truth(
+        time_ns=now_ns,
+        s_m=state.s_m,
+        speed_mps=state.speed_mps,
+        acceleration_mps2=state.acceleration_mps2,
+        force_el_n=state.force_el_n,
+        force_friction_n=state.force_friction_n,
+        energy_input_j=state.input_j,
+        gradient_ratio=day.plant.gradient_ratio(state.s_m),
+        limit_mps=told.cab.limit_mps,
+        adhesion_ratio=adhesion_ratio,
+        head_wind_mps=head_wind_mps,
+        resistance_j=state.resistance_j,
+        component_loss_j=state.component_loss_j,
+        auxiliary_j=state.auxiliary_j,
+        friction_brake_j=state.friction_brake_j,
+        unreturned_j=state.unreturned_j,
+        comfort_j=state.comfort_j,
+    )
+
+
+def _cab(now_ns: int, told: Told) -> Message:
+    cab = told.cab
+    return das_pb2.Cab(
+        time_ns=now_ns,
+        limit_mps=cab.limit_mps,
+        signal_m=cab.signal_m if math.isfinite(cab.signal_m) else math.nan,
+        lever_ratio=told.lever_ratio,
+        **_shown(cab.shown),
+    )
+
+
+def _shown(view: AdviceView | None) -> dict[str, Any]:
+    if view is None:
+        return dict.fromkeys(("advised_speed_mps", "advised_lever_ratio", "next_change_s"), math.nan)
+    return {
+        "presentation": PRESENTATIONS[view.presentation],
+        "mode": view.mode,
+        "advised_speed_mps": view.speed_mps,
+        "advised_lever_ratio": view.lever_ratio,
+        "next_mode": view.next_mode,
+        "next_change_s": view.next_change_s,
+    }

@@ -1,0 +1,65 @@
+"""Localisation as the node hears it: noise, and the faults of the day."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from das.advisor import PositionFix
+from sim.plant import PlantState
+from sim.world.day import Day
+from sim.world.disturbances import SensorFault, SensorOutage
+from sim.world.link import Measured
+
+CORRELATION_S = 30.0
+"""The error of a receiver's position wanders with this time constant (assumption)."""
+STREAM = 2
+"""Stream of random numbers of a seed; 1: what happens; a driver makes his own."""
+
+
+class Localisation:
+    """Positions of a day, one a tick; asked in the order of time."""
+
+    def __init__(self, day: Day) -> None:
+        self._sensors, self._faults = day.service.scenario.sensors, day.of(SensorOutage)
+        self._service = day.service
+        self._random = np.random.default_rng([day.seed, STREAM])
+        self._keep = math.exp(-1.0 / CORRELATION_S)
+        self._offset_m = 0.0
+        self._last: PositionFix | None = None
+
+    def measure(self, state: PlantState) -> Measured | None:
+        """What is said of a state; None in a dropout."""
+        measured = Measured(self._fix(state), self._sensors.position_noise_m, degraded=False)
+        for fault in self._faults:
+            if fault.from_s <= state.time_s < fault.from_s + fault.for_s:
+                if fault.fault is SensorFault.DROPOUT:
+                    return None
+                measured = self._faulty(measured, fault)
+        self._last = measured.fix
+        return measured
+
+    def _fix(self, state: PlantState) -> PositionFix:
+        sensors = self._sensors
+        wander, noise = self._random.standard_normal(2).tolist()
+        spread_m = sensors.position_noise_m * math.sqrt(1.0 - self._keep**2)
+        self._offset_m = self._keep * self._offset_m + spread_m * wander
+        moving = state.speed_mps > 0
+        return PositionFix(
+            time_ns=self._service.moment_ns(state.time_s),
+            s_m=state.s_m + (self._offset_m if moving else 0.0),
+            speed_mps=max(state.speed_mps + sensors.speed_noise_mps * noise, 0.0) if moving else 0.0,
+        )
+
+    def _faulty(self, measured: Measured, fault: SensorOutage) -> Measured:
+        """A receiver notices its noise, but neither that it jumped nor that it is frozen."""
+        fix = measured.fix
+        if fault.fault is SensorFault.JUMP:
+            return measured._replace(fix=replace(fix, s_m=fix.s_m + fault.size_m))
+        if fault.fault is SensorFault.NOISE:
+            off_m = fault.size_m * float(self._random.standard_normal())
+            spread_m = math.hypot(measured.uncertainty_m, fault.size_m)
+            return Measured(replace(fix, s_m=fix.s_m + off_m), spread_m, degraded=True)
+        return measured._replace(fix=replace(self._last or fix, time_ns=fix.time_ns))

@@ -1,0 +1,130 @@
+"""A scenario's train service: line, train, timetable and the solved sections; the same for every seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from das.advisor import Timetable
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.losses import Level
+from das.domain.route import Route, Stop, section_stops
+from das.domain.units import NS
+from das.domain.vehicle import Vehicle
+from das.solver.front import Front, Solution, solve_front
+from das.solver.section import build_section
+from sim.drivers.knowledge import LineKnowledge
+from sim.world.scenario import Scenario
+
+TIMETABLE_STEP_S = 6.0
+"""Timetables are made in tenths of a minute."""
+PLANNED = (
+    *("route", "vehicle", "load", "reverse", "from_stop", "to_stop"),
+    *("departure_ns", "buffer_ratio", "dwell_s"),
+)
+"""What of a scenario its service depends on."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Service:
+    """What is planned: `stops` in order of the way; a front, a timetable (ns) and its least-energy run a section."""
+
+    scenario: Scenario
+    level: Level
+    route: Route
+    vehicle: Vehicle
+    stops: tuple[Stop, ...]
+    fronts: tuple[Front, ...]
+    timetables: tuple[Timetable, ...]
+    planned: tuple[Solution, ...]
+    line: LineKnowledge
+
+    def clock_s(self, time_ns: int) -> float:
+        """A moment on the run's clock, which shows 0 at the timetable's departure."""
+        return (time_ns - self.timetables[0].departure_ns) * NS
+
+    def moment_ns(self, clock_s: float) -> int:
+        """The moment at which the run's clock shows a time."""
+        return self.timetables[0].departure_ns + round(clock_s / NS)
+
+    def plans(self, scenario: Scenario) -> bool:
+        """Whether this is another scenario's service as well: the same line, train and timetable."""
+        return all(getattr(scenario, name) == getattr(self.scenario, name) for name in PLANNED)
+
+    def on(self, scenario: Scenario) -> Service:
+        """The same service on a scenario that it `plans`; DasError for what cannot happen on this line."""
+        _check_places(scenario, self.stops)
+        return replace(self, scenario=scenario)
+
+
+def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Service:
+    """Read the files, solve the sections and make the timetable.
+
+    Raises DasError for anything unusable, InfeasibleError where the train cannot run.
+    """
+    route, vehicle = _line(scenario), _train(scenario)
+    stops = _stops(scenario, route)
+    _check_places(scenario, stops)
+    fronts = tuple(
+        solve_front(build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m))
+        for a, b in pairwise(stops)
+    )
+    timetables = _timetables(scenario, fronts)
+    return Service(
+        scenario=scenario,
+        level=fronts[0].section.level,
+        route=route,
+        vehicle=vehicle,
+        stops=stops,
+        fronts=fronts,
+        timetables=timetables,
+        planned=tuple(
+            front.trajectory((table.arrival_ns - table.departure_ns) * NS)
+            for front, table in zip(fronts, timetables, strict=True)
+        ),
+        line=LineKnowledge(route=route, vehicle=vehicle),
+    )
+
+
+def _line(scenario: Scenario) -> Route:
+    route = load_route(scenario.route)
+    return route.reversed() if scenario.reverse else route
+
+
+def _train(scenario: Scenario) -> Vehicle:
+    vehicle = load_vehicle(scenario.vehicle)
+    return vehicle if scenario.load is None else vehicle.loaded(scenario.load)
+
+
+def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
+    first, last = section_stops(route, scenario.from_stop, scenario.to_stop)
+    return tuple(stop for stop in route.stops if first.position_m <= stop.position_m <= last.position_m)
+
+
+def _check_places(scenario: Scenario, stops: Sequence[Stop]) -> None:
+    """What happens at a place or a stop must be able to happen."""
+    first_m, last_m = stops[0].position_m, stops[-1].position_m
+    names = {stop.name.casefold() for stop in stops[:-1]}
+    for i, planned in enumerate(scenario.disturbances):
+        where = f"{scenario.source}: disturbances[{i}]"
+        for name in ("from_m", "at_m"):
+            place = planned.figures.get(name)
+            if place is not None and not first_m <= place.low <= place.high < last_m:
+                raise DasError(f"{where}.{name[:-2]} = {place.low:g} m: expected on the way {first_m:g} … {last_m:g} m")
+        stop = planned.fixed.get("stop")
+        if stop is not None and stop.casefold() not in names:
+            raise DasError(f"{where}.stop = {stop!r}: expected one of {', '.join(x.name for x in stops[:-1])}")
+
+
+def _timetables(scenario: Scenario, fronts: Sequence[Front]) -> tuple[Timetable, ...]:
+    """The same buffer on every section, on whole tenths of a minute, with the dwell between."""
+    departure_ns, result = scenario.departure_ns, []
+    for front in fronts:
+        running_s = front.fastest().time_s * (1 + scenario.buffer_ratio)
+        arrival_ns = departure_ns + round(math.ceil(running_s / TIMETABLE_STEP_S) * TIMETABLE_STEP_S / NS)
+        result.append(Timetable(departure_ns=departure_ns, arrival_ns=arrival_ns))
+        departure_ns = arrival_ns + round(scenario.dwell_s / NS)
+    return tuple(result)
