@@ -139,7 +139,7 @@ def test_round_trip(whole: Path) -> None:
     counts = {name: len(entries) for name, entries in recording.messages.items()}
     assert counts == {
         "position": 600, "truth": 600, "advice": 600, "status": 600, "location": 600,
-        "plan": 60, "delay": 10, "event": 2, "journey": 1,
+        "plan": 60, "delay": 10, "event": 2, "journey": 1, "log": 1,
     }  # fmt: skip
     assert recording.of(topics.JOURNEY)[0].message.stops[1].name == "B"
     assert list(recording.of(topics.PLAN)[0].message.t_s) == [0.0, 5.0]
