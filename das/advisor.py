@@ -10,18 +10,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from das import plan_kernels
 from das.domain.errors import DasError
 from das.domain.units import KMH, NS
+from das.plan import MODE_HOLD_S, Mode, Place, Plan
 from das.solver import kernels
-from das.solver.front import Fit, Front, Solution
-from das.solver.section import Section
-
-Floats = NDArray[np.float64]
+from das.solver.front import Fit, Front
+from das.solver.warm_up import warm_up as solve_tiny
 
 HORIZON_S = 30
 """Advice looks this many seconds ahead, in steps of 1 s."""
@@ -30,11 +28,9 @@ STALE_AFTER_S = 3.0
 VALID_FOR_S = 3.0
 PLAN_SPEED_BAND_MPS = 0.8
 PLAN_TIME_BAND_S = 2.0
-PLAN_MAX_AGE_S = 30.0
+PLAN_MAX_AGE_S = 60.0
 """A plan is kept while speed and time stay in these bands around it, and not longer than this."""
 PLAN_TIME_TOLERANCE_S = 0.2
-MODE_HOLD_S = 3.0
-"""A new mode is shown only after the one before has lasted this long, unless it asks for less effort or brakes."""
 LEAST_FOR_BUFFER_S = 10.0
 """So near to the stop the buffer is not a meaningful ratio any more."""
 OVERSPEED_NAMED_MPS = 0.5
@@ -51,25 +47,6 @@ OVERSPEED_RATIO = 1.3
 """A speed above the train's by this ratio is a fault of the sensor."""
 LOST_BEYOND_M = 500.0
 """Further beyond the section's end than this the train is somewhere else."""
-FULL_EFFORT_RATIO = 0.97
-IDLE_EFFORT_RATIO = 0.02
-"""Effort over this share of the largest is full; under this one it is none."""
-CRUISE_ACCELERATION_MPS2 = 0.02
-
-
-class Mode(IntEnum):
-    """What to do with the controller; the numbers are those of the bus message."""
-
-    NONE = 0
-    FULL_TRACTION = 1
-    REDUCED_TRACTION = 2
-    CRUISE = 3
-    COAST = 4
-    REDUCED_BRAKE = 5
-    FULL_BRAKE = 6
-    FRICTION_BRAKE = 7
-    STOP = 8
-
 
 EFFORT_ORDER = (
     Mode.FULL_TRACTION,
@@ -137,97 +114,6 @@ class Advice:
     reason: str = ""
     valid_until_ns: int = 0
     limit_mps: float = math.nan
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A solution from a state, with what advice reads from it."""
-
-    made_ns: int
-    solution: Solution
-    force_n: Floats
-    modes: NDArray[np.int64]
-    energy_j: Floats
-    speed_w: Floats
-    """v² at the nodes."""
-
-    @classmethod
-    def of(cls, solution: Solution, section: Section, now_ns: int) -> Plan:
-        run = solution.trajectory
-        energy = run.input_j(run.loss_j(section.loss))
-        return cls(
-            made_ns=now_ns,
-            solution=solution,
-            force_n=run.force_el_n + run.force_friction_n,
-            modes=classify_modes(solution, section),
-            energy_j=energy,
-            speed_w=run.v_mps**2,
-        )
-
-    def interval(self, s_m: float) -> int:
-        """Index of the interval a position is in (before and beyond the run: the first, the last)."""
-        return _interval(self.solution.trajectory.s_m, s_m)
-
-    def speed_at(self, s_m: float) -> float:
-        """Planned speed at a position; v² is linear within an interval."""
-        run = self.solution.trajectory
-        return math.sqrt(_linear(run.s_m, self.speed_w, s_m))
-
-    def time_at(self, s_m: float) -> float:
-        """Planned time from the plan's start at which the train passes a position (s)."""
-        run, i = self.solution.trajectory, self.interval(s_m)
-        way = min(max(s_m - run.s_m[i], 0.0), run.s_m[i + 1] - run.s_m[i])
-        mean = 0.5 * (run.v_mps[i] + self.speed_at(s_m))
-        return float(run.t_s[i] + (way / mean if mean > 0 else 0.0))
-
-
-def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
-    """Mode of each interval of a run, by its forces against what is available and its acceleration.
-
-    A mode shorter than `MODE_HOLD_S` is that of the interval before it, unless it brakes hard: nobody could follow it.
-    """
-    run, train, vehicle = solution.trajectory, section.train, section.vehicle
-    mean = np.maximum(run.mean_speed_mps(), 1e-3)
-    rate = np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)
-    fastest_rate = FULL_EFFORT_RATIO * train.max_acceleration_mps2
-    accelerating = np.abs(rate) > CRUISE_ACCELERATION_MPS2
-    traction, electric = vehicle.traction_effort_n(mean), vehicle.electric_brake_effort_n(mean)
-    idle = IDLE_EFFORT_RATIO * train.traction_force_n
-    force, friction = run.force_el_n, run.force_friction_n
-    modes = np.select(
-        [
-            friction < -idle,
-            ~accelerating & (np.abs(force) > idle),
-            (force >= FULL_EFFORT_RATIO * traction) | ((force > idle) & (rate >= fastest_rate)),
-            force > idle,
-            (force <= -FULL_EFFORT_RATIO * electric) & (electric > 0),
-            force < -idle,
-        ],
-        [
-            Mode.FRICTION_BRAKE,
-            Mode.CRUISE,
-            Mode.FULL_TRACTION,
-            Mode.REDUCED_TRACTION,
-            Mode.FULL_BRAKE,
-            Mode.REDUCED_BRAKE,
-        ],
-        Mode.COAST,
-    ).astype(np.int64)
-    return _without_short(modes, run.t_s)
-
-
-def _without_short(modes: NDArray[np.int64], t_s: Floats) -> NDArray[np.int64]:
-    """Modes per interval without those that end sooner than they can be followed (in all not longer than that)."""
-    starts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
-    result, hidden_s = modes.copy(), 0.0
-    for first, last in pairwise(starts):
-        braking = modes[first] in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
-        hidden_s += t_s[last] - t_s[first]
-        if first > 0 and not braking and hidden_s < MODE_HOLD_S:
-            result[first:last] = result[first - 1]
-        else:
-            hidden_s = 0.0
-    return result
 
 
 class Advisor:
@@ -409,24 +295,22 @@ class Advisor:
         return self._plan
 
     def _follows(self, plan: Plan, s_m: float, v_mps: float, now_ns: int) -> bool:
-        age_s = (now_ns - plan.made_ns) * NS
+        age_s, here = (now_ns - plan.made_ns) * NS, plan.at(s_m)
         return (
             0 <= age_s <= PLAN_MAX_AGE_S
-            and abs(v_mps - plan.speed_at(s_m)) <= PLAN_SPEED_BAND_MPS
-            and abs(age_s - plan.time_at(s_m)) <= PLAN_TIME_BAND_S
+            and abs(v_mps - here.speed_mps) <= PLAN_SPEED_BAND_MPS
+            and abs(age_s - here.time_s) <= PLAN_TIME_BAND_S
         )
 
     def _advice(self, plan: Plan, s_m: float, v_mps: float, now_ns: int) -> Advice:
         assert self._timetable is not None
         assert self._fix is not None
-        run, i = plan.solution.trajectory, plan.interval(s_m)
-        here_s = plan.time_at(s_m)
-        speed = min(plan.speed_at(s_m), self._allowed(s_m))
-        force = float(plan.force_n[i])
-        horizon_speed, horizon_force = self._horizon(plan, here_s)
+        run, here, allowed = plan.solution.trajectory, plan.at(s_m), self._allowed(s_m)
+        i, force = here.interval, float(plan.force_n[here.interval])
+        speeds, forces = plan.horizon(here.time_s, self.section, self._envelope_w, HORIZON_S)
         mode = self._held_mode(Mode(int(plan.modes[i])), now_ns)
-        next_mode, next_m, next_s = self._next_change(plan, mode, s_m, here_s, now_ns)
-        arrival_ns = now_ns + round((run.time_s - here_s) / NS)
+        next_mode, next_m, next_s = self._next_change(plan, mode, s_m, here, now_ns)
+        arrival_ns = now_ns + round((run.time_s - here.time_s) / NS)
         deviation_s = (arrival_ns - self._timetable.arrival_ns) * NS
         left_s = (self._timetable.arrival_ns - now_ns) * NS
         least_s = self.front.least_time_s(s_m, v_mps)
@@ -437,48 +321,33 @@ class Advisor:
             s_m=s_m,
             speed_mps=v_mps,
             mode=mode,
-            advised_speed_mps=speed,
+            advised_speed_mps=min(here.speed_mps, allowed),
             advised_force_n=force,
-            advised_force_ratio=force / self._available_n(force, plan.speed_at(s_m)),
-            horizon_speed_mps=horizon_speed,
-            horizon_force_n=horizon_force,
+            advised_force_ratio=force / self._available_n(force, here.speed_mps),
+            horizon_speed_mps=tuple(speeds.tolist()),
+            horizon_force_n=tuple(forces.tolist()),
             next_mode=next_mode,
             next_change_m=next_m,
             next_change_s=next_s,
             predicted_arrival_ns=arrival_ns,
             predicted_deviation_s=deviation_s,
             buffer_ratio=left_s / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan,
-            energy_to_go_j=float(plan.energy_j[i] * part + plan.energy_j[i + 1 :].sum()),
+            energy_to_go_j=float(plan.energy_j[i] * part + plan.energy_after_j[i]),
             source=self.source,
-            reason=self._reason(plan.solution.fit, deviation_s, v_mps - self._allowed(s_m)),
+            reason=self._reason(plan.solution.fit, deviation_s, v_mps - allowed),
             valid_until_ns=now_ns + round(VALID_FOR_S / NS),
             limit_mps=self._limit(s_m),
         )
 
-    def _next_change(
-        self, plan: Plan, shown: Mode, s_m: float, here_s: float, now_ns: int
-    ) -> tuple[Mode, float, float]:
+    def _next_change(self, plan: Plan, shown: Mode, s_m: float, here: Place, now_ns: int) -> tuple[Mode, float, float]:
         """The mode after the shown one, and the way (m) and time (s) to it."""
-        run, i = plan.solution.trajectory, plan.interval(s_m)
-        if shown != plan.modes[i]:  # held back for now
+        run, planned = plan.solution.trajectory, int(plan.modes[here.interval])
+        if shown != planned:  # held back for now
             wait_s = max(MODE_HOLD_S - (now_ns - self._mode_since_ns) * NS, 0.0)
-            return Mode(int(plan.modes[i])), wait_s * plan.speed_at(s_m), wait_s
-        changes = np.flatnonzero(plan.modes[i:] != shown)
-        change = i + int(changes[0]) if len(changes) else len(plan.modes)
-        mode = Mode(int(plan.modes[change])) if len(changes) else Mode.STOP
-        return mode, float(run.s_m[change]) - s_m, float(run.t_s[change]) - here_s
-
-    def _horizon(self, plan: Plan, here_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Speed and force at the next seconds of the plan, never above what limits and the stop allow there."""
-        run = plan.solution.trajectory
-        times = here_s + np.arange(1, HORIZON_S + 1)
-        speeds = np.interp(times, run.t_s, run.v_mps)
-        i = np.clip(np.searchsorted(run.t_s, times, side="right") - 1, 0, len(run.t_s) - 2)
-        into = np.minimum(times - run.t_s[i], run.t_s[i + 1] - run.t_s[i])
-        places = run.s_m[i] + into * 0.5 * (run.v_mps[i] + speeds)
-        speeds = np.minimum(speeds, self._allowed_at(places))
-        forces = np.where(times < run.t_s[-1], plan.force_n[i], 0.0)
-        return tuple(speeds.tolist()), tuple(forces.tolist())
+            return Mode(planned), wait_s * here.speed_mps, wait_s
+        change = int(plan.next_change[here.interval])
+        mode = Mode(int(plan.modes[change])) if change < len(plan.modes) else Mode.STOP
+        return mode, float(run.s_m[change]) - s_m, float(run.t_s[change]) - here.time_s
 
     def _held_mode(self, wanted: Mode, now_ns: int) -> Mode:
         """The mode to show: a new one only after the last was held a while, unless it asks for less effort."""
@@ -500,17 +369,12 @@ class Advisor:
         return f"least energy on time{said}"
 
     def _limit(self, s_m: float) -> float:
-        return float(self.section.limit_mps[_interval(self.section.node_m, s_m)])
+        return float(self.section.limit_mps[plan_kernels.interval(self.section.node_m, s_m)])
 
     def _allowed(self, s_m: float) -> float:
         """The highest speed from which limits and the stop can still be kept."""
-        return min(math.sqrt(_linear(self.section.node_m, self._envelope_w, s_m)), self._limit(s_m))
-
-    def _allowed_at(self, s_m: Floats) -> Floats:
-        """As `_allowed`, at several positions."""
-        nodes, limit = self.section.node_m, self.section.limit_mps
-        interval = np.minimum(np.maximum(nodes.searchsorted(s_m, side="right") - 1, 0), len(limit) - 1)
-        return np.minimum(np.sqrt(np.interp(s_m, nodes, self._envelope_w)), limit[interval])
+        section = self.section
+        return float(plan_kernels.allowed(section.node_m, self._envelope_w, section.limit_mps, s_m))
 
     def _available_n(self, force_n: float, v_mps: float) -> float:
         """The largest force in the direction of `force_n` (N, > 0)."""
@@ -520,17 +384,13 @@ class Advisor:
         return max(float(kernels.brake_limit(v, train, train.friction_force_n)), 1.0)
 
 
-def _interval(nodes: Floats, x: float) -> int:
-    """Index of the interval between nodes that x is in (before and beyond them: the first, the last)."""
-    return min(max(int(nodes.searchsorted(x, side="right")) - 1, 0), len(nodes) - 2)
-
-
-def _linear(nodes: Floats, values: Floats, x: float) -> float:
-    """As np.interp, but quick for a single number."""
-    i = _interval(nodes, x)
-    left, right = float(nodes[i]), float(nodes[i + 1])
-    low, high = float(values[i]), float(values[i + 1])
-    return low + (high - low) * min(max((x - left) / (right - left), 0.0), 1.0)
+def warm_up() -> None:
+    """Compile (or load from cache) all that lies between a position and an advice."""
+    advisor = Advisor(solve_tiny())
+    advisor.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
+    for tick in range(2):
+        advisor.set_position(PositionFix(time_ns=tick, s_m=10.0, speed_mps=1.0))
+        advisor.update(tick)
 
 
 def _deviation(late_s: float) -> str:

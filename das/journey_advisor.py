@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from das.advisor import AT_STOP_M, LOST_BEYOND_M, STANDSTILL_MPS, Advice, Advisor, Plan, PositionFix, Timetable
+from das.advisor import AT_STOP_M, LOST_BEYOND_M, STANDSTILL_MPS, Advice, Advisor, PositionFix, Timetable
 from das.domain.errors import DasError
+from das.plan import Plan
 
 BACK_M = 200.0
 """A train that has begun a section is on the one before again only where it is heard further back than this."""

@@ -13,7 +13,7 @@ import typer
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das import __version__
-from das.advisor import Advice, Advisor, Mode, Plan, PositionFix, Timetable
+from das.advisor import Advice, Advisor, PositionFix, Timetable, warm_up
 from das.bus import das_pb2
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, PLAN, POSITION, STATUS
@@ -24,9 +24,9 @@ from das.domain.losses import Level
 from das.domain.route import Route, section_stops
 from das.domain.vehicle import Vehicle
 from das.journey_advisor import JourneyAdvisor
+from das.plan import Mode, Plan
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
-from das.solver.warm_up import warm_up
 
 POSITION_SLACK_M = 1.0
 """A journey's stops must lie this near to the ends of a solved section for its front to be used."""

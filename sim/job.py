@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from das import __version__
+from das.advisor import warm_up
 from das.bus.topics import check_train_name
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
@@ -17,7 +18,6 @@ from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.units import NS
 from das.solver.front import solve_front
 from das.solver.section import Section, build_section
-from das.solver.warm_up import warm_up
 from sim.estimate import estimate_run
 from sim.options import ReplayOptions
 from sim.recording import extract_attachments

@@ -175,6 +175,12 @@ def brake_effort(v, rail, p):
 
 
 @kernel
+def efforts(v, rail, p):
+    """Largest force (N) of traction, of the electric brake and of both brakes."""
+    return traction_effort(v, rail, p), electric_effort(v, rail, p), brake_effort(v, rail, p)
+
+
+@kernel
 def running_resistance(v, wind, tunnel, p):
     """c0 + c1·v + c2·(v + w)·|v + w| + q·v²: a tail wind faster than the train pushes it; tunnels are without wind."""
     air = v + wind

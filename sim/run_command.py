@@ -77,8 +77,8 @@ def run(
     if out is not None:
         check_writable(out)
     with busy("reading the scenario and solving its sections …"):
+        from das.advisor import warm_up
         from das.bus.topics import check_train_name
-        from das.solver.warm_up import warm_up
         from sim.drivers.cab import Presentation
         from sim.drivers.registry import DriverKind
         from sim.run_report import print_result

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from das.advisor import Advice, Advisor, Mode, PositionFix, Source, Timetable, _without_short
+from das.advisor import Advice, Advisor, PositionFix, Source, Timetable
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import NS
+from das.plan import Mode, without_short
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
 
@@ -246,7 +247,7 @@ def test_above_the_end_of_the_loss_map_it_says_brake(front: Front) -> None:
 def test_modes_too_short_to_follow_are_left_out() -> None:
     modes = np.array([4, 4, 2, 4, 4, 6, 4, 4, 2, 2])
     t_s = np.cumsum([0.0, 5, 5, 1, 5, 5, 1, 5, 5, 2, 2])
-    assert _without_short(modes, t_s).tolist() == [4, 4, 4, 4, 4, 6, 4, 4, 2, 2]
+    assert without_short(modes, t_s).tolist() == [4, 4, 4, 4, 4, 6, 4, 4, 2, 2]
 
 
 def test_every_field_of_the_advice_is_in_the_message() -> None:

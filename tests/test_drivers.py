@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from das.advisor import Advice, Advisor, Mode, Timetable
+from das.advisor import Advice, Advisor, Timetable
 from das.bus import das_pb2
 from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.trajectory import Trajectory
 from das.domain.units import KMH
+from das.plan import Mode
 from das.solver.front import Front, Solution, solve_front
 from das.solver.section import build_section
 from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, Restriction, lever_ratio, present

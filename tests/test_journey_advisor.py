@@ -6,10 +6,11 @@ from itertools import pairwise
 
 import pytest
 
-from das.advisor import Advisor, Mode, PositionFix, Timetable
+from das.advisor import Advisor, PositionFix, Timetable
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.journey_advisor import JourneyAdvisor
+from das.plan import Mode
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
 from tests.making import flat, make_train

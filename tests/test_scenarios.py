@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.advisor import STALE_AFTER_S, VALID_FOR_S, Advice, Mode
+from das.advisor import STALE_AFTER_S, VALID_FOR_S, Advice
 from das.domain.errors import DasError
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
+from das.plan import Mode
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant import Plant, PlantState

@@ -52,14 +52,19 @@ class Solution:
     can be slightly negative, because the trajectory is integrated more finely than the table.
     """
 
+    section: Section
     trajectory: Trajectory
-    ledger: Ledger
     fit: Fit
     least_time_s: float
     requested_s: float
     lambda_w: float
     bound_j: float
     feasible: bool
+
+    @cached_property
+    def ledger(self) -> Ledger:
+        """Where the energy goes, with the section's train and losses."""
+        return self.trajectory.ledger(self.section.vehicle, self.section.loss)
 
     @property
     def time_s(self) -> float:
@@ -147,7 +152,7 @@ class Front:
         s_m = section.start_m if s_m is None else float(s_m)
         v_mps = section.start_speed_mps if v_mps is None else float(v_mps)
         check_state(section, s_m, v_mps)
-        i = int(np.searchsorted(section.node_m, s_m + tol.MIN_STEP_M, side="right"))
+        i = _following(section, s_m)
         k = int(np.searchsorted(section.decision, i))
         first = slice(i - 1, None)
         node = section.node_m[first].copy()
@@ -199,12 +204,7 @@ class Front:
         return self._checked(state, speeds, time_s)
 
     def _checked(self, state: _State, speeds: Floats, time_s: float) -> _Run:
-        if not 0 <= time_s < math.inf:
-            raise InfeasibleError(
-                f"{self.section.route.source}: the train stalls after {state.node_m[0]:.1f} m "
-                f"from {state.speed_mps / KMH:.1f} km/h"
-            )
-        return _Run(speeds, float(time_s))
+        return _Run(speeds, _finished_s(self.section, time_s, state.node_m[0], state.speed_mps))
 
     def one_step_totals(self, state: _State) -> tuple[Floats, Floats]:
         """Least total cost (J) and time (s) from the state for every λ of the ladder."""
@@ -245,14 +245,14 @@ class Front:
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
         """Time of the fastest run from a state; raises as `trajectory` does."""
-        state = self._state(s_m, v_mps)
-        known, to_go = self._known_fastest
-        speeds, ahead = np.empty(len(state.node_m)), len(known) - len(state.node_m)
-        speeds[0] = v_mps
+        section = self.section
+        check_state(section, s_m, v_mps)
+        following = _following(section, s_m)
         time_s = rollout_kernels.least_time(
-            *state.for_kernels, state.envelope_mps, self.section.train, speeds, known[ahead:], to_go[ahead:]
-        )
-        return self._checked(state, speeds, time_s).time_s
+            following - 1, float(section.node_m[following]) - s_m, v_mps, *section.for_kernels, section.envelope_mps,
+            section.train, *self._known_fastest,
+        )  # fmt: skip
+        return _finished_s(section, time_s, s_m, v_mps)
 
     @cached_property
     def _known_fastest(self) -> tuple[Floats, Floats]:
@@ -272,18 +272,19 @@ class Front:
     ) -> Solution:
         """The run with its ledger; without a price and a bound it is the fastest, the only one of its time."""
         speeds = run.speeds_mps
-        trajectory = trajectory_on(self.section, state, speeds)
         section = self.section
-        ledger = trajectory.ledger(section.vehicle, section.loss)
+        trajectory = trajectory_on(section, state, speeds)
+        if bound_j is None:
+            bound_j = float(trajectory.input_j(trajectory.loss_j(section.loss)).sum())
         ends_right = speeds[-1] >= section.floor_mps[-1] - tol.SPEED_TOLERANCE_MPS
         return Solution(
+            section=section,
             trajectory=trajectory,
-            ledger=ledger,
             fit=fit,
             least_time_s=least_time_s,
             requested_s=requested_s,
             lambda_w=lambda_w,
-            bound_j=ledger.input if bound_j is None else bound_j,
+            bound_j=bound_j,
             feasible=bool(ends_right and (speeds <= section.envelope_mps[-len(speeds) :] + 1e-6).all()),
         )
 
@@ -294,6 +295,18 @@ def check_state(section: Section, s_m: float, v_mps: float) -> None:
         raise DasError(f"position {s_m} m: expected one in the section {section.start_m:g} … {section.end_m:g} m")
     if not 0 <= v_mps < 200:
         raise DasError(f"speed {v_mps} m/s: expected one from 0 to 200 m/s")
+
+
+def _following(section: Section, s_m: float) -> int:
+    """The integration node after a position."""
+    return int(section.node_m.searchsorted(s_m + tol.MIN_STEP_M, side="right"))
+
+
+def _finished_s(section: Section, time_s: float, s_m: float, v_mps: float) -> float:
+    """A kernel's trip time from a state; InfeasibleError where the train did not get to the end."""
+    if not 0 <= time_s < math.inf:
+        raise InfeasibleError(f"{section.route.source}: the train stalls after {s_m:.1f} m from {v_mps / KMH:.1f} km/h")
+    return float(time_s)
 
 
 class _Trial(NamedTuple):

@@ -332,17 +332,20 @@ def fastest_roll_out(step, g, q, u, envelope, p, v):
 
 
 @kernel
-def least_time(step, g, q, u, envelope, p, v, known, to_go):
-    """Time (s) of the fastest run from v[0], or -1 after a stall.
+def least_time(first, way, speed, step, g, q, u, envelope, p, known, to_go):
+    """Time (s) of the fastest run from a speed with `way` (m) left of interval `first`, or -1 after a stall.
 
-    `known` is a fastest run at the same nodes, `to_go` its time (s) from each of them: from where the two meet they are
-    one. v is working space.
+    `known` is a fastest run at the nodes, `to_go` its time (s) from each of them: from where the two meet they are one.
     """
+    steps = step.copy()
+    steps[first] = way
+    v = np.empty(step.size + 1)
+    v[first] = speed
     total = 0.0
-    for i in range(step.size):
-        if not hurry(i, i + 1, step, g, q, u, envelope, p, v):
+    for i in range(first, step.size):
+        if not hurry(i, i + 1, steps, g, q, u, envelope, p, v):
             return -1.0
-        total += 2.0 * step[i] / (v[i] + v[i + 1])
+        total += 2.0 * steps[i] / (v[i] + v[i + 1])
         if v[i + 1] == known[i + 1]:
             return total + to_go[i + 1]
     return total

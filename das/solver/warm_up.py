@@ -7,17 +7,18 @@ import numpy as np
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import Route, Stop, Stretches
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
-from das.solver.front import solve_front
+from das.solver.front import Front, solve_front
 from das.solver.section import build_section
 
 
-def warm_up() -> None:
+def warm_up() -> Front:
     """Solve a tiny section through every entry point of the solver; about 10 s the first time on a machine."""
     front = solve_front(build_section(tiny_route(), tiny_vehicle()), lambda_w=np.array([1e4, 1e5, 1e6]))
     shortest_s = front.fastest().time_s
     for buffer_ratio in (0.01, 0.1, 0.3):
         front.trajectory(shortest_s * (1 + buffer_ratio))
     front.least_time_s(0.0, 0.0)
+    return front
 
 
 def tiny_vehicle() -> Vehicle:

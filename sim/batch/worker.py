@@ -33,7 +33,7 @@ def begin() -> None:
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    from das.solver.warm_up import warm_up
+    from das.advisor import warm_up
 
     warm_up()
 

@@ -28,6 +28,24 @@ class Presentation(StrEnum):
     """Speed and effort now, and for the next seconds."""
 
 
+class Efforts(NamedTuple):
+    """The largest forces (N) of a train at a speed on dry rail: traction, the electric brake, both brakes together."""
+
+    traction_n: float
+    electric_n: float
+    brakes_n: float
+
+    @classmethod
+    def at(cls, speed_mps: float, train: TrainNumbers) -> Efforts:
+        """Those at a speed."""
+        return cls(*kernels.efforts(max(speed_mps, 0.0), 1.0, train))
+
+    def lever_ratio(self, force_n: float) -> float:
+        """The controller's setting (−1 … 1) that gives a wheel force."""
+        most_n = self.traction_n if force_n >= 0 else self.brakes_n
+        return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class AdviceView:
     """Advice as the display shows it; NaN and empty: not shown. Times in s on the cab's clock, modes as on the bus.
@@ -166,6 +184,4 @@ def present(
 
 def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
     """The controller's setting (−1 … 1) that gives a wheel force (N) at a speed."""
-    effort = kernels.traction_effort if force_n >= 0 else kernels.brake_effort
-    most_n = effort(max(speed_mps, 0.0), 1.0, train)
-    return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
+    return Efforts.at(speed_mps, train).lever_ratio(force_n)

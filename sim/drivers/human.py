@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from das.bus import das_pb2
-from sim.drivers.cab import AdviceView, Cab, Presentation, lever_ratio
+from sim.drivers.cab import AdviceView, Cab, Efforts, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rules import JUDGED_EVERY_S, TimeRule
 from sim.drivers.tracking import STOPPING_MPS
 from sim.plant import COAST, Command, lever
-from sim.plant_kernels import electric_effort
 
 GAIN_PER_S = 0.2
 """Share of a speed error a human means to correct per second."""
@@ -100,6 +99,7 @@ class HumanDriver:
         self._following = False
         self._correcting = self._braking = False
         self._correction = 0.0
+        self._efforts = Efforts.at(0.0, line.train)
         self._lever, self._moving, self._notched_s = 0.0, False, -math.inf
         self._mark_for, self._mark_off_m = math.nan, 0.0
 
@@ -118,6 +118,7 @@ class HumanDriver:
         if not self._lapsing(cab, outlook):
             self._glance(cab)
             self._act(cab)
+            self._efforts = Efforts.at(cab.speed_mps, outlook.train)
             self._move(self._wanted(cab, outlook), span_s)
         # Advice on effort is for the motors: who follows it uses them.
         return lever(self._lever, friction_ratio=0.0 if self._advised_effort else self.parameters.friction_ratio)
@@ -247,14 +248,14 @@ class HumanDriver:
     def _advised(self, cab: Cab, outlook: Outlook, view: AdviceView, allowed: float) -> float:
         if view.presentation is Presentation.VECTOR:
             more = self._correction * outlook.train.inertial_mass_kg
-            more_ratio = lever_ratio(more, cab.speed_mps, outlook.train)
+            more_ratio = self._efforts.lever_ratio(more)
             return min(max(view.lever_ratio * self._force_off() + more_ratio, -1.0), 1.0)
         if view.mode == das_pb2.MODE_CRUISE:
             return self._held(cab, outlook, min(view.speed_mps, allowed))
         if view.mode == das_pb2.MODE_FULL_TRACTION:
             return 1.0
         if view.mode == das_pb2.MODE_FULL_BRAKE:
-            return lever_ratio(-electric_effort(cab.speed_mps, 1.0, outlook.train), cab.speed_mps, outlook.train)
+            return self._efforts.lever_ratio(-self._efforts.electric_n)
         return 0.0
 
     def _top(self, cab: Cab, outlook: Outlook) -> float:
@@ -267,7 +268,7 @@ class HumanDriver:
 
     def _held(self, cab: Cab, outlook: Outlook, speed_mps: float) -> float:
         """The setting that holds a speed; errors within the dead band are left, small excess is rolled off."""
-        human, train, v = self.parameters, outlook.train, cab.speed_mps
+        human, v = self.parameters, cab.speed_mps
         error = speed_mps + min(self._speed_off(), human.below_limit_mps) - v
         if abs(error) > human.dead_band_mps:
             self._correcting = True
@@ -275,16 +276,16 @@ class HumanDriver:
             self._correcting = False
         force_n = outlook.resisting_n(cab.s_m, v)
         if self._correcting:
-            force_n += GAIN_PER_S * train.inertial_mass_kg * error
+            force_n += GAIN_PER_S * outlook.train.inertial_mass_kg * error
         if force_n < 0 and error > -ROLL_MPS:
             return 0.0
-        return lever_ratio(force_n * self._force_off(), v, train)
+        return self._efforts.lever_ratio(force_n * self._force_off())
 
     def _braked(self, cab: Cab, outlook: Outlook, needed_mps2: float) -> float:
         """The setting for a deceleration, at most twice what he plans with."""
         rate = min(max(needed_mps2, 0.0), 2.0 * self.parameters.braking_mps2)
         force_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * rate
-        return lever_ratio(force_n * self._force_off(), cab.speed_mps, outlook.train)
+        return self._efforts.lever_ratio(force_n * self._force_off())
 
     def _mark_m(self, cab: Cab) -> float:
         """Where he takes the mark to be: drawn once for each halt."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Protocol
 
 from das.advisor import PositionFix
 from sim.drivers.cab import Cab, Restriction
-from sim.plant import PlantState
+from sim.plant import Command, PlantState
 
 
 class Measured(NamedTuple):
@@ -29,11 +29,11 @@ class Heard(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What is recorded beside: the truth, the cab with what it shows, the controller's setting, what happened."""
+    """What is recorded beside: the truth, the cab with what it shows, what the driver last asked for, what happened."""
 
     state: PlantState
     cab: Cab
-    lever_ratio: float
+    command: Command
     events: tuple[str, ...]
 
 

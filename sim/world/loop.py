@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from das.domain.errors import DasError
-from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, lever_ratio, present
+from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, present
 from sim.plant import COAST, Command, PlantState
-from sim.plant_kernels import demanded
 from sim.world.calls import Call, Calls
 from sim.world.day import Day
 from sim.world.link import Heard, Link, Measured, Told
@@ -78,7 +77,7 @@ class World:
         self.day, self.service = day, day.service
         self.driver, self.presentation, self.link = driver, presentation, link
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
-        self._reduced = ReducedSpeed(self.service)
+        self._reduced = ReducedSpeed(self.service.line)
         self._limits = _LimitSteps(self.service)
         self._sent: tuple[Any, ...] = ()
         self._events: list[str] = []
@@ -112,7 +111,7 @@ class World:
         self._events += self._news.update(state)
         self._advise(tick, now_ns, state)
         events, self._events = tuple(self._events), []
-        self.link.tell(now_ns, Told(state, self._cab(state), self._lever(state), events))
+        self.link.tell(now_ns, Told(state, self._cab(state), self._command, events))
         for _ in range(round(TICK_S / LOOK_S)):
             self._command = self.driver.command(self._cab(state))
             after = self.day.plant.advance(state, self._command, LOOK_S)
@@ -139,7 +138,7 @@ class World:
             self.presentation,
             self.service.line.train,
             clock_zero_ns=self.service.timetables[0].departure_ns,
-            reduced_mps=self._reduced.at(state, self._calls) if shows_rms else math.nan,
+            reduced_mps=self._reduced.at(self._cab(state)) if shows_rms else math.nan,
         )
 
     def _heard(self, tick: int, now_ns: int, state: PlantState, measured: Measured | None) -> Heard:
@@ -175,11 +174,6 @@ class World:
             news.shown,
             self._view,
         )
-
-    def _lever(self, state: PlantState) -> float:
-        """The controller's setting that asks what the last command asks."""
-        train, speed_mps = self.service.line.train, state.speed_mps
-        return lever_ratio(demanded(self._command, 0.0, speed_mps, train), speed_mps, train)
 
 
 class _LimitSteps:

@@ -12,11 +12,12 @@ from google.protobuf.message import Message
 from das import __version__
 from das.bus import das_pb2
 from das.bus.topics import CAB, DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
-from sim.drivers.cab import AdviceView, Driver, Presentation
+from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
 from sim.inputs import input_files, sha256
 from sim.lockstep import Crew, Lockstep, Traffic
 from sim.messages import StopTimes, happened, journey, location
+from sim.plant_kernels import demanded
 from sim.world.day import Day
 from sim.world.disturbances import described
 from sim.world.link import Heard, Measured, Told
@@ -54,7 +55,7 @@ class OverBus:
     def tell(self, now_ns: int, told: Told) -> None:
         """Send what is recorded beside."""
         self._lockstep.send(TRUTH, _truth(self._day, now_ns, told))
-        self._lockstep.send(CAB, _cab(now_ns, told))
+        self._lockstep.send(CAB, _cab(self._day, now_ns, told))
         for text in told.events:
             self._lockstep.send(LOG, happened(now_ns, text))
 
@@ -184,13 +185,14 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
     )
 
 
-def _cab(now_ns: int, told: Told) -> Message:
-    cab = told.cab
+def _cab(day: Day, now_ns: int, told: Told) -> Message:
+    cab, train = told.cab, day.service.line.train
     return das_pb2.Cab(
         time_ns=now_ns,
         limit_mps=cab.limit_mps,
         signal_m=cab.signal_m if math.isfinite(cab.signal_m) else math.nan,
-        lever_ratio=told.lever_ratio,
+        # The controller's setting that asks what the last command asks.
+        lever_ratio=lever_ratio(demanded(told.command, 0.0, cab.speed_mps, train), cab.speed_mps, train),
         **_shown(cab.shown),
     )
 

@@ -1,0 +1,74 @@
+"""Numba kernels of plans: what an advice reads from one, second by second."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from das.solver.kernels import kernel
+
+
+@kernel
+def interval(nodes, x):
+    """Index of the interval between nodes that x is in (before and beyond them: the first, the last)."""
+    return min(max(np.searchsorted(nodes, x, side="right") - 1, 0), nodes.size - 2)
+
+
+@kernel
+def linear(nodes, values, x):
+    """As np.interp, for a single number."""
+    i = interval(nodes, x)
+    share = min(max((x - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0), 1.0)
+    return values[i] + (values[i + 1] - values[i]) * share
+
+
+@kernel
+def allowed(nodes, envelope_w, limit, s):
+    """The highest speed from which limits and the stop can still be kept (m/s)."""
+    return min(math.sqrt(linear(nodes, envelope_w, s)), limit[interval(nodes, s)])
+
+
+@kernel
+def place(s, s_m, t_s, v, w):
+    """Interval of a run that a position is in, speed there (v² is linear in between) and time since the run's start."""
+    i = interval(s_m, s)
+    way = min(max(s - s_m[i], 0.0), s_m[i + 1] - s_m[i])
+    speed = math.sqrt(w[i] + (w[i + 1] - w[i]) * way / (s_m[i + 1] - s_m[i]))
+    mean = 0.5 * (v[i] + speed)
+    return i, speed, t_s[i] + (way / mean if mean > 0.0 else 0.0)
+
+
+@kernel
+def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces):
+    """Fill in speed and force of a run 1, 2, … s after `here_s`, never above what limits and the stop allow there."""
+    for n in range(speeds.size):
+        at_s = here_s + n + 1.0
+        i = interval(t_s, at_s)
+        into = min(at_s - t_s[i], t_s[i + 1] - t_s[i])
+        share = into / (t_s[i + 1] - t_s[i]) if into > 0.0 else 0.0
+        speed = v[i] + (v[i + 1] - v[i]) * share
+        there = s_m[i] + into * 0.5 * (v[i] + speed)
+        speeds[n] = min(speed, allowed(nodes, envelope_w, limit, there))
+        forces[n] = force[i] if at_s < t_s[-1] else 0.0
+
+
+@kernel
+def without_short(modes, t_s, brakes, least_s):
+    """Modes per interval without those that end within `least_s`: they are as the one before, in all not longer.
+
+    Modes from `brakes` on are kept: nothing may hide them.
+    """
+    result = modes.copy()
+    hidden_s = 0.0
+    first = 0
+    for last in range(1, modes.size + 1):
+        if last < modes.size and modes[last] == modes[first]:
+            continue
+        hidden_s += t_s[last] - t_s[first]
+        if first > 0 and modes[first] < brakes and hidden_s < least_s:
+            result[first:last] = result[first - 1]
+        else:
+            hidden_s = 0.0
+        first = last
+    return result
