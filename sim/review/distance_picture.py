@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from das.bus import topics
 from das.domain.units import KM, KMH
 from sim.recording import Recording
-from sim.review.series import STYLES, FirstPlan, Floats, Trip, series
+from sim.review.series import STYLES, FirstPlans, Floats, Trip, series
 
 BACKGROUND, INK, GRID = "#0d1011", "#cad8de", "#2b3236"
 SIZE_IN, DPI = (10.4, 8.2), 200
@@ -46,7 +46,7 @@ def draw(recording: Recording, trip: Trip) -> Picture:
     figure.subplots_adjust(left=0.075, right=0.985, top=0.955, bottom=0.065, hspace=0.09)
     for (name, axis), unit in zip(axes.items(), ("km/h", "kN", "permille"), strict=True):
         _plain(axis, f"{name.capitalize()} ({unit})")
-    plan = FirstPlan.of(recording)
+    plan = FirstPlans.of(recording)
     curves = {name: (trip.at(at, trip.s_m), values) for name, (at, values) in series(recording, trip).items()}
     if plan is not None:  # it would be elsewhere than the train was at its times
         curves["speed/optimum"] = plan.s_m, plan.speed_mps / KMH

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,24 +42,34 @@ STYLES: Final = {
 }
 """By series, in drawing order: what is advised lies wider under what is driven, so that both show where they agree."""
 
+SAME_STOP_M = 1.0
+"""Plans that end this near to each other lead to the same stop."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FirstPlan:
-    """The first plan of a recording: the optimum from where the advice began."""
+class FirstPlans:
+    """The first plan for every stop of a recording, one after the other: the optimum from where the advice began."""
 
     time_ns: Times
     s_m: Floats
     speed_mps: Floats
 
     @classmethod
-    def of(cls, recording: Recording) -> FirstPlan | None:
-        """The plan, None if none was recorded."""
-        plans = recording.of(topics.PLAN)
-        if not plans:
+    def of(cls, recording: Recording) -> FirstPlans | None:
+        """The plans, None if none was recorded."""
+        firsts: list[Any] = []
+        for entry in recording.of(topics.PLAN):
+            plan = entry.message
+            if plan.s_m and (not firsts or plan.s_m[-1] > firsts[-1].s_m[-1] + SAME_STOP_M):
+                firsts.append(plan)
+        if not firsts:
             return None
-        plan = plans[0].message
-        since_ns = np.rint(np.array(plan.t_s) / NS).astype(np.int64)
-        return cls(time_ns=plan.time_ns + since_ns, s_m=np.array(plan.s_m), speed_mps=np.array(plan.speed_mps))
+        since_ns = [plan.time_ns + np.rint(np.array(plan.t_s) / NS).astype(np.int64) for plan in firsts]
+        return cls(
+            time_ns=np.concatenate(since_ns),
+            s_m=np.concatenate([plan.s_m for plan in firsts]),
+            speed_mps=np.concatenate([plan.speed_mps for plan in firsts]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,7 +138,7 @@ def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
     limits = truth if len(truth["time_ns"]) else advice
     at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
-    plan = FirstPlan.of(recording)
+    plan = FirstPlans.of(recording)
     nothing = np.empty(0, np.int64), np.empty(0)
     found = {
         "speed/limit": (limits["time_ns"], limits["limit_mps"] / KMH),
