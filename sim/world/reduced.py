@@ -21,10 +21,13 @@ class ReducedSpeed:
     def __init__(self, service: Service) -> None:
         self._service = service
         self._judged_s, self._speed_mps = -math.inf, math.nan
+        self._judged_at: tuple[int, bool] | None = None
 
     def at(self, state: PlantState, calls: Calls) -> float:
         """That speed (m/s; NaN before there was one)."""
-        if state.time_s - self._judged_s >= JUDGED_EVERY_S or calls.waits:
+        at = (calls.section, calls.waits)  # on departure as well
+        if state.time_s - self._judged_s >= JUDGED_EVERY_S or at != self._judged_at:
+            self._judged_at = at
             self._judged_s, self._speed_mps = state.time_s, self._judged_mps(state, calls)
         return self._speed_mps
 
