@@ -91,11 +91,14 @@ def busy(what: str) -> Iterator[None]:
 
 
 class StopFlag:
-    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; `with_parent`: also when the parent ends."""
+    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; `with_parent`: also when its parent ends.
 
-    def __init__(self, *, with_parent: bool = False) -> None:
+    The parent's id is told, not asked for: the parent may end before its child can ask.
+    """
+
+    def __init__(self, *, with_parent: int | None = None) -> None:
         self._signalled = False
-        self._parent = os.getppid() if with_parent else None
+        self._parent = with_parent
         for number in STOP_SIGNALS:
             signal.signal(number, self._stop)
 

@@ -235,8 +235,8 @@ def command(
     loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
     point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
     with_parent: Annotated[
-        bool, typer.Option("--with-parent", help="End when the process that started it ends.")
-    ] = False,
+        int | None, typer.Option("--with-parent", help="End with the process of this id, which started it.")
+    ] = None,
     clock: Annotated[str, typer.Option(help="wall: advise every second; bus: at every Control message.")] = "wall",
 ) -> None:
     """Advise a train: hears journey, position and delay on the bus, publishes speed and force advice once a second."""

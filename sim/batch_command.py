@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
@@ -15,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from das.commands import busy, interrupt_on_termination
+from das.commands import STOP_SIGNALS, busy, interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.command_line import Kind, chosen, progress_bar
@@ -66,12 +68,12 @@ def batch(
         jobs = list(asked.jobs())
         _make_folders(out, record)
     with Journal(out) as journal:
-        left = [job for job in jobs if job.inputs_sha256 not in journal.rows or not recorded(job)]
+        left = [job for job in jobs if not _good(journal, job) or not recorded(job)]
         interrupt_on_termination()
         try:
             _work(left, len(jobs), workers or os.cpu_count() or 1, journal)
         except KeyboardInterrupt:
-            done = sum(job.inputs_sha256 in journal.rows for job in jobs)
+            done = sum(_good(journal, job) for job in jobs)
             print(f"{done} of {len(jobs)} runs are finished; the same command goes on from there", file=sys.stderr)
             raise
         finally:
@@ -82,6 +84,12 @@ def batch(
         print(json.dumps(found))
     else:
         print_summary(found)
+
+
+def _good(journal: Journal, job: Job) -> bool:
+    """Whether a run is finished; one that failed is tried again."""
+    row = journal.rows.get(job.inputs_sha256)
+    return row is not None and row.get("error") is None
 
 
 def _each(kind: type[Kind], option: str, text: str) -> list[Kind]:
@@ -111,20 +119,32 @@ def _work(left: Sequence[Job], of: int, workers: int, journal: Journal) -> None:
 
 def _results(left: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
     """Rows as they are finished; when it is stopped, those of the runs under way as well."""
-    from sim.batch.worker import begin, work
+    from sim.batch.worker import begin
 
     # Not forked: the solver's threads would not survive it.
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin)
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin, initargs=(os.getpid(),))
     running: set[Future[dict[str, Any]]] = set()
     waiting = iter(left)
     try:
-        while running := running | {pool.submit(work, job) for job in islice(waiting, workers - len(running))}:
+        while running := running | _submitted(pool, islice(waiting, workers - len(running))):
             finished, running = wait(running, return_when=FIRST_COMPLETED)
             yield from (future.result() for future in finished)
     except BrokenProcessPool:
         raise DasError("a worker of the batch was killed (out of memory?); the same command goes on") from None
     except KeyboardInterrupt:
-        yield from (future.result() for future in running)
+        with contextlib.suppress(BrokenProcessPool):
+            yield from (future.result() for future in running)
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _submitted(pool: ProcessPoolExecutor, jobs: Iterable[Job]) -> set[Future[dict[str, Any]]]:
+    """Hand jobs to the pool, which may start workers: signals wait, or Ctrl-C would kill one that does not heed yet."""
+    from sim.batch.worker import work
+
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    try:
+        return {pool.submit(work, job) for job in jobs}
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)

@@ -27,7 +27,7 @@ from sim.options import ReplayOptions
 from sim.run_command import run, scenarios
 
 app = typer.Typer(
-    help="Replay a trip or simulate a day against a live advice node, record it, look at it.\n\n"
+    help="Replay a train's trip, or drive a simulated day, against a live advice node; record it, look at it.\n\n"
     "Without a command: replays the bundled recording and tells how to view it.",
     add_completion=False,
     pretty_exceptions_enable=False,

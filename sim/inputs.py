@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 
 from das.domain.files.load import locate_route, locate_vehicle
+from das.domain.files.reading import read_toml
 
 
 def sha256(path: Path) -> str:
@@ -25,6 +26,7 @@ def _loss_map_of(vehicle: Path) -> Path | None:
     """The loss map (CSV) a vehicle file refers to."""
     if vehicle.suffix.lower() != ".toml":
         return None
-    levels = tomllib.loads(vehicle.read_text(encoding="utf-8")).get("losses", {})
-    paths = [vehicle.parent / level["path"] for level in levels.values() if isinstance(level, dict) and "path" in level]
-    return paths[0] if paths else None
+    losses = read_toml(vehicle).data.get("losses")
+    levels = losses.values() if isinstance(losses, Mapping) else ()
+    paths = (level.get("path") for level in levels if isinstance(level, Mapping))
+    return next((vehicle.parent / path for path in paths if isinstance(path, str)), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -23,7 +24,7 @@ class Process:
         self._log = tempfile.NamedTemporaryFile(prefix=f"{name}-", suffix=".log", delete=False)  # noqa: SIM115
         # A session of its own: Ctrl-C comes to us alone, and we stop the children in order.
         self._child = subprocess.Popen(
-            [sys.executable, "-m", module, "--with-parent", *arguments],
+            [sys.executable, "-m", module, "--with-parent", str(os.getpid()), *arguments],
             stdin=subprocess.DEVNULL,
             stdout=self._log,
             stderr=subprocess.STDOUT,

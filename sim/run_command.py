@@ -31,12 +31,13 @@ if TYPE_CHECKING:
 def scenarios(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
-    """List the bundled scenarios."""
+    """List the bundled scenarios, and where they are: a copy is the beginning of one's own."""
     from sim.world.scenario import bundled_scenarios, read_scenario
 
     found = [read_scenario(path) for path in bundled_scenarios().values()]
     if as_json:
-        print(json.dumps({one.id: {"title": one.title, "description": one.description} for one in found}))
+        kept = {one.id: {"title": one.title, "description": one.description, "file": str(one.source)} for one in found}
+        print(json.dumps(kept))
         return
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -45,6 +46,7 @@ def scenarios(
     for one in found:
         table.add_row(one.id, one.title, one.description)
     console.print(table)
+    console.print(f"their files, to copy and change: {found[0].source.parent}", soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +59,9 @@ class _Options:
 
 
 def run(
-    scenario: Annotated[str, typer.Argument(help="Bundled scenario (see das-sim scenarios) or TOML file.")],
+    scenario: Annotated[
+        str, typer.Argument(help="Bundled scenario (see das-sim scenarios) or TOML file (docs/scenarios.md).")
+    ],
     driver: Annotated[str, typer.Option(help="Who drives: perfect, fast, rms, timetable or human.")] = "human",
     advice: Annotated[str, typer.Option(help="What the display shows: none, rms, four-mode or vector.")] = "vector",
     seed: Annotated[int, typer.Option(help="Seed of the day and of the driver.", min=0)] = 0,
@@ -84,13 +88,14 @@ def run(
         from sim.run_report import print_result
         from sim.world.day import make_day
         from sim.world.scenario import load_scenario
-        from sim.world.service import prepare_service
+        from sim.world.service import prepare_service, scenario_files
 
         check_train_name(train)
         kind, presentation = chosen(DriverKind, "--driver", driver), chosen(Presentation, "--advice", advice)
         read = load_scenario(scenario)
-        if out is not None and out.resolve() == read.source.resolve():
-            raise DasError(f"{out}: the recording to write is the scenario to read")
+        for what, path in scenario_files(read).items():
+            if out is not None and out.resolve() == path.resolve():
+                raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
         warm_up()
         day = make_day(prepare_service(read, level=level), seed)
     if not in_process:
@@ -117,12 +122,16 @@ def _drive(day: Day, options: _Options) -> dict[str, Any]:
         if options.out is not None:
             print(f"stopped; recorded so far: {options.out}", file=sys.stderr)
         raise
+    except DasError as error:
+        if options.out is None or not options.out.is_file() or options.out.stat().st_size == 0:
+            raise
+        raise DasError(f"{error}; recorded so far: {options.out}") from error
     figures = outcome(day, run)
     return {
         **figures,
         "driver": str(options.driver),
         "advice": str(options.advice),
-        "happens": "; ".join(map(described, day.disturbances)) or "nothing",
+        "happens": described(day.disturbances),
         "wall_s": pace.driven_s,
         "real_time_factor": figures["simulated_s"] / max(pace.driven_s, 1e-9),
         **of_recording,

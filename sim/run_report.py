@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from das.commands import PRINTED_WIDTH, typed
+from sim.drivers.cab import AT_STOP_M
 from sim.world.outcome import SHARES
 
 LABELS = {
@@ -85,6 +86,9 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _notes(found: dict[str, Any]) -> list[str]:
     notes = [f"on this day: {found['happens']}"]
+    for stop in found["stops"]:
+        if stop["missed_m"] > AT_STOP_M:
+            notes.append(f"the train came to stand {stop['missed_m']:.0f} m beyond {stop['name']}")
     if found["hindsight_faster_than_possible"]:
         notes.append("a section took less time than the plan's train can: its optimum is the fastest run")
     if found["advices_above_limit"]:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
+from das.domain.losses import Level
 from sim.batch.journal import Journal
 from sim.batch.plan import Batch, parse_seeds
 from sim.batch.report import summary
 from sim.batch.table import write_table
-from sim.batch.worker import work
+from sim.batch.worker import recorded, work
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
 from sim.recording import read_recording
@@ -46,6 +47,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("batch")
     (folder / "late.toml").write_text(HEAD.format(id="late", buffer=10) + LATE)
     (folder / "stuck.toml").write_text(HEAD.format(id="stuck", buffer=10) + STUCK)
+    (folder / "broken.toml").write_text(HEAD.format(id="broken", buffer=10).replace("re460-ic", "train.toml"))
+    (folder / "train.toml").write_text("losses = [")
     return folder
 
 
@@ -185,8 +188,13 @@ def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: F
     assert recording.metadata["run"]["seed"] == "1"
     assert {**row, "recording": None} == first.row("vector", 1)
     assert made(*asked, cwd=folder)["made"] == 0
-    (folder / row["recording"]).unlink()
+    path = folder / row["recording"]
+    path.write_bytes(path.read_bytes()[:-100])
+    job = replace(jobs(folder, seeds=[1], drivers=[DriverKind.PERFECT])[0], record=path)
+    assert not recorded(job)  # cut off
     assert made(*asked, cwd=folder)["made"] == 1
+    assert recorded(job)
+    assert not recorded(replace(job, level=Level.L1))  # it is of other inputs
 
 
 def jobs(folder: Path, **changes: Any) -> list[Any]:
@@ -255,6 +263,8 @@ def test_seeds() -> None:
         (["late.toml", "-o", "x", "--advice", "all"], "--advice all: expected one of none"),
         (["late.toml", "-o", "x", "--seeds", "9-1"], "--seeds 9-1"),
         (["late.toml", "-o", "late.toml"], "late.toml: cannot be made"),
+        (["broken.toml", "-o", "x"], "train.toml: not valid TOML"),
+        (["late.toml", "-o", "x", "--level", "own"], "no data for level own"),
         (["late.toml"], "--out"),
     ],
 )
@@ -275,3 +285,47 @@ def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     for text in ("8 runs, 0 of them made now", "late, perfect, vector", "written: a/runs.parquet", "comfort"):
         assert text in done.stdout
     assert "…" not in done.stdout
+
+
+def test_an_altered_line_is_no_result(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        for name in "abc":
+            journal.add({"inputs_sha256": name, "late_s": 1.0})
+    path = tmp_path / "finished.jsonl"
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([lines[0].replace(b"1.0", b"9.0"), b"\xff{}", b"[1]", lines[2]]))
+    with Journal(tmp_path) as journal:
+        assert journal.rows == {"c": {"inputs_sha256": "c", "late_s": 1.0}}
+    assert path.read_bytes() == lines[2] + b"\n"
+
+
+def test_a_run_that_failed_is_made_again(folder: Path, first: First) -> None:
+    asked = ("late.toml", "--seeds", "0", "--drivers", "perfect", "-o", "again")
+    (folder / "again").mkdir()
+    with Journal(folder / "again") as journal:
+        key = jobs(folder, drivers=[DriverKind.PERFECT], seeds=[0])[0].inputs_sha256
+        journal.add({"inputs_sha256": key, "scenario": "late", "error": "the node was killed by SIGKILL"})
+    assert made(*asked, cwd=folder)["made"] == 1
+    assert rows(folder / "again" / "runs.parquet") == [first.row("vector", 0)]
+
+
+def test_ctrl_c_at_a_terminal_spares_workers_that_are_being_started(folder: Path) -> None:
+    """It goes to all processes of the command; a worker must not die of it before it knows to ignore it."""
+    asked = ["late.toml", "--seeds", "0-9", "--drivers", "perfect", "--workers", "1", "-o", "started"]
+    child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    children = Path(f"/proc/{child.pid}/task/{child.pid}/children")
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not any(_is_worker(pid) for pid in children.read_text().split()):
+        time.sleep(0.01)
+    os.killpg(child.pid, signal.SIGINT)
+    _, said = child.communicate(timeout=120)
+    assert child.returncode == 130
+    assert "Traceback" not in said
+    assert "of 10 runs are finished" in said
+
+
+def _is_worker(pid: str) -> bool:
+    try:
+        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False

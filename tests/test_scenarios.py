@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from das.advisor import STALE_AFTER_S, VALID_FOR_S, Advice
 from das.domain.errors import DasError
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.plan import Mode
+from das.solver.section import build_section
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant import Plant, PlantState
@@ -30,6 +32,7 @@ from sim.world.disturbances import (
     SensorOutage,
     SignalStop,
     SlipperyRail,
+    described,
 )
 from sim.world.in_process import InProcess
 from sim.world.link import Heard, Told
@@ -375,9 +378,10 @@ BAD = [
     ("x = 1", "x = 1: expected one of the keys"),
     ("[truth]\nmass_percent = 0", "mass_ratio"),
     ("[truth]\nmas_percent = 100", "truth.mas_percent"),
-    ("[truth]\nadhesion_percent = 50", "adhesion is missing"),
-    ("[truth]\nadhesive_mass_t = -1", "truth.adhesive_mass"),
-    ("[sensors]\nposition_noise_m = -1", "sensors.position_noise"),
+    ("[truth]\nadhesion_percent = 50", "truth.adhesive_mass_t is missing"),
+    ("[truth]\nadhesive_mass_t = -1", "truth.adhesive_mass_t = -1"),
+    ("[truth]\nmass_ratio = nan", r"toml: truth.mass_ratio = nan: expected a number$"),
+    ("[sensors]\nposition_noise_m = -1", "sensors.position_noise_m = -1"),
     ("[sensors]\nposition_noise_m = nan", "sensors.position_noise_m"),
     ("[[disturbances]]\nkind = 'rain'", r"disturbances\[0\].kind = 'rain': expected one of departure-delay"),
     ("[[disturbances]]\nstop = 'A'", r"disturbances\[0\].kind"),
@@ -386,21 +390,30 @@ BAD = [
     ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'Z'\ndelay_s = 9", r"disturbances\[0\].stop = 'Z': .* A"),
     ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = -9", r"disturbances\[0\].delay_s = -9"),
     ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9, max = 3}", "in this order"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9}", r"disturbances\[0\].delay_s.max"),
+    (
+        "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9}",
+        r"disturbances\[0\].delay_s.max is missing",
+    ),
     ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 1, max = 2, mean = 3}", "mean"),
     ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 'long'", "long"),
     ("[[disturbances]]\nkind = 'sensor-fault'\nfault = 'rust'\nfrom_s = 1\nfor_s = 1", "one of dropout"),
     (
         RESTRICTED.replace("to_km = 2", "to_km = 1"),
-        r"disturbances\[0\].to_m = 1000.0: expected more than from_m = 1000",
+        r"disturbances\[0\].to_km = 1: expected more than from = 1000 m",
     ),
     (
         RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
         "expected on the way 0 … 6000",
     ),
-    (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a finite number >= 1"),
+    (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a finite number >= 3.6"),
     (RESTRICTED.replace("speed_kmh", "speed_t"), r"disturbances\[0\].speed_t"),
     (RESTRICTED + "speed_mps = 9", "only one of"),
+    (RESTRICTED.replace("_kmh = 60", "_kmh = {min = 50, max = 60}") + "speed_mps = 9", "only one of speed_mps and"),
+    ("[[disturbances]]\nkind = 'head-wind'\nfrom_km = 1\nto_km = 2\nwind_kmh = 300", "a number from -180 to 180"),
+    (
+        "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 1\nto_km = 2\nadhesion_ratio = 0.3",
+        "truth.adhesive_mass_t is missing: expected the mass on driven axles",
+    ),
 ]
 
 
@@ -415,12 +428,16 @@ def test_a_bad_scenario_is_refused_with_its_key(flat: Callable[..., Path], more:
 BAD_HEADS = [
     ("schema_version = 1", "schema_version = 2", "schema_version = 2: expected 1"),
     ('title = "Flat"', "", "scenario.title"),
-    ('route = "flat-6km"', 'route = "nowhere"', "nowhere: not a bundled route"),
+    ('id = "flat"', 'id = "../flat"', "scenario.id = '../flat': expected 1 to 64 letters"),
+    ('route = "flat-6km"', 'route = "nowhere"', r"s\d+.toml: scenario: nowhere: not a bundled route"),
     ('route = "flat-6km"', 'route = "nowhere.toml"', "nowhere.toml: no such file"),
     ('vehicle = "re460-ic"', 'vehicle = "re460-ic"\nload = "full"', "no load 'full'"),
     ('vehicle = "re460-ic"', 'vehicle = "re460-ic"\nto = "Q"', "Q"),
-    ("buffer_percent = 10", "buffer_percent = -1", "timetable.buffer_ratio"),
-    ("buffer_percent = 10", "dwell_s = -1", "timetable.dwell"),
+    ("buffer_percent = 10", "buffer_percent = -1", "timetable.buffer_percent = -1: expected a number from 0 to 1000"),
+    ("buffer_percent = 10", "dwell_s = -1", "timetable.dwell_s = -1"),
+    ("buffer_percent = 10", "dwell_s = 1e300", r"timetable.dwell_s = 1e\+300: expected a number from 0 to 86400"),
+    ("buffer_percent = 10", "departure = '1960-01-01T00:00:00Z'", "a time in 1970 to 2199"),
+    ("buffer_percent = 10", "departure = '9999-12-31T00:00:00Z'", "a time in 1970 to 2199"),
     ("buffer_percent = 10", "departure = 'noon'", "timetable.departure = 'noon': expected a time with its zone"),
     ("buffer_percent = 10", "departure = '2026-11-21T08:04:00'", "a time with its zone"),
     ("[scenario]", "[scenery]", "scenery"),
@@ -453,3 +470,68 @@ def test_units_defaults_and_files_beside_the_scenario(flat: Callable[..., Path])
     beside = read_scenario(flat(base=FLAT.replace('"flat-6km"', '"lines/here.toml"')))
     assert beside.route == str(path.parent / "lines" / "here.toml")
     assert abs(planned().timetables[0].departure_ns - scenario.departure_ns) * NS == 0
+
+
+# --- days that nearly went unnoticed -----------------------------------------------------------------------------
+
+
+def run_of(path: Path, driver: str, advice: str = "vector") -> Run:
+    service = prepare_service(read_scenario(path))
+    made = make_driver(DriverKind(driver), service.line, seed=1)
+    return World(make_day(service, 1), made, Presentation(advice), InProcess(service)).run()
+
+
+def standing_m(run: Run) -> list[float]:
+    """Where the train came to stand."""
+    return [after.s_m for before, after in pairwise(run.states) if before.speed_mps > 0 >= after.speed_mps]
+
+
+def signal_at(at_m: float, seen_m: float) -> str:
+    return f"[[disturbances]]\nkind = 'signal-stop'\nat_m = {at_m}\nseen_m = {seen_m}\nclears_after_s = 120\n"
+
+
+def test_the_follower_drives_on_after_a_signal_short_of_the_stop(flat: Callable[[str], Path]) -> None:
+    """The advice takes a train 15 m before its stop for one that brakes there."""
+    first, last = standing_m(run_of(flat(signal_at(5985, 1500)), "perfect"))
+    assert first == pytest.approx(5985, abs=0.5)
+    assert last == pytest.approx(6000, abs=0.5)
+
+
+def test_a_signal_seen_too_late_stops_the_train_beyond_it(flat: Callable[[str], Path]) -> None:
+    """In sight for less than a second: it is not passed unnoticed."""
+    first, _ = standing_m(run_of(flat(signal_at(3000, 10)), "perfect"))
+    assert 3000 < first < 4000
+
+
+def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) -> None:
+    service = prepare_service(read_scenario(flat(signal_at(3000, 1500))))
+    for seed in range(4):
+        driver = make_driver(DriverKind.HUMAN, service.line, seed=seed)
+        run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
+        assert 2985 < standing_m(run)[0] < 3000.5
+
+
+def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:
+    slippery = "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 4\nto_km = 6.5\nadhesion_ratio = 0.1\n"
+    run = run_of(flat(f"[truth]\nadhesive_mass_t = 84\n{slippery}"), "perfect")
+    assert run.calls[-1].missed_m > 100
+
+
+def test_a_train_that_resists_far_more_than_known_comes_to_a_stand(flat: Callable[[str], Path]) -> None:
+    assert abs(run_of(flat("[truth]\nresistance_ratio = 10\n"), "fast", "none").calls[-1].missed_m) < 1
+
+
+def test_no_way_is_no_section() -> None:
+    """The reduced maximum speed is judged wherever the train is, also where nothing is left of the way."""
+    service = planned()
+    end_m = service.stops[1].position_m
+    with pytest.raises(DasError, match="expected one that leads forwards"):
+        build_section(service.route, service.vehicle, start_m=end_m - 1e-6, end_m=end_m)
+
+
+def test_what_happens_is_said_in_the_units_of_the_file() -> None:
+    said = described(load_scenario("restriction-ahead").day(0))
+    assert said == "restriction: from km 18.000, to km 19.500, speed 60.0 km/h, announced 5000 m"
+    assert described(load_scenario("clear-day").day(0)) == "nothing"
+    for name in bundled_scenarios():
+        assert described(load_scenario(name).day(0))

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from das.bus import das_pb2
+from das.bus.session import endpoint, free_ports
 from das.bus.topics import (
     ADVICE,
     CAB,
@@ -149,7 +150,7 @@ def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, f
         *("run", "eventful", "4"),
         *("human", "vector"),
     )
-    assert "SignalStop: at_m 4500, seen_m 900" in run["happens"]
+    assert "signal stop: at km 4.500, seen 900 m" in run["happens"]
     assert all(len(run[f"{name}_sha256"]) == 64 for name in ("scenario", "route", "vehicle"))
     assert {"eventful.toml", "line.toml", "re460-ic.toml"} <= set(recording.attachments)
     assert found["messages_lost"] == 0
@@ -299,6 +300,7 @@ def test_the_list_of_scenarios(folder: Path) -> None:
         (["clear-day", "--out", "no/where.mcap"], "no such folder"),
         (["clear-day", "--out", "x.mcap", "--in-process"], "--out: a run --in-process records nothing"),
         (["eventful.toml", "--out", "eventful.toml"], "is the scenario to read"),
+        (["eventful.toml", "--out", "line.toml"], "is the route to read"),
         (["eventful.toml", "--train", "a/b", "--out", "x.mcap"], "train name 'a/b'"),
         (["eventful.toml", "--level", "own"], "own"),
     ],
@@ -320,3 +322,15 @@ def test_lost_messages_are_counted() -> None:
     traffic.recorded.update({"position": 2, "log": 2, "advice": 3, "plan": 1})
     assert traffic.lost == 1
     assert replace(traffic, ticks=5).lost == 3
+
+
+def test_a_child_whose_parent_ended_before_it_began_ends_as_well(tmp_path: Path) -> None:
+    """Or a run killed while its recorder starts would leave it behind: its parent is not the one it is told of."""
+    own, other = (endpoint(port) for port in free_ports(2))
+    arguments = ["--with-parent", "1", "--train", "t", "--listen", own, "--connect", other, "--out", "x.mcap"]
+    done = subprocess.run(
+        [sys.executable, "-m", "das.bus.recorder", *arguments], cwd=tmp_path, capture_output=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "x.mcap").stat().st_size > 0

@@ -181,7 +181,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--out", required=True, help="MCAP file to write")
     parser.add_argument("--start-ns", type=int, help="the run's clock before its first Control message [default: wall]")
-    parser.add_argument("--with-parent", action="store_true", help="end when the process that started it ends")
+    parser.add_argument("--with-parent", type=int, help="end with the process of this id, which started it")
     parser.add_argument("--metadata", help="JSON object of texts, stored as metadata record 'run'")
     parser.add_argument("--attach", action="append", default=[], help="file to attach")
     parsed = parser.parse_args(arguments)

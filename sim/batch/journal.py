@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -14,7 +16,10 @@ from das.domain.files.writing import write_whole
 
 
 class Journal:
-    """The finished rows in a folder, by the hash of their inputs; use with `with`. One batch at a time in a folder."""
+    """The finished rows in a folder, by the hash of their inputs; use with `with`. One batch at a time in a folder.
+
+    Every line carries the hash of its row: what was cut off or altered is not taken for a result.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "finished.jsonl"
@@ -29,8 +34,11 @@ class Journal:
             raise DasError(f"{self.path.parent}: another batch is at work here") from None
         except OSError as error:
             raise DasError(f"{self.path.parent}: cannot be written ({error.strerror})") from error
-        self._read()
-        self._file = self.path.open("ab")
+        try:
+            self._read()
+            self._file = self.path.open("ab", buffering=0)
+        except OSError as error:
+            raise DasError(f"{self.path}: cannot be read and written ({error.strerror})") from error
         return self
 
     def __exit__(
@@ -43,26 +51,39 @@ class Journal:
         """Note a finished run, on disk at once."""
         self.rows[row["inputs_sha256"]] = row
         try:
-            self._file.write(_line(row))
-            self._file.flush()
+            line = _line(row)
+            if self._file.write(line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._file.fileno())
         except OSError as error:
             raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
 
     def _read(self) -> None:
-        """Take what is there; a line cut off by a kill is dropped, for good before the next is appended."""
+        """Take what is there; a line that is not whole is dropped, for good before the next is appended."""
         if not self.path.exists():
             return
         lines = self.path.read_bytes().splitlines()
         for line in lines:
-            try:
-                row = json.loads(line)
+            row = _row(line)
+            if row is not None:
                 self.rows[row["inputs_sha256"]] = row
-            except (ValueError, KeyError, TypeError):
-                continue
         if len(self.rows) < len(lines) or not self.path.read_bytes().endswith(b"\n"):
             write_whole(self.path, b"".join(map(_line, self.rows.values())))
 
 
 def _line(row: dict[str, Any]) -> bytes:
-    return json.dumps(row, ensure_ascii=False).encode() + b"\n"
+    return json.dumps({"row_sha256": _sha256(row), "row": row}, ensure_ascii=False).encode() + b"\n"
+
+
+def _row(line: bytes) -> dict[str, Any] | None:
+    """The row of a line, None where it is not as it was written."""
+    try:
+        found = json.loads(line)
+        row: dict[str, Any] = found["row"]
+        return row if found["row_sha256"] == _sha256(row) else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _sha256(row: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()

@@ -19,8 +19,9 @@ from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
-from sim.inputs import input_files, sha256
+from sim.inputs import sha256
 from sim.world.scenario import load_scenario
+from sim.world.service import lay_out, scenario_files
 
 MOST_SEEDS = 1_000_000
 """More seeds than this are taken for a slip of the finger."""
@@ -62,15 +63,15 @@ class Batch:
     folder: Path
 
     def jobs(self) -> Iterator[Job]:
-        """The runs in the order of the table; DasError for scenarios that cannot be read or have one name."""
+        """The runs in the order of the table; DasError for scenarios that cannot be run or have one name."""
         read = [load_scenario(name) for name in self.scenarios]
         ids = [scenario.id for scenario in read]
         if len(set(ids)) < len(ids):
             raise DasError(f"scenarios {', '.join(ids)}: two have the same id")
         for scenario in read:
-            files = {"scenario": scenario.source, **input_files(scenario.route, scenario.vehicle)}
+            lay_out(scenario, level=self.level)
             versions = {"version": __version__, "code_sha256": code_sha256()}
-            versions |= {f"{name}_sha256": sha256(path) for name, path in files.items()}
+            versions |= {f"{name}_sha256": sha256(path) for name, path in scenario_files(scenario).items()}
             for driver, advice, seed in product(self.drivers, self.advice, self.seeds):
                 name = f"{scenario.id}-{driver}-{advice}-{seed}"
                 yield Job(

@@ -6,8 +6,10 @@ import os
 import signal
 import threading
 import time
-from pathlib import Path
 from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 from das.commands import STOP_SIGNALS
 from das.domain.errors import DasError
@@ -28,11 +30,12 @@ PARENT_CHECKED_EVERY_S = 1.0
 _service: tuple[Level | None, Service] | None = None
 
 
-def begin() -> None:
+def begin(parent: int) -> None:
     """Make a process a worker: it does not stop by itself but with its parent, even where that is killed."""
+    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)  # or what a worker starts could not be stopped
     from das.advisor import warm_up
 
     warm_up()
@@ -69,7 +72,7 @@ def _run(job: Job) -> dict[str, Any]:
     stops = figures.pop("stops")
     return {
         **figures,
-        "happens": "; ".join(map(described, day.disturbances)),
+        "happens": described(day.disturbances),
         "stops": [stop["name"] for stop in stops],
         **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
     }
@@ -83,7 +86,7 @@ def _driven(day: Day, job: Job) -> Run:
     driver = make_driver(job.driver, day.service.line, seed=job.seed)
     if job.record is None:
         return World(day, driver, job.advice, InProcess(day.service)).run()
-    how = How(driver=job.driver, advice=job.advice, train="train-1", command=f"das-sim batch: {job.name}")
+    how = How(driver=job.driver, advice=job.advice, train="train-1", command=_command(job))
     run, traffic = run_over_bus(day, driver, job.advice, make_crew(day, how, job.record))
     if traffic.lost:
         raise DasError(f"{job.record}: {traffic.lost} messages were lost")
@@ -99,5 +102,15 @@ def _service_of(scenario: Scenario, level: Level | None) -> Service:
 
 
 def recorded(job: Job) -> bool:
-    """Whether the recording a job asks for is there."""
-    return job.record is None or Path(job.record).is_file()
+    """Whether the recording a job asks for is there: whole, and made from the job's inputs."""
+    if job.record is None:
+        return True
+    try:
+        with job.record.open("rb") as file:
+            return any(kept.metadata.get("command") == _command(job) for kept in make_reader(file).iter_metadata())
+    except (OSError, ValueError, McapError):
+        return False
+
+
+def _command(job: Job) -> str:
+    return f"das-sim batch: {job.name}, inputs {job.inputs_sha256}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
+from textwrap import fill
 from typing import Annotated
 
 import typer
@@ -12,6 +13,8 @@ from rich.table import Table
 from das.commands import print_table
 from sim.drivers.parameters import HumanParameters, parameter_table
 
+FOLDED = 52
+"""Width of the column of meanings."""
 DRIVERS = {
     "perfect": "follows the full advice, speed and force, as exactly as the train lets",
     "fast": "as fast as allowed, brakes late",
@@ -33,7 +36,7 @@ def drivers(
     for name, meaning in DRIVERS.items():
         who.add_row(name, meaning)
     print_table(who)
-    table = Table("parameter", "default", "unit", "range", "meaning", "source", title="human", title_justify="left")
-    for row in parameter_table():
-        table.add_row(*row)
+    table = Table("parameter", "default", "range", "meaning", title="human", title_justify="left")
+    for name, default, unit, limits, meaning, source in parameter_table():
+        table.add_row(name, f"{default} {unit}", limits, f"{fill(meaning, FOLDED)}\n{fill(f'({source})', FOLDED)}")
     print_table(table)

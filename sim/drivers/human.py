@@ -288,10 +288,11 @@ class HumanDriver:
         return self._efforts.lever_ratio(force_n * self._force_off())
 
     def _mark_m(self, cab: Cab) -> float:
-        """Where he takes the mark to be: drawn once for each halt."""
+        """Where he takes the mark to be: drawn once for each halt; before a signal, never beyond it."""
         if cab.halt_m != self._mark_for:
             self._mark_for = cab.halt_m
-            self._mark_off_m = self.parameters.stop_error_m * float(self._marks.standard_normal())
+            off_m = self.parameters.stop_error_m * float(self._marks.standard_normal())
+            self._mark_off_m = -abs(off_m) if cab.signal_m < cab.stop_m else off_m
         return cab.halt_m + self._mark_off_m
 
     def _speed_off(self) -> float:

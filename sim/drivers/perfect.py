@@ -13,6 +13,8 @@ STOPPING_S = 10.0
 """When the advice ends in a standstill within this time, the follower brakes for the mark itself."""
 MINDED_MPS = 1.0
 """So near to what a restriction or a signal allows he leaves the advice."""
+LEAST_BRAKING_MPS2 = 0.05
+"""Nobody brakes less than this for the mark: there is still a way to drive (after a signal short of it)."""
 RELEASE_S = 0.4
 """An effort is given up this much before it is due: half the time it takes to fall."""
 
@@ -43,6 +45,8 @@ class PerfectDriver:
         train = outlook.train
         if _between(speeds, since_s + STOPPING_S) <= 0:
             needed = needed_braking_mps2(cab, cab.halt_m)
+            if needed < LEAST_BRAKING_MPS2:
+                return self._alone.command(cab)
             return force(outlook.resisting_n(cab.s_m, cab.speed_mps) - train.inertial_mass_kg * needed)
         now = _between(speeds, since_s)
         if now > cab.limit_mps:

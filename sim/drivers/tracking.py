@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sim.drivers.cab import Cab
+from sim.drivers.cab import AT_STOP_M, Cab
 from sim.drivers.knowledge import Outlook
 from sim.plant import COAST, Command, force, speed
 
@@ -18,6 +18,8 @@ STOPPING_RATIO = 0.85
 """From this share of the planned deceleration on."""
 LAST_M = 0.05
 """Nearer to the halt than this, and beyond it, brake as planned."""
+LAST_MPS = 0.02
+"""Slower than this at the halt, brake as planned: a train that resists more than known would creep on for ever."""
 
 
 def under_ceiling(cab: Cab, outlook: Outlook, anticipation_s: float, high_n: float = math.inf) -> Command:
@@ -49,6 +51,8 @@ def stop_at(cab: Cab, outlook: Outlook, mark_m: float, planned_mps2: float) -> C
     """
     if cab.speed_mps <= 0 or cab.speed_mps > STOPPING_MPS:
         return None
+    if cab.speed_mps < LAST_MPS and mark_m - cab.s_m <= AT_STOP_M:
+        return force(-outlook.train.inertial_mass_kg * planned_mps2)
     needed = needed_braking_mps2(cab, mark_m)
     if needed < STOPPING_RATIO * planned_mps2:
         return None

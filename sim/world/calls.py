@@ -75,12 +75,12 @@ class Calls:
         return ready_s + self._day.held_s[self.section]
 
     def take(self, before: PlantState, after: PlantState) -> str | None:
-        """Note a departure or an arrival between two states, and say so."""
+        """Note a departure or an arrival (also beyond the stop) between two states, and say so."""
         if self.waits:
             if after.speed_mps > 0:
                 self.departures.append(before)
                 return self._said("departed", self.section, before.time_s, self.timetable.departure_ns)
-        elif not self.finished and after.speed_mps <= 0 and abs(self.stop_m - after.s_m) <= AT_STOP_M:
+        elif not self.finished and after.speed_mps <= 0 and self.stop_m - after.s_m <= AT_STOP_M:
             stop, due_ns = self.section + 1, self.timetable.arrival_ns
             self.arrivals.append(after)
             return self._said("arrived", stop, after.time_s, due_ns)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+
+from das.domain.units import KM, kmh
 
 
 class SensorFault(StrEnum):
@@ -111,10 +114,36 @@ Disturbance = (
 )
 
 
-def described(disturbance: Disturbance) -> str:
-    """A disturbance in a line: its name and figures."""
-    figures = (
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
-        for name, value in asdict(disturbance).items()
-    )
-    return f"{type(disturbance).__name__}: {', '.join(figures)}"
+def described(disturbances: Sequence[Disturbance]) -> str:
+    """What happens in a line: kinds and figures, speeds and places as people say them."""
+    return "; ".join(map(_described, disturbances)) or "nothing"
+
+
+def _described(disturbance: Disturbance) -> str:
+    figures = (_figure(name, value) for name, value in asdict(disturbance).items())
+    return f"{_NAMES[type(disturbance)]}: {', '.join(figures)}"
+
+
+_NAMES = {
+    DepartureDelay: "departure delay",
+    DelayOnTheWay: "delay on the way",
+    Restriction: "restriction",
+    SignalStop: "signal stop",
+    SlipperyRail: "slippery rail",
+    HeadWind: "head wind",
+    SensorOutage: "sensor fault",
+    BusOutage: "bus outage",
+    NodeRestart: "node restart",
+}
+_PLACES = ("from_m", "to_m", "at_m")
+
+
+def _figure(name: str, value: float | str) -> str:
+    what, _, unit = name.rpartition("_")
+    if isinstance(value, str):
+        return f"{name} {value}"
+    if unit == "mps":
+        return f"{what} {kmh(value):.1f} km/h"
+    if name in _PLACES:
+        return f"{what} km {value / KM:.3f}"
+    return f"{what.replace('_', ' ')} {value:.4g}{'' if unit == 'ratio' else f' {unit}'}"

@@ -51,7 +51,7 @@ class News:
         events = []
         for signal in self._day.of(SignalStop):
             at = f"signal at km {signal.at_m / KM:.1f}"
-            if signal not in self._seen_s and signal.at_m - signal.seen_m <= state.s_m < signal.at_m:
+            if signal not in self._seen_s and state.s_m >= signal.at_m - signal.seen_m:
                 self._seen_s[signal] = state.time_s
                 events.append(f"{at} at danger")
             if signal not in self._cleared and state.time_s >= self._clears_s(signal):

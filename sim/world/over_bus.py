@@ -14,7 +14,7 @@ from das.bus import das_pb2
 from das.bus.topics import CAB, DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
-from sim.inputs import input_files, sha256
+from sim.inputs import sha256
 from sim.lockstep import Crew, Lockstep, Traffic
 from sim.messages import StopTimes, happened, journey, location
 from sim.plant_kernels import demanded
@@ -22,7 +22,7 @@ from sim.world.day import Day
 from sim.world.disturbances import described
 from sim.world.link import Heard, Measured, Told
 from sim.world.loop import BEFORE_S, Progress, Run, World
-from sim.world.service import Service
+from sim.world.service import Service, scenario_files
 
 PRESENTATIONS = {
     Presentation.RMS: das_pb2.Cab.PRESENTATION_RMS,
@@ -95,7 +95,7 @@ class How:
 def make_crew(day: Day, how: How, out: Path) -> Crew:
     """Node and recorder for a day; the recording says how it was made and holds the files it was made from."""
     service, scenario = day.service, day.service.scenario
-    files = {"scenario": scenario.source, **input_files(scenario.route, scenario.vehicle)}
+    files = scenario_files(scenario)
     metadata = {
         "kind": "run",
         "command": how.command,
@@ -105,7 +105,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         "seed": str(day.seed),
         "driver": str(how.driver),
         "advice": str(how.advice),
-        "happens": "; ".join(map(described, day.disturbances)) or "nothing",
+        "happens": described(day.disturbances),
         "route": service.route.name,
         "vehicle": service.vehicle.name,
         "level": str(service.level),

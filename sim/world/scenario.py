@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -11,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from das.domain.conditions import Conditions
-from das.domain.errors import DasError
+from das.domain.conditions import STRONGEST_WIND_MPS, Conditions
+from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, number, read_toml
-from das.domain.units import to_si
+from das.domain.units import FACTORS, to_si
 from sim.world.disturbances import (
     BusOutage,
     DelayOnTheWay,
@@ -31,6 +32,11 @@ from sim.world.disturbances import (
 
 SCHEMA_VERSION = 1
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+LATEST = datetime(2200, 1, 1, tzinfo=UTC)
+"""Times on the bus are ns since 1970 in 63 bits: they end in 2262."""
+LONGEST_DWELL_S = 86_400.0
+_ID = re.compile(r"\w[\w.-]{0,63}")
+"""An id is part of the names of files."""
 
 _STRETCH = {"from": "length", "to": "length"}
 _KINDS: dict[str, tuple[type[Any], dict[str, str]]] = {
@@ -48,8 +54,8 @@ _KINDS: dict[str, tuple[type[Any], dict[str, str]]] = {
 """Kind of disturbance → its class and its quantities (name → dimension)."""
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
 _OPTIONAL = {"size": 0.0}
-_LEAST = {"speed": 1.0, "adhesion": 0.01, "wind": -np.inf}
-"""Least values (SI) of figures, where that is not 0: a train has to get through."""
+_RANGES = {"speed": (1.0, np.inf), "adhesion": (0.01, 10.0), "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS)}
+"""Least and greatest values (SI) of figures, where that is not anything from 0 up: a train has to get through."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,11 +152,8 @@ def read_scenario(path: Path) -> Scenario:
     main.check_keys(["id", "title", "description", "route", "vehicle", "load", "reverse", "from", "to"])
     timetable = _optional(fields, "timetable")
     timetable.check_keys(["departure", *timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})])
-    buffer_ratio = timetable.quantity("buffer", "ratio", 0.07)
-    if not 0 <= buffer_ratio <= 10:
-        raise timetable.error("buffer_ratio", buffer_ratio, "a ratio from 0 to 10")
     return Scenario(
-        id=main.text("id"),
+        id=_id(main),
         title=main.text("title"),
         description=main.text("description", ""),
         source=path,
@@ -161,8 +164,8 @@ def read_scenario(path: Path) -> Scenario:
         from_stop=main.text("from") if main.has("from") else None,
         to_stop=main.text("to") if main.has("to") else None,
         departure_ns=_moment(timetable),
-        buffer_ratio=buffer_ratio,
-        dwell_s=_at_least_zero(timetable, "dwell", "time", 60.0),
+        buffer_ratio=_within(timetable, "buffer", "ratio", 0.07, (0.0, 10.0)),
+        dwell_s=_within(timetable, "dwell", "time", 60.0, (0.0, LONGEST_DWELL_S)),
         conditions=_conditions(_optional(fields, "truth")),
         adhesive_mass_kg=_adhesive_mass(_optional(fields, "truth")),
         sensors=_sensors(_optional(fields, "sensors")),
@@ -173,6 +176,13 @@ def read_scenario(path: Path) -> Scenario:
 def _beside(path: Path, name: str) -> str:
     """A bundled name as it is; a file's path is taken from the scenario's folder."""
     return str(path.parent / name) if Path(name).suffix else name
+
+
+def _id(main: Fields) -> str:
+    name = main.text("id")
+    if not _ID.fullmatch(name):
+        raise main.error("id", name, "1 to 64 letters, digits, '.', '_' or '-', not beginning with '.' or '-'")
+    return name
 
 
 def _optional(fields: Fields, key: str) -> Fields:
@@ -187,44 +197,59 @@ def _moment(timetable: Fields) -> int:
         moment = None
     if moment is None or moment.tzinfo is None:
         raise timetable.error("departure", text, "a time with its zone, like 2026-11-21T08:04:00Z")
+    if not EPOCH < moment < LATEST:
+        raise timetable.error("departure", text, f"a time in {EPOCH.year} to {LATEST.year - 1}")
     return (moment - EPOCH) // timedelta(microseconds=1) * 1000
 
 
-def _at_least_zero(fields: Fields, name: str, dimension: str, default: float) -> float:
+def _given(fields: Fields, name: str, dimension: str) -> str:
+    """The key under which the file gives a quantity; its bare name where it does not."""
+    return next((key for key in fields.quantity_keys({name: dimension}) if key in fields.data), name)
+
+
+def _within(fields: Fields, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
+    """A quantity that must be finite and within its ends (SI)."""
     value = fields.quantity(name, dimension, default)
-    if not 0 <= value < np.inf:
-        raise fields.error(name, value, "a finite number >= 0")
+    if not ends[0] <= value <= ends[1] or np.isinf(value):
+        key = _given(fields, name, dimension)
+        raise fields.error(key, fields.data[key], _expected(key[len(name) + 1 :], dimension, ends))
     return value
+
+
+def _expected(unit: str, dimension: str, ends: tuple[float, float]) -> str:
+    """A range (SI) in the unit of the file."""
+    low, high = (end / FACTORS[dimension][unit] for end in ends)
+    return f"a finite number >= {low:g}" if np.isinf(high) else f"a number from {low:g} to {high:g}"
 
 
 def _conditions(truth: Fields) -> Conditions:
     ratios = ("mass", "resistance", "receptivity", "adhesion")
     others = {"head_wind": "speed", "adhesive_mass": "mass"}
     truth.check_keys(truth.quantity_keys({**dict.fromkeys(ratios, "ratio"), **others}))
+    given = {f"{name}_ratio": truth.quantity(name, "ratio", 1.0) for name in ratios}
+    head_wind_mps = truth.quantity("head_wind", "speed", 0.0)
     try:
-        return Conditions(
-            mass_ratio=truth.quantity("mass", "ratio", 1.0),
-            resistance_ratio=truth.quantity("resistance", "ratio", 1.0),
-            receptivity_ratio=truth.quantity("receptivity", "ratio", 1.0),
-            adhesion_ratio=truth.quantity("adhesion", "ratio", 1.0),
-            head_wind_mps=truth.quantity("head_wind", "speed", 0.0),
-        )
+        return Conditions(head_wind_mps=head_wind_mps, **given)
     except DasError as error:
-        raise DasError(f"{truth.source}: truth: {error}") from None
+        raise DasError(f"{truth.source}: {str(error).replace('conditions: ', 'truth.', 1)}") from None
 
 
 def _adhesive_mass(truth: Fields) -> float | None:
-    mass_kg = truth.quantity("adhesive_mass", "mass", np.inf)
-    if not mass_kg > 0:
-        raise truth.error("adhesive_mass", mass_kg, "a mass > 0")
-    return None if np.isinf(mass_kg) else mass_kg
+    key = _given(truth, "adhesive_mass", "mass")
+    if key not in truth.data:
+        return None
+    mass_kg = truth.quantity("adhesive_mass", "mass")
+    if not 0 < mass_kg < np.inf:
+        raise truth.error(key, truth.data[key], "a finite mass > 0")
+    return mass_kg
 
 
 def _sensors(fields: Fields) -> Sensors:
     fields.check_keys(fields.quantity_keys({"position_noise": "length", "speed_noise": "speed"}))
+    any_size = (0.0, np.inf)
     return Sensors(
-        position_noise_m=_at_least_zero(fields, "position_noise", "length", Sensors.position_noise_m),
-        speed_noise_mps=_at_least_zero(fields, "speed_noise", "speed", Sensors.speed_noise_mps),
+        position_noise_m=_within(fields, "position_noise", "length", Sensors.position_noise_m, any_size),
+        speed_noise_mps=_within(fields, "speed_noise", "speed", Sensors.speed_noise_mps, any_size),
     )
 
 
@@ -251,33 +276,38 @@ def _planned(table: Fields) -> Planned:
         if fault not in list(SensorFault):
             raise table.error("fault", fault, "one of " + ", ".join(SensorFault))
         fixed["fault"] = SensorFault(fault)
-    figures = {
-        f"{name}_{_SI_SUFFIX[dimension]}": _figure(table, name, dimension) for name, dimension in quantities.items()
-    }
-    if "to_m" in figures and not figures["from_m"].high < figures["to_m"].low:
-        raise table.error("to_m", figures["to_m"].low, f"more than from_m = {figures['from_m'].high:g}")
+    drawn = {name: _figure(table, name, dimension) for name, dimension in quantities.items()}
+    if "to" in drawn and not drawn["from"].high < drawn["to"].low:
+        key = _given(table, "to", "length")
+        raise table.error(key, table.data[key], f"more than from = {drawn['from'].high:g} m")
+    figures = {f"{name}_{_SI_SUFFIX[dimension]}": drawn[name] for name, dimension in quantities.items()}
     return Planned(kind=kind, figures=figures, fixed=fixed)
 
 
 def _figure(table: Fields, name: str, dimension: str) -> Drawn:
     """A quantity, or a range of it: `delay_s = 90` or `delay_s = {min = 30, max = 180}`."""
-    key = next((key for key in table.quantity_keys({name: dimension}) if key in table.data), None)
-    if key is None or not isinstance(table.data[key], Mapping):
+    key = _given(table, name, dimension)
+    if not isinstance(table.data.get(key), Mapping):
         value = table.quantity(name, dimension, _OPTIONAL.get(name))
-        return _checked(table, key or name, Drawn(low=value, high=value), name)
+        return _checked(table, name, dimension, Drawn(low=value, high=value))
+    if more := [x for x in table.quantity_keys({name: dimension}) if x in table.data and x != key]:
+        raise table.error(more[0], table.data[more[0]], f"only one of {key} and {more[0]}")
     ends = table.table(key)
     ends.check_keys(["min", "max"])
-    unit = key[len(name) + 1 :]
+    for end in ("min", "max"):
+        if not ends.has(end):
+            raise ends.error(end, MISSING, "a number")
     low, high = (
-        to_si(number(table.source, f"{ends.prefix}{end}", ends.data.get(end)), unit, dimension)
+        to_si(number(table.source, f"{ends.prefix}{end}", ends.data[end]), key[len(name) + 1 :], dimension)
         for end in ("min", "max")
     )
-    return _checked(table, key, Drawn(low=low, high=high), name)
+    return _checked(table, name, dimension, Drawn(low=low, high=high))
 
 
-def _checked(table: Fields, key: str, figure: Drawn, name: str) -> Drawn:
-    least = _LEAST.get(name, 0.0)
-    if not least <= figure.low <= figure.high < np.inf:
-        expected = "a finite number" if np.isinf(least) else f"a finite number >= {least:g} (SI)"
-        raise table.error(key, table.data.get(key), f"{expected}, or {{min = …, max = …}} in this order")
+def _checked(table: Fields, name: str, dimension: str, figure: Drawn) -> Drawn:
+    key = _given(table, name, dimension)
+    least, most = _RANGES.get(name, (0.0, np.inf))
+    if not least <= figure.low <= figure.high <= most or np.isinf(figure.high):
+        expected = _expected(key[len(name) + 1 :], dimension, (least, most))
+        raise table.error(key, table.data[key], f"{expected}, or {{min = …, max = …}} in this order")
     return figure

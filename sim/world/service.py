@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 from das.advisor import Timetable
 from das.domain.errors import DasError
@@ -17,6 +18,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.front import Front, Solution, solve_front
 from das.solver.section import build_section
 from sim.drivers.knowledge import LineKnowledge
+from sim.inputs import input_files
 from sim.world.scenario import Scenario
 
 TIMETABLE_STEP_S = 6.0
@@ -56,7 +58,7 @@ class Service:
 
     def on(self, scenario: Scenario) -> Service:
         """The same service on a scenario that it `plans`; DasError for what cannot happen on this line."""
-        _check_places(scenario, self.stops)
+        _check_day(scenario, self.vehicle, self.stops)
         return replace(self, scenario=scenario)
 
 
@@ -65,9 +67,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
 
     Raises DasError for anything unusable, InfeasibleError where the train cannot run.
     """
-    route, vehicle = _line(scenario), _train(scenario)
-    stops = _stops(scenario, route)
-    _check_places(scenario, stops)
+    route, vehicle, stops = lay_out(scenario, level=level)
     fronts = tuple(
         solve_front(build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m))
         for a, b in pairwise(stops)
@@ -89,14 +89,24 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
     )
 
 
-def _line(scenario: Scenario) -> Route:
-    route = load_route(scenario.route)
-    return route.reversed() if scenario.reverse else route
+def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, Vehicle, tuple[Stop, ...]]:
+    """Line, train and stops of a scenario, nothing solved yet; DasError for anything unusable."""
+    scenario_files(scenario)
+    route, vehicle = load_route(scenario.route), load_vehicle(scenario.vehicle)
+    route = route.reversed() if scenario.reverse else route
+    vehicle = vehicle if scenario.load is None else vehicle.loaded(scenario.load)
+    vehicle.loss_model(vehicle.default_level if level is None else level)
+    stops = _stops(scenario, route)
+    _check_day(scenario, vehicle, stops)
+    return route, vehicle, stops
 
 
-def _train(scenario: Scenario) -> Vehicle:
-    vehicle = load_vehicle(scenario.vehicle)
-    return vehicle if scenario.load is None else vehicle.loaded(scenario.load)
+def scenario_files(scenario: Scenario) -> dict[str, Path]:
+    """The files a scenario is made from, itself included, by what they are; DasError where there is none."""
+    try:
+        return {"scenario": scenario.source, **input_files(scenario.route, scenario.vehicle)}
+    except DasError as error:
+        raise DasError(f"{scenario.source}: scenario: {error}") from None
 
 
 def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
@@ -104,8 +114,12 @@ def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
     return tuple(stop for stop in route.stops if first.position_m <= stop.position_m <= last.position_m)
 
 
-def _check_places(scenario: Scenario, stops: Sequence[Stop]) -> None:
-    """What happens at a place or a stop must be able to happen."""
+def _check_day(scenario: Scenario, vehicle: Vehicle, stops: Sequence[Stop]) -> None:
+    """What happens must be able to happen: at its place or stop, and with this train."""
+    slips = scenario.conditions.adhesion_ratio != 1 or any(x.kind == "slippery-rail" for x in scenario.disturbances)
+    if slips and scenario.adhesive_mass_kg is None and math.isinf(vehicle.adhesive_mass_kg):
+        expected = f"the mass on driven axles, which {vehicle.source} does not give"
+        raise DasError(f"{scenario.source}: truth.adhesive_mass_t is missing: expected {expected}")
     first_m, last_m = stops[0].position_m, stops[-1].position_m
     names = {stop.name.casefold() for stop in stops[:-1]}
     for i, planned in enumerate(scenario.disturbances):
