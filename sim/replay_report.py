@@ -13,8 +13,9 @@ from das.domain.units import NS, kwh
 from das.solver.front import Fit
 from sim.estimate import energy_range
 from sim.replay import TICK_S, Job, Outcome
-from sim.trip_report import FOREIGN_RATIO, unknowns
+from sim.trip_report import FOREIGN_RATIO, direction_by_posts, unknowns
 from sim.trips.findings import Kind
+from sim.trips.matching import AT_STANDS
 
 
 def result(job: Job, outcome: Outcome) -> dict[str, Any]:
@@ -37,6 +38,8 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
     traffic = outcome.traffic
     replayed_s = traffic.ticks * TICK_S
     return {
+        "from": job.names[0],
+        "to": job.names[1],
         "trip_time_s": trip_s,
         "whole_section": job.trip.whole,
         "better_stops": job.trip.better_stops,
@@ -138,6 +141,8 @@ def _notes(found: dict[str, Any]) -> list[str]:
     if found["beyond_vehicle_ratio"] > FOREIGN_RATIO:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
+    if found["map_anchor"] in AT_STANDS:
+        notes.append(direction_by_posts(found["from"], found["to"]))
     if found["map_anchor"] in ("start", "end"):
         notes.append(f"the kilometrage is anchored at the {found['map_anchor']} only (lengths differ by over 1 %)")
     for finding in found["cleaning"]["findings"]:

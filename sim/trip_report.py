@@ -13,6 +13,7 @@ from das.domain.units import KM, KMH, KN, NS, kwh
 from das.solver.section import Section
 from sim.estimate import EnergyRange, energy_range, estimate_run
 from sim.trips.findings import CleaningReport
+from sim.trips.matching import AT_STANDS
 from sim.trips.profile import MAX_POSITION_GAP_S
 from sim.trips.trip import Trip
 
@@ -107,6 +108,8 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
     """What no record of positions tells, with figures where there are any."""
     notes = []
+    if trip.matched.report.anchor in AT_STANDS:
+        notes.append(direction_by_posts(trip.start.name, trip.end.name))
     unseen_s = _unseen_s(trip)
     if unseen_s > 0:
         share = unseen_s / max(float(trip.run.time_s[-1]), 1e-9)
@@ -129,6 +132,12 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
             f"whether comfort systems ran: at the vehicle's full {comfort_w / 1e3:.0f} kW {added:.1f} kWh more"
         )
     return notes
+
+
+def direction_by_posts(start: str, end: str) -> str:
+    """What kilometre posts leave open."""
+    taken = f"{start} to {end} is taken (if not so, add or leave out --reverse)"
+    return f"kilometre posts do not tell which way the trip ran: {taken}"
 
 
 def _unseen_s(trip: Trip) -> float:

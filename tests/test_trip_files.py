@@ -214,3 +214,16 @@ def test_a_missing_file_and_a_binary_one_are_named(tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(bytes(range(256)))
     with pytest.raises(DasError, match=r"x\.mcap: not an MCAP recording"):
         read_trip(tmp_path / "x.mcap")
+
+
+def test_tabs_separate_and_the_time_of_a_point_is_its_own(tmp_path: Path) -> None:
+    check(read_trip(written(tmp_path, "tabs.csv", PLAIN.replace(",", "\t"))).record)
+    inside = "<extensions><made><time>2001-01-01T00:00:00Z</time></made></extensions>"
+    text = gpx("".join(track_point(i, inside) for i in range(3)))
+    check(read_trip(written(tmp_path, "trip.gpx", text)).record, speeds=False)
+
+
+def test_an_encoding_nobody_knows_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = written(tmp_path, "trip.gpx", '<?xml version="1.0" encoding="foo-1"?>' + gpx(TWO))
+    with pytest.raises(DasError, match=r"not usable XML \(unknown encoding"):
+        read_trip(path)

@@ -51,7 +51,7 @@ def read_csv(path: Path) -> Record:
         raise DasError(f"{path}: trip of {len(body)} line{'s' * (not body)}, expected at least 2 lines of points")
     for line, cells in enumerate(body, first):
         check_width(path, line, cells, separator, names)
-    if separator == ";":  # then a comma is a decimal one
+    if separator != ",":  # then a comma is a decimal one
         body = [[cell.replace(",", ".") for cell in cells] for cells in body]
     latitude, longitude, position, speed, derived = (
         _values(path, quantity, columns.get(quantity), body, first) for quantity in COLUMNS if quantity != "time"

@@ -27,7 +27,7 @@ def read_gpx(path: Path) -> Record:
     points = _Points(path)
     try:
         points.parser.Parse(content, True)
-    except expat.ExpatError as error:
+    except (expat.ExpatError, LookupError) as error:  # the latter: an unknown encoding
         raise DasError(f"{path}: not usable XML ({error})") from error
     if len(points.found) < 2:
         raise DasError(f"{path}: GPX with {len(points.found)} track points, expected at least 2")
@@ -69,7 +69,7 @@ class _Points:
         self._root = False
         if name == "trkpt":
             self._line, self._attributes, self._texts = self.parser.CurrentLineNumber, attributes, {}
-        self._open = name
+        self._open = name if name not in self._texts else ""  # the point's own comes before that of an extension
 
     def _text(self, text: str) -> None:
         if self._attributes is not None and self._open in ("time", "speed"):

@@ -19,6 +19,8 @@ from sim.trips.standing import STANDING_MPS, Stand, stands
 
 SCALE_TOLERANCE_RATIO = 0.01
 """Matched length and distance of the stops may differ by this for the kilometrage to be scaled to the stops."""
+AT_STANDS = ("start and end", "start", "end")
+"""Anchors of kilometre posts: the stands that fixed their zero."""
 TOLD_M = 0.01
 """Positions moved by less are not told."""
 
@@ -99,7 +101,7 @@ def match_trip(
     points = fitting_points(record, line, end_stop.position_m - start_stop.position_m, log)
     found = stands(points.standing)
     pinned = _pinned(points.along_m, found)
-    anchored = _alignment(record, line, pinned, found, stops)
+    anchored = _alignment(record, line, pinned, found, stops, hint=_unusable_speeds(record, points))
     offset_m, scale, _ = anchored
     placed = replace(points, along_m=offset_m + scale * pinned)
     kept = section_of(record, placed, found, stops, log, whole_stands=whole_stands)
@@ -136,8 +138,14 @@ def _pinned(along_m: Floats, found: list[Stand]) -> Floats:
     return pinned
 
 
+def _unusable_speeds(record: Record, points: Points) -> str:
+    if np.isnan(record.speed_mps).all() or not points.missing.all():
+        return ""
+    return " (its speeds are not those of its positions: another unit of speed or time?)"
+
+
 def _alignment(
-    record: Record, line: Line | None, pinned_m: Floats, found: list[Stand], stops: tuple[Stop, Stop]
+    record: Record, line: Line | None, pinned_m: Floats, found: list[Stand], stops: tuple[Stop, Stop], *, hint: str
 ) -> tuple[float, float, str]:
     """Offset, scale and anchor of s = offset + scale·chainage."""
     if line is None:
@@ -156,7 +164,7 @@ def _alignment(
         return end_m - float(pinned_m[-1]), 1.0, "end"
     raise DasError(
         f"{record.source}: the train stands neither at the first nor at the last {record.place} that fits, so "
-        "kilometre posts cannot be aligned with the route's positions"
+        f"kilometre posts cannot be aligned with the route's positions{hint}"
     )
 
 

@@ -14,7 +14,7 @@ from sim.trips import cleaning
 from sim.trips.findings import FindingLog, Kind
 from sim.trips.line import Line
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.standing import AT_STOP_M, STANDING_MPS, standing
+from sim.trips.standing import AT_STOP_M, STANDING_MPS, standing, stood_through
 
 MAX_CROSS_TRACK_M = 200.0
 """Further from the line a point is not on it (a line of kilometre posts cuts curves: 62 m at R = 2 km)."""
@@ -146,7 +146,7 @@ def _without_jumps(record: Record, points: Points, section_m: float, log: Findin
     off = points.aside_m > MAX_CROSS_TRACK_M
     on = np.flatnonzero(~off)
     jump = off.copy()
-    jump[on] = cleaning.find_jumps(points.time_s[on], points.along_m[on])
+    jump[on] = cleaning.find_jumps(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
     kept = points.take(~jump)
     if not jump.any():
         return kept
@@ -186,12 +186,16 @@ def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
 
 def _with_speeds(record: Record, points: Points) -> Points:
     """Speeds without dropouts and spikes, and where the train stands; DasError where it never moves."""
+    halted = np.zeros(len(points), dtype=bool)
     if cleaning.speeds_unusable(points.time_s, points.along_m, measured_mps(record, points)):
+        halted = cleaning.find_halts(points.time_s, points.along_m, measured_mps(record, points))
         points = replace(points, missing=np.ones(len(points), dtype=bool), speed_mps=np.full(len(points), np.nan))
     dropout, spike = cleaning.find_wrong_speeds(points.time_s, points.along_m, measured_mps(record, points))
     derived = np.abs(cleaning.derived_speed_mps(points.time_s, points.along_m))
     speed = np.where(points.missing | dropout | spike, derived, points.speed_mps)
-    still = standing(speed, points.missing | spike) & ~dropout
+    untold = points.missing | spike
+    still = (standing(speed, untold) & ~dropout) | halted
+    still = stood_through(points.time_s, points.along_m, still, untold)
     if still.all():
         raise DasError(f"{record.source}: the train never moves, every speed is below {STANDING_MPS / KMH:g} km/h")
     return replace(points, speed_mps=speed, dropout=dropout, spike=spike, standing=still)

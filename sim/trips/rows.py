@@ -17,14 +17,14 @@ ROUNDING = 1e-6
 
 
 def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], str]:
-    """Cells of a CSV file, row i being line i + 1, and the separator: a semicolon if line 1 has one, or a comma.
+    """Cells of a CSV file, row i being line i + 1, and the separator: a semicolon or tab if line 1 has one, or a comma.
 
     Raises DasError for a missing or empty file, or one with a line break inside quotes.
     """
     lines = read_text(path).rstrip().splitlines()
     if not lines:
         raise DasError(f"{path}: empty {what}, expected {expected}")
-    separator = ";" if ";" in lines[0] else ","
+    separator = next((mark for mark in ";\t" if mark in lines[0]), ",")
     try:
         rows = list(csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True))
     except csv.Error as error:

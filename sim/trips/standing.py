@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from das.domain.route import Floats
 from das.domain.units import KMH
+from sim.trips import cleaning
 from sim.trips.record import Bools
 
 STANDING_MPS = 1.0 * KMH
 """A train reported slower than this, and not moving by its positions, stands."""
 STANDING_BY_POSITIONS_MPS = 0.5
 """The same where no speed is reported: positions wander by some metres in 10 s."""
+WANDER_M = cleaning.MAX_BACKWARD_M
+"""Positions of a train that stands wander by no more than this, and come back."""
 AT_STOP_M = 300.0
 """A train that stands this near to a stop stands at it: platforms are long, and maps inexact."""
 
@@ -28,6 +32,18 @@ class Stand(NamedTuple):
 def standing(speed_mps: Floats, from_positions: Bools) -> Bools:
     """Points at which the train stands."""
     return speed_mps < np.where(from_positions, STANDING_BY_POSITIONS_MPS, STANDING_MPS)
+
+
+def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) -> Bools:
+    """The points at which a train stands (`still`), with those at which it only seems to move: the `untold` ones,
+    without a speed, that positions over 15 s either side keep in place; and all between two stands within 30 m."""
+    slow_mps = cleaning.derived_speed_mps(time_s, along_m, cleaning.STALL_HALF_WINDOW_S)
+    found = still | (untold & (np.abs(slow_mps) < STANDING_BY_POSITIONS_MPS))
+    for before, after in pairwise(stands(found)):
+        between = slice(before.last, after.first + 1)
+        if np.abs(along_m[between] - along_m[before.last]).max() <= WANDER_M:
+            found[between] = True
+    return found
 
 
 def stands(standing_points: Bools) -> list[Stand]:

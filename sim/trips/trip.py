@@ -12,7 +12,7 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KMH
-from sim.trips.cleaning import in_order
+from sim.trips.cleaning import LEAST_KEPT_RATIO, find_gaps, in_order
 from sim.trips.findings import FindingLog, Kind
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
@@ -105,6 +105,7 @@ def load_trip(path: Path, reading: Reading, route: Route, said: Whereabouts) -> 
     if run.speed_mps.max() > FASTEST_MPS:
         top_kmh = run.speed_mps.max() / KMH
         raise DasError(f"{path}: the positions lead to {top_kmh:.0f} km/h, faster than trains run: times are wrong")
+    _check_seen(path, matched)
     return Trip(
         path=path,
         format=reading.format,
@@ -117,6 +118,16 @@ def load_trip(path: Path, reading: Reading, route: Route, said: Whereabouts) -> 
         journey=reading.journey,
         delays=reading.delays,
     )
+
+
+def _check_seen(path: Path, matched: MatchedTrip) -> None:
+    """A trip of which most is gaps is made up."""
+    time_s = matched.elapsed_s()[~matched.invalid]
+    unseen_s = float(np.diff(time_s)[find_gaps(time_s)].sum())
+    if unseen_s > LEAST_KEPT_RATIO * time_s[-1]:
+        raise DasError(
+            f"{path}: no points in {unseen_s:.0f} s of the trip's {time_s[-1]:.0f} s, expected less than half"
+        )
 
 
 def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
