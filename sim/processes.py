@@ -13,7 +13,7 @@ from types import TracebackType
 
 from das.domain.errors import DasError
 
-STOP_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 30.0
 
 
 class Process:
