@@ -1,16 +1,25 @@
-"""What several tests make: routes, trains, a loss chain, and das-precompute as a process."""
+"""What several tests make: routes, trains, a loss chain, and commands run here or as a process."""
 
 from __future__ import annotations
 
+import io
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import MappingProxyType
+from unittest.mock import patch
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+import precompute.cli
+import sim.cli
+from das.commands import EXIT_INTERRUPTED, STOP_SIGNALS
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import LOSSLESS, Level, LossModel
 from das.domain.route import Route, Stop, Stretches
@@ -107,14 +116,45 @@ def csv_rows(run: Trajectory) -> NDArray[np.float64]:
 
 
 def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    """Run das-precompute of this checkout in a folder."""
+    """Run das-precompute in a folder, within this process (no imports, no kernels to load again)."""
+    return _run_here(precompute.cli.main, precompute.cli.__file__, args, folder)
+
+
+def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run das-sim in a folder, within this process; node, recorder and workers it starts are processes as ever."""
+    return _run_here(sim.cli.main, sim.cli.__file__, args, cwd)
+
+
+def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
+    """Run a command of this checkout as users do: for each command one test shows that it stands on its own feet."""
     paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.run(
-        [sys.executable, "-m", "precompute.cli", *args],
-        cwd=folder,
+        [sys.executable, "-m", module, *args],
+        cwd=cwd,
         env={**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "utf-8"},
         capture_output=True,
         encoding="utf-8",
-        timeout=300,
+        timeout=timeout_s,
         check=False,
     )
+
+
+def _run_here(
+    main: Callable[[], object], program: str, args: Sequence[str], cwd: Path
+) -> subprocess.CompletedProcess[str]:
+    """Call an entry point as a process would be: its arguments, folder and output; signals are as before afterwards."""
+    command = [program, *args]
+    output, errors = io.StringIO(), io.StringIO()
+    handlers = [(number, signal.getsignal(number)) for number in STOP_SIGNALS]
+    try:
+        with (
+            patch.object(sys, "argv", command), chdir(cwd), redirect_stdout(output), redirect_stderr(errors),
+            pytest.raises(SystemExit) as ended,
+        ):  # fmt: skip
+            main()
+    finally:
+        for number, handler in handlers:
+            signal.signal(number, handler)
+    if ended.value.code == EXIT_INTERRUPTED:
+        raise KeyboardInterrupt  # meant for pytest
+    return subprocess.CompletedProcess(command, int(ended.value.code or 0), output.getvalue(), errors.getvalue())

@@ -25,6 +25,7 @@ from sim.batch.worker import recorded, work
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
 from sim.recording import read_recording
+from tests.making import das_sim
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -57,7 +58,7 @@ def command(*arguments: str) -> list[str]:
 
 
 def batch(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+    return das_sim("batch", *arguments, cwd=cwd)
 
 
 def made(*arguments: str, cwd: Path) -> dict[str, Any]:
@@ -278,10 +279,7 @@ def test_bad_input_of_batch_is_one_line(folder: Path, arguments: list[str], mess
 
 
 def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
-    done = subprocess.run(
-        command(*ASKED, "-o", "a"), cwd=folder, capture_output=True, text=True, check=True,
-        env={**os.environ, "PYTHONIOENCODING": "utf-8"},
-    )  # fmt: skip
+    done = batch(*ASKED, "-o", "a", cwd=folder)
     for text in ("8 runs, 0 of them made now", "late, perfect, vector", "written: a/runs.parquet", "comfort"):
         assert text in done.stdout
     assert "…" not in done.stdout

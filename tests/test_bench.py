@@ -21,7 +21,7 @@ from precompute.bench.measuring import Figure, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep
 from precompute.bench.registry import FIGURES
 from precompute.bench.roofline import Roofline
-from tests.making import das_precompute, make_route, make_train
+from tests.making import in_a_process, make_route, make_train
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_the_roofline_adds_arithmetic_and_takes_the_longer_of_it_and_memory() ->
 
 def test_every_figure_has_a_baseline_and_a_roofline() -> None:
     assert set(FIGURES) == set(NAMES)
-    result = measure(list(NAMES), longest_section("zurich-luzern", "re460-ic"), 2, quick=True)
+    result = measure(list(NAMES), longest_section("flat-6km", "re460-ic"), 2, quick=True)
     figures = json.loads(json.dumps(result))["figures"]
     names = [figure["name"] for figure in figures if figure["name"] != "look-up-p99"]
     expected = [name for name in NAMES if name not in {"growth", "memory"}]
@@ -169,7 +169,8 @@ def test_every_figure_has_a_baseline_and_a_roofline() -> None:
 
 
 def test_the_command_prints_json(tmp_path: Path) -> None:
-    run = das_precompute(tmp_path, "bench", "--quick", "--only", "memory,trajectory", "--threads", "1", "--json")
+    words = ("bench", "--quick", "--only", "memory,trajectory", "--threads", "1", "--json")
+    run = in_a_process("precompute.cli", *words, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     result = json.loads(run.stdout)
     assert result["figures"][0]["name"] == "trajectory"

@@ -34,7 +34,7 @@ from precompute.tables.job import Job
 from precompute.tables.plan import read_plan
 from precompute.tables.pool import solve_locally
 from precompute.tables.store import Status, locked, table_folders
-from tests.making import REPOSITORY, das_precompute, flat, make_train
+from tests.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8)
 HEAD = "schema_version = 1\n"
@@ -271,13 +271,13 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     shown = json.loads(das_precompute(tmp_path, "show", "tables", "--json").stdout)["tables"]
     assert [row["route"] for row in shown] == ["flat-6km", "slow"]
     assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 10
-    printed = das_precompute(tmp_path, "show", "tables")
+    printed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
     assert printed.returncode == 0
     assert re.search(r"slow +A – B +re460-ic +l3 +6.0 +", printed.stdout)
     assert "2 tables, 3.1 MB" in printed.stdout
     damaged = tmp_path / "tables" / shown[0]["name"] / "value_j.npy"
     damaged.write_bytes(damaged.read_bytes()[:-1])
-    checked = das_precompute(tmp_path, "verify", "tables")
+    checked = in_a_process("precompute.cli", "verify", "tables", cwd=tmp_path)
     assert checked.returncode == 1
     assert "was it cut?" in checked.stdout
     assert "1 of 2 tables are whole" in checked.stdout

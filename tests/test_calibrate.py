@@ -17,7 +17,7 @@ from das.domain.vehicle import Vehicle
 from precompute import calibrate as calibration
 from precompute import calibration_targets as paper
 from precompute.calibrate import GTO, IGBT, IGBT_START, STAGE_1_START, value_of, with_chain, with_values
-from tests.making import das_precompute
+from tests.making import das_precompute, in_a_process
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +167,7 @@ def test_table_2_of_a_constant_efficiency_is_a_closed_form(vehicles: dict[str, V
 
 
 def test_check_prints_every_target_and_what_is_reached(tmp_path: Path, figures: paper.Figures) -> None:
-    done = das_precompute(tmp_path, "calibrate", "--check", "--json")
+    done = in_a_process("precompute.cli", "calibrate", "--check", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     result = json.loads(done.stdout)
     assert {t["name"]: t["reached"] for t in result["targets"]} == pytest.approx(figures, rel=1e-6)
@@ -200,7 +200,8 @@ def test_nonsense_is_refused_in_one_line(tmp_path: Path, args: list[str], expect
 
 
 def test_a_map_goes_to_csv_and_back_with_the_same_figures(tmp_path: Path) -> None:
-    first = das_precompute(tmp_path, "loss-map", IGBT, "--csv", "m.csv", "--plot", "m.png", "--json")
+    files = ("--csv", "m.csv", "--plot", "m.png")
+    first = in_a_process("precompute.cli", "loss-map", IGBT, *files, "--json", cwd=tmp_path)
     assert (first.returncode, first.stderr) == (0, "")
     again = das_precompute(tmp_path, "loss-map", "m.csv", "--vehicle", IGBT, "--json")
     assert (again.returncode, again.stderr) == (0, "")

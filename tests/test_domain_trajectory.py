@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 GAUSS_X, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(60)
 
 
+@cache
 def train() -> Vehicle:
     return replace(load_vehicle("re460-ic"), rotating_mass_ratio=0.1, mass_kg=400e3)
 

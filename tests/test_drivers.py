@@ -32,7 +32,7 @@ from sim.drivers.registry import DriverKind, make_driver
 from sim.plant import Command, Plant, PlantState
 from sim.plant_kernels import LEVER
 from sim.ride import Advise, Leg, Ride, advised_by, ride
-from tests.making import REPOSITORY, flat, make_route, make_train
+from tests.making import REPOSITORY, flat, in_a_process, make_route, make_train
 
 RE460 = load_vehicle("re460-ic")
 ZUG_M, LUZERN_M = 29_000.0, 57_000.0
@@ -548,15 +548,7 @@ def test_every_parameter_is_documented_with_its_source() -> None:
 
 
 def test_das_sim_lists_the_drivers(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "sim.cli", "drivers", "--json"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    done = in_a_process("sim.cli", "drivers", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert set(said["drivers"]) == set(DRIVERS) == set(DriverKind)

@@ -40,7 +40,7 @@ class BruteForce:
         h = self.nodes[k + 1] - self.nodes[k]
         grade = np.mean([section.route.gradients_ratio.at(self.nodes[k] + h * x) for x in (0.25, 0.75)])
         # Drag averaged over the way: v² is linear in s, so the mean over s of v is a mean over v²; many points do.
-        v = np.sqrt(a * a + (b * b - a * a) * (np.arange(20_000) + 0.5) / 20_000)
+        v = np.sqrt(a * a + (b * b - a * a) * (np.arange(2_000) + 0.5) / 2_000)
         r = vehicle.resistance
         drag = float(np.mean(r.c0_n + r.c1_n_per_mps * v + r.c2_n_per_mps2 * v * v))
         return vehicle.inertial_mass_kg * (b * b - a * a) / (2 * h) + drag + vehicle.mass_kg * 9.81 * float(grade)

@@ -18,7 +18,7 @@ from das.domain.files.load import catalogue, load_journey, load_route
 from das.domain.journey import Call, Journey, Passing, Window, clock
 from das.domain.route import Route, Stop
 from precompute.journey_command import journey_command
-from tests.making import das_precompute, make_route
+from tests.making import das_precompute, in_a_process, make_route
 
 NATIVE = """schema_version = 1
 [journey]
@@ -260,7 +260,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], P
     """The bundled journey: what `--json` printed, and the folder with run.csv and run.png."""
     folder = tmp_path_factory.mktemp("planned")
     words = ("journey", "zurich-luzern", "zurich-luzern", "re460-ic", "--json", "--csv", "run.csv", "--plot", "run.png")
-    done = das_precompute(folder, *words)
+    done = in_a_process("precompute.cli", *words, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout), folder
 

@@ -398,7 +398,7 @@ def test_a_point_that_is_not_on_the_route_is_refused() -> None:
 # --- properties -------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_windows_are_kept_or_the_journey_is_refused(seed: int) -> None:
     """Random windows and speeds around a timetable of 5 to 40 % buffer."""

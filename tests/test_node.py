@@ -267,7 +267,6 @@ def send_and_record(out: Path, ticks: int) -> tuple[subprocess.Popen[str], Any]:
             bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=float(tick)))
             bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=tick))
         until(bus, lambda r: r.topic is RECORDER and r.message.tick == ticks)
-        time.sleep(1.5)
     return child, None
 
 
@@ -286,6 +285,7 @@ def test_recorder_writes_everything_in_order_and_finishes_on_sigterm(tmp_path: P
 def test_a_killed_recorder_loses_nothing_older_than_a_second(tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     child, _ = send_and_record(out, 300)
+    time.sleep(1.5)
     os.kill(child.pid, signal.SIGKILL)
     child.wait(20)
     recording = read_recording(out)

@@ -1,4 +1,4 @@
-"""das-precompute as a process: what it prints and writes, checked independently, and how it refuses."""
+"""das-precompute: what it prints and writes, checked independently, and how it refuses."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ import json
 import os
 import re
 import subprocess
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.making import REPOSITORY, das_precompute
+from tests.making import REPOSITORY, das_precompute, in_a_process
 
 SOLVE = ("solve", "flat-6km", "re460-ic")
 MASS_KG, FORCE_N, POWER_W, LIMIT_MPS, LENGTH_M = 440e3, 300e3, 6.1e6, 160 / 3.6, 6000.0
@@ -29,7 +28,8 @@ def resistance_n(v: np.ndarray | float) -> np.ndarray | float:
 def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object], Path]:
     """The flat section at 7 % buffer: what `--json` printed, and the folder with run.csv and run.png."""
     folder = tmp_path_factory.mktemp("solved")
-    done = das_precompute(folder, *SOLVE, "--buffer", "7", "--json", "--csv", "run.csv", "--plot", "run.png")
+    files = ("--csv", "run.csv", "--plot", "run.png")
+    done = in_a_process("precompute.cli", *SOLVE, "--buffer", "7", "--json", *files, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout), folder
 
@@ -131,7 +131,8 @@ def test_solve_for_people_says_what_it_wrote(tmp_path: Path) -> None:
 
 
 def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
-    done = das_precompute(tmp_path, "front", "flat-6km", "re460-ic", "--buffers", "0,2,7,20", "--json")
+    words = ("front", "flat-6km", "re460-ic", "--buffers", "0,2,7,20", "--json")
+    done = in_a_process("precompute.cli", *words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     result = json.loads(done.stdout)
     points = result["points"]
@@ -292,9 +293,7 @@ def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, subprocess.C
     train = {key: {"unit": unit, "value": value} for key, (value, unit) in values.items()}
     (folder / "train.json").write_text(json.dumps(train))
     before = sorted(os.listdir(folder))
-    with ThreadPoolExecutor(os.cpu_count() or 2) as pool:
-        answers = pool.map(lambda case: das_precompute(folder, *case[0]), REFUSED.values())
-        done = dict(zip(REFUSED, answers, strict=True))
+    done = {name: das_precompute(folder, *args) for name, (args, _) in REFUSED.items()}
     assert sorted(os.listdir(folder)) == before, "a refused command left something behind"
     return done
 

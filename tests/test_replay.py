@@ -24,17 +24,7 @@ from sim.cli import bundled_recording
 from sim.estimate import estimate_run
 from sim.hurried import DriverStyle, HurriedDriver, Plant, PlantState
 from sim.recording import read_recording
-
-
-def das_sim(*arguments: str, cwd: Path, timeout: float = 300) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "sim.cli", *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
+from tests.making import das_sim, in_a_process
 
 
 def kolback(shared: Path, name: str) -> list[str]:
@@ -49,7 +39,7 @@ def kolback(shared: Path, name: str) -> list[str]:
 @pytest.fixture(scope="module")
 def default_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
     folder = tmp_path_factory.mktemp("default")
-    return das_sim(cwd=folder), folder
+    return in_a_process("sim.cli", cwd=folder), folder
 
 
 def test_das_sim_alone_replays_the_bundled_recording(
@@ -84,21 +74,32 @@ def test_the_recording_holds_every_topic_and_its_inputs(
     assert all(a.advised_speed_mps <= a.limit_mps + 1e-6 for a in given)
 
 
-def test_replay_is_open_loop_and_repeatable(tmp_path: Path) -> None:
+def test_replay_is_open_loop_and_repeatable(
+    default_run: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
+) -> None:
     """The same recording through the node twice: the same advice, field by field."""
-    advices: list[list[Any]] = []
-    for name in ("a.mcap", "b.mcap"):
-        done = das_sim("replay", str(bundled_recording()), "--out", name, "--json", cwd=tmp_path)
+    done = das_sim("replay", str(bundled_recording()), "--out", "again.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    files = next((default_run[1] / "recordings").glob("*.mcap")), tmp_path / "again.mcap"
+    first, second = ([m.message.SerializeToString() for m in read_recording(file).of(ADVICE)] for file in files)
+    assert first == second
+
+
+@pytest.fixture(scope="module")
+def real_runs(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[dict[str, Any], Path]]:
+    """The two real trips replayed: what `--json` printed, and the folder with run.mcap."""
+    runs = {}
+    for name in ("clean", "dropouts"):
+        folder = tmp_path_factory.mktemp(name)
+        done = das_sim("replay", *kolback(shared, name), "--out", "run.mcap", "--json", cwd=folder)
         assert done.returncode == 0, done.stderr
-        advices.append([m.message.SerializeToString() for m in read_recording(tmp_path / name).of(ADVICE)])
-    assert advices[0] == advices[1]
+        runs[name] = json.loads(done.stdout), folder
+    return runs
 
 
 @pytest.mark.parametrize("name", ["clean", "dropouts"])
-def test_real_trips_replay_without_loss(shared: Path, tmp_path: Path, name: str) -> None:
-    done = das_sim("replay", *kolback(shared, name), "--out", "run.mcap", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+def test_real_trips_replay_without_loss(real_runs: dict[str, tuple[dict[str, Any], Path]], name: str) -> None:
+    found, folder = real_runs[name]
     assert found["messages_lost"] == 0
     assert found["advices_above_limit"] == 0
     assert found["advices"] > 500
@@ -107,12 +108,12 @@ def test_real_trips_replay_without_loss(shared: Path, tmp_path: Path, name: str)
     assert 0.05 < found["saved_ratio"] < 0.4
     assert found["optimum_time_s"] == pytest.approx(found["trip_time_s"], abs=0.1)
     assert found["map_scale"] == pytest.approx(1.0, abs=0.003)
-    positions = [m.message for m in read_recording(tmp_path / "run.mcap").of(POSITION)]
+    positions = [m.message for m in read_recording(folder / "run.mcap").of(POSITION)]
     assert len(positions) == (346 if name == "clean" else 589)  # of a stand at the end 30 s are kept
     assert sum(p.quality == 2 for p in positions) == found["gps_dropout_points"]
-    viewed = das_sim("view", "run.mcap", "--save", "run.rrd", cwd=tmp_path)
+    viewed = in_a_process("sim.cli", "view", "run.mcap", "--save", "run.rrd", cwd=folder)
     assert viewed.returncode == 0, viewed.stderr
-    assert (tmp_path / "run.rrd").stat().st_size > 100_000
+    assert (folder / "run.rrd").stat().st_size > 100_000
 
 
 def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(shared: Path, tmp_path: Path) -> None:
@@ -138,13 +139,23 @@ def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(sh
     assert advice.reason.endswith(" s late")
 
 
-def test_speed_is_kept_in_real_time(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A made-up trip of four minutes."""
+    folder = tmp_path_factory.mktemp("short")
+    made = das_sim("make-trip", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "made.mcap", cwd=folder)
+    assert made.returncode == 0, made.stderr
+    return folder / "made.mcap"
+
+
+def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
+    """So slow that the wall clock tells it from a replay that does not wait."""
     began = time.monotonic()
-    done = das_sim("replay", str(bundled_recording()), "--speed", "100", "--out", "run.mcap", "--json", cwd=tmp_path)
+    done = das_sim("replay", str(short_trip), "--speed", "40", "--out", "run.mcap", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["real_time_factor"] <= 101
-    assert time.monotonic() - began > found["advices"] / 101
+    assert found["real_time_factor"] <= 40.4
+    assert time.monotonic() - began > found["advices"] / 40.4
 
 
 def advices_so_far(path: Path) -> int:
@@ -155,9 +166,9 @@ def advices_so_far(path: Path) -> int:
         return 0
 
 
-def test_ctrl_c_ends_cleanly_with_a_whole_recording(tmp_path: Path) -> None:
+def test_ctrl_c_ends_cleanly_with_a_whole_recording(short_trip: Path, tmp_path: Path) -> None:
     child = subprocess.Popen(
-        [sys.executable, "-m", "sim.cli", "replay", str(bundled_recording()), "--speed", "20", "--out", "run.mcap"],
+        [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--speed", "5", "--out", "run.mcap"],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -177,10 +188,10 @@ def test_ctrl_c_ends_cleanly_with_a_whole_recording(tmp_path: Path) -> None:
     assert len(recording.of(ADVICE)) >= 20
 
 
-def test_terminated_das_sim_leaves_no_process_behind(tmp_path: Path) -> None:
+def test_terminated_das_sim_leaves_no_process_behind(short_trip: Path, tmp_path: Path) -> None:
     for number in (signal.SIGTERM, signal.SIGKILL):
         child = subprocess.Popen(
-            [sys.executable, "-m", "sim.cli", "replay", str(bundled_recording()), "--speed", "20", "--out", "run.mcap"],
+            [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--speed", "5", "--out", "run.mcap"],
             cwd=tmp_path,
             stderr=subprocess.DEVNULL,
         )
@@ -206,14 +217,17 @@ def test_a_recorded_trip_of_another_section_is_refused(tmp_path: Path) -> None:
     assert "beyond Thalwil" in done.stderr
 
 
-def test_quality_of_positions_survives_a_replay_of_a_replay(shared: Path, tmp_path: Path) -> None:
-    assert das_sim("replay", *kolback(shared, "dropouts"), "--out", "a.mcap", cwd=tmp_path).returncode == 0
+def test_quality_of_positions_survives_a_replay_of_a_replay(
+    real_runs: dict[str, tuple[dict[str, Any], Path]],
+) -> None:
+    _, folder = real_runs["dropouts"]
     # Route, vehicle and direction come from the recording itself.
-    again = das_sim("replay", "a.mcap", "--out", "b.mcap", "--json", cwd=tmp_path)
+    again = das_sim("replay", "run.mcap", "--out", "again.mcap", "--json", cwd=folder)
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["messages_lost"] == 0
     a, b = (
-        read_recording(tmp_path / name).columns(POSITION, "quality", "uncertainty_m") for name in ("a.mcap", "b.mcap")
+        read_recording(folder / name).columns(POSITION, "quality", "uncertainty_m")
+        for name in ("run.mcap", "again.mcap")
     )
     assert (a["quality"] == b["quality"]).all()
     assert np.allclose(a["uncertainty_m"], b["uncertainty_m"])
@@ -328,7 +342,8 @@ def test_plant_runs_down_to_a_standstill_by_resistance_alone() -> None:
 
 
 def test_make_trip_makes_the_bundled_recording_again(tmp_path: Path) -> None:
-    done = das_sim(
+    done = in_a_process(
+        "sim.cli",
         *("make-trip", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--from", "Zürich HB", "--to", "Zug"),
         *("--delay", "90", "--seed", "1", "--out", "again.mcap"),
         cwd=tmp_path,

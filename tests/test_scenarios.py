@@ -342,8 +342,19 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return write
 
 
+solved: list[Service] = []
+
+
+def service_of(path: Path) -> Service:
+    """The service of a scenario; the line is solved again only where it is planned otherwise than the last one."""
+    scenario = read_scenario(path)
+    if not solved or not solved[-1].plans(scenario):
+        solved.append(prepare_service(scenario))
+    return solved[-1].on(scenario)
+
+
 def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:
-    service = prepare_service(read_scenario(path))
+    service = service_of(path)
     day = make_day(service, seed)
     made = make_driver(DriverKind(driver), service.line, seed=seed)
     return World(day, made, Presentation(advice), InProcess(service)).run().states

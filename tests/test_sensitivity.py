@@ -6,7 +6,6 @@ import csv
 import itertools
 import json
 import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from das.solver.front import Solution, solve_front
 from das.solver.section import Section, build_section
 from precompute.sensitivity import World, assess, by_effect, follow
 from precompute.variations import DEFAULT, RANGE_VALUES, Parameter, Variation, parse_variations
-from tests.making import das_precompute, flat, make_route, make_train
+from tests.making import das_precompute, flat, in_a_process, make_route, make_train
 
 AS_PLANNED = Conditions()
 LENGTH_M = 8000.0
@@ -343,7 +342,8 @@ COMMAND = ("sensitivity", "flat-6km", "re460-ic")
 def test_the_command_writes_json_csv_and_a_picture(tmp_path: Path) -> None:
     files = ("--csv", "rows.csv", "--plot", "rows.png")
     vary = "mass=±10%,+900%,resistance=0%,receptivity=0.5,wind=-20..20"
-    done = das_precompute(tmp_path, *COMMAND, "--buffer", "7", "--vary", vary, "--json", *files)
+    words = (*COMMAND, "--buffer", "7", "--vary", vary, "--json", *files)
+    done = in_a_process("precompute.cli", *words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     result = json.loads(done.stdout)
     plan, rows = result["plan"], result["variations"]
@@ -392,11 +392,10 @@ REFUSED = {
 
 
 def test_what_the_command_cannot_do_is_refused_in_one_line(tmp_path: Path) -> None:
-    with ThreadPoolExecutor(os.cpu_count() or 2) as pool:
-        answers = pool.map(lambda case: das_precompute(tmp_path, *COMMAND, *case[0]), REFUSED.values())
-        for (_, expected), done in zip(REFUSED.values(), answers, strict=True):
-            assert (done.returncode, done.stdout) == (2, "")
-            assert done.stderr.startswith("error: ")
-            assert expected in done.stderr
-            assert done.stderr.count("\n") == 1
+    for args, expected in REFUSED.values():
+        done = das_precompute(tmp_path, *COMMAND, *args)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith("error: ")
+        assert expected in done.stderr
+        assert done.stderr.count("\n") == 1
     assert os.listdir(tmp_path) == []

@@ -20,8 +20,8 @@ from sim.estimate import MASS_RATIO, RESISTANCE_RATIO, WIND_MPS, EnergyRange, en
 from sim.recording import read_recording
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, Whereabouts, load_trip
-from tests.making import flat, make_train
-from tests.test_replay import das_sim, kolback
+from tests.making import das_sim, flat, in_a_process, make_train
+from tests.test_replay import kolback
 from tests.test_trip_cleaning import LENGTH_M, Points, all_together, clean, write
 
 C0_N, C2 = 2000.0, 8.0
@@ -92,9 +92,8 @@ def _meridian() -> dict[str, Any]:
 
 
 def test_the_command_shows_writes_and_draws(shared: Path, tmp_path: Path) -> None:
-    done = das_sim(
-        *("trip", *kolback(shared, "dropouts"), "--write", "cleaned.csv", "--plot", "trip.png"), cwd=tmp_path
-    )
+    files = ("--write", "cleaned.csv", "--plot", "trip.png")
+    done = in_a_process("sim.cli", "trip", *kolback(shared, "dropouts"), *files, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for told in (
         "589 of 603 points kept",

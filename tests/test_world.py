@@ -41,6 +41,7 @@ from sim.world.in_process import InProcess
 from sim.world.loop import World
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
+from tests.making import das_sim, in_a_process
 
 EVENTFUL = """
 schema_version = 1
@@ -105,12 +106,6 @@ rows = [[0.0, 90.0], [3.0, 110.0]]
 columns = ["position_km", "gradient_permille"]
 rows = [[0.0, 2.0], [2.0, -3.0]]
 """
-
-
-def das_sim(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "sim.cli", *arguments], cwd=cwd, capture_output=True, text=True, timeout=300, check=False
-    )
 
 
 def payloads(path: Path) -> dict[str, list[bytes]]:
@@ -221,7 +216,7 @@ def test_a_restarted_node_takes_the_journey_again(recording: Recording) -> None:
 
 def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, found: dict[str, Any]) -> None:
     """Every topic, in two processes with two nodes and recorders; another seed differs."""
-    done = das_sim("run", "eventful.toml", "--seed", "4", "--out", "b.mcap", "--json", cwd=folder)
+    done = in_a_process("sim.cli", "run", "eventful.toml", "--seed", "4", "--out", "b.mcap", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     first, second = payloads(folder / found["file"]), payloads(folder / "b.mcap")
     assert first.keys() == second.keys()
@@ -284,7 +279,7 @@ def test_tables_of_a_run_in_process(folder: Path) -> None:
 
 
 def test_the_list_of_scenarios(folder: Path) -> None:
-    listed = json.loads(das_sim("scenarios", "--json", cwd=folder).stdout)
+    listed = json.loads(in_a_process("sim.cli", "scenarios", "--json", cwd=folder).stdout)
     assert len(listed) == 11
     assert all(one["title"] and one["description"] for one in listed.values())
     assert "Slippery rail" in das_sim("scenarios", cwd=folder).stdout

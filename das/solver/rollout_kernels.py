@@ -32,6 +32,9 @@ from das.solver.kernels import (
 )
 from das.solver.tolerances import CREEP_MPS, INFEASIBLE, UNREACHABLE
 
+FIRST = np.int64(0)
+"""The first node or grid line; for a literal 0 numba would compile the kernel that is called once more."""
+
 _GOLDEN = 0.3819660112501051
 _POLISH_STEPS = 10
 _BRAKE_STEPS = 60
@@ -142,7 +145,7 @@ def best_landing(k, v0, h, g, q, floor, top, final, price, a, offset, gap, value
         return -1.0, INFEASIBLE
     if final:
         dt, energy = step_cost(v0, out[0], h, g, q, p, c)
-        blended_values(value, time_to_go, k, 0, 0, a, offset, gap, row)
+        blended_values(value, time_to_go, k, FIRST, FIRST, a, offset, gap, row)
         return out[0], energy + price * dt + row[0]
     left = out[0]
     right = out[0]
@@ -326,7 +329,7 @@ def hurry(first, last, step, g, q, u, envelope, p, v):
 @kernel
 def fastest_roll_out(step, g, q, u, envelope, p, v):
     """The fastest run from v[0]; fills v, returns the trip time (s), or -1 after a stall."""
-    if not hurry(0, step.size, step, g, q, u, envelope, p, v):
+    if not hurry(FIRST, step.size, step, g, q, u, envelope, p, v):
         return -1.0
     return trip_time(step, v)
 
