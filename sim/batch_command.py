@@ -84,6 +84,10 @@ def batch(
         print(json.dumps(found))
     else:
         print_summary(found)
+    failed = sum(row.get("error") is not None for row in finished)
+    if failed:
+        print(f"{failed} of {len(jobs)} runs failed: see the column error of {out / TABLE}", file=sys.stderr)
+        raise typer.Exit(1)
 
 
 def _good(journal: Journal, job: Job) -> bool:
