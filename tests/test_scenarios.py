@@ -379,6 +379,7 @@ BAD = [
     ("[truth]\nadhesive_mass_t = -1", "truth.adhesive_mass"),
     ("[sensors]\nposition_noise_m = -1", "sensors.position_noise"),
     ("[sensors]\nposition_noise_m = nan", "sensors.position_noise_m"),
+    ("[sensors]\nforce_noise_percent = -2", "sensors.force_noise"),
     ("[[disturbances]]\nkind = 'rain'", r"disturbances\[0\].kind = 'rain': expected one of departure-delay"),
     ("[[disturbances]]\nstop = 'A'", r"disturbances\[0\].kind"),
     ("[[disturbances]]\nkind = 'departure-delay'\ndelay_s = 9", r"disturbances\[0\].stop"),
