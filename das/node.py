@@ -16,7 +16,8 @@ from das import __version__
 from das.advisor import Advice, Advisor, PositionFix, Timetable, warm_up
 from das.bus import das_pb2
 from das.bus.session import Bus, Received, check_endpoint
-from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, PLAN, POSITION, STATUS
+from das.bus.topics import ADVICE, CONTROL, DELAY, EFFORT, ESTIMATE, EVENT, JOURNEY, PLAN, POSITION, STATUS
+from das.calibration import Calibrator, Effort, Recalibration
 from das.commands import StopFlag, err, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
@@ -31,6 +32,7 @@ from das.solver.section import build_section
 POSITION_SLACK_M = 1.0
 """A journey's stops must lie this near to the ends of a solved section for its front to be used."""
 PLAN_EVERY_S = 10.0
+ESTIMATE_EVERY_S = 10.0
 
 
 class Node:
@@ -46,10 +48,14 @@ class Node:
         reverse: bool,
         point_mass: bool,
         wall_clock: bool,
+        calibrate: bool = False,
     ) -> None:
         self.bus, self.route, self.vehicle, self.level, self.point_mass = bus, route, vehicle, level, point_mass
         self.reverse = reverse
         self.wall_clock = wall_clock
+        self._calibrator = Calibrator(route, vehicle, point_mass=point_mass) if calibrate else None
+        self._recalibration = Recalibration()
+        self._estimate_sent_ns: int | None = None
         self._bus_clock_ns = 0
         self.advisor: JourneyAdvisor | None = None
         self._fronts: list[Front] = []
@@ -90,6 +96,7 @@ class Node:
 
     def _act(self, received: Received) -> None:
         message, topic = received.message, received.topic
+        self._calibrate(received)
         if message is None:
             self.event(self.now_ns(), Log.WARNING, f"{topic.name}: a message that cannot be read was ignored")
         elif topic is JOURNEY:
@@ -108,6 +115,18 @@ class Node:
             else:
                 self.tick(message.time_ns, message.tick)
 
+    def _calibrate(self, received: Received) -> None:
+        """Let the calibration hear positions and efforts, where it is asked for."""
+        message = received.message
+        if self._calibrator is None or message is None:
+            return
+        if received.topic is EFFORT:
+            forces = {"force_el_n": message.force_el_n, "force_friction_n": message.force_friction_n}
+            self._calibrator.set_effort(Effort(time_ns=message.time_ns, **forces))
+        elif received.topic is POSITION:
+            good = message.quality in (das_pb2.Position.QUALITY_UNKNOWN, das_pb2.Position.QUALITY_GOOD)
+            self._calibrator.set_position(message.time_ns, message.s_m, message.speed_mps, usable=good)
+
     def tick(self, now_ns: int, tick: int = 0) -> None:
         """Say how we are and advise once: the advice is last, so who has it has heard all of this tick."""
         began = time.perf_counter()
@@ -116,6 +135,7 @@ class Node:
         self._advices += 1
         self._say_changes(advice)
         self._send_plan(now_ns)
+        self._send_estimate(now_ns)
         self.status(now_ns, self._state(advice), advice.reason)
         self.bus.publish(ADVICE, advice_message(advice, tick))
 
@@ -208,6 +228,26 @@ class Node:
         )
         self.bus.publish(PLAN, message)
 
+    def _send_estimate(self, now_ns: int) -> None:
+        """Mass and resistance as found, every while (at once when the clock jumped)."""
+        if self._calibrator is None:
+            return
+        sent_ns = self._estimate_sent_ns
+        if sent_ns is not None and 0 <= now_ns - sent_ns < ESTIMATE_EVERY_S * 1e9:
+            return
+        self._estimate_sent_ns, found = now_ns, self._calibrator.estimates
+        message = das_pb2.Estimate(
+            time_ns=now_ns,
+            mass_ratio=found.mass_ratio,
+            mass_sd_ratio=found.mass_sd,
+            resistance_ratio=found.resistance_ratio,
+            resistance_sd_ratio=found.resistance_sd,
+            samples=found.samples,
+            usable=found.usable,
+            differs=found.differs(self._recalibration.conditions),
+        )
+        self.bus.publish(ESTIMATE, message)
+
 
 def mode_name(mode: Mode) -> str:
     """A mode in words."""
@@ -237,6 +277,9 @@ def command(
     with_parent: Annotated[
         int | None, typer.Option("--with-parent", help="End with the process of this id, which started it.")
     ] = None,
+    calibrate: Annotated[
+        bool, typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts and say them.")
+    ] = False,
     clock: Annotated[str, typer.Option(help="wall: advise every second; bus: at every Control message.")] = "wall",
 ) -> None:
     """Advise a train: hears journey, position and delay on the bus, publishes speed and force advice once a second."""
@@ -253,9 +296,18 @@ def command(
 
         the_vehicle = the_vehicle.with_loss_map(read_loss_map(loss_map))
     start, end = section_stops(the_route, from_stop, to_stop)
-    with Bus(train, listen=listen, connect=connect or [], hear=(JOURNEY, POSITION, DELAY, CONTROL)) as bus:
-        by_wall = clock == "wall"
-        node = Node(bus, the_route, the_vehicle, level, reverse=reverse, point_mass=point_mass, wall_clock=by_wall)
+    hear = (JOURNEY, POSITION, DELAY, CONTROL, EFFORT) if calibrate else (JOURNEY, POSITION, DELAY, CONTROL)
+    with Bus(train, listen=listen, connect=connect or [], hear=hear) as bus:
+        node = Node(
+            bus,
+            the_route,
+            the_vehicle,
+            level,
+            reverse=reverse,
+            point_mass=point_mass,
+            wall_clock=clock == "wall",
+            calibrate=calibrate,
+        )
         node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
         stops_m = [stop.position_m for stop in the_route.stops]

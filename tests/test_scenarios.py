@@ -394,6 +394,7 @@ BAD = [
     ("[truth]\nmass_ratio = nan", r"toml: truth.mass_ratio = nan: expected a number$"),
     ("[sensors]\nposition_noise_m = -1", "sensors.position_noise_m = -1"),
     ("[sensors]\nposition_noise_m = nan", "sensors.position_noise_m"),
+    ("[sensors]\nforce_noise_percent = -2", "sensors.force_noise"),
     ("[[disturbances]]\nkind = 'rain'", r"disturbances\[0\].kind = 'rain': expected one of departure-delay"),
     ("[[disturbances]]\nstop = 'A'", r"disturbances\[0\].kind"),
     ("[[disturbances]]\nkind = 'departure-delay'\ndelay_s = 9", r"disturbances\[0\].stop"),

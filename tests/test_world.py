@@ -21,6 +21,8 @@ from das.bus.topics import (
     CAB,
     CONTROL,
     DELAY,
+    EFFORT,
+    ESTIMATE,
     EVENT,
     JOURNEY,
     LOG,
@@ -56,6 +58,8 @@ buffer_percent = 20
 dwell_s = 20
 [truth]
 head_wind_kmh = 10
+[sensors]
+force_noise_percent = 2
 [[disturbances]]
 kind = "departure-delay"
 stop = "A"
@@ -138,7 +142,8 @@ def recording(folder: Path, found: dict[str, Any]) -> Recording:
 
 def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, found: dict[str, Any]) -> None:
     assert recording.complete
-    for topic in (POSITION, DELAY, JOURNEY, RESTRICTION, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, CAB, LOG):
+    heard = (POSITION, EFFORT, DELAY, JOURNEY, RESTRICTION, CONTROL)
+    for topic in (*heard, ADVICE, PLAN, ESTIMATE, STATUS, EVENT, TRUTH, CAB, LOG):
         assert recording.of(topic), topic.name
     run = recording.metadata["run"]
     assert (run["kind"], run["scenario"], run["seed"], run["driver"], run["advice"]) == (
@@ -226,16 +231,41 @@ def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, foun
 
 def test_without_a_bus_the_train_runs_the_same(folder: Path, recording: Recording) -> None:
     service = prepare_service(read_scenario(folder / "eventful.toml"))
-    states = {}
+    states, links = {}, {}
     for seed in (4, 5):
-        driver = make_driver(DriverKind.HUMAN, service.line, seed=seed)
-        states[seed] = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run().states
+        driver, links[seed] = make_driver(DriverKind.HUMAN, service.line, seed=seed), InProcess(service)
+        states[seed] = World(make_day(service, seed), driver, Presentation.VECTOR, links[seed]).run().states
     truth = recording.columns(TRUTH, "time_ns", "s_m", "speed_mps", "energy_input_j")
     assert [state.s_m for state in states[4][:-1]] == truth["s_m"].tolist()
     assert [state.speed_mps for state in states[4][:-1]] == truth["speed_mps"].tolist()
     assert [state.input_j for state in states[4][:-1]] == truth["energy_input_j"].tolist()
     assert (np.diff(truth["time_ns"]) == 10**9).all()
     assert [state.s_m for state in states[5]] != [state.s_m for state in states[4]]
+    assert links[4].calibrator is not None
+    found, told = links[4].calibrator.estimates, recording.of(ESTIMATE)[-1].message
+    assert (found.mass_ratio, found.resistance_ratio, found.samples) == (
+        *(told.mass_ratio, told.resistance_ratio, told.samples),
+    )
+    assert found.samples >= 2
+
+
+def test_efforts_are_those_of_the_train_with_their_own_noise(folder: Path, recording: Recording) -> None:
+    truth = recording.columns(TRUTH, "time_ns", "force_el_n", "force_friction_n")
+    effort = recording.columns(EFFORT, "time_ns", "force_el_n", "force_friction_n")
+    at = np.searchsorted(truth["time_ns"], effort["time_ns"])
+    assert (truth["time_ns"][at] == effort["time_ns"]).all()
+    works = np.abs(truth["force_el_n"][at]) > 1e3
+    off = effort["force_el_n"][works] / truth["force_el_n"][at][works] - 1
+    assert off.std() == pytest.approx(0.02, rel=0.3)
+    assert abs(off.mean()) < 4 * 0.02 / np.sqrt(works.sum())
+    # The day, its positions and what the train does are the same without them.
+    (folder / "silent.toml").write_text(EVENTFUL.replace("force_noise_percent = 2", ""))
+    silent, said = (prepare_service(read_scenario(folder / name)) for name in ("silent.toml", "eventful.toml"))
+    driven = [
+        World(make_day(one, 4), make_driver(DriverKind.PERFECT, one.line), Presentation.VECTOR, InProcess(one)).run()
+        for one in (silent, said)
+    ]
+    assert driven[0].states == driven[1].states
 
 
 def test_the_run_can_be_looked_at(folder: Path, recording: Recording) -> None:

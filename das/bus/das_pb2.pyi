@@ -140,6 +140,35 @@ class Delay(_message.Message):
 Global___Delay: _TypeAlias = Delay  # noqa: Y015
 
 @_typing.final
+class Effort(_message.Message):
+    """Wheel forces as the train's own control measures them (das/<train>/effort)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    FORCE_EL_N_FIELD_NUMBER: _builtins.int
+    FORCE_FRICTION_N_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    force_el_n: _builtins.float
+    """motors: traction > 0, electric brake < 0"""
+    force_friction_n: _builtins.float
+    """<= 0"""
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        force_el_n: _builtins.float = ...,
+        force_friction_n: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["force_el_n", b"force_el_n", "force_friction_n", b"force_friction_n", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Effort: _TypeAlias = Effort  # noqa: Y015
+
+@_typing.final
 class Journey(_message.Message):
     """What the train is to do (das/<train>/journey)."""
 
@@ -407,6 +436,53 @@ class Plan(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Plan: _TypeAlias = Plan  # noqa: Y015
+
+@_typing.final
+class Estimate(_message.Message):
+    """Mass and running resistance as the node finds them while driving, against the planned train (das/<train>/estimate)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    MASS_RATIO_FIELD_NUMBER: _builtins.int
+    MASS_SD_RATIO_FIELD_NUMBER: _builtins.int
+    RESISTANCE_RATIO_FIELD_NUMBER: _builtins.int
+    RESISTANCE_SD_RATIO_FIELD_NUMBER: _builtins.int
+    SAMPLES_FIELD_NUMBER: _builtins.int
+    USABLE_FIELD_NUMBER: _builtins.int
+    DIFFERS_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    mass_ratio: _builtins.float
+    mass_sd_ratio: _builtins.float
+    """one standard deviation, as a ratio of the planned train's"""
+    resistance_ratio: _builtins.float
+    """head wind is part of it"""
+    resistance_sd_ratio: _builtins.float
+    samples: _builtins.int
+    """windows of measurements that counted"""
+    usable: _builtins.bool
+    """known well enough to plan with"""
+    differs: _builtins.bool
+    """from what the plan is made with, certainly and by enough to matter"""
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        mass_ratio: _builtins.float = ...,
+        mass_sd_ratio: _builtins.float = ...,
+        resistance_ratio: _builtins.float = ...,
+        resistance_sd_ratio: _builtins.float = ...,
+        samples: _builtins.int = ...,
+        usable: _builtins.bool = ...,
+        differs: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["differs", b"differs", "mass_ratio", b"mass_ratio", "mass_sd_ratio", b"mass_sd_ratio", "resistance_ratio", b"resistance_ratio", "resistance_sd_ratio", b"resistance_sd_ratio", "samples", b"samples", "time_ns", b"time_ns", "usable", b"usable"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Estimate: _TypeAlias = Estimate  # noqa: Y015
 
 @_typing.final
 class Status(_message.Message):

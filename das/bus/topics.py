@@ -39,6 +39,7 @@ class Topic:
 
 POSITION: Final = Topic(name="position", root="das", message=das_pb2.Position, rate_hz=1.0, publisher="localisation")
 DELAY: Final = Topic(name="delay", root="das", message=das_pb2.Delay, rate_hz=None, publisher="operator")
+EFFORT: Final = Topic(name="effort", root="das", message=das_pb2.Effort, rate_hz=1.0, publisher="train control")
 JOURNEY: Final = Topic(
     name="journey", root="das", message=das_pb2.Journey, rate_hz=None, publisher="operator", latched=True
 )
@@ -48,6 +49,7 @@ RESTRICTION: Final = Topic(
 CONTROL: Final = Topic(name="control", root="das", message=das_pb2.Control, rate_hz=1.0, publisher="simulator")
 ADVICE: Final = Topic(name="advice", root="das", message=das_pb2.Advice, rate_hz=1.0, publisher="node")
 PLAN: Final = Topic(name="plan", root="das", message=das_pb2.Plan, rate_hz=0.1, publisher="node")
+ESTIMATE: Final = Topic(name="estimate", root="das", message=das_pb2.Estimate, rate_hz=0.1, publisher="node")
 STATUS: Final = Topic(name="status", root="das", message=das_pb2.Status, rate_hz=1.0, publisher="node", latched=True)
 EVENT: Final = Topic(name="event", root="das", message=Log, rate_hz=None, publisher="node")
 TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, rate_hz=1.0, publisher="simulator")
@@ -61,11 +63,13 @@ RECORDER: Final = Topic(
 TOPICS: Final = (
     POSITION,
     DELAY,
+    EFFORT,
     JOURNEY,
     RESTRICTION,
     CONTROL,
     ADVICE,
     PLAN,
+    ESTIMATE,
     STATUS,
     EVENT,
     TRUTH,

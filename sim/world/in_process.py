@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from das.advisor import Advice, Advisor
+from das.calibration import Calibrator
 from das.journey_advisor import JourneyAdvisor
 from sim.world.link import Heard, Told
 from sim.world.service import Service
@@ -19,14 +20,26 @@ class InProcess:
         """Begin with an advisor that has heard nothing but the timetable."""
         self._advisor = JourneyAdvisor([Advisor(front) for front in self._service.fronts])
         self._advisor.set_timetables(self._service.timetables)
+        says_efforts = self._service.scenario.sensors.force_noise_ratio is not None
+        self.calibrator = Calibrator(self._service.route, self._service.vehicle) if says_efforts else None
 
     def exchange(self, heard: Heard) -> Advice:
         """The advice for a tick."""
         if heard.measured is not None:
             self._advisor.set_position(heard.measured.fix)
+        self._calibrate(heard)
         if heard.delay_s is not None:
             self._advisor.set_delay(heard.delay_s)
         return self._advisor.update(heard.now_ns)
+
+    def _calibrate(self, heard: Heard) -> None:
+        if self.calibrator is None:
+            return
+        if heard.measured is not None:
+            fix = heard.measured.fix
+            self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=not heard.measured.degraded)
+        if heard.effort is not None:
+            self.calibrator.set_effort(heard.effort)
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Nothing is recorded."""

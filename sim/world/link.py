@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 from das.advisor import PositionFix
+from das.calibration import Effort
 from sim.drivers.cab import Cab, Restriction
 from sim.plant import Command, PlantState
 
@@ -26,6 +27,7 @@ class Heard(NamedTuple):
     delay_s: float | None
     restrictions: tuple[Restriction, ...] | None
     """All that are in force, whenever they change."""
+    effort: Effort | None
 
 
 class Told(NamedTuple):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from das.calibration import Effort
 from das.domain.errors import DasError
 from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, present
 from sim.plant import COAST, Command, PlantState
@@ -18,7 +19,7 @@ from sim.world.day import Day
 from sim.world.link import Heard, Link, Measured, Told
 from sim.world.news import News
 from sim.world.reduced import ReducedSpeed
-from sim.world.sensors import Localisation
+from sim.world.sensors import Localisation, TrainControl
 from sim.world.service import Service
 
 TICK_S = 1.0
@@ -77,6 +78,7 @@ class World:
         self.day, self.service = day, day.service
         self.driver, self.presentation, self.link = driver, presentation, link
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
+        self._train_control = TrainControl(day)
         self._reduced = ReducedSpeed(self.service.line)
         self._limits = _LimitSteps(self.service)
         self._sent: tuple[Any, ...] = ()
@@ -123,14 +125,14 @@ class World:
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> None:
         """Ask for advice and show it, where there is a node to ask."""
-        measured = self._localisation.measure(state)
+        measured, effort = self._localisation.measure(state), self._train_control.measure(state)
         if self._news.restart_due(state.time_s):
             self._events.append("the node is killed and started anew")
             self.link.restart()
         if self._news.cut_off(state.time_s):
             self._counts.unheard += 1
             return
-        advice = self.link.exchange(self._heard(tick, now_ns, state, measured))
+        advice = self.link.exchange(self._heard(tick, now_ns, state, measured, effort))
         self._counts.take(advice)
         shows_rms = self.presentation is Presentation.RMS
         self._view = present(
@@ -141,7 +143,9 @@ class World:
             reduced_mps=self._reduced.at(self._cab(state)) if shows_rms else math.nan,
         )
 
-    def _heard(self, tick: int, now_ns: int, state: PlantState, measured: Measured | None) -> Heard:
+    def _heard(
+        self, tick: int, now_ns: int, state: PlantState, measured: Measured | None, effort: Effort | None
+    ) -> Heard:
         told = self._news.told
         changed, self._sent = told != self._sent, told
         return Heard(
@@ -150,6 +154,7 @@ class World:
             measured=measured,
             delay_s=self._delay_s(state) if tick % DELAY_EVERY_S == 1 else None,
             restrictions=told if changed else None,
+            effort=effort,
         )
 
     def _delay_s(self, state: PlantState) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ from google.protobuf.message import Message
 
 from das import __version__
 from das.bus import das_pb2
-from das.bus.topics import CAB, DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
+from das.bus.topics import CAB, DELAY, EFFORT, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
 from sim.inputs import sha256
@@ -45,6 +45,8 @@ class OverBus:
             place = self._day.service.route.location_deg(heard.measured.fix.s_m)
             if place is not None:
                 send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
+        if heard.effort is not None:
+            send(EFFORT, das_pb2.Effort(**asdict(heard.effort)))
         if heard.delay_s is not None:
             send(DELAY, das_pb2.Delay(time_ns=now_ns, delay_s=heard.delay_s))
         if heard.restrictions is not None:
@@ -129,6 +131,8 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
         arguments += ["--load", scenario.load]
     if scenario.reverse:
         arguments.append("--reverse")
+    if scenario.sensors.force_noise_ratio is not None:
+        arguments.append("--calibrate")
     return tuple(arguments)
 
 

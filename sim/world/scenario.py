@@ -87,10 +87,14 @@ class Planned:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """Localisation as good as it gets: standard deviations of position and speed (assumptions)."""
+    """Localisation as good as it gets: standard deviations of position and speed (assumptions).
+
+    `force_noise_ratio`: that of the efforts that train control measures; None: it does not say them.
+    """
 
     position_noise_m: float = 3.0
     speed_noise_mps: float = 0.05
+    force_noise_ratio: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,11 +249,14 @@ def _adhesive_mass(truth: Fields) -> float | None:
 
 
 def _sensors(fields: Fields) -> Sensors:
-    fields.check_keys(fields.quantity_keys({"position_noise": "length", "speed_noise": "speed"}))
+    force_keys = fields.quantity_keys({"force_noise": "ratio"})
+    fields.check_keys([*fields.quantity_keys({"position_noise": "length", "speed_noise": "speed"}), *force_keys])
+    says_forces = any(fields.has(key) for key in force_keys)
     any_size = (0.0, np.inf)
     return Sensors(
         position_noise_m=_within(fields, "position_noise", "length", Sensors.position_noise_m, any_size),
         speed_noise_mps=_within(fields, "speed_noise", "speed", Sensors.speed_noise_mps, any_size),
+        force_noise_ratio=_within(fields, "force_noise", "ratio", 0.0, any_size) if says_forces else None,
     )
 
 

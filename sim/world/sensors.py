@@ -1,4 +1,4 @@
-"""Localisation as the node hears it: noise, and the faults of the day."""
+"""Sensors as the node hears them: localisation with noise and the faults of the day, efforts with noise."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from das.advisor import PositionFix
+from das.calibration import Effort
 from sim.plant import PlantState
 from sim.world.day import Day
 from sim.world.disturbances import SensorFault, SensorOutage
@@ -15,8 +16,8 @@ from sim.world.link import Measured
 
 CORRELATION_S = 30.0
 """The error of a receiver's position wanders with this time constant (assumption)."""
-STREAM = 2
-"""Stream of random numbers of a seed; 1: what happens; a driver makes his own."""
+STREAM, FORCE_STREAM = 2, 3
+"""Streams of random numbers of a seed; 1: what happens; a driver makes his own."""
 
 
 class Localisation:
@@ -63,3 +64,22 @@ class Localisation:
             spread_m = math.hypot(measured.uncertainty_m, fault.size_m)
             return Measured(replace(fix, s_m=fix.s_m + off_m), spread_m, degraded=True)
         return measured._replace(fix=replace(self._last or fix, time_ns=fix.time_ns))
+
+
+class TrainControl:
+    """Efforts of a day as the train's own control measures them, one a tick; asked in the order of time."""
+
+    def __init__(self, day: Day) -> None:
+        self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio
+        self._random = np.random.default_rng([day.seed, FORCE_STREAM])
+
+    def measure(self, state: PlantState) -> Effort | None:
+        """The forces of a state, each with its own noise; None where the scenario does not ask for them."""
+        if self._noise_ratio is None:
+            return None
+        electric, friction = (1.0 + self._noise_ratio * self._random.standard_normal(2)).tolist()
+        return Effort(
+            time_ns=self._service.moment_ns(state.time_s),
+            force_el_n=electric * state.force_el_n,
+            force_friction_n=friction * state.force_friction_n,
+        )
