@@ -23,7 +23,7 @@ class InProcess:
     def exchange(self, heard: Heard) -> Advice:
         """The advice for a tick."""
         if heard.measured is not None:
-            self._advisor.set_position(heard.measured.fix)
+            self._advisor.set_position(heard.measured)
         if heard.delay_s is not None:
             self._advisor.set_delay(heard.delay_s)
         return self._advisor.update(heard.now_ns)

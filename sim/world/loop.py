@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from das.domain.errors import DasError
+from das.localisation import PositionFix
 from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, present
 from sim.plant import COAST, Command, PlantState
 from sim.world.calls import Call, Calls
 from sim.world.day import Day
-from sim.world.link import Heard, Link, Measured, Told
+from sim.world.link import Heard, Link, Told
 from sim.world.news import News
 from sim.world.reduced import ReducedSpeed
 from sim.world.sensors import Localisation
@@ -141,7 +142,7 @@ class World:
             reduced_mps=self._reduced.at(self._cab(state)) if shows_rms else math.nan,
         )
 
-    def _heard(self, tick: int, now_ns: int, state: PlantState, measured: Measured | None) -> Heard:
+    def _heard(self, tick: int, now_ns: int, state: PlantState, measured: PositionFix | None) -> Heard:
         told = self._news.told
         changed, self._sent = told != self._sent, told
         return Heard(
