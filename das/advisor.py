@@ -16,6 +16,7 @@ import numpy as np
 from das import plan_kernels
 from das.domain.errors import DasError
 from das.domain.units import KMH, NS
+from das.localisation import Estimate, Localisation, PositionFix
 from das.plan import MODE_HOLD_S, Mode, Place, Plan
 from das.solver import kernels
 from das.solver.front import Fit, Front
@@ -23,8 +24,6 @@ from das.solver.warm_up import warm_up as solve_tiny
 
 HORIZON_S = 30
 """Advice looks this many seconds ahead, in steps of 1 s."""
-STALE_AFTER_S = 3.0
-"""A position older than this withdraws the advice."""
 VALID_FOR_S = 3.0
 PLAN_SPEED_BAND_MPS = 0.8
 PLAN_TIME_BAND_S = 2.0
@@ -36,15 +35,11 @@ LEAST_FOR_BUFFER_S = 10.0
 OVERSPEED_NAMED_MPS = 0.5
 OVERSPEED_EASED_MPS = 1.0
 """A train above the braking envelope by no more than this is planned from the envelope: it need not brake hard."""
-JUMP_M = 50.0
-"""A position that moves by more than this beyond what the train can do, or backwards, has jumped."""
 STANDSTILL_MPS = 0.3
 AT_STANDSTILL_M = 1.0
 """Nearer to the end of the section than this there is nothing left to plan: stop."""
 AT_STOP_M = 50.0
 """A standing train this near to a stop is at it; further beyond it than this, it has run past."""
-OVERSPEED_RATIO = 1.3
-"""A speed above the train's by this ratio is a fault of the sensor."""
 LOST_BEYOND_M = 500.0
 """Further beyond the section's end than this the train is somewhere else."""
 
@@ -69,16 +64,6 @@ class Source(IntEnum):
     TABLE = 1
     SOLVED = 2
     FALLBACK = 3
-
-
-@dataclass(frozen=True, kw_only=True)
-class PositionFix:
-    """A position as heard: route position of the head (m), speed (m/s), its time; `usable` is the sender's word."""
-
-    time_ns: int
-    s_m: float
-    speed_mps: float
-    usable: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,17 +99,18 @@ class Advice:
     reason: str = ""
     valid_until_ns: int = 0
     limit_mps: float = math.nan
+    position_sd_m: float = math.nan
 
 
 class Advisor:
-    """Advice for one section; feed it with `set_…`, ask it with `update`."""
+    """Advice for one section; feed it with `set_…`, ask it with `update`, or with `advise` for a known state."""
 
     def __init__(self, front: Front, source: Source = Source.SOLVED) -> None:
         self.front, self.section, self.source = front, front.section, source
         self._envelope_w = self.section.envelope_mps**2
         self._timetable: Timetable | None = None
-        self._fix: PositionFix | None = None
-        self._jump_m = 0.0
+        self._localisation = Localisation(self.section.vehicle)
+        self._here = Estimate(time_ns=0)
         self._plan: Plan | None = None
         self._mode, self._mode_since_ns = Mode.NONE, 0
         self.delay_s: float | None = None
@@ -132,10 +118,6 @@ class Advisor:
     @property
     def has_timetable(self) -> bool:
         return self._timetable is not None
-
-    @property
-    def has_position(self) -> bool:
-        return self._fix is not None
 
     @property
     def plan(self) -> Plan | None:
@@ -147,18 +129,11 @@ class Advisor:
         if timetable.arrival_ns <= timetable.departure_ns:
             raise DasError("timetable: the arrival is not after the departure")
         if timetable != self._timetable:
-            # What was heard for the journey before may be of another clock.
-            self._timetable, self._plan, self._fix = timetable, None, None
+            self._timetable, self._plan = timetable, None
 
     def set_position(self, fix: PositionFix) -> None:
-        """Take over a position; one older than what is known is ignored."""
-        before = self._fix
-        if before is None:
-            self._fix, self._jump_m = fix, 0.0
-        elif fix.time_ns >= before.time_ns:
-            way_m, span_s = fix.s_m - before.s_m, (fix.time_ns - before.time_ns) * NS
-            most_m = OVERSPEED_RATIO * self.section.vehicle.max_speed_mps * span_s + JUMP_M
-            self._fix, self._jump_m = fix, way_m if way_m < -JUMP_M or way_m > most_m else 0.0
+        """Take over what sensors say (see `das.localisation`)."""
+        self._localisation.take(fix)
 
     def set_delay(self, delay_s: float) -> None:
         """Take over the operator's word on the delay; it is said with the reason, the time left is the timetable's."""
@@ -166,15 +141,16 @@ class Advisor:
 
     def update(self, now_ns: int) -> Advice:
         """The advice at a moment."""
-        problem = self._problem(now_ns)
+        return self.advise(self._localisation.at(now_ns))
+
+    def advise(self, here: Estimate) -> Advice:
+        """The advice for a state, at its time."""
+        self._here, now_ns = here, here.time_ns
+        problem = self._problem()
         if problem:
-            advice = self._withdrawn(now_ns, problem)
-            if self._fix is not None and self._fix.time_ns > now_ns:
-                self._fix = None  # from the future: it must not shut out those of the present
-            return advice
+            return self._withdrawn(now_ns, problem)
         assert self._timetable is not None
-        assert self._fix is not None
-        s_m, v_mps = self._extrapolated(self._fix, now_ns)
+        s_m, v_mps = max(here.s_m, self.section.start_m), here.speed_mps
         if v_mps < STANDSTILL_MPS:
             if s_m >= self.section.end_m - AT_STOP_M:
                 late_s = (now_ns - self._timetable.arrival_ns) * NS
@@ -194,56 +170,37 @@ class Advisor:
                 return self._braking(now_ns, s_m, v_mps, f"too fast; no plan from here ({error})")
             return self._withdrawn(now_ns, str(error))
 
-    def _problem(self, now_ns: int) -> str:
+    def _problem(self) -> str:
         """Why there can be no advice, or nothing."""
-        fix, section = self._fix, self.section
+        here, section = self._here, self.section
         if self._timetable is None:
             return "no timetable yet"
-        if fix is None:
-            return "no position yet"
-        age_s = (now_ns - fix.time_ns) * NS
-        if age_s > STALE_AFTER_S:
-            return f"the position is {age_s:.1f} s old"
-        if age_s < -STALE_AFTER_S:
-            return f"the position is {-age_s:.1f} s ahead of the clock"
-        if self._jump_m:
-            return f"the position jumped by {self._jump_m:.0f} m"
-        if not fix.usable:
-            return "the position is marked unusable"
-        if not (math.isfinite(fix.s_m) and math.isfinite(fix.speed_mps)):
-            return "the position is not a number"
-        if not -STANDSTILL_MPS <= fix.speed_mps <= OVERSPEED_RATIO * section.vehicle.max_speed_mps:
-            return f"a speed of {fix.speed_mps / KMH:.0f} km/h cannot be"
-        if not section.start_m - AT_STOP_M <= fix.s_m <= section.end_m + LOST_BEYOND_M:
-            return f"position {fix.s_m:.0f} m is outside the section {section.start_m:.0f} … {section.end_m:.0f} m"
+        if not here.usable:
+            return here.reason
+        if not section.start_m - AT_STOP_M <= here.s_m <= section.end_m + LOST_BEYOND_M:
+            return f"position {here.s_m:.0f} m is outside the section {section.start_m:.0f} … {section.end_m:.0f} m"
         return ""
-
-    def _extrapolated(self, fix: PositionFix, now_ns: int) -> tuple[float, float]:
-        """Position and speed now, at constant speed since the fix, not before the section's start."""
-        speed = max(fix.speed_mps, 0.0)
-        return max(fix.s_m + speed * max((now_ns - fix.time_ns) * NS, 0.0), self.section.start_m), speed
 
     def _withdrawn(self, now_ns: int, reason: str) -> Advice:
         self._plan = None
         self._mode, self._mode_since_ns = Mode.NONE, now_ns
-        fix = self._fix
         return Advice(
             time_ns=now_ns,
-            position_time_ns=fix.time_ns if fix else 0,
-            s_m=fix.s_m if fix else math.nan,
-            speed_mps=fix.speed_mps if fix else math.nan,
+            position_time_ns=self._here.fix_time_ns,
+            s_m=self._here.s_m,
+            speed_mps=self._here.speed_mps,
             reason=reason,
             valid_until_ns=now_ns,
+            position_sd_m=self._here.position_sd_m,
         )
 
     def _standing(self, now_ns: int, s_m: float, reason: str) -> Advice:
-        assert self._fix is not None
         self._mode, self._mode_since_ns = Mode.STOP, now_ns
         return Advice(
             time_ns=now_ns,
-            position_time_ns=self._fix.time_ns,
+            position_time_ns=self._here.fix_time_ns,
             s_m=s_m,
-            speed_mps=self._fix.speed_mps,
+            speed_mps=self._here.speed_mps,
             mode=Mode.STOP,
             advised_speed_mps=0.0,
             advised_force_n=0.0,
@@ -254,11 +211,11 @@ class Advisor:
             reason=reason,
             valid_until_ns=now_ns + round(VALID_FOR_S / NS),
             limit_mps=self._limit(s_m),
+            position_sd_m=self._here.position_sd_m,
         )
 
     def _braking(self, now_ns: int, s_m: float, v_mps: float, reason: str) -> Advice:
         """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
-        assert self._fix is not None
         self._plan = None
         most_n = self._available_n(-1.0, v_mps)
         friction = self.section.train.friction_force_n > 0
@@ -267,7 +224,7 @@ class Advisor:
         speeds = np.maximum(v_mps - most_n / self.section.train.inertial_mass_kg * np.arange(1, HORIZON_S + 1), 0.0)
         return Advice(
             time_ns=now_ns,
-            position_time_ns=self._fix.time_ns,
+            position_time_ns=self._here.fix_time_ns,
             s_m=s_m,
             speed_mps=v_mps,
             mode=self._mode,
@@ -281,6 +238,7 @@ class Advisor:
             reason=reason,
             valid_until_ns=now_ns + round(VALID_FOR_S / NS),
             limit_mps=self._limit(s_m),
+            position_sd_m=self._here.position_sd_m,
         )
 
     def _current_plan(self, s_m: float, v_mps: float, now_ns: int) -> Plan:
@@ -304,7 +262,6 @@ class Advisor:
 
     def _advice(self, plan: Plan, s_m: float, v_mps: float, now_ns: int) -> Advice:
         assert self._timetable is not None
-        assert self._fix is not None
         run, here, allowed = plan.solution.trajectory, plan.at(s_m), self._allowed(s_m)
         i, force = here.interval, float(plan.force_n[here.interval])
         speeds, forces = plan.horizon(here.time_s, self.section, self._envelope_w, HORIZON_S)
@@ -317,7 +274,7 @@ class Advisor:
         part = (run.s_m[i + 1] - s_m) / (run.s_m[i + 1] - run.s_m[i])
         return Advice(
             time_ns=now_ns,
-            position_time_ns=self._fix.time_ns,
+            position_time_ns=self._here.fix_time_ns,
             s_m=s_m,
             speed_mps=v_mps,
             mode=mode,
@@ -337,6 +294,7 @@ class Advisor:
             reason=self._reason(plan.solution.fit, deviation_s, v_mps - allowed),
             valid_until_ns=now_ns + round(VALID_FOR_S / NS),
             limit_mps=self._limit(s_m),
+            position_sd_m=self._here.position_sd_m,
         )
 
     def _next_change(self, plan: Plan, shown: Mode, s_m: float, here: Place, now_ns: int) -> tuple[Mode, float, float]:

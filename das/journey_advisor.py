@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from das.advisor import AT_STOP_M, LOST_BEYOND_M, STANDSTILL_MPS, Advice, Advisor, PositionFix, Timetable
+from das.advisor import AT_STOP_M, LOST_BEYOND_M, Advice, Advisor, Timetable
 from das.domain.errors import DasError
+from das.localisation import Estimate, Localisation, PositionFix
 from das.plan import Plan
 
 BACK_M = 200.0
@@ -17,11 +18,14 @@ class JourneyAdvisor:
     """Hands what is heard to the advisor of the section the train is on, and asks it.
 
     A section ends when the train stands at its stop. A train heard for the first time is on the section that its
-    position says.
+    position says. `localisation`: one that has heard this train already.
     """
 
-    def __init__(self, advisors: Sequence[Advisor]) -> None:
+    def __init__(self, advisors: Sequence[Advisor], localisation: Localisation | None = None) -> None:
         self.advisors = tuple(advisors)
+        self._localisation = localisation or Localisation(self.advisors[0].section.vehicle)
+        self.here = Estimate(time_ns=0)
+        """The state behind the last advice."""
         self._index: int | None = None
 
     @property
@@ -31,7 +35,7 @@ class JourneyAdvisor:
 
     @property
     def has_position(self) -> bool:
-        return self.current.has_position
+        return self._localisation.heard
 
     @property
     def has_timetable(self) -> bool:
@@ -50,11 +54,12 @@ class JourneyAdvisor:
         for advisor, timetable in zip(self.advisors, timetables, strict=True):
             advisor.set_timetable(timetable)
         self._index = None
+        self._place()
 
     def set_position(self, fix: PositionFix) -> None:
-        """Take over a position."""
-        self._index = self._section_of(fix)
-        self.current.set_position(fix)
+        """Take over what sensors say; the train is on the section that the state makes of it."""
+        self._localisation.take(fix)
+        self._place()
 
     def set_delay(self, delay_s: float) -> None:
         """Take over the operator's word on the delay."""
@@ -63,21 +68,26 @@ class JourneyAdvisor:
 
     def update(self, now_ns: int) -> Advice:
         """The advice at a moment."""
-        return self.current.update(now_ns)
+        self.here = self._localisation.at(now_ns)
+        return self.current.advise(self.here)
 
-    def _section_of(self, fix: PositionFix) -> int:
+    def _place(self) -> None:
+        if self._localisation.moment is not None:
+            self._index = self._section_of(*self._localisation.moment)
+
+    def _section_of(self, s_m: float, stands: bool) -> int:
         """By position; at a stop the section that ends there until the train stands, then the one that begins there.
 
         A train that runs through its stop stays with the section it has not ended, until it stands or is far away; one
         that has begun a section is not put back by a position that scatters.
         """
         ends_m = [advisor.section.end_m for advisor in self.advisors[:-1]]
-        stands, before = fix.speed_mps < STANDSTILL_MPS, self._index
-        index = sum(fix.s_m >= end_m - (AT_STOP_M if stands else 0.0) for end_m in ends_m)
+        before = self._index
+        index = sum(s_m >= end_m - (AT_STOP_M if stands else 0.0) for end_m in ends_m)
         if before is None:
             return index
-        if before == index + 1 and fix.s_m >= ends_m[index] - BACK_M:
+        if before == index + 1 and s_m >= ends_m[index] - BACK_M:
             return before
-        if not stands and before == index - 1 and fix.s_m < ends_m[before] + LOST_BEYOND_M:
+        if not stands and before == index - 1 and s_m < ends_m[before] + LOST_BEYOND_M:
             return before
         return index

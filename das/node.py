@@ -13,7 +13,7 @@ import typer
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das import __version__
-from das.advisor import Advice, Advisor, PositionFix, Timetable, warm_up
+from das.advisor import Advice, Advisor, Timetable, warm_up
 from das.bus import das_pb2
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, DELAY, EFFORT, ESTIMATE, EVENT, JOURNEY, PLAN, POSITION, STATUS
@@ -25,6 +25,7 @@ from das.domain.losses import Level
 from das.domain.route import Route, section_stops
 from das.domain.vehicle import Vehicle
 from das.journey_advisor import JourneyAdvisor
+from das.localisation import Estimate, Localisation, PositionFix, Quality
 from das.plan import Mode, Plan
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
@@ -58,6 +59,8 @@ class Node:
         self._estimate_sent_ns: int | None = None
         self._bus_clock_ns = 0
         self.advisor: JourneyAdvisor | None = None
+        self._localisation = Localisation(vehicle)
+        self._here, self._rejecting = Estimate(time_ns=0), False
         self._fronts: list[Front] = []
         self.finished = False
         self.waiting = True
@@ -73,7 +76,7 @@ class Node:
         """Solve the sections between stops and make their advisor; DasError where that cannot be done."""
         began = time.perf_counter()
         self._fronts = [self._front(start_m, end_m) for start_m, end_m in pairwise(stops_m)]
-        self.advisor = JourneyAdvisor([Advisor(front) for front in self._fronts])
+        self.advisor = JourneyAdvisor([Advisor(front) for front in self._fronts], self._localisation)
         self._solve_s = time.perf_counter() - began
 
     def _front(self, start_m: float, end_m: float) -> Front:
@@ -103,9 +106,7 @@ class Node:
             self._bus_clock_ns = max(self._bus_clock_ns, message.time_ns)
             self._take_journey(message)
         elif topic is POSITION and self.advisor is not None:
-            usable = message.quality != das_pb2.Position.QUALITY_INVALID
-            fix = PositionFix(time_ns=message.time_ns, s_m=message.s_m, speed_mps=message.speed_mps, usable=usable)
-            self.advisor.set_position(fix)
+            self.advisor.set_position(position_fix(message))
         elif topic is DELAY and self.advisor is not None:
             self.advisor.set_delay(message.delay_s)
         elif topic is CONTROL and not self.wall_clock:
@@ -134,6 +135,8 @@ class Node:
         self._advice_s = time.perf_counter() - began
         self._advices += 1
         self._say_changes(advice)
+        if self.advisor is not None:
+            self._say_rejections(self.advisor.here)
         self._send_plan(now_ns)
         self._send_estimate(now_ns)
         self.status(now_ns, self._state(advice), advice.reason)
@@ -216,6 +219,16 @@ class Node:
             self.event(advice.time_ns, level, f"{mode_name(advice.mode)}: {advice.reason}")
             self._said_mode = advice.mode
 
+    def _say_rejections(self, here: Estimate) -> None:
+        """An event where positions begin to be rejected, and where they are taken up anew elsewhere."""
+        before, self._here = self._here, here
+        if here.restarts > before.restarts:
+            self.event(here.time_ns, Log.WARNING, f"position: taken up anew at {here.s_m:.0f} m")
+        rejecting = here.rejected > before.rejected
+        if rejecting and not self._rejecting:
+            self.event(here.time_ns, Log.WARNING, f"position: rejected, {here.rejection}")
+        self._rejecting = rejecting
+
     def _send_plan(self, now_ns: int) -> None:
         """The plan, when there is a new one and the last was sent a while ago."""
         plan = self.advisor.plan if self.advisor else None
@@ -247,6 +260,18 @@ class Node:
             differs=found.differs(self._recalibration.conditions),
         )
         self.bus.publish(ESTIMATE, message)
+
+
+def position_fix(message: das_pb2.Position) -> PositionFix:
+    """A position as heard; ValueError for a quality that there is not."""
+    return PositionFix(
+        time_ns=message.time_ns,
+        s_m=message.s_m,
+        speed_mps=message.speed_mps,
+        uncertainty_m=message.uncertainty_m,
+        speed_uncertainty_mps=message.speed_uncertainty_mps,
+        quality=Quality(message.quality),
+    )
 
 
 def mode_name(mode: Mode) -> str:

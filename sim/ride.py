@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from das.advisor import Advisor, PositionFix
+from das.advisor import Advisor
 from das.domain.errors import DasError
 from das.domain.units import NS
+from das.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix
 from sim.drivers.cab import AT_STOP_M, AdviceView, Cab, Driver, Presentation, present
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant import Plant, PlantState
@@ -79,7 +80,14 @@ def advised_by(
 
     def advise(state: PlantState) -> AdviceView | None:
         now_ns = round(state.time_s / NS)
-        advisor.set_position(PositionFix(time_ns=now_ns, s_m=state.s_m, speed_mps=state.speed_mps))
+        fix = PositionFix(
+            time_ns=now_ns,
+            s_m=state.s_m,
+            speed_mps=state.speed_mps,
+            uncertainty_m=LEAST_SD_M,
+            speed_uncertainty_mps=LEAST_SD_MPS,
+        )
+        advisor.set_position(fix)
         return present(advisor.update(now_ns), presentation, line.train, reduced_mps=reduced_mps)
 
     return advise

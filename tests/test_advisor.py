@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from das.advisor import Advice, Advisor, PositionFix, Source, Timetable
+from das.advisor import Advice, Advisor, Source, Timetable
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import NS
+from das.localisation import PositionFix, Quality
 from das.plan import Mode, without_short
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
@@ -150,22 +151,22 @@ def test_position_is_extrapolated_to_now(front: Front) -> None:
         ({"s_m": 5_000.0, "speed_mps": 20.0, "time_s": 10.0}, 0.0, "the position is 10.0 s ahead of the clock"),
         ({"s_m": math.nan, "speed_mps": 20.0, "time_s": 0.0}, 0.0, "the position is not a number"),
         ({"s_m": 5_000.0, "speed_mps": math.inf, "time_s": 0.0}, 0.0, "the position is not a number"),
-        ({"s_m": 5_000.0, "speed_mps": 99.0, "time_s": 0.0}, 0.0, "a speed of 356 km/h cannot be"),
+        ({"s_m": 5_000.0, "speed_mps": 99.0, "time_s": 0.0}, 0.0, "a speed of 356.4 km/h cannot be"),
         ({"s_m": 5_000.0, "speed_mps": -5.0, "time_s": 0.0}, 0.0, "a speed of -18 km/h cannot be"),
         (
             {"s_m": 40_000.0, "speed_mps": 20.0, "time_s": 0.0},
             0.0,
             "position 40000 m is outside the section 0 … 29000 m",
         ),
-        ({"s_m": 5_000.0, "speed_mps": 20.0, "time_s": 0.0, "usable": False}, 0.0, "the position is marked unusable"),
+        ({"s_m": 5_000.0, "speed_mps": 20.0, "time_s": 0.0, "invalid": True}, 0.0, "the position is marked unusable"),
     ],
 )
 def test_no_advice_with_its_reason(front: Front, fix: dict[str, float], now_s: float, reason: str) -> None:
     advisor = Advisor(front)
     advisor.set_timetable(Timetable(departure_ns=ns(-100), arrival_ns=ns(1_250)))
-    usable = bool(fix.get("usable", True))
+    quality = Quality.INVALID if "invalid" in fix else Quality.GOOD
     advisor.set_position(
-        PositionFix(time_ns=ns(fix["time_s"]), s_m=fix["s_m"], speed_mps=fix["speed_mps"], usable=usable)
+        PositionFix(time_ns=ns(fix["time_s"]), s_m=fix["s_m"], speed_mps=fix["speed_mps"], quality=quality)
     )
     advice = advisor.update(ns(now_s))
     assert (advice.mode, advice.source, advice.reason) == (Mode.NONE, Source.NONE, reason)
@@ -218,7 +219,7 @@ def test_a_new_mode_waits_unless_it_asks_for_less_effort(front: Front) -> None:
 
 def test_a_fix_from_the_future_does_not_shut_out_the_present(front: Front) -> None:
     advisor, _ = advisor_at(front, 5_000.0, 20.0, now_s=100.0, arrival_s=1_250.0)
-    advisor.set_position(PositionFix(time_ns=ns(10_000), s_m=5_000.0, speed_mps=20.0))
+    advisor.set_position(PositionFix(time_ns=ns(10_000), s_m=6_000.0, speed_mps=20.0))
     assert advisor.update(ns(101)).mode is Mode.NONE
     advisor.set_position(PositionFix(time_ns=ns(102), s_m=5_040.0, speed_mps=20.0))
     assert advisor.update(ns(102)).mode is not Mode.NONE

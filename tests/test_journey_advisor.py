@@ -6,10 +6,11 @@ from itertools import pairwise
 
 import pytest
 
-from das.advisor import Advisor, PositionFix, Timetable
+from das.advisor import Advisor, Timetable
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.journey_advisor import JourneyAdvisor
+from das.localisation import PositionFix
 from das.plan import Mode
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
@@ -69,20 +70,53 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early(fro
         ([(2900, 20), (3200, 20)], 0),  # ran through its stop
         ([(2900, 20), (3200, 20), (3210, 0)], 1),  # and stands
         ([(2900, 20), (3600, 20)], 1),
-        ([(4000, 20), (7500, 20), (4040, 20)], 1),  # one position far off changes nothing for long
         ([(7990, 0)], 2),
     ],
 )
 def test_the_section_follows_the_positions(fronts: list[Front], heard: list[tuple[float, float]], section: int) -> None:
     advisor = journey(fronts)
-    for second, (s, v) in enumerate(heard):
-        advisor.set_position(PositionFix(time_ns=ns(second), s_m=s, speed_mps=v))
+    for minute, (s, v) in enumerate(heard):
+        for second in range(4):  # a standstill has to last
+            advisor.set_position(PositionFix(time_ns=ns(60.0 * minute + second), s_m=s + v * second, speed_mps=v))
     assert advisor.current is advisor.advisors[section]
+
+
+def test_a_late_train_that_nearly_stands_is_not_sent_off(fronts: list[Front]) -> None:
+    """At 0.1 m/s before the mark, its departure past: the next section begins when it stands."""
+    advisor, advices = journey(fronts), []
+    for second, (s, v) in enumerate(((2998.2, 1.4), (2999.3, 0.7), (2999.9, 0.1), (3000.0, 0.0), (3000.0, 0.0))):
+        fix = PositionFix(time_ns=ns(300 + second), s_m=s, speed_mps=v, uncertainty_m=0.5, speed_uncertainty_mps=0.02)
+        advisor.set_position(fix)
+        advices.append(advisor.update(ns(300 + second)))
+    assert advisor.current is advisor.advisors[1]
+    assert [advice.advised_speed_mps for advice in advices[2:4]] == [0.0, 0.0]
+    assert advices[-1].horizon_speed_mps[0] > 0.0
+
+
+def test_one_position_far_off_is_not_believed(fronts: list[Front]) -> None:
+    advisor = journey(fronts)
+    for second, s in enumerate((4000.0, 7500.0, 4040.0)):
+        advisor.set_position(PositionFix(time_ns=ns(250 + second), s_m=s, speed_mps=20.0))
+        assert advisor.current is advisor.advisors[1]
+        advice = advisor.update(ns(250 + second))
+        assert advice.mode is not Mode.NONE
+        assert advice.s_m == pytest.approx(4000.0 + 20.0 * second, abs=5.0)
+    assert advisor.here.rejected == 1
+
+
+def test_the_state_outlives_a_new_timetable(fronts: list[Front]) -> None:
+    advisor = journey(fronts)
+    advisor.set_position(PositionFix(time_ns=ns(250), s_m=4000.0, speed_mps=20.0))
+    advisor.set_timetables(
+        [Timetable(departure_ns=ns(a), arrival_ns=ns(b + 30)) for a, b in ((0, 200), (240, 440), (480, 640))]
+    )
+    assert advisor.current is advisor.advisors[1]
+    assert advisor.update(ns(250)).mode is not Mode.NONE
 
 
 def test_a_stop_run_through_withdraws_the_advice(fronts: list[Front]) -> None:
     advisor = journey(fronts)
-    for second, s in enumerate((2950.0, 2975.0, 3000.0, 3025.0, 3060.0)):
+    for second, s in enumerate((2960.0, 2985.0, 3010.0, 3035.0, 3060.0)):
         advisor.set_position(PositionFix(time_ns=ns(190 + second), s_m=s, speed_mps=25.0))
         advice = advisor.update(ns(190 + second))
     assert advice.mode is Mode.NONE

@@ -90,13 +90,17 @@ class Position(_message.Message):
     SPEED_MPS_FIELD_NUMBER: _builtins.int
     UNCERTAINTY_M_FIELD_NUMBER: _builtins.int
     QUALITY_FIELD_NUMBER: _builtins.int
+    SPEED_UNCERTAINTY_MPS_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     s_m: _builtins.float
     """route position of the train's head"""
     speed_mps: _builtins.float
+    """NaN: not measured; so too s_m"""
     uncertainty_m: _builtins.float
-    """one standard deviation along the track"""
+    """one standard deviation along the track; 0: not known"""
     quality: Global___Position.Quality.ValueType
+    speed_uncertainty_mps: _builtins.float
+    """one standard deviation; 0: not known"""
     def __init__(
         self,
         *,
@@ -105,10 +109,11 @@ class Position(_message.Message):
         speed_mps: _builtins.float = ...,
         uncertainty_m: _builtins.float = ...,
         quality: Global___Position.Quality.ValueType = ...,
+        speed_uncertainty_mps: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["quality", b"quality", "s_m", b"s_m", "speed_mps", b"speed_mps", "time_ns", b"time_ns", "uncertainty_m", b"uncertainty_m"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["quality", b"quality", "s_m", b"s_m", "speed_mps", b"speed_mps", "speed_uncertainty_mps", b"speed_uncertainty_mps", "time_ns", b"time_ns", "uncertainty_m", b"uncertainty_m"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -325,6 +330,7 @@ class Advice(_message.Message):
     REASON_FIELD_NUMBER: _builtins.int
     VALID_UNTIL_NS_FIELD_NUMBER: _builtins.int
     LIMIT_MPS_FIELD_NUMBER: _builtins.int
+    POSITION_SD_M_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     tick: _builtins.int
     """of the Control message answered; 0 with the wall clock"""
@@ -356,6 +362,8 @@ class Advice(_message.Message):
     valid_until_ns: _builtins.int
     limit_mps: _builtins.float
     """speed limit over the train here"""
+    position_sd_m: _builtins.float
+    """one standard deviation of s_m"""
     @_builtins.property
     def horizon_speed_mps(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """at 1 s steps, the first 1 s ahead"""
@@ -387,10 +395,11 @@ class Advice(_message.Message):
         reason: _builtins.str = ...,
         valid_until_ns: _builtins.int = ...,
         limit_mps: _builtins.float = ...,
+        position_sd_m: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "energy_to_go_j", b"energy_to_go_j", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "energy_to_go_j", b"energy_to_go_j", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from das.advisor import Advice, Advisor
 from das.calibration import Calibrator
 from das.journey_advisor import JourneyAdvisor
+from das.localisation import Quality
 from sim.world.link import Heard, Told
 from sim.world.service import Service
 
@@ -26,7 +27,7 @@ class InProcess:
     def exchange(self, heard: Heard) -> Advice:
         """The advice for a tick."""
         if heard.measured is not None:
-            self._advisor.set_position(heard.measured.fix)
+            self._advisor.set_position(heard.measured)
         self._calibrate(heard)
         if heard.delay_s is not None:
             self._advisor.set_delay(heard.delay_s)
@@ -36,8 +37,9 @@ class InProcess:
         if self.calibrator is None:
             return
         if heard.measured is not None:
-            fix = heard.measured.fix
-            self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=not heard.measured.degraded)
+            fix = heard.measured
+            sure = fix.quality is not Quality.DEGRADED
+            self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=sure)
         if heard.effort is not None:
             self.calibrator.set_effort(heard.effort)
 

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from das.advisor import PositionFix
 from das.calibration import Effort
+from das.localisation import PositionFix
 from sim.drivers.cab import Cab, Restriction
 from sim.plant import Command, PlantState
-
-
-class Measured(NamedTuple):
-    """A position as localisation says it, and what it thinks of it: one standard deviation (m), less certain or not."""
-
-    fix: PositionFix
-    uncertainty_m: float
-    degraded: bool
 
 
 class Heard(NamedTuple):
@@ -23,7 +15,7 @@ class Heard(NamedTuple):
 
     tick: int
     now_ns: int
-    measured: Measured | None
+    measured: PositionFix | None
     delay_s: float | None
     restrictions: tuple[Restriction, ...] | None
     """All that are in force, whenever they change."""

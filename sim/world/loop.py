@@ -12,11 +12,12 @@ import numpy as np
 
 from das.calibration import Effort
 from das.domain.errors import DasError
+from das.localisation import PositionFix
 from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, present
 from sim.plant import COAST, Command, PlantState
 from sim.world.calls import Call, Calls
 from sim.world.day import Day
-from sim.world.link import Heard, Link, Measured, Told
+from sim.world.link import Heard, Link, Told
 from sim.world.news import News
 from sim.world.reduced import ReducedSpeed
 from sim.world.sensors import Localisation, TrainControl
@@ -144,7 +145,7 @@ class World:
         )
 
     def _heard(
-        self, tick: int, now_ns: int, state: PlantState, measured: Measured | None, effort: Effort | None
+        self, tick: int, now_ns: int, state: PlantState, measured: PositionFix | None, effort: Effort | None
     ) -> Heard:
         told = self._news.told
         changed, self._sent = told != self._sent, told

@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 from das import __version__
 from das.bus import das_pb2
 from das.bus.topics import CAB, DELAY, EFFORT, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
+from das.localisation import PositionFix
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
 from sim.inputs import sha256
@@ -20,7 +21,7 @@ from sim.messages import StopTimes, happened, journey, location
 from sim.plant_kernels import demanded
 from sim.world.day import Day
 from sim.world.disturbances import described
-from sim.world.link import Heard, Measured, Told
+from sim.world.link import Heard, Told
 from sim.world.loop import BEFORE_S, Progress, Run, World
 from sim.world.service import Service, scenario_files
 
@@ -42,7 +43,7 @@ class OverBus:
         send, now_ns = self._lockstep.send, heard.now_ns
         if heard.measured is not None:
             send(POSITION, _position(heard.measured))
-            place = self._day.service.route.location_deg(heard.measured.fix.s_m)
+            place = self._day.service.route.location_deg(heard.measured.s_m)
             if place is not None:
                 send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
         if heard.effort is not None:
@@ -153,15 +154,14 @@ def _journey(train: str, service: Service) -> Message:
     )
 
 
-def _position(measured: Measured) -> Message:
-    quality = das_pb2.Position.QUALITY_DEGRADED if measured.degraded else das_pb2.Position.QUALITY_GOOD
-    fix = measured.fix
+def _position(fix: PositionFix) -> Message:
     return das_pb2.Position(
         time_ns=fix.time_ns,
         s_m=fix.s_m,
         speed_mps=fix.speed_mps,
-        uncertainty_m=measured.uncertainty_m,
-        quality=quality,
+        uncertainty_m=fix.uncertainty_m,
+        speed_uncertainty_mps=fix.speed_uncertainty_mps,
+        quality=das_pb2.Position.Quality.ValueType(fix.quality),
     )
 
 

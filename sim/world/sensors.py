@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from das.advisor import PositionFix
 from das.calibration import Effort
+from das.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix, Quality
 from sim.plant import PlantState
 from sim.world.day import Day
 from sim.world.disturbances import SensorFault, SensorOutage
-from sim.world.link import Measured
 
 CORRELATION_S = 30.0
 """The error of a receiver's position wanders with this time constant (assumption)."""
@@ -31,16 +30,16 @@ class Localisation:
         self._offset_m = 0.0
         self._last: PositionFix | None = None
 
-    def measure(self, state: PlantState) -> Measured | None:
+    def measure(self, state: PlantState) -> PositionFix | None:
         """What is said of a state; None in a dropout."""
-        measured = Measured(self._fix(state), self._sensors.position_noise_m, degraded=False)
+        fix = self._fix(state)
         for fault in self._faults:
             if fault.from_s <= state.time_s < fault.from_s + fault.for_s:
                 if fault.fault is SensorFault.DROPOUT:
                     return None
-                measured = self._faulty(measured, fault)
-        self._last = measured.fix
-        return measured
+                fix = self._faulty(fix, fault)
+        self._last = fix
+        return fix
 
     def _fix(self, state: PlantState) -> PositionFix:
         sensors = self._sensors
@@ -52,18 +51,19 @@ class Localisation:
             time_ns=self._service.moment_ns(state.time_s),
             s_m=state.s_m + (self._offset_m if moving else 0.0),
             speed_mps=max(state.speed_mps + sensors.speed_noise_mps * noise, 0.0) if moving else 0.0,
+            uncertainty_m=max(sensors.position_noise_m, LEAST_SD_M),
+            speed_uncertainty_mps=max(sensors.speed_noise_mps, LEAST_SD_MPS),
         )
 
-    def _faulty(self, measured: Measured, fault: SensorOutage) -> Measured:
+    def _faulty(self, fix: PositionFix, fault: SensorOutage) -> PositionFix:
         """A receiver notices its noise, but neither that it jumped nor that it is frozen."""
-        fix = measured.fix
         if fault.fault is SensorFault.JUMP:
-            return measured._replace(fix=replace(fix, s_m=fix.s_m + fault.size_m))
+            return replace(fix, s_m=fix.s_m + fault.size_m)
         if fault.fault is SensorFault.NOISE:
             off_m = fault.size_m * float(self._random.standard_normal())
-            spread_m = math.hypot(measured.uncertainty_m, fault.size_m)
-            return Measured(replace(fix, s_m=fix.s_m + off_m), spread_m, degraded=True)
-        return measured._replace(fix=replace(self._last or fix, time_ns=fix.time_ns))
+            spread_m = math.hypot(fix.uncertainty_m, fault.size_m)
+            return replace(fix, s_m=fix.s_m + off_m, uncertainty_m=spread_m, quality=Quality.DEGRADED)
+        return replace(self._last or fix, time_ns=fix.time_ns)
 
 
 class TrainControl:

@@ -1,0 +1,128 @@
+"""A Kalman filter along the track: position, speed, acceleration, and the error that a receiver drags along.
+
+State x = (s, v, a, b). Between fixes the acceleration is a random walk driven by white jerk of density q, and the
+receiver's error b wanders (first-order Gauss–Markov with time constant τ and standard deviation σ_b):
+
+    s' = v, v' = a, a' = white noise of density q, b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ))
+
+Measured are s + b and v, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with Applications
+to Tracking and Navigation, 2001, sections 6.2.3 and 8.3). Written out in floats: a matrix library takes longer to call
+than this takes to run.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+WANDER_S = 30.0
+"""Time constant with which a receiver's error of position wanders (assumption)."""
+
+
+class Track(NamedTuple):
+    """Mean (s m, v m/s, a m/s², b m) and the upper half of its covariance."""
+
+    s: float
+    v: float
+    a: float
+    b: float
+    ss: float
+    sv: float
+    sa: float
+    sb: float
+    vv: float
+    va: float
+    vb: float
+    aa: float
+    ab: float
+    bb: float
+
+
+def begin(s_m: float, position_sd_m: float, v_mps: float, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
+    """The state after a first fix: all of its error may be of the kind that wanders."""
+    var = position_sd_m**2
+    return Track(
+        s_m, v_mps, 0.0, 0.0, var, 0.0, 0.0, -var, speed_sd_mps**2, 0.0, 0.0, acceleration_sd_mps2**2, 0.0, var
+    )
+
+
+def predict(x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float) -> Track:
+    """The state `dt` seconds (>= 0) later: P ← F·P·Fᵀ + Q. Trains do not roll back: they stop where v is 0."""
+    h, q, keep = 0.5 * dt * dt, jerk_psd_m2ps5, math.exp(-dt / WANDER_S)
+    s, v, a = x.s + x.v * dt + x.a * h, x.v + x.a * dt, x.a
+    if v < 0:
+        s, v, a = x.s + 0.5 * x.v * x.v / -x.a, 0.0, 0.0
+    # Rows of F·P that F's second factor needs again.
+    sv, sa = x.sv + dt * x.vv + h * x.va, x.sa + dt * x.va + h * x.aa
+    va = x.va + dt * x.aa
+    return Track(
+        s,
+        v,
+        a,
+        keep * x.b,
+        x.ss + dt * x.sv + h * x.sa + dt * sv + h * sa + q * dt**5 / 20.0,
+        sv + dt * sa + q * dt**4 / 8.0,
+        sa + q * dt**3 / 6.0,
+        keep * (x.sb + dt * x.vb + h * x.ab),
+        x.vv + dt * x.va + dt * va + q * dt**3 / 3.0,
+        va + q * h,
+        keep * (x.vb + dt * x.ab),
+        x.aa + q * dt,
+        keep * x.ab,
+        keep * keep * x.bb + wander_sd_m**2 * (1.0 - keep * keep),
+    )
+
+
+def stand(x: Track, dt: float, wander_sd_m: float) -> Track:
+    """A train that stands: `dt` seconds later it is where it was, and the receiver's error has wandered on."""
+    still = x._replace(v=0.0, a=0.0, sv=0.0, sa=0.0, vv=0.0, va=0.0, vb=0.0, aa=0.0, ab=0.0)
+    return predict(still, dt, 0.0, wander_sd_m)
+
+
+def set_off(x: Track, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
+    """A train that stood may be moving."""
+    return x._replace(vv=speed_sd_mps**2, aa=acceleration_sd_mps2**2)
+
+
+def unknown_acceleration(x: Track, acceleration_sd_mps2: float) -> Track:
+    """The same state, the driver having changed the effort."""
+    return x._replace(aa=x.aa + acceleration_sd_mps2**2)
+
+
+def position_variance(x: Track) -> float:
+    """Variance of s + b (m²), without the fresh noise of a fix."""
+    return x.ss + 2.0 * x.sb + x.bb
+
+
+def with_position(x: Track, s_m: float, variance_m2: float) -> Track:
+    """The state corrected by a measured position with fresh noise of this variance (> 0)."""
+    column = (x.ss + x.sb, x.sv + x.vb, x.sa + x.ab, x.sb + x.bb)
+    return _corrected(x, column, s_m - x.s - x.b, position_variance(x) + variance_m2)
+
+
+def with_speed(x: Track, speed_mps: float, variance_m2ps2: float) -> Track:
+    """The state corrected by a measured speed with fresh noise of this variance (> 0)."""
+    return _corrected(x, (x.sv, x.vv, x.va, x.vb), speed_mps - x.v, x.vv + variance_m2ps2)
+
+
+def _corrected(x: Track, column: tuple[float, float, float, float], innovation: float, variance: float) -> Track:
+    """x ← x + c·y/S, P ← P − c·cᵀ/S with the column c = P·Hᵀ, the innovation y and its variance S."""
+    s, v, a, b = column
+    gain_s, gain_v, gain_a, gain_b = s / variance, v / variance, a / variance, b / variance
+    speed = x.v + gain_v * innovation
+    return Track(
+        x.s + gain_s * innovation,
+        speed if speed > 0 else 0.0,
+        x.a + gain_a * innovation,
+        x.b + gain_b * innovation,
+        x.ss - gain_s * s,
+        x.sv - gain_s * v,
+        x.sa - gain_s * a,
+        x.sb - gain_s * b,
+        x.vv - gain_v * v,
+        x.va - gain_v * a,
+        x.vb - gain_v * b,
+        x.aa - gain_a * a,
+        x.ab - gain_a * b,
+        x.bb - gain_b * b,
+    )
