@@ -122,7 +122,7 @@ def build_section(
     """
     start_m = route.stops[0].position_m if start_m is None else start_m
     end_m = route.stops[-1].position_m if end_m is None else end_m
-    if not 0 <= start_m < end_m <= route.length_m + tol.MIN_STEP_M:
+    if not (start_m >= 0 and end_m - start_m > tol.MIN_STEP_M and end_m <= route.length_m + tol.MIN_STEP_M):
         raise DasError(
             f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one that leads forwards "
             f"on the route, 0 … {route.length_m:g} m"
