@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import time
 from collections.abc import Sequence
 from itertools import pairwise
@@ -15,6 +16,9 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das import __version__
 from das.advisor import Advice, Advisor, Timetable, warm_up
 from das.bus import das_pb2
+from das.bus.config import bus_options
+from das.bus.moderation import Moderation
+from das.bus.refusals import Refusals
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, DELAY, EFFORT, ESTIMATE, EVENT, JOURNEY, PLAN, POSITION, STATUS
 from das.calibration import Calibrator, Effort, Recalibration
@@ -24,16 +28,19 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
 from das.domain.route import Route, section_stops
 from das.domain.vehicle import Vehicle
+from das.guard import Guard
 from das.journey_advisor import JourneyAdvisor
 from das.localisation import Estimate, Localisation, PositionFix, Quality
 from das.plan import Mode, Plan
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
+from das.tls_command import tls_app
 
 POSITION_SLACK_M = 1.0
 """A journey's stops must lie this near to the ends of a solved section for its front to be used."""
 PLAN_EVERY_S = 10.0
 ESTIMATE_EVERY_S = 10.0
+OWN_ENDPOINT = "tcp/127.0.0.1:7447"
 
 
 class Node:
@@ -71,6 +78,9 @@ class Node:
         self._plan: Plan | None = None
         self._plan_sent_ns = 0
         self._said_mode: Mode | None = None
+        self._guard = Guard()
+        self._complaints = Moderation()
+        self._dropped = 0
 
     def solve(self, stops_m: Sequence[float]) -> None:
         """Solve the sections between stops and make their advisor; DasError where that cannot be done."""
@@ -92,17 +102,19 @@ class Node:
 
     def take(self, received: Received) -> None:
         """Act on one message as heard; one with numbers nothing can be done with is ignored and said."""
+        problem = self._guard.problem(received, self.now_ns())
+        if problem:
+            self._complain(problem)
+            return
         try:
             self._act(received)
         except (ArithmeticError, ValueError) as error:
-            self.event(self.now_ns(), Log.WARNING, f"{received.topic.name}: a message was ignored ({error})")
+            self._complain(f"{received.topic.name}: a message was ignored ({error})")
 
     def _act(self, received: Received) -> None:
         message, topic = received.message, received.topic
         self._calibrate(received)
-        if message is None:
-            self.event(self.now_ns(), Log.WARNING, f"{topic.name}: a message that cannot be read was ignored")
-        elif topic is JOURNEY:
+        if topic is JOURNEY:
             self._bus_clock_ns = max(self._bus_clock_ns, message.time_ns)
             self._take_journey(message)
         elif topic is POSITION and self.advisor is not None:
@@ -131,9 +143,14 @@ class Node:
     def tick(self, now_ns: int, tick: int = 0) -> None:
         """Say how we are and advise once: the advice is last, so who has it has heard all of this tick."""
         began = time.perf_counter()
-        advice = self.advisor.update(now_ns) if self.advisor else Advice(time_ns=now_ns, reason=self._refused)
+        distrust = self._guard.distrust(now_ns)
+        if distrust or self.advisor is None:
+            advice = Advice(time_ns=now_ns, reason=distrust or self._refused)
+        else:
+            advice = self.advisor.update(now_ns)
         self._advice_s = time.perf_counter() - began
         self._advices += 1
+        self._say_losses(now_ns)
         self._say_changes(advice)
         if self.advisor is not None:
             self._say_rejections(self.advisor.here)
@@ -174,6 +191,21 @@ class Node:
         log = Log(level=level, message=text, name="das-node")
         log.timestamp.FromNanoseconds(now_ns)
         self.bus.publish(EVENT, log)
+
+    def _complain(self, text: str) -> None:
+        """An event about a bad message, unless there are too many of them."""
+        if self._complaints.allows(self.now_ns()):
+            self.event(self.now_ns(), Log.WARNING, text)
+
+    def _say_losses(self, now_ns: int) -> None:
+        """An event about complaints not made and messages a flood has cost."""
+        if unsaid := self._complaints.unsaid(now_ns):
+            self.event(now_ns, Log.WARNING, f"{unsaid} more messages were ignored")
+        if self.bus.dropped > self._dropped:
+            self.event(
+                now_ns, Log.WARNING, f"{self.bus.dropped - self._dropped} messages were dropped: too many at once"
+            )
+            self._dropped = self.bus.dropped
 
     def _take_journey(self, journey: das_pb2.Journey) -> None:
         """A journey over two or more stops, with the departure and arrival of each section."""
@@ -288,7 +320,9 @@ def command(
     route: Annotated[str, typer.Option(help="Bundled route name, TOML file or TTOBench track (JSON).")],
     vehicle: Annotated[str, typer.Option(help="Bundled vehicle name, TOML file or TTOBench train (JSON).")],
     train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
-    listen: Annotated[str, typer.Option(help="Own endpoint on this machine.")] = "tcp/127.0.0.1:7447",
+    listen: Annotated[
+        str | None, typer.Option(help=f"Own endpoint on this machine [default: {OWN_ENDPOINT}].", show_default=False)
+    ] = None,
     connect: Annotated[list[str] | None, typer.Option(help="Endpoint of another process (may be repeated).")] = None,
     reverse: Annotated[bool, typer.Option("--reverse", help="The route is driven from its end.")] = False,
     from_stop: Annotated[
@@ -305,12 +339,20 @@ def command(
     calibrate: Annotated[
         bool, typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts and say them.")
     ] = False,
+    bus_file: Annotated[
+        Path | None,
+        typer.Option("--bus", help="Zenoh configuration of the site (JSON5) instead of this machine alone."),
+    ] = None,
+    insecure_bus: Annotated[
+        bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
+    ] = False,
     clock: Annotated[str, typer.Option(help="wall: advise every second; bus: at every Control message.")] = "wall",
 ) -> None:
     """Advise a train: hears journey, position and delay on the bus, publishes speed and force advice once a second."""
     if clock not in ("wall", "bus"):
         raise DasError(f"--clock {clock}: expected wall or bus")
-    check_endpoint(listen)
+    file = bus_options(bus_file, insecure_bus, listen, connect)
+    listen = None if file else check_endpoint(listen or OWN_ENDPOINT)
     stop = StopFlag(with_parent=with_parent)
     the_route = load_route(route)
     the_route = the_route.reversed() if reverse else the_route
@@ -322,7 +364,9 @@ def command(
         the_vehicle = the_vehicle.with_loss_map(read_loss_map(loss_map))
     start, end = section_stops(the_route, from_stop, to_stop)
     hear = (JOURNEY, POSITION, DELAY, CONTROL, EFFORT) if calibrate else (JOURNEY, POSITION, DELAY, CONTROL)
-    with Bus(train, listen=listen, connect=connect or [], hear=hear) as bus:
+    made = Bus(train, listen=listen, connect=connect or [], hear=hear, file=file)
+    refusals = Refusals() if file else None
+    with made as bus:
         node = Node(
             bus,
             the_route,
@@ -337,13 +381,14 @@ def command(
         warm_up()
         stops_m = [stop.position_m for stop in the_route.stops]
         node.solve([x for x in stops_m if start.position_m <= x <= end.position_m])
-        err.print(f"das-node {train}: {the_route.id}, {the_vehicle.id}, listening on {listen}")
+        place = f"bus {bus_file}" if file else f"listening on {listen}"
+        err.print(f"das-node {train}: {the_route.id}, {the_vehicle.id}, {place}")
         node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
-        _run(node, stop)
+        _run(node, stop, refusals)
         node.status(node.now_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
 
 
-def _run(node: Node, stop: StopFlag) -> None:
+def _run(node: Node, stop: StopFlag, refusals: Refusals | None) -> None:
     """Answer until told to stop. With the wall clock, advice comes once a second."""
     due = time.monotonic() + 1.0
     said = 0.0
@@ -351,6 +396,8 @@ def _run(node: Node, stop: StopFlag) -> None:
         received = node.bus.receive(min(max(due - time.monotonic(), 0.0), 0.1) if node.wall_clock else 0.1)
         if received is not None:
             node.take(received)
+        for text in refusals.take() if refusals else ():
+            node.event(node.now_ns(), Log.WARNING, text)
         now = time.monotonic()
         if node.wall_clock and now >= due:
             node.tick(time.time_ns())
@@ -362,13 +409,14 @@ def _run(node: Node, stop: StopFlag) -> None:
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 app.command(
-    epilog="Example: das-node --route zurich-luzern --vehicle re460-ic --from 'Zürich HB' --to Zug --train IC1"
+    epilog="Example: das-node --route zurich-luzern --vehicle re460-ic --from 'Zürich HB' --to Zug --train IC1. "
+    "See also: das-node tls-init --help"
 )(command)
 
 
 def main() -> None:
-    """Entry point of das-node."""
-    run_app(app)
+    """Entry point of das-node; `tls-init` is the one word that is not about advising."""
+    run_app(tls_app if sys.argv[1:2] == ["tls-init"] else app)
 
 
 if __name__ == "__main__":

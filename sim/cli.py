@@ -21,7 +21,14 @@ from das.domain.route import section_stops
 from das.domain.units import NS, kwh
 from sim import trip_command
 from sim.batch_command import batch
-from sim.command_line import new_recording, progress_bar, speed_factor, typed_command
+from sim.command_line import (
+    BusOption,
+    InsecureBusOption,
+    new_recording,
+    progress_bar,
+    speed_factor,
+    typed_command,
+)
 from sim.drivers.command import drivers
 from sim.options import ReplayOptions
 from sim.run_command import run, scenarios
@@ -97,6 +104,8 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(help="Recording to write [default: recordings/replay-<time>.mcap].")
     ] = None,
+    bus: BusOption = None,
+    insecure_bus: InsecureBusOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Replay a trip: the node answers with advice every second, everything lands in an MCAP file."""
@@ -115,6 +124,8 @@ def replay(
         loss_map=loss_map,
         point_mass=point_mass,
         train=train,
+        bus=bus,
+        insecure_bus=insecure_bus,
         out=out,
         as_json=as_json,
     )

@@ -10,14 +10,22 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
+import typer
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from das.commands import err
 from das.domain.errors import DasError
 
 Kind = TypeVar("Kind", bound=StrEnum)
+BusOption = Annotated[
+    Path | None,
+    typer.Option("--bus", metavar="DIR", help="Folder of bus files (das-node tls-init) instead of this machine alone."),
+]
+InsecureBusOption = Annotated[
+    bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
+]
 SAID_EVERY_S = 2.0
 """Without a terminal, progress is a line this often."""
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from das import __version__
 from das.advisor import warm_up
+from das.bus.config import bus_folder
 from das.bus.topics import check_train_name
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
@@ -36,6 +37,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
     if out.resolve() == trip_path.resolve():
         raise DasError(f"{out}: the recording to write is the trip to read")
+    bus = bus_folder(options.bus, options.insecure_bus, options.train)
     folder = tempfile.TemporaryDirectory(prefix="das-replay-")
     options, trip = open_trip(trip_path, options, Path(folder.name))
     section = trip_section(trip, options)
@@ -59,6 +61,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         speed=options.speed,
         metadata=_metadata(trip, section, options, command),
         attachments=tuple(_attachments(options)),
+        bus=bus,
     )
 
 

@@ -20,6 +20,8 @@ from google.protobuf.message import Message
 from mcap.reader import make_reader
 
 from das.bus import das_pb2
+from das.bus.acl import Role
+from das.bus.config import BusFolder
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, CONTROL, JOURNEY, RECORDER, STATUS, Topic
 from das.domain.errors import DasError
@@ -42,6 +44,7 @@ class Crew:
     metadata: dict[str, str]
     start_ns: int
     attachments: tuple[Path, ...] = ()
+    bus: BusFolder | None = None
 
 
 @dataclass(kw_only=True)
@@ -80,14 +83,17 @@ class Lockstep:
             self._recorder = self._stack.enter_context(self._start_recorder())
             self._node = self._start_node()
             self._stack.callback(lambda: self._node.__exit__(None, None, None))
-            hear = (ADVICE, STATUS, RECORDER)
-            self.bus = self._stack.enter_context(
-                Bus(self.crew.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
-            )
+            self.bus = self._stack.enter_context(self._own_bus())
         except BaseException:
             self._stack.close()
             raise
         return self
+
+    def _own_bus(self) -> Bus:
+        hear, files = (ADVICE, STATUS, RECORDER), self.crew.bus
+        if files is not None:
+            return Bus(self.crew.train, hear=hear, file=files.file(Role.SIMULATOR))
+        return Bus(self.crew.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -197,17 +203,19 @@ class Lockstep:
 
     def _start_recorder(self) -> Process:
         crew = self.crew
-        arguments = [*self._place(1), "--out", str(crew.out), "--metadata", json.dumps(crew.metadata)]
+        arguments = [*self._place(1, Role.RECORDER), "--out", str(crew.out), "--metadata", json.dumps(crew.metadata)]
         arguments += ["--start-ns", str(crew.start_ns)]
         for path in crew.attachments:
             arguments += ["--attach", str(path)]
         return Process("recorder", "das.bus.recorder", arguments)
 
     def _start_node(self) -> Process:
-        return Process("node", "das.node", [*self._place(2), "--clock", "bus", *self.crew.node_arguments])
+        return Process("node", "das.node", [*self._place(2, Role.NODE), "--clock", "bus", *self.crew.node_arguments])
 
-    def _place(self, own: int) -> Sequence[str]:
-        """Train and endpoints of the process that listens on port `own`."""
+    def _place(self, own: int, role: Role) -> Sequence[str]:
+        """Train and endpoints of the process that listens on port `own`, or its role's bus file."""
+        if self.crew.bus is not None:
+            return ["--train", self.crew.train, *self.crew.bus.file(role).arguments()]
         others = [port for i, port in enumerate(self._ports) if i != own]
         connect = [word for port in others for word in ("--connect", port)]
         return ["--train", self.crew.train, "--listen", self._ports[own], *connect]

@@ -29,5 +29,7 @@ class ReplayOptions:
     loss_map: Path | None = None
     point_mass: bool = False
     train: str = "train-1"
+    bus: Path | None = None
+    insecure_bus: bool = False
     out: Path | None = None
     as_json: bool = False

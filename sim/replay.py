@@ -15,6 +15,7 @@ import numpy as np
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
+from das.bus.config import BusFolder
 from das.bus.topics import DELAY, LOCATION, LOG, POSITION, TRUTH, Topic
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -56,6 +57,7 @@ class Job:
     speed: float | None
     metadata: dict[str, str]
     attachments: tuple[Path, ...] = ()
+    bus: BusFolder | None = None
     files_kept: object = None
     """Holds the folder of files taken from a recording for as long as the job lives."""
 
@@ -104,6 +106,7 @@ def replay(job: Job, progress: Callable[[int, int], None]) -> Outcome:
         metadata=job.metadata,
         start_ns=job.timing.first_tick_ns,
         attachments=job.attachments,
+        bus=job.bus,
     )
     with Lockstep(crew) as lockstep:
         lockstep.begin(_journey(job))

@@ -19,9 +19,18 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.losses import Level
 from das.domain.units import KM
-from sim.command_line import chosen, new_recording, progress_bar, speed_factor, typed_command
+from sim.command_line import (
+    BusOption,
+    InsecureBusOption,
+    chosen,
+    new_recording,
+    progress_bar,
+    speed_factor,
+    typed_command,
+)
 
 if TYPE_CHECKING:
+    from das.bus.config import BusFolder
     from sim.drivers.cab import Presentation
     from sim.drivers.registry import DriverKind
     from sim.world.day import Day
@@ -56,6 +65,7 @@ class _Options:
     speed: float | None
     out: Path | None
     train: str
+    bus: BusFolder | None
 
 
 def run(
@@ -72,16 +82,21 @@ def run(
     ] = False,
     level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
     train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
+    bus: BusOption = None,
+    insecure_bus: InsecureBusOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
     """Drive a day in closed loop: a simulated train and driver, the node over the bus, everything recorded."""
     if in_process and out is not None:
         raise DasError("--out: a run --in-process records nothing")
+    if in_process and bus is not None:
+        raise DasError("--bus: a run --in-process has no bus")
     factor = speed_factor(speed)
     if out is not None:
         check_writable(out)
     with busy("reading the scenario and solving its sections …"):
         from das.advisor import warm_up
+        from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
         from sim.drivers.cab import Presentation
         from sim.drivers.registry import DriverKind
@@ -91,6 +106,7 @@ def run(
         from sim.world.service import prepare_service, scenario_files
 
         check_train_name(train)
+        files = bus_folder(bus, insecure_bus, train)
         kind, presentation = chosen(DriverKind, "--driver", driver), chosen(Presentation, "--advice", advice)
         read = load_scenario(scenario)
         for what, path in scenario_files(read).items():
@@ -100,7 +116,8 @@ def run(
         day = make_day(prepare_service(read, level=level), seed)
     if not in_process:
         out = out or new_recording("run")
-    found = _drive(day, _Options(driver=kind, advice=presentation, speed=factor, out=out, train=train))
+    options = _Options(driver=kind, advice=presentation, speed=factor, out=out, train=train, bus=files)
+    found = _drive(day, options)
     if as_json:
         print(json.dumps(found))
     else:
@@ -148,7 +165,9 @@ def _run(day: Day, options: _Options, tick: Callable[[float, float], None]) -> t
     driver = make_driver(options.driver, day.service.line, seed=day.seed)
     if options.out is None:
         return World(day, driver, options.advice, InProcess(day.service)).run(tick), {"file": None}
-    how = How(driver=options.driver, advice=options.advice, train=options.train, command=typed_command())
+    how = How(
+        driver=options.driver, advice=options.advice, train=options.train, command=typed_command(), bus=options.bus
+    )
     run, traffic = run_over_bus(day, driver, options.advice, make_crew(day, how, options.out), tick)
     return run, {
         "messages_sent": sum(traffic.sent.values()),

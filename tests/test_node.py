@@ -327,7 +327,7 @@ def test_recorder_names_a_file_it_cannot_write() -> None:
 
 def test_the_session_listens_on_loopback_only_and_does_not_scout() -> None:
     with Bus(TRAIN, listen=endpoint(free_ports(1)[0])) as bus:
-        settings = bus._config()
+        settings = bus._config
         assert settings.get_json("scouting/multicast/enabled") == "false"
         assert settings.get_json("scouting/gossip/enabled") == "false"
         port = int(str(bus.listen).rpartition(":")[2])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +22,8 @@ from mcap_protobuf.schema import register_schema
 
 from das import __version__
 from das.bus import das_pb2
+from das.bus.config import BusFile, bus_options
+from das.bus.refusals import Refusals
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
 from das.commands import StopFlag, run_command
@@ -28,6 +31,8 @@ from das.domain.errors import DasError
 
 FLUSH_EVERY_S = 1.0
 """Default chunking would lose up to 1 MiB when the process is killed."""
+MOST_WAITING = 20_000
+"""Messages that may wait while the disk is slow; beyond that the oldest are lost, and counted."""
 
 
 class RecordingFile:
@@ -141,20 +146,33 @@ class Recorder:
 
 def record(arguments: argparse.Namespace) -> None:
     """Record until told to stop."""
+    bus_file = bus_options(arguments.bus, arguments.insecure_bus, arguments.listen, arguments.connect)
+    if bus_file is None and arguments.listen is None:
+        raise DasError("--listen or --bus: expected one of them")
     try:
-        _record(arguments, StopFlag(with_parent=arguments.with_parent))
+        _record(arguments, bus_file, StopFlag(with_parent=arguments.with_parent))
     except OSError as error:
         raise DasError(f"{arguments.out}: cannot be written ({error.strerror})") from error
 
 
-def _record(arguments: argparse.Namespace, stop: StopFlag) -> None:
+def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopFlag) -> None:
+    made = Bus(
+        arguments.train,
+        listen=arguments.listen,
+        connect=arguments.connect,
+        hear=RECORDED,
+        file=bus_file,
+        waiting=MOST_WAITING,
+    )
     file = RecordingFile(Path(arguments.out))
     try:
         for path in arguments.attach:
             file.add_attachment(Path(path).name, "application/octet-stream", Path(path).read_bytes())
         if arguments.metadata:
             file.add_metadata("run", json.loads(arguments.metadata))
-        with Bus(arguments.train, listen=arguments.listen, connect=arguments.connect, hear=RECORDED) as bus:
+        if bus_file is not None:
+            Refusals()
+        with made as bus:
             recorder = Recorder(bus, file, arguments.start_ns)
             said = 0.0
             while not stop.stopped:
@@ -167,6 +185,8 @@ def _record(arguments: argparse.Namespace, stop: StopFlag) -> None:
                     said = time.monotonic()
             while (received := bus.receive(0)) is not None:
                 recorder.take(received)
+            if bus.dropped:
+                print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
     finally:
         file.close()
 
@@ -175,10 +195,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the recorder process."""
     parser = argparse.ArgumentParser(prog="das.bus.recorder", description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--train", required=True, help="train name, the second part of every key")
-    parser.add_argument("--listen", type=check_endpoint, required=True, help="own endpoint, tcp/127.0.0.1:PORT")
+    parser.add_argument("--listen", type=check_endpoint, help="own endpoint, tcp/127.0.0.1:PORT")
     parser.add_argument(
         "--connect", type=check_endpoint, action="append", default=[], help="endpoint of another process"
     )
+    parser.add_argument("--bus", type=Path, help="Zenoh configuration (JSON5) in place of --listen and --connect")
+    parser.add_argument("--insecure-bus", action="store_true", help="let --bus open the bus without mutual TLS")
     parser.add_argument("--out", required=True, help="MCAP file to write")
     parser.add_argument("--start-ns", type=int, help="the run's clock before its first Control message [default: wall]")
     parser.add_argument("--with-parent", type=int, help="end with the process of this id, which started it")

@@ -1,14 +1,13 @@
 """The locked-down Zenoh session: loopback only, no scouting, explicit peers; one ordered stream of messages in.
 
-Zenoh's default session listens on every interface and multicasts; it is never opened here. Messages arrive
-through one subscriber, so their order is the order of sending for each sender; only latched topics (journey, status)
-come by subscribers of their own, which also fetch the last message sent before.
+Zenoh's default session listens on every interface and multicasts; it is never opened here (config.py says what is
+instead, and what a site's own file may say). Messages arrive through one subscriber, so their order is the order of
+sending for each sender; only latched topics (journey, status) come by subscribers of their own, which also fetch the
+last message sent before.
 """
 
 from __future__ import annotations
 
-import json
-import queue
 import re
 import socket
 from collections.abc import Sequence
@@ -20,23 +19,36 @@ from typing import Any
 import zenoh
 from google.protobuf.message import DecodeError, Message
 
+from das.bus.config import BusFile, locked_down, one_line
+from das.bus.inbox import CAPACITY, Inbox
 from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
 from das.domain.errors import DasError
 
-LEASE_MS = 2000
-"""A frozen peer is noticed after this."""
-RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
 
 
 @dataclass(frozen=True)
 class Received:
-    """A message as heard. `message` is None where the payload is not of the topic's type."""
+    """A message as heard. `message` is None where the payload is not of the topic's type.
+
+    `source` is the session that stamped it with its time: the sender's, where that stamps; `size` in bytes.
+    """
 
     topic: Topic
     key: str
     message: Any
-    payload: bytes
+    source: str = ""
+    size: int = 0
+
+
+def decoded(topic: Topic, key: str, payload: bytes, source: str = "") -> Received:
+    """A message of a topic from what was sent."""
+    message: Message | None = topic.message()
+    try:
+        message.ParseFromString(payload)  # type: ignore[union-attr]
+    except DecodeError:
+        message = None
+    return Received(topic, key, message, source, len(payload))
 
 
 def free_ports(count: int) -> list[int]:
@@ -64,27 +76,37 @@ def check_endpoint(text: str) -> str:
 class Bus:
     """A session for one train; use with `with`, for a session left open hangs at exit.
 
-    `listen` is this process's endpoint, `connect` those of the others (tried again until they are there). `hear`
-    names the topics to receive; none of them: receive nothing.
+    `listen` is this process's endpoint, `connect` those of the others (tried again until they are there), or a site's
+    `file` says both. `hear` names the topics to receive; none of them: receive nothing. So many messages wait to be
+    received at most (`waiting`, see inbox.py).
     """
 
     def __init__(
-        self, train: str, *, listen: str | None, connect: Sequence[str] = (), hear: Sequence[Topic] = ()
+        self,
+        train: str,
+        *,
+        listen: str | None = None,
+        connect: Sequence[str] = (),
+        hear: Sequence[Topic] = (),
+        file: BusFile | None = None,
+        waiting: int = CAPACITY,
     ) -> None:
         self.train = check_train_name(train)
         self.listen = check_endpoint(listen) if listen else None
         self.connect = [check_endpoint(x) for x in connect]
         self._hear = frozenset(topic.name for topic in hear)
-        self._queue: queue.SimpleQueue[Received] = queue.SimpleQueue()
+        self._config = file.config(train) if file else locked_down(self.listen, self.connect)
+        self._place = str(file.path) if file else self.listen or "a session"
+        self._inbox = Inbox(waiting)
         self._stack = ExitStack()
         self._publishers: dict[str, Any] = {}
         self._declared: list[Any] = []
 
     def __enter__(self) -> Bus:
         try:
-            self._session = self._stack.enter_context(zenoh.open(self._config()))
+            self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:
-            raise DasError(f"bus: cannot open {self.listen or 'a session'}: {_first_line(error)}") from error
+            raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
         try:
             self._subscribe()
         except BaseException:
@@ -124,10 +146,12 @@ class Bus:
 
     def receive(self, timeout_s: float) -> Received | None:
         """The next message, or None after `timeout_s`."""
-        try:
-            return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
-        except queue.Empty:
-            return None
+        return self._inbox.get(timeout_s)
+
+    @property
+    def dropped(self) -> int:
+        """Messages a flood has cost so far."""
+        return self._inbox.dropped
 
     def _declare(self, topic: Topic) -> Any:
         common: dict[str, Any] = {
@@ -152,35 +176,12 @@ class Bus:
             self._on_sample(sample)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        topic = topic_of(str(sample.key_expr))
+        key = str(sample.key_expr)
+        topic = topic_of(key)
         if topic is None or topic.name not in self._hear:
             return
-        payload = sample.payload.to_bytes()
-        message: Message | None = topic.message()
-        try:
-            message.ParseFromString(payload)  # type: ignore[union-attr]
-        except DecodeError:
-            message = None
-        self._queue.put(Received(topic, str(sample.key_expr), message, payload))
-
-    def _config(self) -> zenoh.Config:
-        config = zenoh.Config()
-        settings: dict[str, Any] = {
-            "mode": "peer",
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
-            "listen/endpoints": [self.listen] if self.listen else [],
-            "connect/endpoints": self.connect,
-            "connect/timeout_ms": -1,
-            "connect/exit_on_failure": False,
-            "connect/retry": RETRY,
-            "transport/link/tx/lease": LEASE_MS,
-            "timestamping/enabled": True,
-        }
-        for key, value in settings.items():
-            config.insert_json5(key, json.dumps(value))
-        return config
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0][:200]
+        source = str(sample.timestamp.get_id()) if sample.timestamp is not None else ""
+        if key == topic.key(self.train) and sample.kind == zenoh.SampleKind.PUT:
+            self._inbox.put(decoded(topic, key, sample.payload.to_bytes(), source))
+        else:  # to many trains at once, or a deletion: none of our senders does that
+            self._inbox.put(Received(topic, key, None, source))

@@ -11,6 +11,7 @@ from google.protobuf.message import Message
 
 from das import __version__
 from das.bus import das_pb2
+from das.bus.config import BusFolder
 from das.bus.topics import CAB, DELAY, EFFORT, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
 from das.localisation import PositionFix
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
@@ -93,6 +94,7 @@ class How:
     advice: Presentation
     train: str
     command: str
+    bus: BusFolder | None = None
 
 
 def make_crew(day: Day, how: How, out: Path) -> Crew:
@@ -121,6 +123,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         metadata=metadata,
         start_ns=service.moment_ns(-BEFORE_S),
         attachments=tuple(files.values()),
+        bus=how.bus,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from das.domain.errors import DasError
@@ -53,16 +53,19 @@ def write_whole(path: Path, content: bytes) -> None:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
 
 
-def write_folder_whole(folder: Path, files: Mapping[str, bytes]) -> None:
+def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collection[str] = ()) -> None:
     """Write a folder of files beside `folder` and rename it into place, on the disk for good; replaces what is there.
 
-    A writer that is killed leaves a folder whose name begins with `UNFINISHED`. DasError where writing fails.
+    Files named in `private` are for the owner alone. A writer that is killed leaves a folder whose name begins with
+    `UNFINISHED`. DasError where writing fails.
     """
     try:
         beside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=UNFINISHED))
         try:
             for name, content in files.items():
                 with (beside / name).open("xb") as file:
+                    if name in private:
+                        os.fchmod(file.fileno(), 0o600)
                     file.write(content)
                     file.flush()
                     os.fsync(file.fileno())

@@ -1,0 +1,99 @@
+"""What Zenoh refused, from its log: certificates that do not hold, and messages access control keeps out.
+
+Zenoh tells nobody but its log, on standard output, and there in the midst of everything else. The processes that
+advise and record say nothing on standard output themselves: it is turned into a pipe, read here.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import threading
+import time
+from collections import deque
+
+import zenoh
+
+from das.bus.moderation import Moderation
+
+LEVELS = (
+    "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"
+)
+"""RUST_LOG takes their place."""
+ANSI = re.compile(rb"\x1b\[[0-9;]*m")
+LINE = re.compile(r"\S+Z +(?P<level>[A-Z]+) +(?:\S+ +)?ThreadId\((?P<thread>\d+)\) (?P<text>.*)")
+NAMED = r"(?P<session>[0-9a-f]{1,32})(?: on \S*CertCommonName\((?P<name>[^)]*)\)\S*)?"
+DENIAL = re.compile(NAMED + r" is unauthorized to (?P<what>[\w/ ]+) \((?P<flow>\w+)\) on (?P<key>\S+)")
+NOT_LET_IN = "zenoh_link_tls::unicast: "
+KEPT_OUT = "Msg intercepted!"
+WORTH_READING = (KEPT_OUT.encode(), b"unauthorized to", b"WARN", b"ERROR")
+MOST_KEPT = 100
+MOST_NAMES = 1_000
+LONGEST = 200
+
+
+class Refusals:
+    """Reads Zenoh's log from now on; to be made once, before the bus is opened, by a process with no other output."""
+
+    def __init__(self) -> None:
+        self._news: deque[str] = deque(maxlen=MOST_KEPT)
+        self._moderation = Moderation()
+        self._denials: dict[str, str] = {}
+        self._names: dict[str, str] = {}
+        pipe, output = os.pipe()
+        sys.stdout.flush()
+        os.dup2(output, 1)
+        os.close(output)
+        threading.Thread(target=self._read, args=(pipe,), name="zenoh-log", daemon=True).start()
+        zenoh.init_log_from_env_or(LEVELS)
+
+    def take(self) -> list[str]:
+        """What was refused since the last call; all of it went to standard error as well."""
+        return [self._news.popleft() for _ in range(len(self._news))]
+
+    def _read(self, pipe: int) -> None:
+        rest = b""
+        while block := os.read(pipe, 1 << 16):
+            whole, newline, rest = (rest + block).rpartition(b"\n")
+            # Nearly all of it says that something is in order: passed over without looking at each line.
+            if newline and any(mark in whole for mark in WORTH_READING):
+                for line in ANSI.sub(b"", whole).decode(errors="replace").splitlines():
+                    self._line(line)
+            self._say_rest()
+
+    def _line(self, line: str) -> None:
+        """One line; a denial counts only when the message was kept out: Zenoh also tries what it might deny."""
+        match = LINE.match(line)
+        if match is None:
+            return
+        thread, text = match["thread"], match["text"]
+        if denial := DENIAL.search(text):
+            who = self._name(denial["session"], denial["name"])
+            if denial["flow"] == "ingress":
+                self._denials[thread] = f"{who} may not {denial['what'].lower()} {denial['key']}"
+        elif KEPT_OUT in text:
+            if reason := self._denials.pop(thread, ""):
+                self._say(f"refused: {reason}")
+        elif match["level"] in ("WARN", "ERROR"):
+            text = text.replace(" Hint: increase the system open file limit.", "")
+            self._say(text.replace(NOT_LET_IN, "refused: a connection, "))
+
+    def _name(self, session: str, name: str | None) -> str:
+        """The name in the certificate of a session, as Zenoh said it before; it does not always."""
+        if name is not None:
+            if len(self._names) >= MOST_NAMES:
+                self._names.clear()
+            self._names[session] = name
+        return self._names.get(session, session)
+
+    def _say(self, text: str) -> None:
+        # A key is the sender's to choose: it must not write on the terminal what it likes.
+        text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
+        if self._moderation.allows(time.time_ns()):
+            self._news.append(f"bus: {text}")
+            print(f"bus: {text}", file=sys.stderr, flush=True)
+
+    def _say_rest(self) -> None:
+        if unsaid := self._moderation.unsaid(time.time_ns()):
+            print(f"bus: {unsaid} more of these", file=sys.stderr, flush=True)
