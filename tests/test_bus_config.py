@@ -157,7 +157,7 @@ def test_every_topic_has_one_role_that_may_say_it() -> None:
         assert len(may) == 1, topic.name
     assert keys_of(Role.CAB, "T1") == []
     assert keys_of(Role.NODE, "T1") == [
-        f"das/T1/{name}" for name in ("advice", "plan", "status", "status/@adv/**", "event")
+        f"das/T1/{name}" for name in ("advice", "plan", "estimate", "status", "status/@adv/**", "event")
     ]
 
 

@@ -53,9 +53,9 @@ class Site:
             time.sleep(0.1)
 
     def drive(self, s_m: float = 1_000.0) -> None:
-        """Say where the train is, as the simulator may."""
+        """Say where the train stands, as the simulator may."""
         now_ns = time.time_ns()
-        self.simulator.publish(POSITION, das_pb2.Position(time_ns=now_ns, s_m=s_m, speed_mps=30.0))
+        self.simulator.publish(POSITION, das_pb2.Position(time_ns=now_ns, s_m=s_m, speed_mps=0.0))
 
     def until(self, bus: Bus, wanted: Callable[[Received], bool]) -> Any:
         deadline = time.monotonic() + TIMEOUT_S
