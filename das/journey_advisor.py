@@ -25,9 +25,14 @@ class JourneyAdvisor:
         self._index: int | None = None
 
     @property
+    def index(self) -> int:
+        """Which section the train is on (before the first position: the first)."""
+        return self._index or 0
+
+    @property
     def current(self) -> Advisor:
-        """The advisor of the section the train is on (before the first position: the first)."""
-        return self.advisors[self._index or 0]
+        """The advisor of the section the train is on."""
+        return self.advisors[self.index]
 
     @property
     def has_position(self) -> bool:
@@ -47,6 +52,8 @@ class JourneyAdvisor:
         for i, (before, after) in enumerate(pairwise(timetables), 1):
             if after.departure_ns < before.arrival_ns:
                 raise DasError(f"timetable: the departure from stop {i + 1} is before the arrival there")
+        for timetable in timetables:
+            timetable.check()
         for advisor, timetable in zip(self.advisors, timetables, strict=True):
             advisor.set_timetable(timetable)
         self._index = None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -72,15 +71,13 @@ def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Ad
     return Ride(states=tuple(states))
 
 
-def advised_by(
-    advisor: Advisor, presentation: Presentation, line: LineKnowledge, *, reduced_mps: float = math.nan
-) -> Advise:
+def advised_by(advisor: Advisor, presentation: Presentation, line: LineKnowledge) -> Advise:
     """What the display shows of an advisor that knows the train's true position; the advisor has its timetable."""
 
     def advise(state: PlantState) -> AdviceView | None:
         now_ns = round(state.time_s / NS)
         advisor.set_position(PositionFix(time_ns=now_ns, s_m=state.s_m, speed_mps=state.speed_mps))
-        return present(advisor.update(now_ns), presentation, line.train, reduced_mps=reduced_mps)
+        return present(advisor.update(now_ns), presentation, line.train)
 
     return advise
 

@@ -2,31 +2,48 @@
 
 from __future__ import annotations
 
-from das.advisor import Advice, Advisor
-from das.journey_advisor import JourneyAdvisor
+from das.advisor import Advice
+from das.domain.route import Restriction, Stop
+from das.planning import Situation
+from das.trip import Target, Trip
 from sim.world.link import Heard, Told
 from sim.world.service import Service
 
 
 class InProcess:
-    """Asks the advisor directly; nothing is recorded."""
+    """Asks the node's trip directly; nothing is recorded."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
+        self._restrictions: tuple[Restriction, ...] = ()
+        self._targets: tuple[Target, ...] = ()
         self.restart()
 
     def restart(self) -> None:
-        """Begin with an advisor that has heard nothing but the timetable."""
-        self._advisor = JourneyAdvisor([Advisor(front) for front in self._service.fronts])
-        self._advisor.set_timetables(self._service.timetables)
+        """Begin with a trip that has heard nothing but what the bus keeps: journey, restrictions, targets."""
+        service = self._service
+        situation = Situation(route=service.route, vehicle=service.vehicle, level=service.level)
+        self._trip = Trip(situation, service.onboard, background=False)
+        self._trip.set_restrictions(self._restrictions)
+        self._trip.begin(
+            [Stop(name=stop.name, position_m=stop.position_m) for stop in service.stops], service.timetables
+        )
+        self._trip.set_targets(self._targets)
 
     def exchange(self, heard: Heard) -> Advice:
         """The advice for a tick."""
         if heard.measured is not None:
-            self._advisor.set_position(heard.measured.fix)
+            self._trip.set_position(heard.measured.fix)
         if heard.delay_s is not None:
-            self._advisor.set_delay(heard.delay_s)
-        return self._advisor.update(heard.now_ns)
+            self._trip.set_delay(heard.delay_s)
+        if heard.restrictions is not None:
+            self._restrictions = tuple(Restriction(**x._asdict()) for x in heard.restrictions)
+            self._trip.set_restrictions(self._restrictions)
+        if heard.targets is not None:
+            self._targets = heard.targets
+            self._trip.set_targets(self._targets)
+        self._trip.take_news()
+        return self._trip.update(heard.now_ns)
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Nothing is recorded."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 from das.advisor import PositionFix
+from das.trip import Target
 from sim.drivers.cab import Cab, Restriction
 from sim.plant import Command, PlantState
 
@@ -26,6 +27,8 @@ class Heard(NamedTuple):
     delay_s: float | None
     restrictions: tuple[Restriction, ...] | None
     """All that are in force, whenever they change."""
+    targets: tuple[Target, ...] | None
+    """Likewise."""
 
 
 class Told(NamedTuple):

@@ -27,6 +27,7 @@ from sim.world.disturbances import (
     SensorOutage,
     SignalStop,
     SlipperyRail,
+    TrainAhead,
 )
 
 SCHEMA_VERSION = 1
@@ -39,6 +40,7 @@ _KINDS: dict[str, tuple[type[Any], dict[str, str]]] = {
     "delay-on-the-way": (DelayOnTheWay, {**_STRETCH, "speed": "speed"}),
     "restriction": (Restriction, {**_STRETCH, "speed": "speed", "announced": "length"}),
     "signal-stop": (SignalStop, {"at": "length", "seen": "length", "clears_after": "time"}),
+    "train-ahead": (TrainAhead, {"at": "length", "seen": "length", "clears": "time", "told": "length"}),
     "slippery-rail": (SlipperyRail, {**_STRETCH, "adhesion": "ratio"}),
     "head-wind": (HeadWind, {**_STRETCH, "wind": "speed"}),
     "sensor-fault": (SensorOutage, {"from": "time", "for": "time", "size": "length"}),
@@ -254,6 +256,8 @@ def _planned(table: Fields) -> Planned:
     figures = {
         f"{name}_{_SI_SUFFIX[dimension]}": _figure(table, name, dimension) for name, dimension in quantities.items()
     }
+    if made is TrainAhead and not figures["told_m"].low > figures["seen_m"].high:
+        raise table.error("told_m", figures["told_m"].low, f"more than seen_m = {figures['seen_m'].high:g}")
     if "to_m" in figures and not figures["from_m"].high < figures["to_m"].low:
         raise table.error("to_m", figures["to_m"].low, f"more than from_m = {figures['from_m'].high:g}")
     return Planned(kind=kind, figures=figures, fixed=fixed)
