@@ -8,18 +8,21 @@ train is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
 
 from das import plan_kernels
 from das.domain.errors import DasError
-from das.domain.units import KMH, NS
+from das.domain.units import KM, KMH, NS
 from das.localisation import Estimate, Localisation, PositionFix
-from das.plan import MODE_HOLD_S, Mode, Place, Plan
+from das.passing import PassingFronts, PassingTarget, time_at
+from das.plan import FOUR_MODES, LONGEST_RATIO, MODE_HOLD_S, Mode, Place, Plan
+from das.reduced import ReducedSpeed
 from das.solver import kernels
-from das.solver.front import Fit, Front
+from das.solver.front import Fit, Front, Solution
+from das.solver.section import Section
 from das.solver.warm_up import warm_up as solve_tiny
 
 HORIZON_S = 30
@@ -42,6 +45,14 @@ AT_STOP_M = 50.0
 """A standing train this near to a stop is at it; further beyond it than this, it has run past."""
 LOST_BEYOND_M = 500.0
 """Further beyond the section's end than this the train is somewhere else."""
+EARLY_NAMED_S = 5.0
+"""Who arrives earlier than this is told where to wait."""
+PASSED_M = 5.0
+"""A point this near ahead is as good as passed: no plan can change when."""
+SAME_POINT_M = 0.01
+DISPLAY_STEP_MPS = 1.0 * KMH
+DISPLAY_BAND_RATIO = 0.75
+"""The speed on a display is a whole number of steps; it changes when the advised one is so many steps away from it."""
 
 EFFORT_ORDER = (
     Mode.FULL_TRACTION,
@@ -73,6 +84,11 @@ class Timetable:
     departure_ns: int
     arrival_ns: int
 
+    def check(self) -> None:
+        """Raise DasError where it leaves no time."""
+        if self.arrival_ns <= self.departure_ns:
+            raise DasError("timetable: the arrival is not after the departure")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
@@ -100,20 +116,27 @@ class Advice:
     valid_until_ns: int = 0
     limit_mps: float = math.nan
     position_sd_m: float = math.nan
+    display_speed_mps: float = math.nan
+    reduced_max_speed_mps: float = math.nan
+    four_mode: Mode = Mode.NONE
+    next_four_mode: Mode = Mode.NONE
+    next_four_change_s: float = math.nan
 
 
 class Advisor:
     """Advice for one section; feed it with `set_…`, ask it with `update`, or with `advise` for a known state."""
 
     def __init__(self, front: Front, source: Source = Source.SOLVED) -> None:
-        self.front, self.section, self.source = front, front.section, source
-        self._envelope_w = self.section.envelope_mps**2
         self._timetable: Timetable | None = None
-        self._localisation = Localisation(self.section.vehicle)
+        self._localisation = Localisation(front.section.vehicle)
         self._here = Estimate(time_ns=0)
-        self._plan: Plan | None = None
+        self._target_ns: int | None = None
+        self._passing: PassingTarget | None = None
         self._mode, self._mode_since_ns = Mode.NONE, 0
+        self._display_mps = math.nan
+        self._refusal = ""
         self.delay_s: float | None = None
+        self.set_front(front, source)
 
     @property
     def has_timetable(self) -> bool:
@@ -124,12 +147,61 @@ class Advisor:
         """The plan behind the last advice."""
         return self._plan
 
+    @property
+    def here(self) -> Estimate | None:
+        """The state that is known of the train, where it is of use."""
+        return self._here if self._here.usable else None
+
+    @property
+    def arrival_ns(self) -> int:
+        """When to arrive: what traffic management says, else the timetable (0: nothing is known)."""
+        if self._target_ns is not None:
+            return self._target_ns
+        return self._timetable.arrival_ns if self._timetable is not None else 0
+
+    @property
+    def departure_ns(self) -> int:
+        """The timetable's departure (0: there is none)."""
+        return self._timetable.departure_ns if self._timetable is not None else 0
+
+    def set_front(self, front: Front, source: Source, passing: PassingFronts | None = None) -> None:
+        """Advise by a front from now on; `passing` serves a point that is to be passed in a window of time."""
+        self.front, self.section, self.source = front, front.section, source
+        self._passing_fronts = passing
+        self._envelope_w = self.section.envelope_mps**2
+        self._reduced = ReducedSpeed(self.section)
+        self._plan: Plan | None = None
+        self._plan_before: Plan | None = None
+        self._meanwhile = "solving"
+
+    def set_section(self, section: Section, why: str) -> None:
+        """The world has changed, and no front for it is there yet: keep to the plan, but never above what is safe now.
+
+        `why` is said with the advice.
+        """
+        before = self._plan or self._plan_before
+        self.set_front(bare_front(section), Source.FALLBACK)
+        self._plan_before, self._meanwhile = before, why
+
+    def refuse(self, reason: str) -> None:
+        """No advice from now on for this reason; none: advice again."""
+        self._refusal = reason
+
     def set_timetable(self, timetable: Timetable) -> None:
         """Take over a timetable; raises DasError where it leaves no time."""
-        if timetable.arrival_ns <= timetable.departure_ns:
-            raise DasError("timetable: the arrival is not after the departure")
+        timetable.check()
         if timetable != self._timetable:
             self._timetable, self._plan = timetable, None
+
+    def set_target(self, arrival_ns: int | None, passing: PassingTarget | None) -> None:
+        """Take over when to arrive (None: by the timetable) and a point to pass in a window of time."""
+        if (arrival_ns, passing) == (self._target_ns, self._passing):
+            return
+        before, here = self._passing, self.here
+        behind = passing is None and before is not None and here is not None and here.s_m >= before.s_m
+        if arrival_ns != self._target_ns or not behind:
+            self._plan = None  # else the plan that passed the point goes on
+        self._target_ns, self._passing = arrival_ns, passing
 
     def set_position(self, fix: PositionFix) -> None:
         """Take over what sensors say (see `das.localisation`)."""
@@ -143,9 +215,14 @@ class Advisor:
         """The advice at a moment."""
         return self.advise(self._localisation.at(now_ns))
 
+    def see(self, here: Estimate) -> None:
+        """Take over the state of the train."""
+        self._here = here
+
     def advise(self, here: Estimate) -> Advice:
         """The advice for a state, at its time."""
-        self._here, now_ns = here, here.time_ns
+        self.see(here)
+        now_ns = here.time_ns
         problem = self._problem()
         if problem:
             return self._withdrawn(now_ns, problem)
@@ -153,10 +230,10 @@ class Advisor:
         s_m, v_mps = max(here.s_m, self.section.start_m), here.speed_mps
         if v_mps < STANDSTILL_MPS:
             if s_m >= self.section.end_m - AT_STOP_M:
-                late_s = (now_ns - self._timetable.arrival_ns) * NS
+                late_s = (now_ns - self.arrival_ns) * NS
                 return self._standing(now_ns, s_m, f"arrived, {_deviation(late_s)}")
             if s_m <= self.section.start_m + AT_STOP_M and now_ns < self._timetable.departure_ns:
-                return self._standing(now_ns, s_m, f"depart in {(self._timetable.departure_ns - now_ns) * NS:.0f} s")
+                return self._waiting(now_ns, s_m)
         beyond_m = s_m - self.section.end_m
         if beyond_m > AT_STOP_M:
             return self._withdrawn(now_ns, f"ran {beyond_m:.0f} m past the stop")
@@ -173,6 +250,8 @@ class Advisor:
     def _problem(self) -> str:
         """Why there can be no advice, or nothing."""
         here, section = self._here, self.section
+        if self._refusal:
+            return self._refusal
         if self._timetable is None:
             return "no timetable yet"
         if not here.usable:
@@ -202,6 +281,8 @@ class Advisor:
             s_m=s_m,
             speed_mps=self._here.speed_mps,
             mode=Mode.STOP,
+            four_mode=Mode.STOP,
+            display_speed_mps=0.0,
             advised_speed_mps=0.0,
             advised_force_n=0.0,
             advised_force_ratio=0.0,
@@ -213,6 +294,13 @@ class Advisor:
             limit_mps=self._limit(s_m),
             position_sd_m=self._here.position_sd_m,
         )
+
+    def _waiting(self, now_ns: int, s_m: float) -> Advice:
+        """Standing before the departure: what is known of the way already."""
+        departure_ns = self.departure_ns
+        reduced_mps = self._reduced.at(s_m, 0.0, departure_ns, self.arrival_ns)
+        standing = self._standing(now_ns, s_m, f"depart in {(departure_ns - now_ns) * NS:.0f} s")
+        return replace(standing, reduced_max_speed_mps=reduced_mps)
 
     def _braking(self, now_ns: int, s_m: float, v_mps: float, reason: str) -> Advice:
         """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
@@ -228,6 +316,10 @@ class Advisor:
             s_m=s_m,
             speed_mps=v_mps,
             mode=self._mode,
+            four_mode=Mode.FULL_BRAKE,
+            next_four_mode=Mode.STOP,
+            display_speed_mps=self._displayed(min(v_mps, allowed), allowed),
+            reduced_max_speed_mps=allowed,
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
             advised_force_ratio=-1.0,
@@ -242,15 +334,58 @@ class Advisor:
         )
 
     def _current_plan(self, s_m: float, v_mps: float, now_ns: int) -> Plan:
-        assert self._timetable is not None
         if self._plan is not None and self._follows(self._plan, s_m, v_mps, now_ns):
             return self._plan
-        left_s = max((self._timetable.arrival_ns - now_ns) * NS, 1e-3)
         allowed = self._allowed(s_m)
         start_mps = allowed if allowed < v_mps <= allowed + OVERSPEED_EASED_MPS else v_mps
-        solution = self.front.trajectory(left_s, s_m, start_mps, tolerance_s=PLAN_TIME_TOLERANCE_S)
-        self._plan = Plan.of(solution, self.section, now_ns)
+        self._plan = Plan.of(self._solution(s_m, start_mps, now_ns), self.section, now_ns)
         return self._plan
+
+    def _solution(self, s_m: float, v_mps: float, now_ns: int) -> Solution:
+        """The run for the time that is left, or the most efficient one that is not absurdly slow."""
+        if self.source is Source.FALLBACK:
+            return self._cautious(s_m, v_mps)
+        left_s = max((self.arrival_ns - now_ns) * NS, 1e-3)
+        asked_s = min(left_s, LONGEST_RATIO * self.front.least_time_s(s_m, v_mps))
+        free = self.front.trajectory(asked_s, s_m, v_mps, tolerance_s=PLAN_TIME_TOLERANCE_S)
+        to_point_s, fronts = self._time_to_point(free, s_m, now_ns), self._fronts_of_point()
+        if to_point_s is None or fronts is None:
+            return free
+        return fronts.trajectory(to_point_s, left_s, s_m, v_mps, PLAN_TIME_TOLERANCE_S)
+
+    def _fronts_of_point(self) -> PassingFronts | None:
+        """The fronts of the point to be passed, where they are there and not those of a point before."""
+        point, fronts = self._passing, self._passing_fronts
+        if point is None or fronts is None or abs(fronts.at_m - point.s_m) > SAME_POINT_M:
+            return None
+        return fronts
+
+    def _time_to_point(self, free: Solution, s_m: float, now_ns: int) -> float | None:
+        """The time (s) in which the point is to be passed, where a run passes it outside its window."""
+        point = self._passing
+        if point is None or s_m >= point.s_m - PASSED_M:
+            return None
+        free_s = time_at(free.trajectory, point.s_m)
+        if point.earliest_ns is not None:
+            # A follower may be this much ahead of his plan.
+            earliest_s = (point.earliest_ns - now_ns) * NS + PLAN_TIME_BAND_S
+            if free_s < earliest_s:
+                return earliest_s
+        if point.latest_ns is not None and free_s > (point.latest_ns - now_ns) * NS:
+            return (point.latest_ns - now_ns) * NS
+        return None
+
+    def _cautious(self, s_m: float, v_mps: float) -> Solution:
+        """As the plan before went, but nowhere faster than is safe now."""
+        section = self.section
+        if self._plan_before is not None:
+            cap = np.minimum(section.envelope_mps, self._plan_before.speeds_mps(section.node_m))
+            capped = replace(section, envelope_mps=np.maximum(cap, section.floor_mps))
+            try:
+                return replace(self.front, section=capped).fastest(s_m, v_mps)
+            except DasError:
+                pass  # a hill that cannot be climbed so slowly
+        return self.front.fastest(s_m, v_mps)
 
     def _follows(self, plan: Plan, s_m: float, v_mps: float, now_ns: int) -> bool:
         age_s, here = (now_ns - plan.made_ns) * NS, plan.at(s_m)
@@ -267,9 +402,11 @@ class Advisor:
         speeds, forces = plan.horizon(here.time_s, self.section, self._envelope_w, HORIZON_S)
         mode = self._held_mode(Mode(int(plan.modes[i])), now_ns)
         next_mode, next_m, next_s = self._next_change(plan, mode, s_m, here, now_ns)
+        four, next_four, next_four_s = self._four_modes(plan, mode, next_s, here)
+        advised = min(here.speed_mps, allowed)
         arrival_ns = now_ns + round((run.time_s - here.time_s) / NS)
-        deviation_s = (arrival_ns - self._timetable.arrival_ns) * NS
-        left_s = (self._timetable.arrival_ns - now_ns) * NS
+        deviation_s = (arrival_ns - self.arrival_ns) * NS
+        left_s = (self.arrival_ns - now_ns) * NS
         least_s = self.front.least_time_s(s_m, v_mps)
         part = (run.s_m[i + 1] - s_m) / (run.s_m[i + 1] - run.s_m[i])
         return Advice(
@@ -278,7 +415,12 @@ class Advisor:
             s_m=s_m,
             speed_mps=v_mps,
             mode=mode,
-            advised_speed_mps=min(here.speed_mps, allowed),
+            advised_speed_mps=advised,
+            display_speed_mps=self._displayed(advised, allowed),
+            reduced_max_speed_mps=self._reduced.at(s_m, v_mps, now_ns, self.arrival_ns),
+            four_mode=four,
+            next_four_mode=next_four,
+            next_four_change_s=next_four_s,
             advised_force_n=force,
             advised_force_ratio=force / self._available_n(force, here.speed_mps),
             horizon_speed_mps=tuple(speeds.tolist()),
@@ -291,7 +433,7 @@ class Advisor:
             buffer_ratio=left_s / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan,
             energy_to_go_j=float(plan.energy_j[i] * part + plan.energy_after_j[i]),
             source=self.source,
-            reason=self._reason(plan.solution.fit, deviation_s, v_mps - allowed),
+            reason=self._reason(plan, s_m, now_ns, deviation_s, v_mps - allowed),
             valid_until_ns=now_ns + round(VALID_FOR_S / NS),
             limit_mps=self._limit(s_m),
             position_sd_m=self._here.position_sd_m,
@@ -307,24 +449,62 @@ class Advisor:
         mode = Mode(int(plan.modes[change])) if change < len(plan.modes) else Mode.STOP
         return mode, float(run.s_m[change]) - s_m, float(run.t_s[change]) - here.time_s
 
+    def _four_modes(self, plan: Plan, shown: Mode, shown_s: float, here: Place) -> tuple[Mode, Mode, float]:
+        """The four-mode display: the mode now, the next, and the time to it (s)."""
+        now, planned = int(FOUR_MODES[shown]), int(FOUR_MODES[plan.modes[here.interval]])
+        if now != planned:
+            return Mode(now), Mode(planned), shown_s
+        change = int(plan.next_four_change[here.interval])
+        after = Mode(int(FOUR_MODES[plan.modes[change]])) if change < len(plan.modes) else Mode.STOP
+        return Mode(now), after, float(plan.solution.trajectory.t_s[change]) - here.time_s
+
+    def _displayed(self, advised_mps: float, allowed_mps: float) -> float:
+        """The advised speed on a display: in whole steps, held within a band, never above what is allowed."""
+        away = abs(advised_mps - self._display_mps)
+        if not away <= DISPLAY_BAND_RATIO * DISPLAY_STEP_MPS or self._display_mps > allowed_mps:
+            steps = min(round(advised_mps / DISPLAY_STEP_MPS), math.floor(allowed_mps / DISPLAY_STEP_MPS + 1e-9))
+            self._display_mps = steps * DISPLAY_STEP_MPS
+        return self._display_mps
+
     def _held_mode(self, wanted: Mode, now_ns: int) -> Mode:
         """The mode to show: a new one only after the last was held a while, unless it asks for less effort."""
         urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
         held_s = (now_ns - self._mode_since_ns) * NS
-        settled = self._mode in (Mode.NONE, Mode.STOP) or held_s >= MODE_HOLD_S
+        settled = self._mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < MODE_HOLD_S
         if wanted is not self._mode and (urgent or settled):
             self._mode, self._mode_since_ns = wanted, now_ns
         return self._mode
 
-    def _reason(self, fit: Fit, deviation_s: float, too_fast_mps: float) -> str:
+    def _reason(self, plan: Plan, s_m: float, now_ns: int, deviation_s: float, too_fast_mps: float) -> str:
+        fit, point = plan.solution.fit, self._passing
         if too_fast_mps > OVERSPEED_NAMED_MPS:
             return f"{too_fast_mps / KMH:.0f} km/h too fast"
+        if self.source is Source.FALLBACK:
+            how = "the fastest safe run" if self._plan_before is None else "as before, no faster than is allowed now"
+            return f"{self._meanwhile}: {how}"
+        if (
+            point is not None
+            and point.earliest_ns is not None
+            and s_m < point.s_m - PASSED_M
+            and self._fronts_of_point() is not None
+        ):
+            wait_s = (point.earliest_ns - now_ns) * NS
+            if wait_s > 0:
+                why = f" ({point.reason})" if point.reason else ""
+                return f"pass km {point.s_m / KM:.1f} in {wait_s:.0f} s or later{why}, {_deviation(deviation_s)}"
         if fit is Fit.LATE:
             return f"fastest, {_deviation(deviation_s)}"
+        if deviation_s <= -EARLY_NAMED_S:
+            return f"least energy, {_deviation(deviation_s)}: wait at {self._stop_name()}"
         if fit is Fit.EARLY:
             return f"least energy, {_deviation(deviation_s)}"
         said = f", operator says {_deviation(self.delay_s)}" if self.delay_s is not None and self.delay_s >= 1 else ""
         return f"least energy on time{said}"
+
+    def _stop_name(self) -> str:
+        end_m = self.section.end_m
+        near = (stop.name for stop in self.section.route.stops if abs(stop.position_m - end_m) <= AT_STANDSTILL_M)
+        return next(near, "the stop")
 
     def _limit(self, s_m: float) -> float:
         return float(self.section.limit_mps[plan_kernels.interval(self.section.node_m, s_m)])
@@ -340,6 +520,14 @@ class Advisor:
         if force_n >= 0:
             return float(kernels.traction_limit(v, train))
         return max(float(kernels.brake_limit(v, train, train.friction_force_n)), 1.0)
+
+
+def bare_front(section: Section) -> Front:
+    """A front that knows no policies, only the fastest run; made at once."""
+    shape = (len(section.decision), section.speed_steps + 1, 0)
+    return Front(
+        section=section, lambda_w=np.empty(0), value_j=np.empty(shape), time_to_go_s=np.empty(shape, np.float32)
+    )
 
 
 def warm_up() -> None:

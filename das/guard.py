@@ -8,11 +8,10 @@ from typing import Any
 from das.bus.session import Received
 from das.bus.topics import JOURNEY, POSITION, RESTRICTION, Topic
 from das.domain.units import NS
+from das.trip import MOST_RESTRICTIONS, MOST_STOPS
 
-MOST_STOPS = 200
-MOST_RESTRICTIONS = 1_000
 LONGEST_TEXT = 200
-"""More stops, restrictions or letters no operator means."""
+"""More letters no operator means."""
 AHEAD_S = 60.0
 """A message further ahead of the clock than this would shut out those that come after it."""
 SILENT_S = 3.0

@@ -29,9 +29,14 @@ class JourneyAdvisor:
         self._index: int | None = None
 
     @property
+    def index(self) -> int:
+        """Which section the train is on (before the first position: the first)."""
+        return self._index or 0
+
+    @property
     def current(self) -> Advisor:
-        """The advisor of the section the train is on (before the first position: the first)."""
-        return self.advisors[self._index or 0]
+        """The advisor of the section the train is on."""
+        return self.advisors[self.index]
 
     @property
     def has_position(self) -> bool:
@@ -51,6 +56,8 @@ class JourneyAdvisor:
         for i, (before, after) in enumerate(pairwise(timetables), 1):
             if after.departure_ns < before.arrival_ns:
                 raise DasError(f"timetable: the departure from stop {i + 1} is before the arrival there")
+        for timetable in timetables:
+            timetable.check()
         for advisor, timetable in zip(self.advisors, timetables, strict=True):
             advisor.set_timetable(timetable)
         self._index = None
@@ -66,9 +73,14 @@ class JourneyAdvisor:
         for advisor in self.advisors:
             advisor.set_delay(delay_s)
 
+    def locate(self, now_ns: int) -> None:
+        """Let the section's advisor know where the train is at a moment."""
+        self.here = self._localisation.at(now_ns)
+        self.current.see(self.here)
+
     def update(self, now_ns: int) -> Advice:
         """The advice at a moment."""
-        self.here = self._localisation.at(now_ns)
+        self.locate(now_ns)
         return self.current.advise(self.here)
 
     def _place(self) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,64 +15,78 @@ import typer
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das import __version__
-from das.advisor import Advice, Advisor, Timetable, warm_up
+from das.advisor import Advice, Timetable, warm_up
 from das.bus import das_pb2
 from das.bus.config import bus_options
 from das.bus.moderation import Moderation
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, Received, check_endpoint
-from das.bus.topics import ADVICE, CONTROL, DELAY, EFFORT, ESTIMATE, EVENT, JOURNEY, PLAN, POSITION, STATUS
+from das.bus.topics import (
+    ADVICE,
+    CONTROL,
+    DELAY,
+    EFFORT,
+    ESTIMATE,
+    EVENT,
+    JOURNEY,
+    PLAN,
+    POSITION,
+    RESTRICTION,
+    STATUS,
+    TARGET,
+    Topic,
+)
 from das.calibration import Calibrator, Effort, Recalibration
 from das.commands import StopFlag, err, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
-from das.domain.route import Route, section_stops
-from das.domain.vehicle import Vehicle
+from das.domain.route import Restriction, Route, Stop, section_stops
 from das.guard import Guard
-from das.journey_advisor import JourneyAdvisor
-from das.localisation import Estimate, Localisation, PositionFix, Quality
+from das.localisation import Estimate, PositionFix, Quality
 from das.plan import Mode, Plan
-from das.solver.front import Front, solve_front
-from das.solver.section import build_section
+from das.planning import Fronts, Situation
+from das.table import warm_up as warm_up_tables
 from das.tls_command import tls_app
+from das.trains import Trains
+from das.trip import Target, Trip
 
-POSITION_SLACK_M = 1.0
-"""A journey's stops must lie this near to the ends of a solved section for its front to be used."""
+FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
+LOOK_S, SEARCH_LOOK_S = 0.1, 0.005
+"""The loop looks up at least this often, while a front is being looked for more often."""
+M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
+"""Of glibc's mallopt: blocks from this size on are mapped, and unmapped when freed."""
+LONGEST_REASON = 80
+"""Letters of a target's reason that are repeated with the advice."""
+LEAST_GAP_S = 0.05
+"""However fast the world changes, advice out of turn comes no faster."""
 PLAN_EVERY_S = 10.0
 ESTIMATE_EVERY_S = 10.0
 OWN_ENDPOINT = "tcp/127.0.0.1:7447"
 
 
 class Node:
-    """One train's advice: keeps an advisor for the journey's sections and answers every tick."""
+    """One train's advice: hands what is heard to the trip and answers every tick."""
 
     def __init__(
         self,
         bus: Bus,
+        trip: Trip,
         route: Route,
-        vehicle: Vehicle,
-        level: Level | None,
+        trains: Trains,
         *,
         reverse: bool,
-        point_mass: bool,
         wall_clock: bool,
-        calibrate: bool = False,
+        calibrator: Calibrator | None = None,
     ) -> None:
-        self.bus, self.route, self.vehicle, self.level, self.point_mass = bus, route, vehicle, level, point_mass
-        self.reverse = reverse
-        self.wall_clock = wall_clock
-        self._calibrator = Calibrator(route, vehicle, point_mass=point_mass) if calibrate else None
-        self._recalibration = Recalibration()
+        self.bus, self.trip, self.route, self.trains = bus, trip, route, trains
+        self.reverse, self.wall_clock = reverse, wall_clock
+        self._calibrator, self._recalibration = calibrator, Recalibration()
         self._estimate_sent_ns: int | None = None
-        self._bus_clock_ns = 0
-        self.advisor: JourneyAdvisor | None = None
-        self._localisation = Localisation(vehicle)
         self._here, self._rejecting = Estimate(time_ns=0), False
-        self._fronts: list[Front] = []
+        self._bus_clock_ns = 0
         self.finished = False
         self.waiting = True
-        self._solve_s = 0.0
         self._advice_s = 0.0
         self._advices = 0
         self._refused = ""
@@ -81,35 +96,28 @@ class Node:
         self._guard = Guard()
         self._complaints = Moderation()
         self._dropped = 0
+        self._heard_ns = {RESTRICTION.name: 0, TARGET.name: 0}
+        self._held: das_pb2.Control | None = None
+        self._told = False
 
-    def solve(self, stops_m: Sequence[float]) -> None:
-        """Solve the sections between stops and make their advisor; DasError where that cannot be done."""
-        began = time.perf_counter()
-        self._fronts = [self._front(start_m, end_m) for start_m, end_m in pairwise(stops_m)]
-        self.advisor = JourneyAdvisor([Advisor(front) for front in self._fronts], self._localisation)
-        self._solve_s = time.perf_counter() - began
-
-    def _front(self, start_m: float, end_m: float) -> Front:
-        """The front of a section: one solved before, where there is one."""
-        for front in self._fronts:
-            section = front.section
-            if max(abs(section.start_m - start_m), abs(section.end_m - end_m)) <= POSITION_SLACK_M:
-                return front
-        section = build_section(
-            self.route, self.vehicle, level=self.level, start_m=start_m, end_m=end_m, point_mass=self.point_mass
-        )
-        return solve_front(section)
+    @property
+    def urgent(self) -> bool:
+        """Whether the world has changed, or a front was found, since the last advice."""
+        return self._told or self.trip.has_answer
 
     def take(self, received: Received) -> None:
         """Act on one message as heard; one with numbers nothing can be done with is ignored and said."""
         problem = self._guard.problem(received, self.now_ns())
         if problem:
             self._complain(problem)
+            self._note(received.topic, received.message)
+            self._answer_control()
             return
         try:
             self._act(received)
         except (ArithmeticError, ValueError) as error:
             self._complain(f"{received.topic.name}: a message was ignored ({error})")
+            self._note(received.topic, received.message)
 
     def _act(self, received: Received) -> None:
         message, topic = received.message, received.topic
@@ -117,16 +125,58 @@ class Node:
         if topic is JOURNEY:
             self._bus_clock_ns = max(self._bus_clock_ns, message.time_ns)
             self._take_journey(message)
-        elif topic is POSITION and self.advisor is not None:
-            self.advisor.set_position(position_fix(message))
-        elif topic is DELAY and self.advisor is not None:
-            self.advisor.set_delay(message.delay_s)
+        elif topic is POSITION:
+            self.trip.set_position(position_fix(message))
+        elif topic is DELAY:
+            self.trip.set_delay(message.delay_s)
+        elif topic in (RESTRICTION, TARGET):
+            self._take_news(topic, message)
         elif topic is CONTROL and not self.wall_clock:
-            self._bus_clock_ns = message.time_ns
-            if message.command == das_pb2.Control.COMMAND_FINISH:
-                self.finished = True
+            self._held = message
+        self._answer_control()
+
+    def _take_news(self, topic: Topic, message: Any) -> None:
+        """Restrictions or targets; all that are in force."""
+        try:
+            if topic is RESTRICTION:
+                self.trip.set_restrictions([
+                    Restriction(start_m=x.start_m, end_m=x.end_m, limit_mps=x.limit_mps) for x in message.restrictions
+                ])  # fmt: skip
             else:
-                self.tick(message.time_ns, message.tick)
+                self.trip.set_targets([
+                    Target(x.stop, x.s_m, x.arrival_ns, x.earliest_ns, x.latest_ns, x.reason[:LONGEST_REASON])
+                    for x in message.targets
+                ])  # fmt: skip
+        except DasError as error:
+            self._ignore(topic, f"ignored: {error}")
+        self._note(topic, message)
+
+    def _note(self, topic: Topic, message: Any) -> None:
+        """Restrictions or targets have been heard, for better or worse."""
+        if topic.name in self._heard_ns and message is not None:
+            self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
+            self._told = True
+
+    def _ignore(self, topic: Topic, why: str) -> None:
+        """Say so; while restrictions are in force that are not known, there is no advice."""
+        self._complain(f"{topic.name}: {why}")
+        if topic is RESTRICTION:
+            self.trip.block(f"the restrictions in force are not known ({why})")
+
+    def _answer_control(self) -> None:
+        """Answer the Control message at hand as soon as all is heard that was sent before it."""
+        control = self._held
+        if control is None:
+            return
+        wanted = {RESTRICTION.name: control.restrictions_ns, TARGET.name: control.targets_ns}
+        if any(self._heard_ns[name] < time_ns for name, time_ns in wanted.items()):
+            return
+        self._held = None
+        self._bus_clock_ns = control.time_ns
+        if control.command == das_pb2.Control.COMMAND_FINISH:
+            self.finished = True
+        else:
+            self.tick(control.time_ns, control.tick)
 
     def _calibrate(self, received: Received) -> None:
         """Let the calibration hear positions and efforts, where it is asked for."""
@@ -140,20 +190,28 @@ class Node:
             good = message.quality in (das_pb2.Position.QUALITY_UNKNOWN, das_pb2.Position.QUALITY_GOOD)
             self._calibrator.set_position(message.time_ns, message.s_m, message.speed_mps, usable=good)
 
+    def _recalibrate(self, now_ns: int) -> None:
+        """Plan with the train as it was found to be, where it differs enough from what is planned with."""
+        if self._calibrator is not None:
+            conditions = self._recalibration.due(self._calibrator.estimates, now_ns)
+            if conditions is not None:
+                self.trip.set_conditions(conditions)
+
     def tick(self, now_ns: int, tick: int = 0) -> None:
         """Say how we are and advise once: the advice is last, so who has it has heard all of this tick."""
+        self._told = False
         began = time.perf_counter()
-        distrust = self._guard.distrust(now_ns)
-        if distrust or self.advisor is None:
-            advice = Advice(time_ns=now_ns, reason=distrust or self._refused)
-        else:
-            advice = self.advisor.update(now_ns)
+        self._recalibrate(now_ns)
+        distrust = self._guard.distrust(now_ns) or self._refused
+        advice = Advice(time_ns=now_ns, reason=distrust) if distrust else self.trip.update(now_ns)
         self._advice_s = time.perf_counter() - began
         self._advices += 1
         self._say_losses(now_ns)
+        for news in self.trip.take_news():
+            self.event(now_ns, Log.WARNING if news.bad else Log.INFO, news.text)
         self._say_changes(advice)
-        if self.advisor is not None:
-            self._say_rejections(self.advisor.here)
+        if self.trip.here is not None:
+            self._say_rejections(self.trip.here)
         self._send_plan(now_ns)
         self._send_estimate(now_ns)
         self.status(now_ns, self._state(advice), advice.reason)
@@ -162,9 +220,11 @@ class Node:
     def _state(self, advice: Advice) -> das_pb2.Status.State.ValueType:
         if advice.mode is not Mode.NONE:
             return das_pb2.Status.STATE_ADVISING
-        if self.advisor is not None and not self.advisor.has_timetable:
+        if self._refused:
+            return das_pb2.Status.STATE_WITHDRAWN
+        if self.trip.advisor is None:
             return das_pb2.Status.STATE_WAITING
-        if self.advisor is not None and not self.advisor.has_position:
+        if not self.trip.advisor.has_position:
             return das_pb2.Status.STATE_READY
         return das_pb2.Status.STATE_WITHDRAWN
 
@@ -179,8 +239,8 @@ class Node:
             state=state,
             reason=reason,
             version=__version__,
-            section=self.advisor.current.section.name if self.advisor else "",
-            solve_s=self._solve_s if self.wall_clock else 0.0,
+            section=self.trip.advisor.current.section.name if self.trip.advisor else "",
+            solve_s=self.trip.solve_s if self.wall_clock else 0.0,
             last_advice_s=self._advice_s if self.wall_clock else 0.0,
             advices=self._advices,
         )
@@ -211,18 +271,19 @@ class Node:
         """A journey over two or more stops, with the departure and arrival of each section."""
         self.waiting = False
         try:
-            self._check_journey(journey)
-            self.solve([stop.s_m for stop in journey.stops])
-            assert self.advisor is not None
-            self.advisor.set_timetables(
+            level = self._check_journey(journey)
+            self.trip.begin(
+                [Stop(name=stop.name, position_m=stop.s_m) for stop in journey.stops],
                 [
                     Timetable(departure_ns=start.departure_ns, arrival_ns=end.arrival_ns)
                     for start, end in pairwise(journey.stops)
-                ]
+                ],
+                vehicle=self.trains.find(journey.vehicle_id, journey.load),
+                level=level,
             )
         except DasError as error:
             self._refused = f"journey refused: {error}"
-            self.advisor = None
+            self.trip.end()
             self.event(journey.time_ns, Log.ERROR, self._refused)
             self.status(journey.time_ns, das_pb2.Status.STATE_WITHDRAWN, self._refused)
             return
@@ -231,7 +292,8 @@ class Node:
         self.event(journey.time_ns, Log.INFO, f"journey {names}")
         self.status(journey.time_ns, das_pb2.Status.STATE_READY, f"ready for {names}")
 
-    def _check_journey(self, journey: das_pb2.Journey) -> None:
+    def _check_journey(self, journey: das_pb2.Journey) -> Level | None:
+        """The level a journey asks for (None: that of the start); DasError where it is not for this node."""
         if journey.route_id != self.route.id:
             raise DasError(f"it is for route {journey.route_id!r}, this node has {self.route.id!r}")
         if journey.train and journey.train != self.bus.train:
@@ -239,10 +301,11 @@ class Node:
         if journey.reversed != self.reverse:
             way = ("forwards", "in reverse")
             raise DasError(f"it drives the route {way[journey.reversed]}, this node has it {way[self.reverse]}")
-        if journey.vehicle_id != self.vehicle.id:
-            raise DasError(f"it is for vehicle {journey.vehicle_id!r}, this node has {self.vehicle.id!r}")
         if len(journey.stops) < 2:
             raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
+        if journey.level and journey.level not in list(Level):
+            raise DasError(f"level {journey.level!r}: expected one of {', '.join(Level)}")
+        return Level(journey.level) if journey.level else None
 
     def _say_changes(self, advice: Advice) -> None:
         """An event whenever the mode changes, with its reason."""
@@ -263,7 +326,7 @@ class Node:
 
     def _send_plan(self, now_ns: int) -> None:
         """The plan, when there is a new one and the last was sent a while ago."""
-        plan = self.advisor.plan if self.advisor else None
+        plan = self.trip.plan
         if plan is None or plan is self._plan or now_ns - self._plan_sent_ns < PLAN_EVERY_S * 1e9:
             return
         self._plan, self._plan_sent_ns = plan, now_ns
@@ -337,7 +400,8 @@ def command(
         int | None, typer.Option("--with-parent", help="End with the process of this id, which started it.")
     ] = None,
     calibrate: Annotated[
-        bool, typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts and say them.")
+        bool,
+        typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts, and plan with them."),
     ] = False,
     bus_file: Annotated[
         Path | None,
@@ -346,62 +410,77 @@ def command(
     insecure_bus: Annotated[
         bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
     ] = False,
-    clock: Annotated[str, typer.Option(help="wall: advise every second; bus: at every Control message.")] = "wall",
+    clock: Annotated[str, typer.Option(help="wall: advise at --rate; bus: at every Control message.")] = "wall",
+    rate: Annotated[float, typer.Option(help="Advices per second with the wall clock, 0.2 to 5.")] = 1.0,
+    tables: Annotated[Path | None, typer.Option(help="Folder of tables made by das-precompute build.")] = None,
+    other_vehicle: Annotated[
+        list[str] | None,
+        typer.Option(help="Another train a journey may name, beside the bundled ones (may be repeated)."),
+    ] = None,
 ) -> None:
-    """Advise a train: hears journey, position and delay on the bus, publishes speed and force advice once a second."""
+    """Advise a train: hears journey, position and delay on the bus, publishes speed and force advice."""
     if clock not in ("wall", "bus"):
         raise DasError(f"--clock {clock}: expected wall or bus")
+    if not SLOWEST_HZ <= rate <= FASTEST_HZ:
+        raise DasError(f"--rate {rate:g}: expected {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz")
     file = bus_options(bus_file, insecure_bus, listen, connect)
     listen = None if file else check_endpoint(listen or OWN_ENDPOINT)
+    _give_memory_back()
     stop = StopFlag(with_parent=with_parent)
     the_route = load_route(route)
     the_route = the_route.reversed() if reverse else the_route
     the_vehicle = load_vehicle(vehicle)
-    the_vehicle = the_vehicle if load is None else the_vehicle.loaded(load)
     if loss_map is not None:
         from das.domain.files.loss_map_csv import read_loss_map
 
         the_vehicle = the_vehicle.with_loss_map(read_loss_map(loss_map))
+    started = the_vehicle if load is None else the_vehicle.loaded(load)
     start, end = section_stops(the_route, from_stop, to_stop)
-    hear = (JOURNEY, POSITION, DELAY, CONTROL, EFFORT) if calibrate else (JOURNEY, POSITION, DELAY, CONTROL)
+    stops_m = [x.position_m for x in the_route.stops if start.position_m <= x.position_m <= end.position_m]
+    situation = Situation(route=the_route, vehicle=started, level=level, point_mass=point_mass)
+    trains, by_wall = Trains(started, the_vehicle, other_vehicle or ()), clock == "wall"
+    calibrator = Calibrator(the_route, started, point_mass=point_mass) if calibrate else None
+    hear = (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if calibrate else []))
     made = Bus(train, listen=listen, connect=connect or [], hear=hear, file=file)
     refusals = Refusals() if file else None
-    with made as bus:
-        node = Node(
-            bus,
-            the_route,
-            the_vehicle,
-            level,
-            reverse=reverse,
-            point_mass=point_mass,
-            wall_clock=clock == "wall",
-            calibrate=calibrate,
-        )
+    with made as bus, contextlib.closing(Trip(situation, Fronts(tables), background=by_wall)) as trip:
+        node = Node(bus, trip, the_route, trains, reverse=reverse, wall_clock=by_wall, calibrator=calibrator)
         node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
-        stops_m = [stop.position_m for stop in the_route.stops]
-        node.solve([x for x in stops_m if start.position_m <= x <= end.position_m])
+        if tables is not None:
+            warm_up_tables()
+        trip.rehearse(stops_m)
         place = f"bus {bus_file}" if file else f"listening on {listen}"
-        err.print(f"das-node {train}: {the_route.id}, {the_vehicle.id}, {place}")
+        err.print(f"das-node {train}: {the_route.id}, {started.id}, {place}")
         node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
-        _run(node, stop, refusals)
+        _run(node, stop, refusals, 1.0 / rate)
         node.status(node.now_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
 
 
-def _run(node: Node, stop: StopFlag, refusals: Refusals | None) -> None:
-    """Answer until told to stop. With the wall clock, advice comes once a second."""
-    due = time.monotonic() + 1.0
-    said = 0.0
+def _give_memory_back() -> None:
+    """Let freed fronts leave the process: by default glibc keeps blocks of tens of MB once one was freed."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, MAPPED_FROM_BYTES)
+
+
+def _run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) -> None:
+    """Answer until told to stop. By the wall clock advice comes once a period, and when the world changes."""
+    due, last, said = time.monotonic() + period_s, 0.0, 0.0
     while not stop.stopped and not node.finished:
-        received = node.bus.receive(min(max(due - time.monotonic(), 0.0), 0.1) if node.wall_clock else 0.1)
+        longest_s = SEARCH_LOOK_S if node.urgent or node.trip.searching else LOOK_S
+        wait_s = min(max(due - time.monotonic(), 0.0), longest_s) if node.wall_clock else LOOK_S
+        received = node.bus.receive(wait_s)
         if received is not None:
             node.take(received)
         for text in refusals.take() if refusals else ():
             node.event(node.now_ns(), Log.WARNING, text)
         now = time.monotonic()
-        if node.wall_clock and now >= due:
+        if node.wall_clock and (now >= due or (node.urgent and now - last >= LEAST_GAP_S)):
             node.tick(time.time_ns())
-            due = max(due + 1.0, now)
+            last = now
+            if now >= due:
+                due = max(due + period_s, now)
         elif not node.wall_clock and node.waiting and now - said > 1.0:
             node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
             said = now

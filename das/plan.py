@@ -21,6 +21,9 @@ FULL_EFFORT_RATIO = 0.97
 IDLE_EFFORT_RATIO = 0.02
 """Effort over this share of the largest is full; under this one it is none."""
 CRUISE_ACCELERATION_MPS2 = 0.02
+LONGEST_RATIO = 2.5
+"""No run is planned to take more than this times the least time from its state: where much more is left, the train
+arrives early and waits at the stop rather than crawl (without idle losses, the least energy is a crawl)."""
 
 
 class Mode(IntEnum):
@@ -35,6 +38,15 @@ class Mode(IntEnum):
     FULL_BRAKE = 6
     FRICTION_BRAKE = 7
     STOP = 8
+
+
+FOUR_MODES = np.arange(len(Mode))
+"""Each mode as one of the four that the simplest display knows: traction, a speed to hold, coast, brake."""
+FOUR_MODES[[Mode.REDUCED_TRACTION, Mode.REDUCED_BRAKE, Mode.FRICTION_BRAKE]] = (
+    Mode.CRUISE,
+    Mode.FULL_BRAKE,
+    Mode.FULL_BRAKE,
+)
 
 
 class Place(NamedTuple):
@@ -55,6 +67,8 @@ class Plan:
     modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
     """The interval in which another mode begins (the number of intervals: none does)."""
+    next_four_change: NDArray[np.int64]
+    """The same of the four modes."""
     energy_j: Floats
     energy_after_j: Floats
     """Of all intervals behind this one."""
@@ -67,17 +81,21 @@ class Plan:
         run = solution.trajectory
         energy_j = run.input_j(run.loss_j(section.loss))
         modes = classify_modes(solution, section)
-        changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
         return cls(
             made_ns=now_ns,
             solution=solution,
             force_n=run.force_el_n + run.force_friction_n,
             modes=modes,
-            next_change=changes[np.searchsorted(changes, np.arange(len(modes)), side="right")],
+            next_change=_next_changes(modes),
+            next_four_change=_next_changes(FOUR_MODES[modes]),
             energy_j=energy_j,
             energy_after_j=np.append(energy_j[:0:-1].cumsum()[::-1], 0.0),
             speed_w=run.v_mps**2,
         )
+
+    def speeds_mps(self, s_m: Floats) -> Floats:
+        """The planned speeds at positions (before and beyond the run: as at its ends)."""
+        return np.asarray(np.sqrt(np.interp(s_m, self.solution.trajectory.s_m, self.speed_w)))
 
     def at(self, s_m: float) -> Place:
         """Where on the plan a position is (before and beyond the run: at its first, its last interval)."""
@@ -92,6 +110,12 @@ class Plan:
             speeds, forces,
         )  # fmt: skip
         return speeds, forces
+
+
+def _next_changes(modes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each interval that in which another mode begins."""
+    changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
+    return np.asarray(changes[np.searchsorted(changes, np.arange(len(modes)), side="right")])
 
 
 def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:

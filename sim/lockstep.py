@@ -23,7 +23,7 @@ from das.bus import das_pb2
 from das.bus.acl import Role
 from das.bus.config import BusFolder
 from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import ADVICE, CONTROL, JOURNEY, RECORDER, STATUS, Topic
+from das.bus.topics import ADVICE, CONTROL, JOURNEY, RECORDER, RESTRICTION, STATUS, TARGET, Topic
 from das.domain.errors import DasError
 from sim.processes import Process
 
@@ -77,6 +77,7 @@ class Lockstep:
         self._written = das_pb2.RecorderStatus()
         self._answered: Any | None = None
         self._asked_tick = 0
+        self._told_ns = {RESTRICTION.name: 0, TARGET.name: 0}
 
     def __enter__(self) -> Lockstep:
         try:
@@ -127,11 +128,13 @@ class Lockstep:
         """Publish a message and count it."""
         self.bus.publish(topic, message)
         self.traffic.sent[topic.name] += 1
+        if topic.name in self._told_ns:
+            self._told_ns[topic.name] = message.time_ns  # type: ignore[attr-defined]
 
     def ask(self, now_ns: int, tick: int) -> Any:
         """The node's advice for a tick."""
         self._answered, self._asked_tick = None, tick
-        self.send(CONTROL, das_pb2.Control(time_ns=now_ns, tick=tick))
+        self.send(CONTROL, self._control(now_ns, tick))
         self._until(
             lambda: self._answered is not None and self._answered.tick == tick,
             ANSWER_TIMEOUT_S,
@@ -145,7 +148,7 @@ class Lockstep:
         """Tell both that the run is over, wait until everything is written, and stop them."""
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last tick")
         last = self._asked_tick + 1
-        self.send(CONTROL, das_pb2.Control(time_ns=now_ns, tick=last, command=das_pb2.Control.COMMAND_FINISH))
+        self.send(CONTROL, self._control(now_ns, last, das_pb2.Control.COMMAND_FINISH))
         stopping = das_pb2.Status.STATE_STOPPING
         self._until(
             lambda: self._written.tick == last and self._written.node_state == stopping,
@@ -156,6 +159,18 @@ class Lockstep:
         self._node.stop()
         self._recorder.stop()
         self.traffic.recorded = recorded_counts(self.crew.out)
+
+    def _control(
+        self, now_ns: int, tick: int, command: das_pb2.Control.Command.ValueType = das_pb2.Control.COMMAND_TICK
+    ) -> das_pb2.Control:
+        """A tick; the node answers it when it has heard what was told before, which comes by a way of its own."""
+        return das_pb2.Control(
+            time_ns=now_ns,
+            tick=tick,
+            command=command,
+            restrictions_ns=self._told_ns[RESTRICTION.name],
+            targets_ns=self._told_ns[TARGET.name],
+        )
 
     def _all_written(self) -> bool:
         return self._written.tick >= self._asked_tick and self._written.advice_tick >= self._asked_tick

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -73,9 +72,7 @@ def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Ad
     return Ride(states=tuple(states))
 
 
-def advised_by(
-    advisor: Advisor, presentation: Presentation, line: LineKnowledge, *, reduced_mps: float = math.nan
-) -> Advise:
+def advised_by(advisor: Advisor, presentation: Presentation, line: LineKnowledge) -> Advise:
     """What the display shows of an advisor that knows the train's true position; the advisor has its timetable."""
 
     def advise(state: PlantState) -> AdviceView | None:
@@ -88,7 +85,7 @@ def advised_by(
             speed_uncertainty_mps=LEAST_SD_MPS,
         )
         advisor.set_position(fix)
-        return present(advisor.update(now_ns), presentation, line.train, reduced_mps=reduced_mps)
+        return present(advisor.update(now_ns), presentation, line.train)
 
     return advise
 

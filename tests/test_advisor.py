@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from das.advisor import Advice, Advisor, Source, Timetable
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from das.localisation import PositionFix, Quality
-from das.plan import Mode, without_short
+from das.plan import FOUR_MODES, Mode, without_short
+from das.reduced import ReducedSpeed
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
 
@@ -249,6 +250,59 @@ def test_modes_too_short_to_follow_are_left_out() -> None:
     modes = np.array([4, 4, 2, 4, 4, 6, 4, 4, 2, 2])
     t_s = np.cumsum([0.0, 5, 5, 1, 5, 5, 1, 5, 5, 2, 2])
     assert without_short(modes, t_s).tolist() == [4, 4, 4, 4, 4, 6, 4, 4, 2, 2]
+
+
+# --- what other displays show ------------------------------------------------------------------------------------
+
+
+def test_the_speed_on_a_display_does_not_flicker_and_is_never_above_what_is_allowed(front: Front) -> None:
+    advisor = Advisor(front)
+    shown = [advisor._displayed(v * KMH, 200 * KMH) for v in (80.0, 80.6, 80.4, 79.4, 80.74, 80.76, 80.3, 79.0)]
+    assert np.array(shown) / KMH == pytest.approx([80, 80, 80, 80, 80, 81, 81, 79])
+    assert advisor._displayed(79.3 * KMH, 78.5 * KMH) == pytest.approx(78 * KMH)
+
+
+def test_four_modes_and_their_next_change(front: Front) -> None:
+    """Changes within one of the four are none."""
+    advisor, advice = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
+    plan = advisor.plan
+    assert plan is not None
+    four = FOUR_MODES[plan.modes]
+    assert advice.four_mode == FOUR_MODES[advice.mode] == four[0]
+    change = int(np.flatnonzero(four != four[0])[0])
+    assert advice.next_four_mode == four[change]
+    assert advice.next_four_change_s == pytest.approx(float(plan.solution.trajectory.t_s[change]), abs=1e-9)
+    assert advice.next_four_change_s >= advice.next_change_s - 1e-9
+    assert {int(x) for x in FOUR_MODES} == {0, 1, 3, 4, 6, 8}
+
+
+def test_the_reduced_maximum_speed_keeps_the_time(front: Front) -> None:
+    """A train that pulls fully, holds that speed and brakes easily arrives in time; 1 km/h less would be late."""
+    _, advice = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_250.0)
+    reduced = ReducedSpeed(front.section)
+    top = advice.reduced_max_speed_mps
+    assert top < 0.95 * float(front.section.limit_mps.max())
+    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(1_250.0, abs=0.5)
+    assert reduced.time_s(0.0, 0.0, top - 1 * KMH) > 1_255.0
+    # It stands still between two looks, and is as fast as may be where the time is gone.
+    advisor, first = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
+    advisor.set_position(PositionFix(time_ns=ns(210), s_m=5_300.0, speed_mps=35.0))
+    assert advisor.update(ns(210)).reduced_max_speed_mps == first.reduced_max_speed_mps
+    _, late = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=800.0)
+    assert late.reduced_max_speed_mps == pytest.approx(float(front.section.limit_mps.max()), abs=1.0)
+
+
+def test_before_the_departure_the_reduced_speed_of_the_way_is_known(front: Front) -> None:
+    _, waiting = advisor_at(front, 0.0, 0.0, now_s=-42.0, arrival_s=1_250.0)
+    _, leaving = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_250.0)
+    assert waiting.mode is Mode.STOP
+    assert waiting.reduced_max_speed_mps == leaving.reduced_max_speed_mps
+
+
+def test_a_clock_that_is_set_back_does_not_hold_a_mode(front: Front) -> None:
+    advisor = Advisor(front)
+    assert advisor._held_mode(Mode.COAST, ns(1000)) is Mode.COAST
+    assert advisor._held_mode(Mode.CRUISE, ns(0)) is Mode.CRUISE
 
 
 def test_every_field_of_the_advice_is_in_the_message() -> None:

@@ -55,10 +55,10 @@ class Case:
         self.plant = Plant(self.route, RE460)
         self.leg = Leg(start_m=start_m, stop_m=stop_m, departure_s=0.0, arrival_s=self.time_s)
 
-    def advise(self, presentation: Presentation, reduced_mps: float = math.nan) -> Advise:
+    def advise(self, presentation: Presentation) -> Advise:
         advisor = Advisor(self.front)
         advisor.set_timetable(Timetable(departure_ns=0, arrival_ns=round(self.time_s * 1e9)))
-        return advised_by(advisor, presentation, self.line, reduced_mps=reduced_mps)
+        return advised_by(advisor, presentation, self.line)
 
     def ride(self, driver: Driver, advise: Advise | None = None) -> Ride:
         return ride(self.plant, driver, self.line, self.leg, advise)
@@ -149,9 +149,12 @@ def test_each_driver_by_rule_is_what_it_is_called(zug_luzern: Case) -> None:
 def test_rms_holds_the_speed_on_the_display(zug_luzern: Case) -> None:
     def display(state: PlantState) -> AdviceView | None:
         given = replace(
-            advice(Mode.CRUISE), time_ns=round(1e9 * state.time_s), valid_until_ns=round(1e9 * state.time_s + 3e9)
+            advice(Mode.CRUISE),
+            time_ns=round(1e9 * state.time_s),
+            valid_until_ns=round(1e9 * state.time_s + 3e9),
+            reduced_max_speed_mps=25.0,
         )
-        return present(given, Presentation.RMS, zug_luzern.line.train, reduced_mps=25.0)
+        return present(given, Presentation.RMS, zug_luzern.line.train)
 
     run = zug_luzern.ride(make_driver(DriverKind.RMS, zug_luzern.line), display)
     top = [s.speed_mps for s in run.states]
@@ -267,6 +270,10 @@ def advice(mode: Mode, force_n: float = 0.0, speed_mps: float = 20.0) -> Advice:
         horizon_force_n=(force_n,) * 30,
         next_mode=Mode.REDUCED_BRAKE,
         next_change_s=12.0,
+        reduced_max_speed_mps=27.0,
+        four_mode=mode,
+        next_four_mode=Mode.FULL_BRAKE,
+        next_four_change_s=13.0,
     )
 
 
@@ -280,14 +287,16 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     modes = present(given, Presentation.FOUR_MODE, train)
     assert modes is not None
     assert (modes.mode, modes.speed_mps, modes.next_mode) == (das_pb2.MODE_CRUISE, 20.0, das_pb2.MODE_FULL_BRAKE)
+    assert modes.next_change_s == 13.0
     assert math.isnan(modes.lever_ratio)
     assert not modes.horizon_speed_mps
     coasting = present(advice(Mode.COAST), Presentation.FOUR_MODE, train)
     assert coasting is not None
     assert math.isnan(coasting.speed_mps)
-    reduced = present(given, Presentation.RMS, train, reduced_mps=27.0)
+    reduced = present(given, Presentation.RMS, train)
     assert reduced is not None
     assert (reduced.speed_mps, reduced.horizon_force_n) == (27.0, ())
+    assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.RMS, train) is None
     assert present(given, Presentation.NONE, train) is None
     assert present(advice(Mode.NONE), Presentation.VECTOR, train) is None
     assert lever_ratio(-1e9, 20.0, train) == -1.0
@@ -315,7 +324,7 @@ def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
 ) -> None:
     case = zug_luzern
     human = HumanDriver(case.line, HumanParameters(notches=notches, lapses_per_h=0.0), seed=5)
-    run = case.ride(human, case.advise(presentation, 31.5) if presentation is not Presentation.NONE else None)
+    run = case.ride(human, case.advise(presentation) if presentation is not Presentation.NONE else None)
     assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=3 * human.parameters.stop_error_m)
     assert case.excess_mps(run) < 1.0
     assert run.arrival_s == pytest.approx(case.time_s, abs=60.0)

@@ -16,7 +16,21 @@ import pytest
 
 from das.bus import das_pb2
 from das.bus.session import Bus, Received, check_endpoint, endpoint, free_ports
-from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, PLAN, POSITION, RECORDER, STATUS, TOPICS, topic_of
+from das.bus.topics import (
+    ADVICE,
+    CONTROL,
+    DELAY,
+    EVENT,
+    JOURNEY,
+    PLAN,
+    POSITION,
+    RECORDER,
+    RESTRICTION,
+    STATUS,
+    TARGET,
+    TOPICS,
+    topic_of,
+)
 from das.domain.errors import DasError
 from sim.recording import read_recording
 
@@ -154,7 +168,7 @@ def test_node_advises_once_a_second_by_the_wall_clock() -> None:
         first = until(bus, lambda r: r.topic is ADVICE, child)
         second = until(bus, lambda r: r.topic is ADVICE, child)
         assert first.mode == das_pb2.MODE_NONE
-        assert first.reason == "no timetable yet"
+        assert first.reason == "no journey yet"
         said = until(bus, lambda r: r.topic is STATUS and r.message.advices > 0, child)
         assert 0 < said.solve_s < 60
         assert 0 < said.last_advice_s < 10
@@ -179,6 +193,9 @@ def test_node_refuses_journeys_it_cannot_drive() -> None:
         "it is for train 'T2', this node is for 'T1'": {"train": "T2"},
         "expected one that leads forwards on the route": {"stops": [{"s_m": 0.0}, {"s_m": 1e10}]},
         "it has 1 stops, expected at least 2": {"stops": [{"s_m": 0.0}]},
+        "it is for vehicle '../x', this node knows re460-ic, re460-ic-igbt": {"vehicle_id": "../x"},
+        "no load 'full'": {"load": "full"},
+        "level 'l9': expected one of l0-noreg": {"level": "l9"},
         "timetable: the departure from stop 2 is before the arrival there": {
             "stops": [
                 {"s_m": 0.0, "departure_ns": START_NS},
@@ -207,6 +224,64 @@ def test_node_with_the_wall_clock_does_not_obey_control() -> None:
         for _ in range(2):
             assert until(bus, lambda r: r.topic is ADVICE, child).time_ns > START_NS // 2
         assert child.poll() is None
+
+
+def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
+    """Kept for late subscribers, so that a node that was restarted knows them; a tick waits until they are heard."""
+    one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
+    target = das_pb2.Targets.Target(stop="B", arrival_ns=START_NS + 300 * 10**9)
+    now = START_NS + 60 * 10**9
+    position = das_pb2.Position(time_ns=now, s_m=2_600.0, speed_mps=14.0)
+    with node("--clock", "bus") as (bus, child):
+
+        def ask(tick: int) -> Any:
+            bus.publish(POSITION, position)
+            bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=tick, restrictions_ns=5, targets_ns=6))
+            return until(bus, lambda r: r.topic is ADVICE and r.message.tick == tick, child)
+
+        until(bus, status(das_pb2.Status.STATE_WAITING), child)
+        message = journey()
+        message.vehicle_id, message.level = "re460-ic-igbt", "l2"
+        bus.publish(JOURNEY, message)
+        ready = until(bus, status(das_pb2.Status.STATE_READY), child)
+        assert "re460-ic-igbt, l2" in ready.section
+        bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=5, restrictions=[one]))
+        bus.publish(TARGET, das_pb2.Targets(time_ns=6, targets=[target]))
+        advice = ask(1)
+        assert advice.limit_mps == 15.0
+        assert advice.advised_speed_mps <= 15.0
+        assert advice.predicted_arrival_ns >= START_NS + 298 * 10**9
+        one.limit_mps = -1.0
+        bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=7, restrictions=[one]))
+        until(bus, lambda r: r.topic is EVENT and "restriction" in r.message.message, child)
+        assert "restrictions in force are not known" in ask(2).reason
+
+
+def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
+    one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
+    ours, theirs = (endpoint(port) for port in free_ports(2))
+    arguments = ["--route", "flat-6km", "--vehicle", "re460-ic", "--train", TRAIN, "--listen", theirs]
+    with Bus(TRAIN, listen=ours, connect=[theirs], hear=(ADVICE, STATUS)) as bus:
+        start_ns = time.time_ns()
+        message = journey()
+        message.stops[0].departure_ns = start_ns - 60 * 10**9
+        message.stops[1].arrival_ns = start_ns + 200 * 10**9
+        bus.publish(JOURNEY, message)
+        bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=start_ns, restrictions=[one]))
+        for _ in range(2):
+            with process("das.node", *arguments, "--connect", ours, "--rate", "5") as child:
+                begun_ns = time.time_ns()
+
+                def advised(received: Received, since_ns: int = begun_ns) -> bool:
+                    now = time.time_ns()
+                    bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=2_600.0, speed_mps=14.0))
+                    is_advice = received.topic is ADVICE and received.message.time_ns > since_ns
+                    return is_advice and received.message.limit_mps == 15.0
+
+                bus.publish(POSITION, das_pb2.Position(time_ns=begun_ns, s_m=2_600.0, speed_mps=14.0))
+                assert until(bus, advised, child).advised_speed_mps <= 15.0
+                child.kill()
+                child.wait()
 
 
 def test_node_survives_times_at_the_ends_of_the_clock() -> None:
@@ -252,6 +327,8 @@ def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
         (["--route", "nowhere", "--vehicle", "re460-ic"], "nowhere: not a bundled route"),
         (["--route", "flat-6km", "--vehicle", "re460-ic", "--clock", "moon"], "--clock moon: expected wall or bus"),
         (["--route", "flat-6km", "--vehicle", "re460-ic", "--train", "a/b"], "train name 'a/b'"),
+        (["--route", "flat-6km", "--vehicle", "re460-ic", "--rate", "9"], "--rate 9: expected 0.2 to 5 Hz"),
+        (["--route", "flat-6km", "--vehicle", "re460-ic", "--tables", "/nowhere"], "no such folder of tables"),
         (
             ["--route", "flat-6km", "--vehicle", "re460-ic", "--listen", "tcp/0.0.0.0:7447"],
             "the bus stays on this machine",

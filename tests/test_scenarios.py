@@ -33,13 +33,14 @@ from sim.world.disturbances import (
     SensorOutage,
     SignalStop,
     SlipperyRail,
+    TrainAhead,
     described,
 )
 from sim.world.in_process import InProcess
 from sim.world.link import Heard, Told
 from sim.world.loop import Run, World
 from sim.world.outcome import outcome
-from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
+from sim.world.scenario import Drawn, bundled_scenarios, load_scenario, read_scenario
 from sim.world.service import Service, prepare_service
 
 SEED = 1
@@ -112,7 +113,7 @@ def fastest_late_s(driven: Driven, section: int) -> float:
 
 
 def test_all_bundled_scenarios_share_what_the_tests_solve_once() -> None:
-    assert len(bundled_scenarios()) == 11
+    assert len(bundled_scenarios()) == 12
     for name in bundled_scenarios():
         one = load_scenario(name)
         assert one.id == name
@@ -189,6 +190,53 @@ def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
     assert end_m <= over_m <= end_m + way_m
     clear = drive("clear-day")
     assert driven.figures["energy_kwh"] > clear.figures["energy_kwh"]
+
+
+def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
+    """The line's limit under the train and the temporary one, as this test reads them, above every advised speed."""
+    driven = drive("restriction-ahead")
+    one, service = driven.one(Restriction), driven.day.service
+    told_ns = next(heard.now_ns for heard in driven.said.heard if heard.restrictions)
+    advices = [a for a in driven.said.advices if a.time_ns >= told_ns and a.s_m <= one.to_m + service.vehicle.length_m]
+    assert advices[0].time_ns == told_ns
+    assert any(a.s_m > one.to_m for a in advices)
+    for advice in advices:
+        assert advice.mode is not Mode.NONE
+        s_m, before_mps = advice.s_m, advice.advised_speed_mps
+        for after_mps in advice.horizon_speed_mps:
+            s_m, before_mps = s_m + 0.5 * (before_mps + after_mps), after_mps
+            if one.from_m + 1 < s_m < one.to_m + service.vehicle.length_m - 1:
+                assert after_mps <= one.speed_mps + 1e-6
+        if advice.s_m > one.from_m:
+            assert advice.advised_speed_mps <= advice.limit_mps <= one.speed_mps
+    # Reduced in time: never is the train told that it is much too fast.
+    assert all(advice.speed_mps <= advice.advised_speed_mps + 1.5 for advice in advices)
+
+
+def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stopping() -> None:
+    driven = drive("train-ahead")
+    ahead, service = driven.one(TrainAhead), driven.day.service
+    s_m, speed_mps, time_s = (driven.array(name) for name in ("s_m", "speed_mps", "time_s"))
+    in_sight_s = time_s[np.argmax(s_m >= ahead.at_m - ahead.seen_m)]
+    assert ahead.clears_s <= in_sight_s <= ahead.clears_s + 6
+    assert speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min() > 10
+    assert not any("danger" in event for event in driven.events())
+    # The same signal, and nobody told of it: the train stops.
+    scenario = load_scenario("train-ahead")
+    (planned_one,) = scenario.disturbances
+    near = {"low": ahead.seen_m + 1, "high": ahead.seen_m + 1}
+    figures = {
+        **planned_one.figures,
+        "told_m": Drawn(**near),
+        "clears_s": Drawn(low=ahead.clears_s, high=ahead.clears_s),
+    }
+    untold = replace(scenario, disturbances=(replace(planned_one, figures=figures),))
+    day = make_day(service.on(untold), SEED)
+    run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(day.service)).run()
+    slowest = min(state.speed_mps for state in run.states if 31_000 < state.s_m < ahead.at_m)
+    assert slowest < 5 < speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min()
+    assert outcome(day, run)["energy_kwh"] > driven.figures["energy_kwh"]
+    assert run.calls[-1].late_s > driven.late_s()[-1]
 
 
 @pytest.mark.parametrize("driver", ["perfect", "human"])

@@ -213,12 +213,18 @@ class Journey(_message.Message):
     VEHICLE_ID_FIELD_NUMBER: _builtins.int
     REVERSED_FIELD_NUMBER: _builtins.int
     STOPS_FIELD_NUMBER: _builtins.int
+    LOAD_FIELD_NUMBER: _builtins.int
+    LEVEL_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     train: _builtins.str
     route_id: _builtins.str
     vehicle_id: _builtins.str
     reversed: _builtins.bool
     """the route is driven from its end; positions count from there"""
+    load: _builtins.str
+    """load state of the vehicle, as its file names it; empty: as the node was started"""
+    level: _builtins.str
+    """loss level (l0-noreg … l3, own); empty: as the node was started"""
     @_builtins.property
     def stops(self) -> _containers.RepeatedCompositeFieldContainer[Global___Journey.Stop]: ...
     def __init__(
@@ -230,14 +236,79 @@ class Journey(_message.Message):
         vehicle_id: _builtins.str = ...,
         reversed: _builtins.bool = ...,
         stops: _abc.Iterable[Global___Journey.Stop] | None = ...,
+        load: _builtins.str = ...,
+        level: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["reversed", b"reversed", "route_id", b"route_id", "stops", b"stops", "time_ns", b"time_ns", "train", b"train", "vehicle_id", b"vehicle_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["level", b"level", "load", b"load", "reversed", b"reversed", "route_id", b"route_id", "stops", b"stops", "time_ns", b"time_ns", "train", b"train", "vehicle_id", b"vehicle_id"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Journey: _TypeAlias = Journey  # noqa: Y015
+
+@_typing.final
+class Targets(_message.Message):
+    """Targets of traffic management (das/<train>/target): all that are in force. Those of before are lifted."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    @_typing.final
+    class Target(_message.Message):
+        """A later or earlier arrival at a stop, or a window in which a point is passed. Times are 0 where they are open."""
+
+        DESCRIPTOR: _descriptor.Descriptor
+
+        STOP_FIELD_NUMBER: _builtins.int
+        S_M_FIELD_NUMBER: _builtins.int
+        ARRIVAL_NS_FIELD_NUMBER: _builtins.int
+        EARLIEST_NS_FIELD_NUMBER: _builtins.int
+        LATEST_NS_FIELD_NUMBER: _builtins.int
+        REASON_FIELD_NUMBER: _builtins.int
+        stop: _builtins.str
+        """name of a stop of the journey; empty: the point at s_m"""
+        s_m: _builtins.float
+        arrival_ns: _builtins.int
+        """of a stop"""
+        earliest_ns: _builtins.int
+        """of a point: the train's head is not to be there before"""
+        latest_ns: _builtins.int
+        """of a point: nor after"""
+        reason: _builtins.str
+        def __init__(
+            self,
+            *,
+            stop: _builtins.str = ...,
+            s_m: _builtins.float = ...,
+            arrival_ns: _builtins.int = ...,
+            earliest_ns: _builtins.int = ...,
+            latest_ns: _builtins.int = ...,
+            reason: _builtins.str = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["arrival_ns", b"arrival_ns", "earliest_ns", b"earliest_ns", "latest_ns", b"latest_ns", "reason", b"reason", "s_m", b"s_m", "stop", b"stop"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    TARGETS_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    @_builtins.property
+    def targets(self) -> _containers.RepeatedCompositeFieldContainer[Global___Targets.Target]: ...
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        targets: _abc.Iterable[Global___Targets.Target] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["targets", b"targets", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Targets: _TypeAlias = Targets  # noqa: Y015
 
 @_typing.final
 class Control(_message.Message):
@@ -263,19 +334,26 @@ class Control(_message.Message):
     TIME_NS_FIELD_NUMBER: _builtins.int
     TICK_FIELD_NUMBER: _builtins.int
     COMMAND_FIELD_NUMBER: _builtins.int
+    RESTRICTIONS_NS_FIELD_NUMBER: _builtins.int
+    TARGETS_NS_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     tick: _builtins.int
     command: Global___Control.Command.ValueType
+    restrictions_ns: _builtins.int
+    """time_ns of the last Restrictions and Targets sent before (0: none): the node answers when it has heard them."""
+    targets_ns: _builtins.int
     def __init__(
         self,
         *,
         time_ns: _builtins.int = ...,
         tick: _builtins.int = ...,
         command: Global___Control.Command.ValueType = ...,
+        restrictions_ns: _builtins.int = ...,
+        targets_ns: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["command", b"command", "tick", b"tick", "time_ns", b"time_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["command", b"command", "restrictions_ns", b"restrictions_ns", "targets_ns", b"targets_ns", "tick", b"tick", "time_ns", b"time_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -331,6 +409,11 @@ class Advice(_message.Message):
     VALID_UNTIL_NS_FIELD_NUMBER: _builtins.int
     LIMIT_MPS_FIELD_NUMBER: _builtins.int
     POSITION_SD_M_FIELD_NUMBER: _builtins.int
+    DISPLAY_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    REDUCED_MAX_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    FOUR_MODE_FIELD_NUMBER: _builtins.int
+    NEXT_FOUR_MODE_FIELD_NUMBER: _builtins.int
+    NEXT_FOUR_CHANGE_S_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     tick: _builtins.int
     """of the Control message answered; 0 with the wall clock"""
@@ -364,6 +447,16 @@ class Advice(_message.Message):
     """speed limit over the train here"""
     position_sd_m: _builtins.float
     """one standard deviation of s_m"""
+    display_speed_mps: _builtins.float
+    """The same for displays that show less:
+    advised_speed_mps in whole km/h, held within a band, never above what is allowed
+    """
+    reduced_max_speed_mps: _builtins.float
+    """the one highest speed that keeps the time; judged every 30 s"""
+    four_mode: Global___Mode.ValueType
+    """FULL_TRACTION, CRUISE, COAST, FULL_BRAKE (or STOP, NONE)"""
+    next_four_mode: Global___Mode.ValueType
+    next_four_change_s: _builtins.float
     @_builtins.property
     def horizon_speed_mps(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """at 1 s steps, the first 1 s ahead"""
@@ -396,10 +489,15 @@ class Advice(_message.Message):
         valid_until_ns: _builtins.int = ...,
         limit_mps: _builtins.float = ...,
         position_sd_m: _builtins.float = ...,
+        display_speed_mps: _builtins.float = ...,
+        reduced_max_speed_mps: _builtins.float = ...,
+        four_mode: Global___Mode.ValueType = ...,
+        next_four_mode: Global___Mode.ValueType = ...,
+        next_four_change_s: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "energy_to_go_j", b"energy_to_go_j", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -46,6 +46,9 @@ JOURNEY: Final = Topic(
 RESTRICTION: Final = Topic(
     name="restriction", root="das", message=das_pb2.Restrictions, rate_hz=None, publisher="operator", latched=True
 )
+TARGET: Final = Topic(
+    name="target", root="das", message=das_pb2.Targets, rate_hz=None, publisher="operator", latched=True
+)
 CONTROL: Final = Topic(name="control", root="das", message=das_pb2.Control, rate_hz=1.0, publisher="simulator")
 ADVICE: Final = Topic(name="advice", root="das", message=das_pb2.Advice, rate_hz=1.0, publisher="node")
 PLAN: Final = Topic(name="plan", root="das", message=das_pb2.Plan, rate_hz=0.1, publisher="node")
@@ -66,6 +69,7 @@ TOPICS: Final = (
     EFFORT,
     JOURNEY,
     RESTRICTION,
+    TARGET,
     CONTROL,
     ADVICE,
     PLAN,

@@ -21,6 +21,9 @@ NO_REGENERATION = -1.0
 NEUTRAL = -2.0
 """Supply of a neutral section: neither traction nor electric brake."""
 
+LEAST_RESTRICTION_MPS = 0.5
+"""Slower than this is no speed restriction: a train would not get through."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
@@ -69,6 +72,23 @@ class Stretches:
         start, value = self.start_m[inside], self.value[inside]
         ends = np.append(start[1:], length_m)
         return Stretches(start_m=(length_m - ends)[::-1].copy(), value=sign * value[::-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restriction:
+    """A temporary speed limit between two positions, for the whole train: until its tail has left."""
+
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+    def __post_init__(self) -> None:
+        # Written so that NaN is refused as well.
+        if not -np.inf < self.start_m < self.end_m < np.inf:
+            shown = f"{self.start_m:g} … {self.end_m:g} m"
+            raise InputError("restriction", "positions", shown, "a start before the end")
+        if not LEAST_RESTRICTION_MPS <= self.limit_mps < np.inf:
+            raise InputError("restriction", "limit_mps", self.limit_mps, f"at least {LEAST_RESTRICTION_MPS:g} m/s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,6 +226,18 @@ class Route:
             geometry_latitude_deg=self.geometry_latitude_deg[::-1].copy(),
             geometry_longitude_deg=self.geometry_longitude_deg[::-1].copy(),
         )
+
+    def with_restrictions(self, restrictions: Sequence[Restriction]) -> Route:
+        """The same line with temporary limits: everywhere the least of what is in force there."""
+        limits = self.limits_mps
+        edges = np.array([edge for one in restrictions for edge in (one.start_m, one.end_m)])
+        inside = edges[(edges > 0) & (edges < self.length_m)]
+        start_m = np.unique(np.concatenate((limits.start_m, inside)))
+        value = limits.at(start_m)
+        for one in restrictions:
+            within = (start_m >= one.start_m) & (start_m < one.end_m)
+            value = np.where(within, np.minimum(value, one.limit_mps), value)
+        return replace(self, limits_mps=Stretches(start_m=start_m, value=value))
 
     def altitude_m(self, position_m: ArrayLike) -> Floats:
         """Altitude above sea level (m), from the altitude at the start and the gradients."""

@@ -123,29 +123,16 @@ class Driver(Protocol):
         """What the controller is set to until the next look."""
 
 
-_FOUR_MODES: dict[int, int] = {
-    das_pb2.MODE_FULL_TRACTION: das_pb2.MODE_FULL_TRACTION,
-    das_pb2.MODE_REDUCED_TRACTION: das_pb2.MODE_CRUISE,
-    das_pb2.MODE_CRUISE: das_pb2.MODE_CRUISE,
-    das_pb2.MODE_COAST: das_pb2.MODE_COAST,
-    das_pb2.MODE_REDUCED_BRAKE: das_pb2.MODE_FULL_BRAKE,
-    das_pb2.MODE_FULL_BRAKE: das_pb2.MODE_FULL_BRAKE,
-    das_pb2.MODE_FRICTION_BRAKE: das_pb2.MODE_FULL_BRAKE,
-    das_pb2.MODE_STOP: das_pb2.MODE_STOP,
-}
-
-
 def present(
     advice: Any,
     presentation: Presentation,
     train: TrainNumbers,
     *,
     clock_zero_ns: int = 0,
-    reduced_mps: float = math.nan,
 ) -> AdviceView | None:
     """What the display shows of an advice (a `das.advisor.Advice` or the bus's message), or None.
 
-    `clock_zero_ns` is the moment at which the cab's clock shows 0; `reduced_mps` the speed that RMS presents.
+    `clock_zero_ns` is the moment at which the cab's clock shows 0.
     """
     mode = int(advice.mode)
     if presentation is Presentation.NONE or mode == das_pb2.MODE_NONE:
@@ -153,19 +140,22 @@ def present(
     time_s = (advice.time_ns - clock_zero_ns) * NS
     until_s = (advice.valid_until_ns - clock_zero_ns) * NS
     if presentation is Presentation.RMS:
+        reduced_mps = advice.reduced_max_speed_mps
+        if math.isnan(reduced_mps):  # nothing to show where the train has arrived
+            return None
         return AdviceView(
             time_s=time_s, valid_until_s=until_s, presentation=presentation, mode=mode, speed_mps=reduced_mps
         )
     if presentation is Presentation.FOUR_MODE:
-        mode = _FOUR_MODES[mode]
+        mode = int(advice.four_mode)
         return AdviceView(
             time_s=time_s,
             valid_until_s=until_s,
             presentation=presentation,
             mode=mode,
             speed_mps=advice.advised_speed_mps if mode == das_pb2.MODE_CRUISE else math.nan,
-            next_mode=_FOUR_MODES.get(int(advice.next_mode), das_pb2.MODE_NONE),
-            next_change_s=advice.next_change_s,
+            next_mode=int(advice.next_four_mode),
+            next_change_s=advice.next_four_change_s,
         )
     return AdviceView(
         time_s=time_s,

@@ -59,6 +59,19 @@ class SignalStop:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TrainAhead:
+    """A signal at danger at `at_m`, seen `seen_m` before it, until `clears_s` after the start.
+
+    Traffic management knows that: `told_m` before the signal the node is told not to be in sight of it any sooner.
+    """
+
+    at_m: float
+    seen_m: float
+    clears_s: float
+    told_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class SlipperyRail:
     """Adhesion times `adhesion_ratio` from `from_m` to `to_m`."""
 
@@ -106,6 +119,7 @@ Disturbance = (
     | DelayOnTheWay
     | Restriction
     | SignalStop
+    | TrainAhead
     | SlipperyRail
     | HeadWind
     | SensorOutage

@@ -2,36 +2,54 @@
 
 from __future__ import annotations
 
-from das.advisor import Advice, Advisor
-from das.calibration import Calibrator
-from das.journey_advisor import JourneyAdvisor
+from das.advisor import Advice
+from das.calibration import Calibrator, Recalibration
+from das.domain.route import Restriction, Stop
 from das.localisation import Quality
+from das.planning import Situation
+from das.trip import Target, Trip
 from sim.world.link import Heard, Told
 from sim.world.service import Service
 
 
 class InProcess:
-    """Asks the advisor directly; nothing is recorded."""
+    """Asks the node's trip directly; nothing is recorded."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
+        self._restrictions: tuple[Restriction, ...] = ()
+        self._targets: tuple[Target, ...] = ()
         self.restart()
 
     def restart(self) -> None:
-        """Begin with an advisor that has heard nothing but the timetable."""
-        self._advisor = JourneyAdvisor([Advisor(front) for front in self._service.fronts])
-        self._advisor.set_timetables(self._service.timetables)
-        says_efforts = self._service.scenario.sensors.force_noise_ratio is not None
-        self.calibrator = Calibrator(self._service.route, self._service.vehicle) if says_efforts else None
+        """Begin with a trip that has heard nothing but what the bus keeps: journey, restrictions, targets."""
+        service = self._service
+        situation = Situation(route=service.route, vehicle=service.vehicle, level=service.level)
+        self._trip = Trip(situation, service.onboard, background=False)
+        self._trip.set_restrictions(self._restrictions)
+        self._trip.begin(
+            [Stop(name=stop.name, position_m=stop.position_m) for stop in service.stops], service.timetables
+        )
+        self._trip.set_targets(self._targets)
+        says_efforts = service.scenario.sensors.force_noise_ratio is not None
+        self.calibrator = Calibrator(service.route, service.vehicle) if says_efforts else None
+        self._recalibration = Recalibration()
 
     def exchange(self, heard: Heard) -> Advice:
         """The advice for a tick."""
         if heard.measured is not None:
-            self._advisor.set_position(heard.measured)
+            self._trip.set_position(heard.measured)
         self._calibrate(heard)
         if heard.delay_s is not None:
-            self._advisor.set_delay(heard.delay_s)
-        return self._advisor.update(heard.now_ns)
+            self._trip.set_delay(heard.delay_s)
+        if heard.restrictions is not None:
+            self._restrictions = tuple(Restriction(**x._asdict()) for x in heard.restrictions)
+            self._trip.set_restrictions(self._restrictions)
+        if heard.targets is not None:
+            self._targets = heard.targets
+            self._trip.set_targets(self._targets)
+        self._trip.take_news()
+        return self._trip.update(heard.now_ns)
 
     def _calibrate(self, heard: Heard) -> None:
         if self.calibrator is None:
@@ -42,6 +60,9 @@ class InProcess:
             self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=sure)
         if heard.effort is not None:
             self.calibrator.set_effort(heard.effort)
+        conditions = self._recalibration.due(self.calibrator.estimates, heard.now_ns)
+        if conditions is not None:
+            self._trip.set_conditions(conditions)
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Nothing is recorded."""

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol
 
 from das.calibration import Effort
 from das.localisation import PositionFix
+from das.trip import Target
 from sim.drivers.cab import Cab, Restriction
 from sim.plant import Command, PlantState
 
@@ -20,6 +21,8 @@ class Heard(NamedTuple):
     restrictions: tuple[Restriction, ...] | None
     """All that are in force, whenever they change."""
     effort: Effort | None
+    targets: tuple[Target, ...] | None
+    """Likewise."""
 
 
 class Told(NamedTuple):

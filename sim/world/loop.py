@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +18,6 @@ from sim.world.calls import Call, Calls
 from sim.world.day import Day
 from sim.world.link import Heard, Link, Told
 from sim.world.news import News
-from sim.world.reduced import ReducedSpeed
 from sim.world.sensors import Localisation, TrainControl
 from sim.world.service import Service
 
@@ -80,9 +78,8 @@ class World:
         self.driver, self.presentation, self.link = driver, presentation, link
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
         self._train_control = TrainControl(day)
-        self._reduced = ReducedSpeed(self.service.line)
         self._limits = _LimitSteps(self.service)
-        self._sent: tuple[Any, ...] = ()
+        self._sent: tuple[tuple[Any, ...], tuple[Any, ...]] = ((), ())
         self._events: list[str] = []
         self._view: AdviceView | None = None
         self._command: Command = COAST
@@ -135,26 +132,25 @@ class World:
             return
         advice = self.link.exchange(self._heard(tick, now_ns, state, measured, effort))
         self._counts.take(advice)
-        shows_rms = self.presentation is Presentation.RMS
         self._view = present(
             advice,
             self.presentation,
             self.service.line.train,
             clock_zero_ns=self.service.timetables[0].departure_ns,
-            reduced_mps=self._reduced.at(self._cab(state)) if shows_rms else math.nan,
         )
 
     def _heard(
         self, tick: int, now_ns: int, state: PlantState, measured: PositionFix | None, effort: Effort | None
     ) -> Heard:
-        told = self._news.told
-        changed, self._sent = told != self._sent, told
+        told = (self._news.told, self._news.targets)
+        before, self._sent = self._sent, told
         return Heard(
             tick=tick,
             now_ns=now_ns,
             measured=measured,
             delay_s=self._delay_s(state) if tick % DELAY_EVERY_S == 1 else None,
-            restrictions=told if changed else None,
+            restrictions=told[0] if told[0] != before[0] else None,
+            targets=told[1] if told[1] != before[1] else None,
             effort=effort,
         )
 

@@ -5,10 +5,19 @@ from __future__ import annotations
 import math
 
 from das.domain.units import KM, KMH
+from das.trip import Target
 from sim.drivers.cab import Restriction as Shown
 from sim.plant import PlantState
 from sim.world.day import Day
-from sim.world.disturbances import BusOutage, DelayOnTheWay, NodeRestart, Restriction, SensorOutage, SignalStop
+from sim.world.disturbances import (
+    BusOutage,
+    DelayOnTheWay,
+    NodeRestart,
+    Restriction,
+    SensorOutage,
+    SignalStop,
+    TrainAhead,
+)
 
 NODE_DOWN_S = 2.0
 """A node that is restarted is away for this long."""
@@ -19,13 +28,16 @@ class News:
 
     def __init__(self, day: Day) -> None:
         self._day, self._length_m = day, day.service.vehicle.length_m
-        self._seen_s: dict[SignalStop, float] = {}
-        self._cleared: set[SignalStop] = set()
+        self._signals_ahead: tuple[SignalStop | TrainAhead, ...] = (*day.of(SignalStop), *day.of(TrainAhead))
+        self._seen_s: dict[SignalStop | TrainAhead, float] = {}
+        self._cleared: set[SignalStop | TrainAhead] = set()
         self._waiting_restarts = sorted(day.of(NodeRestart), key=lambda x: x.at_s)
         self._down_until_s = -math.inf
         self._faults_to_come: list[SensorOutage | BusOutage] = [*day.of(SensorOutage), *day.of(BusOutage)]
         self.signal_m = math.inf
         """The next signal at danger in sight."""
+        self.targets: tuple[Target, ...] = ()
+        """Targets of traffic management in force."""
         self.told: tuple[Shown, ...] = ()
         """Restrictions in force that driver and node are told of."""
         self.shown: tuple[Shown, ...] = ()
@@ -33,7 +45,12 @@ class News:
 
     def update(self, state: PlantState) -> list[str]:
         """Take note of a state; what is new, in words."""
-        return [*self._signals(state), *self._restrictions(state), *self._outages(state.time_s)]
+        return [
+            *self._signals(state),
+            *self._traffic(state),
+            *self._restrictions(state),
+            *self._outages(state.time_s),
+        ]
 
     def restart_due(self, now_s: float) -> bool:
         """Whether the node is to be killed now (each time said once)."""
@@ -49,19 +66,40 @@ class News:
 
     def _signals(self, state: PlantState) -> list[str]:
         events = []
-        for signal in self._day.of(SignalStop):
-            at = f"signal at km {signal.at_m / KM:.1f}"
-            if signal not in self._seen_s and state.s_m >= signal.at_m - signal.seen_m:
+        for signal in self._signals_ahead:
+            at, clears_s = f"signal at km {signal.at_m / KM:.1f}", self._clears_s(signal)
+            in_sight = state.s_m >= signal.at_m - signal.seen_m
+            if signal not in self._seen_s and in_sight and not state.time_s >= clears_s:
                 self._seen_s[signal] = state.time_s
                 events.append(f"{at} at danger")
-            if signal not in self._cleared and state.time_s >= self._clears_s(signal):
+            if signal in self._seen_s and signal not in self._cleared and state.time_s >= self._clears_s(signal):
                 self._cleared.add(signal)
                 events.append(f"{at} clear")
         self.signal_m = min((x.at_m for x in self._seen_s if x not in self._cleared), default=math.inf)
         return events
 
-    def _clears_s(self, signal: SignalStop) -> float:
+    def _clears_s(self, signal: SignalStop | TrainAhead) -> float:
+        if isinstance(signal, TrainAhead):
+            return signal.clears_s
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
+
+    def _traffic(self, state: PlantState) -> list[str]:
+        """Traffic management wants the train to see the signal clear; when it is, that is over."""
+        before = self.targets
+        self.targets = tuple(
+            Target(
+                s_m=x.at_m - x.seen_m,
+                earliest_ns=self._day.service.moment_ns(x.clears_s),
+                reason=f"signal at km {x.at_m / KM:.1f}",
+            )
+            for x in self._day.of(TrainAhead)
+            if x.at_m - x.told_m <= state.s_m < x.at_m and state.time_s < x.clears_s
+        )
+        return [
+            f"target: not at km {x.s_m / KM:.1f} before {self._day.service.clock_s(x.earliest_ns):.0f} s"
+            for x in self.targets
+            if x not in before
+        ]
 
     def _restrictions(self, state: PlantState) -> list[str]:
         """One that the tail has left is over."""

@@ -12,7 +12,7 @@ from google.protobuf.message import Message
 from das import __version__
 from das.bus import das_pb2
 from das.bus.config import BusFolder
-from das.bus.topics import CAB, DELAY, EFFORT, LOCATION, LOG, POSITION, RESTRICTION, TRUTH
+from das.bus.topics import CAB, DELAY, EFFORT, LOCATION, LOG, POSITION, RESTRICTION, TARGET, TRUTH
 from das.localisation import PositionFix
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
@@ -54,6 +54,9 @@ class OverBus:
         if heard.restrictions is not None:
             told = [das_pb2.Restrictions.Restriction(**x._asdict()) for x in heard.restrictions]
             send(RESTRICTION, das_pb2.Restrictions(time_ns=now_ns, restrictions=told))
+        if heard.targets is not None:
+            targets = [das_pb2.Targets.Target(**x._asdict()) for x in heard.targets]
+            send(TARGET, das_pb2.Targets(time_ns=now_ns, targets=targets))
         return self._lockstep.ask(now_ns, heard.tick)
 
     def tell(self, now_ns: int, told: Told) -> None:

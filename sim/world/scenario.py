@@ -28,6 +28,7 @@ from sim.world.disturbances import (
     SensorOutage,
     SignalStop,
     SlipperyRail,
+    TrainAhead,
 )
 
 SCHEMA_VERSION = 1
@@ -45,6 +46,7 @@ _KINDS: dict[str, tuple[type[Any], dict[str, str]]] = {
     "delay-on-the-way": (DelayOnTheWay, {**_STRETCH, "speed": "speed"}),
     "restriction": (Restriction, {**_STRETCH, "speed": "speed", "announced": "length"}),
     "signal-stop": (SignalStop, {"at": "length", "seen": "length", "clears_after": "time"}),
+    "train-ahead": (TrainAhead, {"at": "length", "seen": "length", "clears": "time", "told": "length"}),
     "slippery-rail": (SlipperyRail, {**_STRETCH, "adhesion": "ratio"}),
     "head-wind": (HeadWind, {**_STRETCH, "wind": "speed"}),
     "sensor-fault": (SensorOutage, {"from": "time", "for": "time", "size": "length"}),
@@ -287,6 +289,9 @@ def _planned(table: Fields) -> Planned:
     if "to" in drawn and not drawn["from"].high < drawn["to"].low:
         key = _given(table, "to", "length")
         raise table.error(key, table.data[key], f"more than from = {drawn['from'].high:g} m")
+    if made is TrainAhead and not drawn["told"].low > drawn["seen"].high:
+        key = _given(table, "told", "length")
+        raise table.error(key, table.data[key], f"more than seen = {drawn['seen'].high:g} m")
     figures = {f"{name}_{_SI_SUFFIX[dimension]}": drawn[name] for name, dimension in quantities.items()}
     return Planned(kind=kind, figures=figures, fixed=fixed)
 

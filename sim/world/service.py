@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,12 +15,15 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
+from das.planning import Fronts
 from das.solver.front import Front, Solution, solve_front
 from das.solver.section import build_section
 from sim.drivers.knowledge import LineKnowledge
 from sim.inputs import input_files
 from sim.world.scenario import Scenario
 
+KEPT_BYTES = 300_000_000
+"""Fronts of a service are kept up to this size for its runs without a bus."""
 TIMETABLE_STEP_S = 6.0
 """Timetables are made in tenths of a minute."""
 PLANNED = (
@@ -32,7 +35,10 @@ PLANNED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: `stops` in order of the way; a front, a timetable (ns) and its least-energy run a section."""
+    """What is planned: `stops` in order of the way; a front, a timetable (ns) and its least-energy run a section.
+
+    `onboard` finds what the node plans with, for runs without a bus.
+    """
 
     scenario: Scenario
     level: Level
@@ -43,6 +49,7 @@ class Service:
     timetables: tuple[Timetable, ...]
     planned: tuple[Solution, ...]
     line: LineKnowledge
+    onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
 
     def clock_s(self, time_ns: int) -> float:
         """A moment on the run's clock, which shows 0 at the timetable's departure."""
