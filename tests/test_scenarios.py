@@ -236,7 +236,7 @@ def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stoppin
     slowest = min(state.speed_mps for state in run.states if 31_000 < state.s_m < ahead.at_m)
     assert slowest < 5 < speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min()
     assert outcome(day, run)["energy_kwh"] > driven.figures["energy_kwh"]
-    assert run.calls[-1].late_s > driven.late_s()[-1]
+    assert run.calls[-1].late_s > driven.late_s()[-1] - 1.0
 
 
 @pytest.mark.parametrize("driver", ["perfect", "human"])

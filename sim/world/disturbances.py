@@ -143,6 +143,7 @@ _NAMES = {
     DelayOnTheWay: "delay on the way",
     Restriction: "restriction",
     SignalStop: "signal stop",
+    TrainAhead: "train ahead",
     SlipperyRail: "slippery rail",
     HeadWind: "head wind",
     SensorOutage: "sensor fault",
