@@ -7,6 +7,7 @@ reason; the estimate is carried on without them, until it is too old or too unce
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -49,7 +50,9 @@ EXPECTED_SLOW_MPS = 0.5
 STANDS_AFTER_S = 2.0
 """If it lasts so long, it is one."""
 SETS_OFF_SDS = 3.3
-"""A standstill is over with two faster fixes in a row, or with one faster than this."""
+"""A standstill is over with two faster fixes in a row, or with one faster than this;"""
+CREEP_FIXES = 5
+"""or with the mean of the last so many, each of them perhaps too slow to tell."""
 FROZEN_M = 2.0
 """A position that stays the same while its speed makes this way is frozen."""
 ODOMETER_RATIO = 0.01
@@ -108,19 +111,21 @@ class Estimate:
 
 
 class Standstill:
-    """Whether a train stands: after a while of speeds near 0, until one is clearly higher or two in a row somewhat."""
+    """Whether a train stands: after a while of speeds near 0, until one is clearly higher or several somewhat."""
 
     def __init__(self) -> None:
         self.stands = False
+        self._speeds_mps: deque[float] = deque(maxlen=CREEP_FIXES)
         self._slow = False
         self._since_ns: int | None = None
 
     def notice(self, fix: PositionFix, speed_sd_mps: float, expected_mps: float) -> None:
         """Judge by the next fix, where the state expects a speed; without a measured speed no train stands."""
         was_slow, self._slow = self._slow, fix.speed_mps <= max(SLOW_MPS, SLOW_SDS * speed_sd_mps)
+        self._speeds_mps.append(fix.speed_mps)
         if self.stands:
             doubtful = fix.speed_mps <= max(SLOW_MPS, SETS_OFF_SDS * speed_sd_mps)
-            self.stands = self._slow or (was_slow and doubtful)
+            self.stands = (self._slow or (was_slow and doubtful)) and not self._creeps(speed_sd_mps)
             self._since_ns = self._since_ns if self.stands else None
         elif not self._slow or expected_mps > EXPECTED_SLOW_MPS:
             self._since_ns = None
@@ -128,6 +133,10 @@ class Standstill:
             self._since_ns = fix.time_ns
         else:
             self.stands = (fix.time_ns - self._since_ns) * NS >= STANDS_AFTER_S
+
+    def _creeps(self, speed_sd_mps: float) -> bool:
+        mean_mps = sum(self._speeds_mps) / CREEP_FIXES
+        return mean_mps > max(SLOW_MPS, SETS_OFF_SDS * speed_sd_mps / math.sqrt(CREEP_FIXES))
 
 
 class Localisation:

@@ -189,7 +189,7 @@ class Witness:
             assert not advice.horizon_speed_mps
             return
         assert abs(advice.time_ns - advice.position_time_ns) <= 3 * S
-        assert any(_can_be(*state) for state in self.positions[advice.position_time_ns])
+        assert any(_can_be_said(*state) for state in self.positions[advice.position_time_ns])
         assert _can_be(advice.s_m, advice.speed_mps), f"advice for where nobody can be: {advice}"
         numbers = [advice.s_m, advice.speed_mps, advice.advised_speed_mps, advice.advised_force_n, advice.limit_mps]
         numbers += [advice.advised_force_ratio, *advice.horizon_speed_mps, *advice.horizon_force_n]
@@ -203,6 +203,13 @@ class Witness:
 def _can_be(s_m: float, speed_mps: float) -> bool:
     """Whether a Re 460 (200 km/h) can be there on flat-6km, with what the advisor allows a sensor to be wrong by."""
     return -50.0 <= s_m <= 6_500.0 and -0.3 <= speed_mps <= 1.3 * 200.0 / 3.6
+
+
+def _can_be_said(s_m: float, speed_mps: float) -> bool:
+    """The same of a fix, of which the place or the speed may not be measured (NaN)."""
+    if math.isnan(s_m):
+        return _can_be(0.0, speed_mps)
+    return _can_be(s_m, 0.0 if math.isnan(speed_mps) else speed_mps)
 
 
 def make_node(sink: Sink, route: Route, vehicle: Vehicle) -> Node:

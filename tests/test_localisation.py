@@ -13,12 +13,15 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
 from das import track_filter
+from das.domain.files.load import load_vehicle
 from das.domain.units import NS
 from das.localisation import (
+    DEFAULT_SD,
     OVERSPEED_RATIO,
     POSITION_SD_MOST_M,
     RESTART_AFTER_S,
     RESTART_FIXES,
+    SLOW_SDS,
     SPEED_SD_MOST_MPS,
     STALE_AFTER_S,
     Estimate,
@@ -602,3 +605,17 @@ def test_garbage_in_between_never_moves_a_train_further_than_it_can(wrong: dict[
 
 def test_the_same_fixes_give_the_same_estimate() -> None:
     assert heard(100.0, hz=3.0).at(ns(100.1)) == heard(100.0, hz=3.0).at(ns(100.1))
+
+
+@pytest.mark.parametrize("quality", [Quality.GOOD, Quality.UNKNOWN, Quality.DEGRADED])
+def test_a_train_that_creeps_out_of_a_stop_is_noticed(quality: Quality) -> None:
+    """Slower than one fix can tell from a standstill: who follows the advice would wait for it, and it for him."""
+    localisation, s_m = Localisation(load_vehicle("re460-ic")), 100.0
+    for second in range(30):
+        speed_mps = 0.0 if second < 10 else 0.95 * SLOW_SDS * DEFAULT_SD[quality][1]
+        s_m += speed_mps
+        localisation.take(PositionFix(time_ns=second * 10**9, s_m=s_m, speed_mps=speed_mps, quality=quality))
+        here = localisation.at(second * 10**9)
+        assert second >= 10 or here.speed_mps == 0.0
+    assert here.speed_mps == pytest.approx(speed_mps, rel=0.3)
+    assert here.s_m == pytest.approx(s_m, abs=12.0)
