@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from das.advisor import VALID_FOR_S, Advice
+from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.localisation import STALE_AFTER_S
@@ -602,3 +603,21 @@ def test_what_happens_is_said_in_the_units_of_the_file() -> None:
     assert described(load_scenario("clear-day").day(0)) == "nothing"
     for name in bundled_scenarios():
         assert described(load_scenario(name).day(0))
+
+
+def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Path) -> None:
+    """With the forces measured the node plans with the mass it finds; without, with that of the file."""
+    source = load_scenario("clear-day").source.read_text(encoding="utf-8")
+    truth = "\n[truth]\nmass_ratio = 1.15\nresistance_ratio = 1.25\n"
+    found = []
+    for name, sensors in (("told", "[sensors]\nforce_noise_percent = 2\n"), ("untold", "")):
+        (tmp_path / f"{name}.toml").write_text(source + truth + sensors, encoding="utf-8")
+        service = service_of(tmp_path / f"{name}.toml")
+        link = InProcess(service)
+        driver = make_driver(DriverKind.PERFECT, service.line, seed=SEED)
+        run = World(make_day(service, SEED), driver, Presentation.VECTOR, link).run()
+        assert abs(run.late_s) <= 5
+        found.append(link._trip._situation.conditions)
+    assert found[0].mass_ratio == pytest.approx(1.15, abs=0.03)
+    assert found[0].resistance_ratio == pytest.approx(1.25, abs=0.08)
+    assert found[1] == Conditions()

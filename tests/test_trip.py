@@ -287,6 +287,19 @@ def test_another_train_level_or_condition_is_solved_anew() -> None:
     assert lossless.energy_to_go_j < 0.9 * first.energy_to_go_j
 
 
+def test_conditions_the_train_could_not_drive_under_are_ignored_and_said() -> None:
+    hill = Stretches(start_m=np.array([0.0, 2500.0, 2700.0]), value=np.array([0.0, 0.12, 0.0]))
+    made = Trip(Situation(route=replace(LINE, gradients_ratio=hill), vehicle=TRAIN), FRONTS, background=False)
+    made.begin(LINE.stops, DUE)
+    before = at(made, 60, 1500.0, 24.0)
+    made.take_news()
+    made.set_conditions(Conditions(mass_ratio=5.0))
+    (news,) = made.take_news()
+    assert news.bad
+    assert news.text.startswith("calibration ignored: ")
+    assert at(made, 61, 1524.0, 24.0).energy_to_go_j < before.energy_to_go_j
+
+
 def test_trains_are_found_by_id_and_load_and_stay_the_same_object() -> None:
     base = replace(TRAIN, id="ours", loads={"full": Load(mass_kg=1.4e5)})
     trains = Trains(base.loaded("full"), base, others=["re460-ic"])

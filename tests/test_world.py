@@ -299,6 +299,19 @@ def _advices_so_far(path: Path) -> int:
         return 0
 
 
+def test_a_full_disk_ends_the_run_in_one_line_and_what_was_recorded_can_be_read(folder: Path) -> None:
+    resource = pytest.importorskip("resource")
+    done = subprocess.run(
+        [sys.executable, "-m", "sim.cli", "run", "eventful.toml", "--driver", "perfect", "--out", "full.mcap"],
+        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000)),
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "the recorder ended: full.mcap: cannot be written (File too large)" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(read_recording(folder / "full.mcap").of(ADVICE)) > 10
+
+
 def test_tables_of_a_run_in_process(folder: Path) -> None:
     done = das_sim("run", "eventful.toml", "--in-process", "--advice", "none", "--driver", "timetable", cwd=folder)
     assert done.returncode == 0, done.stderr
