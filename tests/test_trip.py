@@ -288,12 +288,12 @@ def test_another_train_level_or_condition_is_solved_anew() -> None:
 
 
 def test_conditions_the_train_could_not_drive_under_are_ignored_and_said() -> None:
-    hill = Stretches(start_m=np.array([0.0, 2500.0, 2700.0]), value=np.array([0.0, 0.12, 0.0]))
+    hill = Stretches(start_m=np.array([0.0, 300.0, 2700.0]), value=np.array([0.0, 0.03, 0.0]))
     made = Trip(Situation(route=replace(LINE, gradients_ratio=hill), vehicle=TRAIN), FRONTS, background=False)
     made.begin(LINE.stops, DUE)
     before = at(made, 60, 1500.0, 24.0)
     made.take_news()
-    made.set_conditions(Conditions(mass_ratio=5.0))
+    made.set_conditions(Conditions(mass_ratio=10.0))
     (news,) = (one for one in made.take_news() if one.bad)
     assert news.text.startswith("calibration ignored: ")
     assert at(made, 61, 1524.0, 24.0).energy_to_go_j < before.energy_to_go_j
