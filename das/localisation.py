@@ -23,6 +23,8 @@ RESTART_AFTER_S = 30.0
 POSITION_SD_MOST_M = 50.0
 SPEED_SD_MOST_MPS = 2.0
 """An estimate less certain than these (one standard deviation) is not used."""
+STATED_SD_MOST_M = 200.0
+"""A fix that says so much of itself can be anywhere: no jump could be told."""
 RECOVERED_RATIO = 0.7
 """It is used again once it is down to this share of them."""
 GATE_SDS = 5.0
@@ -366,6 +368,8 @@ def _impossible(fix: PositionFix, fastest_mps: float, *, has_state: bool) -> str
         return f"a speed of {speed_mps / KMH:.4g} km/h cannot be"
     if abs(s_m) > MOST_M:
         return f"a position of {s_m:.4g} m cannot be"
+    if fix.uncertainty_m > STATED_SD_MOST_M:
+        return f"a position uncertain by {fix.uncertainty_m:.4g} m is of no use"
     for stated in (fix.uncertainty_m, fix.speed_uncertainty_mps):
         if stated < 0 or stated > MOST_M:
             return f"an uncertainty of {stated:.4g} cannot be"

@@ -172,13 +172,15 @@ class Witness:
     """Keeps, by rules of its own, the positions an advice may rest on, and judges every advice against them."""
 
     def __init__(self) -> None:
-        self.positions: dict[int, set[tuple[float, float]]] = {}
+        self.positions: dict[int, set[tuple[float, float, float]]] = {}
         self.advices: Counter[bool] = Counter()
 
     def heard(self, topic: Topic, payload: bytes) -> None:
         message = decoded(topic, topic.key(TRAIN), payload).message
         if topic is POSITION and message is not None and message.quality != das_pb2.Position.QUALITY_INVALID:
-            self.positions.setdefault(message.time_ns, set()).add((message.s_m, message.speed_mps))
+            self.positions.setdefault(message.time_ns, set()).add(
+                (message.s_m, message.speed_mps, message.uncertainty_m)
+            )
 
     def judge(self, advice: das_pb2.Advice) -> None:
         given = advice.mode != das_pb2.MODE_NONE
@@ -205,11 +207,11 @@ def _can_be(s_m: float, speed_mps: float) -> bool:
     return -50.0 <= s_m <= 6_500.0 and -0.3 <= speed_mps <= 1.3 * 200.0 / 3.6
 
 
-def _can_be_said(s_m: float, speed_mps: float) -> bool:
-    """The same of a fix, of which the place or the speed may not be measured (NaN)."""
-    if math.isnan(s_m):
-        return _can_be(0.0, speed_mps)
-    return _can_be(s_m, 0.0 if math.isnan(speed_mps) else speed_mps)
+def _can_be_said(s_m: float, speed_mps: float, uncertainty_m: float) -> bool:
+    """The same of a fix, of which place or speed may not be measured (NaN); it is off by five deviations at most."""
+    off_m = 5.0 * (min(uncertainty_m, 200.0) if uncertainty_m > 30.0 else 30.0)
+    nearest_m = 0.0 if math.isnan(s_m) else s_m - max(-off_m, min(off_m, s_m))
+    return _can_be(nearest_m, 0.0 if math.isnan(speed_mps) else speed_mps)
 
 
 def make_node(sink: Sink, route: Route, vehicle: Vehicle) -> Node:
