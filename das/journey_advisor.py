@@ -81,6 +81,10 @@ class JourneyAdvisor:
     def update(self, now_ns: int) -> Advice:
         """The advice at a moment."""
         self.locate(now_ns)
+        return self.advise()
+
+    def advise(self) -> Advice:
+        """The advice for where the train was located last."""
         return self.current.advise(self.here)
 
     def _place(self) -> None:

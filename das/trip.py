@@ -279,7 +279,7 @@ class Trip:
         self._prepare()
         leg = self._legs[self._journey.index]
         leg.advisor.refuse(self._blocked or leg.refusal)
-        return self._journey.update(now_ns)
+        return self._journey.advise()
 
     def _prepare(self) -> None:
         """Have fronts for the section the train is on and for the next one, and no others."""
