@@ -17,7 +17,6 @@ from das.domain.files.load import load_journey
 from das.domain.files.trajectory_csv import write_trajectory
 from das.domain.files.writing import check_writable
 from das.domain.journey import Journey
-from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.units import PERCENT
 from das.domain.vehicle import Vehicle
@@ -27,11 +26,20 @@ from das.solver.section import build_section
 from das.solver.warm_up import warm_up
 from precompute import baselines, journey_report
 from precompute.options import (
+    COMPILING,
     AdhesionOption,
+    JsonOption,
+    LevelOption,
     LoadOption,
+    LossMapOption,
     MassOption,
+    NoFrictionOption,
+    PointMassOption,
     ReceptivityOption,
     ResistanceOption,
+    ReverseOption,
+    RouteArgument,
+    VehicleArgument,
     WindOption,
 )
 from precompute.pose import Pose
@@ -39,7 +47,6 @@ from precompute.pose import Pose
 ALL_STOPS = "stops"
 """What to say instead of a journey to call at all stops of the route."""
 DWELL_S = 30.0
-COMPILING = "compiling the solver (once on a machine, about 10 s) …"
 EXAMPLES = (
     "Examples: das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png; "
     "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60"
@@ -53,8 +60,8 @@ def journey_command(
             help=f"Bundled journey name, TOML file or TTOBench journey (JSON); or {ALL_STOPS!r}: all of the route's."
         ),
     ],
-    route: Annotated[str, typer.Argument(help="Bundled route name, TOML file or TTOBench track (JSON).")],
-    vehicle: Annotated[str, typer.Argument(help="Bundled vehicle name, TOML file or TTOBench train (JSON).")],
+    route: RouteArgument,
+    vehicle: VehicleArgument,
     time_s: Annotated[
         float | None, typer.Option("--time", help=f"With {ALL_STOPS!r}: whole time in s, dwells included.")
     ] = None,
@@ -68,20 +75,18 @@ def journey_command(
         float | None,
         typer.Option("--dwell", help=f"With {ALL_STOPS!r}: least dwell at every stop in s [default: {DWELL_S:g}]."),
     ] = None,
-    reverse: Annotated[bool, typer.Option("--reverse", help="Drive the route the other way.")] = False,
-    level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
-    loss_map: Annotated[
-        Path | None, typer.Option(help="CSV loss map (speed_kmh, force_n, loss_w): its losses and nothing else.")
-    ] = None,
-    point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
-    no_friction_brake: Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")] = False,
+    reverse: ReverseOption = False,
+    level: LevelOption = None,
+    loss_map: LossMapOption = None,
+    point_mass: PointMassOption = False,
+    no_friction_brake: NoFrictionOption = False,
     load: LoadOption = None,
     mass_ratio: MassOption = 1.0,
     resistance_ratio: ResistanceOption = 1.0,
     head_wind_kmh: WindOption = 0.0,
     receptivity_ratio: ReceptivityOption = 1.0,
     adhesion_ratio: AdhesionOption = 1.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    as_json: JsonOption = False,
     csv: Annotated[Path | None, typer.Option(help="Write the trajectory of the whole journey as CSV.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG): speed, and time with its windows.")] = None,
 ) -> None:

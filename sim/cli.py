@@ -16,7 +16,6 @@ from das.commands import busy, err, interrupt_on_termination, run_app, typed
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.writing import check_writable
-from das.domain.losses import Level
 from das.domain.route import section_stops
 from das.domain.units import NS, kwh
 from sim import trip_command
@@ -30,7 +29,19 @@ from sim.command_line import (
     typed_command,
 )
 from sim.drivers.command import drivers
-from sim.options import ReplayOptions
+from sim.options import (
+    FromOption,
+    LevelOption,
+    LineOption,
+    LossMapOption,
+    ReplayOptions,
+    ReverseOption,
+    RouteOption,
+    StrictOption,
+    ToOption,
+    TripArgument,
+    VehicleOption,
+)
 from sim.run_command import run, scenarios
 
 app = typer.Typer(
@@ -73,22 +84,14 @@ def default(context: typer.Context) -> None:
     epilog="Example: das-sim replay trip.csv --route track.json --vehicle train.json --line kmposts.csv --reverse"
 )
 def replay(
-    trip: Annotated[Path, typer.Argument(help="Trip: CSV, GPX or MCAP of ours (see docs/trips.md).")],
-    route: Annotated[
-        str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
-    ] = None,
-    vehicle: Annotated[
-        str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's].")
-    ] = None,
-    reverse: Annotated[
-        bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")
-    ] = False,
-    line: Annotated[
-        Path | None, typer.Option(help="Kilometre posts (CSV) to match GPS to [default: the route's geometry].")
-    ] = None,
-    from_stop: Annotated[str | None, typer.Option("--from", help="Stop the trip starts at [default: first].")] = None,
-    to_stop: Annotated[str | None, typer.Option("--to", help="Stop the trip ends at [default: last].")] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse what would be dropped or turned round.")] = False,
+    trip: TripArgument,
+    route: RouteOption = None,
+    vehicle: VehicleOption = None,
+    reverse: ReverseOption = False,
+    line: LineOption = None,
+    from_stop: FromOption = None,
+    to_stop: ToOption = None,
+    strict: StrictOption = False,
     arrival_s: Annotated[
         float | None,
         typer.Option("--arrival", help="Timetable's running time in s [default: as long as the trip took]."),
@@ -97,8 +100,8 @@ def replay(
         float | None, typer.Option("--delay", help="Seconds by which the trip departs late [default: recorded, or 0].")
     ] = None,
     speed: Annotated[str, typer.Option(help="Times real time, real or max.")] = "max",
-    level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
-    loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
+    level: LevelOption = None,
+    loss_map: LossMapOption = None,
     point_mass: Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")] = False,
     train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
     out: Annotated[

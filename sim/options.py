@@ -4,8 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from das.domain.losses import Level
+
+TripArgument = Annotated[Path, typer.Argument(help="Trip: CSV, GPX or MCAP of ours (see docs/trips.md).")]
+RouteOption = Annotated[
+    str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
+]
+VehicleOption = Annotated[
+    str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's].")
+]
+ReverseOption = Annotated[bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")]
+LineOption = Annotated[
+    Path | None, typer.Option(help="Kilometre posts (CSV) to match GPS to [default: the route's geometry].")
+]
+FromOption = Annotated[str | None, typer.Option("--from", help="Stop the trip starts at [default: first].")]
+ToOption = Annotated[str | None, typer.Option("--to", help="Stop the trip ends at [default: last].")]
+StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse what would be dropped or turned round.")]
+LevelOption = Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")]
+LossMapOption = Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")]
 
 
 @dataclass(frozen=True, kw_only=True)

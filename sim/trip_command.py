@@ -12,31 +12,34 @@ import typer
 from das.commands import busy
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
-from das.domain.losses import Level
-from sim.options import ReplayOptions
+from sim.options import (
+    FromOption,
+    LevelOption,
+    LineOption,
+    LossMapOption,
+    ReplayOptions,
+    ReverseOption,
+    RouteOption,
+    StrictOption,
+    ToOption,
+    TripArgument,
+    VehicleOption,
+)
 
 EPILOG = "Example: das-sim trip trip.csv --route track.json --vehicle train.json --line kmposts.csv --plot trip.png"
 
 
 def trip(
-    file: Annotated[Path, typer.Argument(help="Trip: CSV, GPX or MCAP of ours (see docs/trips.md).")],
-    route: Annotated[
-        str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
-    ] = None,
-    vehicle: Annotated[
-        str | None, typer.Option(help="Vehicle to estimate forces and energy with [default: the recording's].")
-    ] = None,
-    reverse: Annotated[
-        bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")
-    ] = False,
-    line: Annotated[
-        Path | None, typer.Option(help="Kilometre posts (CSV) to match GPS to [default: the route's geometry].")
-    ] = None,
-    from_stop: Annotated[str | None, typer.Option("--from", help="Stop the trip starts at [default: first].")] = None,
-    to_stop: Annotated[str | None, typer.Option("--to", help="Stop the trip ends at [default: last].")] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse what would be dropped or turned round.")] = False,
-    level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
-    loss_map: Annotated[Path | None, typer.Option(help="CSV loss map: its losses and nothing else.")] = None,
+    file: TripArgument,
+    route: RouteOption = None,
+    vehicle: VehicleOption = None,
+    reverse: ReverseOption = False,
+    line: LineOption = None,
+    from_stop: FromOption = None,
+    to_stop: ToOption = None,
+    strict: StrictOption = False,
+    level: LevelOption = None,
+    loss_map: LossMapOption = None,
     write: Annotated[Path | None, typer.Option(help="Write the cleaned trip (CSV).")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,

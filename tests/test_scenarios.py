@@ -1,11 +1,9 @@
-"""Scenarios: what a file may say, and what every bundled one is about, driven with the advisor in this process."""
+"""What every bundled scenario is about, driven with the advisor in this process."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +12,12 @@ import pytest
 
 from das.advisor import VALID_FOR_S, Advice
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError
-from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.localisation import STALE_AFTER_S
 from das.plan import Mode
-from das.solver.section import build_section
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
-from sim.plant import Plant, PlantState
+from sim.plant import Plant
 from sim.plant_kernels import adhesion_coefficient
 from sim.world.day import Day, make_day
 from sim.world.disturbances import (
@@ -35,14 +31,14 @@ from sim.world.disturbances import (
     SignalStop,
     SlipperyRail,
     TrainAhead,
-    described,
 )
 from sim.world.in_process import InProcess
 from sim.world.link import Heard, Told
 from sim.world.loop import Run, World
 from sim.world.outcome import outcome
-from sim.world.scenario import Drawn, bundled_scenarios, load_scenario, read_scenario
+from sim.world.scenario import Drawn, bundled_scenarios, load_scenario
 from sim.world.service import Service, prepare_service
+from tests.flat_days import service_of
 
 SEED = 1
 TRACKING_MPS = 0.4
@@ -358,251 +354,6 @@ def test_node_restart_leaves_the_driver_without_advice_for_seconds() -> None:
     assert after.mode is not Mode.NONE
     assert "the node is killed and started anew" in driven.events()
     assert abs(driven.late_s()[-1]) <= 2.0
-
-
-# --- the same seed is the same day -------------------------------------------------------------------------------
-
-
-def test_a_seed_is_a_day() -> None:
-    scenario = load_scenario("departure-delay")
-    assert scenario.day(3) == scenario.day(3)
-    drawn = [scenario.day(seed)[0].delay_s for seed in range(200)]  # type: ignore[union-attr]
-    assert len(set(drawn)) == 200
-    assert 60 <= min(drawn) < 66
-    assert 174 < max(drawn) <= 180
-    assert np.mean(drawn) == pytest.approx(120, abs=4 * 120 / np.sqrt(12 * 200))
-
-
-FLAT = """
-schema_version = 1
-[scenario]
-id = "flat"
-title = "Flat"
-route = "flat-6km"
-vehicle = "re460-ic"
-[timetable]
-buffer_percent = 10
-"""
-
-
-@pytest.fixture(scope="module")
-def flat(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    folder = tmp_path_factory.mktemp("scenarios")
-    count = iter(range(1000))
-
-    def write(more: str = "", base: str = FLAT) -> Path:
-        path = folder / f"s{next(count)}.toml"
-        path.write_text(base + more)
-        return path
-
-    return write
-
-
-solved: list[Service] = []
-
-
-def service_of(path: Path) -> Service:
-    """The service of a scenario; the line is solved again only where it is planned otherwise than the last one."""
-    scenario = read_scenario(path)
-    if not solved or not solved[-1].plans(scenario):
-        solved.append(prepare_service(scenario))
-    return solved[-1].on(scenario)
-
-
-def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:
-    service = service_of(path)
-    day = make_day(service, seed)
-    made = make_driver(DriverKind(driver), service.line, seed=seed)
-    return World(day, made, Presentation(advice), InProcess(service)).run().states
-
-
-@pytest.mark.parametrize("advice", list(Presentation))
-def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[str], Path], advice: str) -> None:
-    path = flat()
-    first = states_of(path, "human", advice, 5)
-    assert first == states_of(path, "human", advice, 5)
-    assert first != states_of(path, "human", advice, 6)
-
-
-@pytest.mark.parametrize("driver", list(DriverKind))
-def test_every_driver_arrives_on_a_flat_line(flat: Callable[[str], Path], driver: str) -> None:
-    states = states_of(flat(), driver, "vector", 2)
-    assert abs(states[-1].s_m - 6000) < 10
-    assert states[-1].speed_mps == 0
-
-
-def test_a_driver_who_never_gets_there_ends_the_run(flat: Callable[[str], Path]) -> None:
-    """A signal that never clears."""
-    path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 1e6")
-    with pytest.raises(DasError, match=r"did not arrive within .* s \(it is at 30\d\d m|at 299\d m"):
-        states_of(path, "perfect", "vector", 1)
-
-
-# --- what a file may say -----------------------------------------------------------------------------------------
-
-RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 1\nto_km = 2\nspeed_kmh = 60\nannounced_m = 500\n"
-BAD = [
-    ("x = 1", "x = 1: expected one of the keys"),
-    ("[truth]\nmass_percent = 0", "mass_ratio"),
-    ("[truth]\nmas_percent = 100", "truth.mas_percent"),
-    ("[truth]\nadhesion_percent = 50", "truth.adhesive_mass_t is missing"),
-    ("[truth]\nadhesive_mass_t = -1", "truth.adhesive_mass_t = -1"),
-    ("[truth]\nmass_ratio = nan", r"toml: truth.mass_ratio = nan: expected a number$"),
-    ("[sensors]\nposition_noise_m = -1", "sensors.position_noise_m = -1"),
-    ("[sensors]\nposition_noise_m = nan", "sensors.position_noise_m"),
-    ("[sensors]\nforce_noise_percent = -2", "sensors.force_noise"),
-    ("[[disturbances]]\nkind = 'rain'", r"disturbances\[0\].kind = 'rain': expected one of departure-delay"),
-    ("[[disturbances]]\nstop = 'A'", r"disturbances\[0\].kind"),
-    ("[[disturbances]]\nkind = 'departure-delay'\ndelay_s = 9", r"disturbances\[0\].stop"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'", r"disturbances\[0\].delay"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'Z'\ndelay_s = 9", r"disturbances\[0\].stop = 'Z': .* A"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = -9", r"disturbances\[0\].delay_s = -9"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9, max = 3}", "in this order"),
-    (
-        "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9}",
-        r"disturbances\[0\].delay_s.max is missing",
-    ),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 1, max = 2, mean = 3}", "mean"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 'long'", "long"),
-    ("[[disturbances]]\nkind = 'sensor-fault'\nfault = 'rust'\nfrom_s = 1\nfor_s = 1", "one of dropout"),
-    (
-        RESTRICTED.replace("to_km = 2", "to_km = 1"),
-        r"disturbances\[0\].to_km = 1: expected more than from = 1000 m",
-    ),
-    (
-        RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
-        "expected on the way 0 … 6000",
-    ),
-    (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a finite number >= 3.6"),
-    (RESTRICTED.replace("speed_kmh", "speed_t"), r"disturbances\[0\].speed_t"),
-    (RESTRICTED + "speed_mps = 9", "only one of"),
-    (RESTRICTED.replace("_kmh = 60", "_kmh = {min = 50, max = 60}") + "speed_mps = 9", "only one of speed_mps and"),
-    ("[[disturbances]]\nkind = 'head-wind'\nfrom_km = 1\nto_km = 2\nwind_kmh = 300", "a number from -180 to 180"),
-    (
-        "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 1\nto_km = 2\nadhesion_ratio = 0.3",
-        "truth.adhesive_mass_t is missing: expected the mass on driven axles",
-    ),
-]
-
-
-@pytest.mark.parametrize(("more", "message"), BAD)
-def test_a_bad_scenario_is_refused_with_its_key(flat: Callable[..., Path], more: str, message: str) -> None:
-    path = flat(more, base=FLAT if more.startswith("[") else more + FLAT)
-    with pytest.raises(DasError, match=message) as error:
-        make_day(prepare_service(read_scenario(path)), 0)
-    assert "\n" not in str(error.value)
-
-
-BAD_HEADS = [
-    ("schema_version = 1", "schema_version = 2", "schema_version = 2: expected 1"),
-    ('title = "Flat"', "", "scenario.title"),
-    ('id = "flat"', 'id = "../flat"', "scenario.id = '../flat': expected 1 to 64 letters"),
-    ('route = "flat-6km"', 'route = "nowhere"', r"s\d+.toml: scenario: nowhere: not a bundled route"),
-    ('route = "flat-6km"', 'route = "nowhere.toml"', "nowhere.toml: no such file"),
-    ('vehicle = "re460-ic"', 'vehicle = "re460-ic"\nload = "full"', "no load 'full'"),
-    ('vehicle = "re460-ic"', 'vehicle = "re460-ic"\nto = "Q"', "Q"),
-    ("buffer_percent = 10", "buffer_percent = -1", "timetable.buffer_percent = -1: expected a number from 0 to 1000"),
-    ("buffer_percent = 10", "dwell_s = -1", "timetable.dwell_s = -1"),
-    ("buffer_percent = 10", "dwell_s = 1e300", r"timetable.dwell_s = 1e\+300: expected a number from 0 to 86400"),
-    ("buffer_percent = 10", "departure = '1960-01-01T00:00:00Z'", "a time in 1970 to 2199"),
-    ("buffer_percent = 10", "departure = '9999-12-31T00:00:00Z'", "a time in 1970 to 2199"),
-    ("buffer_percent = 10", "departure = 'noon'", "timetable.departure = 'noon': expected a time with its zone"),
-    ("buffer_percent = 10", "departure = '2026-11-21T08:04:00'", "a time with its zone"),
-    ("[scenario]", "[scenery]", "scenery"),
-    ("schema_version = 1", "schema_version = 1\ndisturbances = 3", "disturbances = 3: expected a list"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "message"), BAD_HEADS)
-def test_a_bad_head_is_refused_with_its_key(flat: Callable[..., Path], old: str, new: str, message: str) -> None:
-    with pytest.raises(DasError, match=message):
-        prepare_service(read_scenario(flat(base=FLAT.replace(old, new))))
-
-
-def test_a_scenario_without_a_file_is_refused() -> None:
-    with pytest.raises(DasError, match="not a bundled scenario"):
-        load_scenario("nothing")
-    with pytest.raises(DasError, match="no such file"):
-        load_scenario("nothing.toml")
-
-
-def test_units_defaults_and_files_beside_the_scenario(flat: Callable[..., Path]) -> None:
-    path = flat(RESTRICTED.replace("speed_kmh = 60", "speed_kmh = {min = 36, max = 72}"))
-    scenario = read_scenario(path)
-    assert scenario.dwell_s == 60
-    assert scenario.departure_ns == 1_795_248_240_000_000_000
-    (drawn,) = scenario.day(4)
-    assert isinstance(drawn, Restriction)
-    assert 10 <= drawn.speed_mps <= 20
-    assert (drawn.from_m, drawn.to_m, drawn.announced_m) == (1000, 2000, 500)
-    beside = read_scenario(flat(base=FLAT.replace('"flat-6km"', '"lines/here.toml"')))
-    assert beside.route == str(path.parent / "lines" / "here.toml")
-    assert abs(planned().timetables[0].departure_ns - scenario.departure_ns) * NS == 0
-
-
-# --- days that nearly went unnoticed -----------------------------------------------------------------------------
-
-
-def run_of(path: Path, driver: str, advice: str = "vector") -> Run:
-    service = prepare_service(read_scenario(path))
-    made = make_driver(DriverKind(driver), service.line, seed=1)
-    return World(make_day(service, 1), made, Presentation(advice), InProcess(service)).run()
-
-
-def standing_m(run: Run) -> list[float]:
-    """Where the train came to stand."""
-    return [after.s_m for before, after in pairwise(run.states) if before.speed_mps > 0 >= after.speed_mps]
-
-
-def signal_at(at_m: float, seen_m: float) -> str:
-    return f"[[disturbances]]\nkind = 'signal-stop'\nat_m = {at_m}\nseen_m = {seen_m}\nclears_after_s = 120\n"
-
-
-def test_the_follower_drives_on_after_a_signal_short_of_the_stop(flat: Callable[[str], Path]) -> None:
-    """The advice takes a train 15 m before its stop for one that brakes there."""
-    first, last = standing_m(run_of(flat(signal_at(5985, 1500)), "perfect"))
-    assert first == pytest.approx(5985, abs=0.5)
-    assert last == pytest.approx(6000, abs=0.5)
-
-
-def test_a_signal_seen_too_late_stops_the_train_beyond_it(flat: Callable[[str], Path]) -> None:
-    """In sight for less than a second: it is not passed unnoticed."""
-    first, _ = standing_m(run_of(flat(signal_at(3000, 10)), "perfect"))
-    assert 3000 < first < 4000
-
-
-def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) -> None:
-    service = prepare_service(read_scenario(flat(signal_at(3000, 1500))))
-    for seed in range(4):
-        driver = make_driver(DriverKind.HUMAN, service.line, seed=seed)
-        run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
-        assert 2985 < standing_m(run)[0] < 3000.5
-
-
-def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:
-    slippery = "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 4\nto_km = 6.5\nadhesion_ratio = 0.1\n"
-    run = run_of(flat(f"[truth]\nadhesive_mass_t = 84\n{slippery}"), "perfect")
-    assert run.calls[-1].missed_m > 100
-
-
-def test_a_train_that_resists_far_more_than_known_comes_to_a_stand(flat: Callable[[str], Path]) -> None:
-    assert abs(run_of(flat("[truth]\nresistance_ratio = 10\n"), "fast", "none").calls[-1].missed_m) < 1
-
-
-def test_no_way_is_no_section() -> None:
-    """The reduced maximum speed is judged wherever the train is, also where nothing is left of the way."""
-    service = planned()
-    end_m = service.stops[1].position_m
-    with pytest.raises(DasError, match="expected one that leads forwards"):
-        build_section(service.route, service.vehicle, start_m=end_m - 1e-6, end_m=end_m)
-
-
-def test_what_happens_is_said_in_the_units_of_the_file() -> None:
-    said = described(load_scenario("restriction-ahead").day(0))
-    assert said == "restriction: from km 18.000, to km 19.500, speed 60.0 km/h, announced 5000 m"
-    assert described(load_scenario("clear-day").day(0)) == "nothing"
-    for name in bundled_scenarios():
-        assert described(load_scenario(name).day(0))
 
 
 def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Path) -> None:

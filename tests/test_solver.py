@@ -416,3 +416,9 @@ def test_least_times_of_the_public_benchmark(shared: Path) -> None:
             lambda_w=np.array([1e5]),
         )
         assert expected - 0.1 < front.fastest().time_s < expected * 1.0005
+
+
+def test_no_way_is_no_section() -> None:
+    """Something may be planned wherever the train is, also where nothing is left of the way."""
+    with pytest.raises(DasError, match="expected one that leads forwards"):
+        build_section(load_route("flat-6km"), load_vehicle("re460-ic"), start_m=6_000.0 - 1e-6, end_m=6_000.0)

@@ -20,9 +20,9 @@ from sim.estimate import MASS_RATIO, RESISTANCE_RATIO, WIND_MPS, EnergyRange, en
 from sim.recording import read_recording
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, Whereabouts, load_trip
+from tests.dirt import LENGTH_M, Points, all_together, clean, write
 from tests.making import das_sim, flat, in_a_process, make_train
 from tests.test_replay import kolback
-from tests.test_trip_cleaning import LENGTH_M, Points, all_together, clean, write
 
 C0_N, C2 = 2000.0, 8.0
 

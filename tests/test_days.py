@@ -1,0 +1,71 @@
+"""Days on a flat line: who arrives, who never does, and what nearly went unnoticed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from das.domain.errors import DasError
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind, make_driver
+from sim.world.day import make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import World
+from sim.world.scenario import read_scenario
+from sim.world.service import prepare_service
+from tests.flat_days import run_of, signal_at, standing_m, states_of
+
+
+@pytest.mark.parametrize("advice", list(Presentation))
+def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[str], Path], advice: str) -> None:
+    path = flat()
+    first = states_of(path, "human", advice, 5)
+    assert first == states_of(path, "human", advice, 5)
+    assert first != states_of(path, "human", advice, 6)
+
+
+@pytest.mark.parametrize("driver", list(DriverKind))
+def test_every_driver_arrives_on_a_flat_line(flat: Callable[[str], Path], driver: str) -> None:
+    states = states_of(flat(), driver, "vector", 2)
+    assert abs(states[-1].s_m - 6000) < 10
+    assert states[-1].speed_mps == 0
+
+
+def test_a_driver_who_never_gets_there_ends_the_run(flat: Callable[[str], Path]) -> None:
+    """A signal that never clears."""
+    path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 1e6")
+    with pytest.raises(DasError, match=r"did not arrive within .* s \(it is at 30\d\d m|at 299\d m"):
+        states_of(path, "perfect", "vector", 1)
+
+
+def test_the_follower_drives_on_after_a_signal_short_of_the_stop(flat: Callable[[str], Path]) -> None:
+    """The advice takes a train 15 m before its stop for one that brakes there."""
+    first, last = standing_m(run_of(flat(signal_at(5985, 1500)), "perfect"))
+    assert first == pytest.approx(5985, abs=0.5)
+    assert last == pytest.approx(6000, abs=0.5)
+
+
+def test_a_signal_seen_too_late_stops_the_train_beyond_it(flat: Callable[[str], Path]) -> None:
+    """In sight for less than a second: it is not passed unnoticed."""
+    first, _ = standing_m(run_of(flat(signal_at(3000, 10)), "perfect"))
+    assert 3000 < first < 4000
+
+
+def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) -> None:
+    service = prepare_service(read_scenario(flat(signal_at(3000, 1500))))
+    for seed in range(4):
+        driver = make_driver(DriverKind.HUMAN, service.line, seed=seed)
+        run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
+        assert 2985 < standing_m(run)[0] < 3000.5
+
+
+def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:
+    slippery = "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 4\nto_km = 6.5\nadhesion_ratio = 0.1\n"
+    run = run_of(flat(f"[truth]\nadhesive_mass_t = 84\n{slippery}"), "perfect")
+    assert run.calls[-1].missed_m > 100
+
+
+def test_a_train_that_resists_far_more_than_known_comes_to_a_stand(flat: Callable[[str], Path]) -> None:
+    assert abs(run_of(flat("[truth]\nresistance_ratio = 10\n"), "fast", "none").calls[-1].missed_m) < 1

@@ -1,0 +1,162 @@
+"""Records longer, shorter or the other way round than the section: what is cut, turned and told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from das.domain.route import Stop
+from sim.trips.findings import Kind
+from sim.trips.reading import read_trip
+from sim.trips.trip import Whereabouts, load_trip
+from tests.dirt import (
+    LENGTH_M,
+    STOOD_S,
+    Point,
+    Points,
+    changed,
+    check_truth,
+    clean,
+    counts,
+    load,
+    long_posts,
+    write,
+)
+from tests.test_trips import motion, route
+
+
+def beyond_both_ends() -> Points:
+    """From 3 km before A to 3 km beyond B, with stops of 40 s at both."""
+    first = clean(3000.0, start_m=-3000.0, stood_s=20)
+    second = clean(LENGTH_M, start_s=first[-1].t + 1, stood_s=20)
+    third = clean(3000.0, start_m=LENGTH_M, start_s=second[-1].t + 1, stood_s=20)
+    return first + second + third
+
+
+def test_points_before_and_after_the_section_are_cut(tmp_path: Path) -> None:
+    """Kilometre posts find the stops by their distance; 40 s of standing at each belong to both runs."""
+    points = beyond_both_ends()
+    trip = load(tmp_path, points)
+    run = motion(3000.0)[0]
+    one = len(run) + 20  # the way and the stand before it
+    assert counts(trip) == {
+        Kind.BEFORE_SECTION: one - 1,
+        Kind.AFTER_SECTION: one - 1,
+        Kind.LONG_STAND_AT_START: 42 - 31,
+        Kind.LONG_STAND_AT_END: 42 - 31,
+    }
+    assert trip.whole
+    check_truth(trip, points)
+    assert [stand.stop for stand in trip.stands] == ["A", "B"]
+
+
+def test_with_geometry_points_beyond_the_line_are_cut(tmp_path: Path) -> None:
+    """The line goes on straight beyond its ends; a point far off it is not on it, before and after."""
+    points = changed(beyond_both_ends(), range(30), east_m=700.0)
+    path = write(tmp_path, points)
+    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+    one = len(motion(3000.0)[0]) + 20
+    assert counts(trip)[Kind.OFF_LINE] == 30
+    assert counts(trip)[Kind.BEFORE_SECTION] == one - 1 - 30
+    assert trip.matched.report.anchor == "route"
+    check_truth(trip, points)
+
+
+def test_a_train_that_passes_the_stops_is_cut_there(tmp_path: Path) -> None:
+    points = clean(LENGTH_M + 6000, start_m=-3000.0)
+    path = write(tmp_path, points)
+    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+    before, after = sum(p.s_m < 0 for p in points), sum(p.s_m > LENGTH_M for p in points)
+    assert counts(trip) == {
+        Kind.BEFORE_SECTION: before,
+        Kind.AFTER_SECTION: after,
+        Kind.STARTS_MOVING: 1,
+        Kind.ENDS_MOVING: 1,
+    }
+    assert not trip.whole
+
+
+def test_there_and_back_is_the_way_there(tmp_path: Path) -> None:
+    there = clean()
+    back = [replace(p, t=p.t + there[-1].t + 1, s_m=LENGTH_M - p.s_m) for p in there]
+    trip = load(tmp_path, there + back)
+    assert counts(trip)[Kind.AFTER_SECTION] > 300
+    assert trip.whole
+    check_truth(trip, there)
+
+
+def test_a_signal_stop_does_not_bend_the_matching(tmp_path: Path) -> None:
+    """Standing 60 m before B, then at B: both are within 1 % of the section's length, the better one counts."""
+    first = clean(LENGTH_M - 60)
+    second = [Point(first[-1].t + 1 + t, first[-1].s_m + s, v) for t, s, v in zip(*motion(60.0, top=3.0), strict=True)]
+    rest = [replace(second[-1], t=second[-1].t + 1 + i) for i in range(20)]
+    trip = load(tmp_path, first + second + rest)
+    assert trip.matched.report.scale == pytest.approx(1.0, abs=1e-6)
+    assert trip.matched.s_m[-1] == pytest.approx(LENGTH_M, abs=0.01)
+    assert trip.whole
+
+
+def test_stops_on_the_way_give_the_schedule(tmp_path: Path) -> None:
+    first = clean(3000.0)
+    second = clean(5000.0, start_m=3000.0, start_s=first[-1].t + 31)
+    on = replace(route(), stops=(Stop(name="A", position_m=0), Stop(name="M", position_m=3040), route().stops[1]))
+    trip = load(tmp_path, first + second, on)
+    a, m, b = trip.stands
+    assert [x.stop for x in trip.stands] == ["A", "M", "B"]
+    assert [x.s_m for x in trip.stands] == pytest.approx([0, 3000, 8000], abs=0.01)
+    assert m.off_m == pytest.approx(-40, abs=0.1)
+    assert m.dwell_s == pytest.approx(2 * STOOD_S + 31, abs=1.0)
+    assert (a.arrival_ns, b.departure_ns) == (None, None)
+    assert (m.arrival_ns - a.departure_ns) * 1e-9 == pytest.approx(motion(3000.0)[0][-1], abs=1.0)  # type: ignore[operator]
+    assert (trip.stops_on_the_way, trip.better_stops) == (("M",), "")
+    part = load(tmp_path, first, on, to_stop="M")
+    assert part.whole
+    path = write(tmp_path, second)
+    mapped = replace(route(geometry=True), stops=on.stops)
+    assert load_trip(path, read_trip(path), mapped, Whereabouts()).better_stops == "--from M"
+
+
+def test_parts_far_apart_in_time_are_not_joined(tmp_path: Path) -> None:
+    """The clock of the first five points is a day behind; and a logger that slept while the train drove on."""
+    points = clean()
+    trip = load(tmp_path, changed(points, range(5), t=lambda q: q.t - 86400))
+    assert counts(trip) == {Kind.LONG_STAND_AT_START: 5}
+    later = [replace(p, t=p.t + 400) for p in points[200:]]
+    trip = load(tmp_path, points[:160] + later)
+    assert counts(trip) == {Kind.FAR_APART: len(later), Kind.ENDS_MOVING: 1}
+
+
+@pytest.mark.parametrize("kind", ["posts", "geometry", "positions"])
+def test_a_trip_the_other_way_is_driven_the_other_way(tmp_path: Path, kind: str) -> None:
+    """Clean, written from B to A, and not said to be reversed."""
+    back = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()]
+    path = write(tmp_path, back, on_route=kind == "positions")
+    said = Whereabouts(line=long_posts(tmp_path) if kind == "posts" else None)
+    trip = load_trip(path, read_trip(path), route(geometry=kind == "geometry"), said)
+    assert counts(trip) == {Kind.OTHER_WAY: 1}
+    (finding,) = trip.matched.report.cleaning.findings
+    posts = f", or turn the list {said.line} round" if said.line else ""
+    assert finding.detail == f"B to A: give --reverse{posts}"
+    assert (trip.reversed, trip.start.name, trip.end.name) == (True, "B", "A")
+    check_truth(trip, clean())
+    if kind != "posts":  # there the other direction turns the trip against the posts
+        told = load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, reverse=True))
+        assert counts(told) == {}
+        assert np.array_equal(told.matched.s_m, trip.matched.s_m)
+    with pytest.raises(DasError, match="line 2: trip runs the other way, B to A: give --reverse"):
+        load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, strict=True))
+    with pytest.raises(DasError, match=r"runs the other way.*give --reverse, and change --from and --to"):
+        load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, from_stop="A", to_stop="B"))
+
+
+def test_reverse_where_the_trip_is_not_is_left_out(tmp_path: Path) -> None:
+    path = write(tmp_path, clean())
+    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts(reverse=True))
+    assert not trip.reversed
+    (finding,) = trip.matched.report.cleaning.findings
+    assert finding.detail == "A to B: leave out --reverse"
+    check_truth(trip, clean())
