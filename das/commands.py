@@ -8,7 +8,7 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
 import typer
@@ -119,3 +119,22 @@ def interrupt_on_termination() -> None:
 
     for number in STOP_SIGNALS:
         signal.signal(number, interrupt)
+
+
+@contextlib.contextmanager
+def signals_held(numbers: Sequence[signal.Signals]) -> Iterator[None]:
+    """Let signals wait until a block of the main thread ends; processes started in it are born with them blocked.
+
+    To block them is not enough: another thread would then hear them, and Python would interrupt the main one.
+    """
+    came: list[int] = []
+    handlers = {number: signal.signal(number, lambda one, _frame: came.append(one)) for number in numbers}
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for heard in came:
+            signal.raise_signal(heard)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from das.commands import STOP_SIGNALS, busy, interrupt_on_termination
+from das.commands import STOP_SIGNALS, busy, interrupt_on_termination, signals_held
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.command_line import Kind, chosen, progress_bar
@@ -130,8 +129,12 @@ def _results(left: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
     running: set[Future[dict[str, Any]]] = set()
     waiting = iter(left)
     try:
-        while running := running | _submitted(pool, islice(waiting, workers - len(running))):
-            finished, running = wait(running, return_when=FIRST_COMPLETED)
+        while True:
+            _submit(pool, islice(waiting, workers - len(running)), running)
+            if not running:
+                return
+            finished, still = wait(running, return_when=FIRST_COMPLETED)
+            running.intersection_update(still)
             yield from (future.result() for future in finished)
     except BrokenProcessPool:
         raise DasError("a worker of the batch was killed (out of memory?); the same command goes on") from None
@@ -143,12 +146,9 @@ def _results(left: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _submitted(pool: ProcessPoolExecutor, jobs: Iterable[Job]) -> set[Future[dict[str, Any]]]:
-    """Hand jobs to the pool, which may start workers: signals wait, or Ctrl-C would kill one that does not heed yet."""
+def _submit(pool: ProcessPoolExecutor, jobs: Iterable[Job], running: set[Future[dict[str, Any]]]) -> None:
+    """Hand jobs to the pool, which may start workers: Ctrl-C waits, or it would kill one that does not heed it yet."""
     from sim.batch.worker import work
 
-    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
-    try:
-        return {pool.submit(work, job) for job in jobs}
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)
+    with signals_held(STOP_SIGNALS):
+        running.update(pool.submit(work, job) for job in jobs)

@@ -21,6 +21,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 
+from das.commands import signals_held
 from das.domain.errors import DasError
 from das.table import write_table
 from precompute.tables.job import Job, warm_up
@@ -91,13 +92,10 @@ class _Pool:
         resource_tracker.ensure_running()  # its start lets SIGINT through again, in the middle of ours
         process = self._context.Process(target=serve, args=(theirs, str(self._folder)), daemon=True)
         # Ctrl-C reaches the whole group: only we shall hear it, and tell the workers to end.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        try:
+        with signals_held([signal.SIGINT]):
             process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        theirs.close()
-        self._workers.append(_Worker(process, mine))
+            theirs.close()
+            self._workers.append(_Worker(process, mine))
 
     def _heard(self) -> list[_Worker]:
         heard = wait([worker.connection for worker in self._workers])
