@@ -17,9 +17,14 @@ def sha256(path: Path) -> str:
 
 def input_files(route: str, vehicle: str) -> dict[str, Path]:
     """The files of a route and a vehicle, by what they are; DasError where there is none."""
-    files = {"route": locate_route(route), "vehicle": locate_vehicle(vehicle)}
-    loss_map = _loss_map_of(files["vehicle"])
-    return files if loss_map is None else {**files, "loss_map": loss_map}
+    return {"route": locate_route(route), **vehicle_files(vehicle)}
+
+
+def vehicle_files(vehicle: str) -> dict[str, Path]:
+    """The files of a vehicle, by what they are; DasError where there is none."""
+    file = locate_vehicle(vehicle)
+    loss_map = _loss_map_of(file)
+    return {"vehicle": file} if loss_map is None else {"vehicle": file, "loss_map": loss_map}
 
 
 def _loss_map_of(vehicle: Path) -> Path | None:

@@ -126,6 +126,7 @@ def run(
 
 def _drive(day: Day, options: _Options) -> dict[str, Any]:
     """Run the day, over the bus where there is a recording to write; its figures."""
+    from sim.drivers.registry import DriverKind
     from sim.world.disturbances import described
     from sim.world.outcome import outcome
 
@@ -149,6 +150,7 @@ def _drive(day: Day, options: _Options) -> dict[str, Any]:
         "driver": str(options.driver),
         "advice": str(options.advice),
         "happens": described(day.disturbances),
+        "human": dict(day.human_drawn) if options.driver is DriverKind.HUMAN else {},
         "wall_s": pace.driven_s,
         "real_time_factor": figures["simulated_s"] / max(pace.driven_s, 1e-9),
         **of_recording,
@@ -157,12 +159,11 @@ def _drive(day: Day, options: _Options) -> dict[str, Any]:
 
 def _run(day: Day, options: _Options, tick: Callable[[float, float], None]) -> tuple[Run, dict[str, Any]]:
     """The run, and what is to be said of its recording."""
-    from sim.drivers.registry import make_driver
     from sim.world.in_process import InProcess
     from sim.world.loop import World
     from sim.world.over_bus import How, make_crew, run_over_bus
 
-    driver = make_driver(options.driver, day.service.line, seed=day.seed)
+    driver = day.driver(options.driver)
     if options.out is None:
         return World(day, driver, options.advice, InProcess(day.service)).run(tick), {"file": None}
     how = How(

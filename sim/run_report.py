@@ -86,6 +86,8 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _notes(found: dict[str, Any]) -> list[str]:
     notes = [f"on this day: {found['happens']}"]
+    if found["human"]:
+        notes.append("the driver: " + ", ".join(f"{name} {value:.4g}" for name, value in found["human"].items()))
     for stop in found["stops"]:
         if stop["missed_m"] > AT_STOP_M:
             notes.append(f"the train came to stand {stop['missed_m']:.0f} m beyond {stop['name']}")

@@ -227,7 +227,7 @@ def test_an_error_of_ours_is_a_row_too(folder: Path, monkeypatch: pytest.MonkeyP
     def broken(*_: object) -> None:
         raise ZeroDivisionError("of all things")
 
-    monkeypatch.setattr("sim.batch.worker.make_driver", lambda *_, **__: broken())
+    monkeypatch.setattr("sim.world.day.make_driver", lambda *_, **__: broken())
     row = work(jobs(folder)[0])
     assert row["error"] == "ZeroDivisionError: of all things"
     assert summary([row])[0]["failed"] == 1

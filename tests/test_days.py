@@ -9,7 +9,7 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind, make_driver
+from sim.drivers.registry import DriverKind
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import World
@@ -56,7 +56,7 @@ def test_a_signal_seen_too_late_stops_the_train_beyond_it(flat: Callable[[str], 
 def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) -> None:
     service = prepare_service(read_scenario(flat(signal_at(3000, 1500))))
     for seed in range(4):
-        driver = make_driver(DriverKind.HUMAN, service.line, seed=seed)
+        driver = make_day(service, seed).driver(DriverKind.HUMAN)
         run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
         assert 2985 < standing_m(run)[0] < 3000.5
 

@@ -14,8 +14,9 @@ from sim.batch.worker import STOP_COLUMNS
 from sim.world.outcome import SHARES
 
 TEXTS = (
-    *("scenario", "driver", "advice", "level", "error", "happens", "recording", "version"),
-    *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256", "inputs_sha256"),
+    *("scenario", "driver", "advice", "level", "error", "happens", "human", "recording", "version"),
+    *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
+    *("true_vehicle_sha256", "true_loss_map_sha256", "inputs_sha256"),
 )
 COUNTS = ("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit", "simulated_s")
 FIGURES = (

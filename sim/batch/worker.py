@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
@@ -15,7 +16,7 @@ from das.commands import STOP_SIGNALS
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.batch.plan import Job
-from sim.drivers.registry import make_driver
+from sim.drivers.registry import DriverKind
 from sim.world.day import Day, make_day
 from sim.world.disturbances import described
 from sim.world.in_process import InProcess
@@ -73,6 +74,7 @@ def _run(job: Job) -> dict[str, Any]:
     return {
         **figures,
         "happens": described(day.disturbances),
+        "human": json.dumps(day.human_drawn) if job.driver is DriverKind.HUMAN else None,
         "stops": [stop["name"] for stop in stops],
         **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
     }
@@ -83,7 +85,7 @@ STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
 
 
 def _driven(day: Day, job: Job) -> Run:
-    driver = make_driver(job.driver, day.service.line, seed=job.seed)
+    driver = day.driver(job.driver)
     if job.record is None:
         return World(day, driver, job.advice, InProcess(day.service)).run()
     how = How(driver=job.driver, advice=job.advice, train="train-1", command=_command(job))

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+from sim.drivers.cab import Driver
+from sim.drivers.parameters import HumanParameters
+from sim.drivers.registry import DriverKind, make_driver
 from sim.plant import Patch, Plant
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail
 from sim.world.service import Service
@@ -16,13 +19,22 @@ _Kind = TypeVar("_Kind")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Day:
-    """Plan and truth for one seed; `held_s` per stop: by how much its departure is held up."""
+    """Plan and truth for one seed; `held_s` per stop: by how much its departure is held up.
+
+    `human` is who drives where a human does, `human_drawn` what the scenario says of him.
+    """
 
     service: Service
     seed: int
     plant: Plant
     disturbances: tuple[Disturbance, ...]
     held_s: tuple[float, ...]
+    human: HumanParameters
+    human_drawn: Mapping[str, float]
+
+    def driver(self, kind: DriverKind) -> Driver:
+        """A driver for the day."""
+        return make_driver(kind, self.service.line, parameters=self.human, seed=self.seed)
 
     def of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
         """The day's disturbances of one kind."""
@@ -32,19 +44,21 @@ class Day:
 def make_day(service: Service, seed: int) -> Day:
     """Draw what happens; raises DasError for what cannot be on this line or with this train."""
     disturbances = service.scenario.day(seed)
+    human, drawn = service.scenario.human.draw(seed)
     return Day(
         service=service,
         seed=seed,
         plant=_plant(service, disturbances),
         disturbances=disturbances,
         held_s=_held_s(service, disturbances),
+        human=human,
+        human_drawn=drawn,
     )
 
 
 def _plant(service: Service, disturbances: Sequence[Disturbance]) -> Plant:
-    scenario, vehicle = service.scenario, service.vehicle
-    if scenario.adhesive_mass_kg is not None:
-        vehicle = replace(vehicle, adhesive_mass_kg=scenario.adhesive_mass_kg)
+    truth = service.scenario.truth
+    vehicle, level = truth.train(service.vehicle, service.level)
     first_m = service.stops[0].position_m
     patches = []
     for x in disturbances:
@@ -55,7 +69,7 @@ def _plant(service: Service, disturbances: Sequence[Disturbance]) -> Plant:
                 {"adhesion_ratio": x.adhesion_ratio} if isinstance(x, SlipperyRail) else {"head_wind_mps": x.wind_mps}
             )
             patches.append(replace(patch, **what))
-    return Plant(service.route, vehicle, level=service.level, conditions=scenario.conditions, patches=patches)
+    return Plant(service.route, vehicle, level=level, conditions=truth.conditions, patches=patches)
 
 
 def _held_s(service: Service, disturbances: Sequence[Disturbance]) -> tuple[float, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -114,6 +115,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         "driver": str(how.driver),
         "advice": str(how.advice),
         "happens": described(day.disturbances),
+        **({"human": json.dumps(day.human_drawn)} if day.human_drawn and how.driver is DriverKind.HUMAN else {}),
         "route": service.route.name,
         "vehicle": service.vehicle.name,
         "level": str(service.level),

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from das.domain.conditions import STRONGEST_WIND_MPS, Conditions
-from das.domain.errors import MISSING, DasError
-from das.domain.files.reading import Fields, number, read_toml
+from das.domain.conditions import STRONGEST_WIND_MPS
+from das.domain.errors import DasError
+from das.domain.files.reading import Fields, read_toml
 from das.domain.units import FACTORS, to_si
 from sim.world.disturbances import (
     BusOutage,
@@ -30,6 +30,9 @@ from sim.world.disturbances import (
     SlipperyRail,
     TrainAhead,
 )
+from sim.world.drawn import Drawn, read_range
+from sim.world.human import HumanRange, read_human
+from sim.world.truth import Truth, beside, read_truth
 
 SCHEMA_VERSION = 1
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -58,17 +61,6 @@ _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
 _OPTIONAL = {"size": 0.0}
 _RANGES = {"speed": (1.0, np.inf), "adhesion": (0.01, 10.0), "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS)}
 """Least and greatest values (SI) of figures, where that is not anything from 0 up: a train has to get through."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Drawn:
-    """A figure that every seed draws evenly from `low` to `high` (equal: fixed)."""
-
-    low: float
-    high: float
-
-    def draw(self, random: np.random.Generator) -> float:
-        return float(random.uniform(self.low, self.high))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,10 +93,7 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A day to be simulated; `conditions` are the truth's against the plan's.
-
-    `adhesive_mass_kg` is the true train's mass on driven axles, where its file gives none (None: as the file says).
-    """
+    """A day to be simulated; `human` are the drivers of kind human, of whom each seed draws one."""
 
     id: str
     title: str
@@ -119,8 +108,8 @@ class Scenario:
     departure_ns: int
     buffer_ratio: float
     dwell_s: float
-    conditions: Conditions
-    adhesive_mass_kg: float | None
+    truth: Truth
+    human: HumanRange
     sensors: Sensors
     disturbances: tuple[Planned, ...]
 
@@ -153,7 +142,7 @@ def read_scenario(path: Path) -> Scenario:
     """Read a scenario; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", "scenario", "timetable", "truth", "sensors", "disturbances"])
+    fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "disturbances"])
     main = fields.table("scenario")
     main.check_keys(["id", "title", "description", "route", "vehicle", "load", "reverse", "from", "to"])
     timetable = _optional(fields, "timetable")
@@ -163,8 +152,8 @@ def read_scenario(path: Path) -> Scenario:
         title=main.text("title"),
         description=main.text("description", ""),
         source=path,
-        route=_beside(path, main.text("route")),
-        vehicle=_beside(path, main.text("vehicle")),
+        route=beside(path.parent, main.text("route")),
+        vehicle=beside(path.parent, main.text("vehicle")),
         load=main.text("load") if main.has("load") else None,
         reverse=main.flag("reverse", False),
         from_stop=main.text("from") if main.has("from") else None,
@@ -172,16 +161,11 @@ def read_scenario(path: Path) -> Scenario:
         departure_ns=_moment(timetable),
         buffer_ratio=_within(timetable, "buffer", "ratio", 0.07, (0.0, 10.0)),
         dwell_s=_within(timetable, "dwell", "time", 60.0, (0.0, LONGEST_DWELL_S)),
-        conditions=_conditions(_optional(fields, "truth")),
-        adhesive_mass_kg=_adhesive_mass(_optional(fields, "truth")),
+        truth=read_truth(_optional(fields, "truth")),
+        human=read_human(_optional(fields, "human")),
         sensors=_sensors(_optional(fields, "sensors")),
         disturbances=_disturbances(fields),
     )
-
-
-def _beside(path: Path, name: str) -> str:
-    """A bundled name as it is; a file's path is taken from the scenario's folder."""
-    return str(path.parent / name) if Path(name).suffix else name
 
 
 def _id(main: Fields) -> str:
@@ -226,28 +210,6 @@ def _expected(unit: str, dimension: str, ends: tuple[float, float]) -> str:
     """A range (SI) in the unit of the file."""
     low, high = (end / FACTORS[dimension][unit] for end in ends)
     return f"a finite number >= {low:g}" if np.isinf(high) else f"a number from {low:g} to {high:g}"
-
-
-def _conditions(truth: Fields) -> Conditions:
-    ratios = ("mass", "resistance", "receptivity", "adhesion")
-    others = {"head_wind": "speed", "adhesive_mass": "mass"}
-    truth.check_keys(truth.quantity_keys({**dict.fromkeys(ratios, "ratio"), **others}))
-    given = {f"{name}_ratio": truth.quantity(name, "ratio", 1.0) for name in ratios}
-    head_wind_mps = truth.quantity("head_wind", "speed", 0.0)
-    try:
-        return Conditions(head_wind_mps=head_wind_mps, **given)
-    except DasError as error:
-        raise DasError(f"{truth.source}: {str(error).replace('conditions: ', 'truth.', 1)}") from None
-
-
-def _adhesive_mass(truth: Fields) -> float | None:
-    key = _given(truth, "adhesive_mass", "mass")
-    if key not in truth.data:
-        return None
-    mass_kg = truth.quantity("adhesive_mass", "mass")
-    if not 0 < mass_kg < np.inf:
-        raise truth.error(key, truth.data[key], "a finite mass > 0")
-    return mass_kg
 
 
 def _sensors(fields: Fields) -> Sensors:
@@ -304,16 +266,10 @@ def _figure(table: Fields, name: str, dimension: str) -> Drawn:
         return _checked(table, name, dimension, Drawn(low=value, high=value))
     if more := [x for x in table.quantity_keys({name: dimension}) if x in table.data and x != key]:
         raise table.error(more[0], table.data[more[0]], f"only one of {key} and {more[0]}")
-    ends = table.table(key)
-    ends.check_keys(["min", "max"])
-    for end in ("min", "max"):
-        if not ends.has(end):
-            raise ends.error(end, MISSING, "a number")
-    low, high = (
-        to_si(number(table.source, f"{ends.prefix}{end}", ends.data[end]), key[len(name) + 1 :], dimension)
-        for end in ("min", "max")
-    )
-    return _checked(table, name, dimension, Drawn(low=low, high=high))
+    unit = key[len(name) + 1 :]
+    drawn = read_range(table, key)
+    in_si = Drawn(low=to_si(drawn.low, unit, dimension), high=to_si(drawn.high, unit, dimension))
+    return _checked(table, name, dimension, in_si)
 
 
 def _checked(table: Fields, name: str, dimension: str, figure: Drawn) -> Drawn:

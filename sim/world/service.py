@@ -19,8 +19,9 @@ from das.planning import Fronts
 from das.solver.front import Front, Solution, solve_front
 from das.solver.section import build_section
 from sim.drivers.knowledge import LineKnowledge
-from sim.inputs import input_files
+from sim.inputs import input_files, vehicle_files
 from sim.world.scenario import Scenario
+from sim.world.truth import Truth
 
 KEPT_BYTES = 300_000_000
 """Fronts of a service are kept up to this size for its runs without a bus."""
@@ -65,7 +66,7 @@ class Service:
 
     def on(self, scenario: Scenario) -> Service:
         """The same service on a scenario that it `plans`; DasError for what cannot happen on this line."""
-        _check_day(scenario, self.vehicle, self.stops)
+        _check_day(scenario, self.vehicle, self.level, self.stops)
         return replace(self, scenario=scenario)
 
 
@@ -102,18 +103,33 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
     route, vehicle = load_route(scenario.route), load_vehicle(scenario.vehicle)
     route = route.reversed() if scenario.reverse else route
     vehicle = vehicle if scenario.load is None else vehicle.loaded(scenario.load)
-    vehicle.loss_model(vehicle.default_level if level is None else level)
+    level = vehicle.default_level if level is None else level
+    vehicle.loss_model(level)
     stops = _stops(scenario, route)
-    _check_day(scenario, vehicle, stops)
+    _check_day(scenario, vehicle, level, stops)
     return route, vehicle, stops
 
 
 def scenario_files(scenario: Scenario) -> dict[str, Path]:
     """The files a scenario is made from, itself included, by what they are; DasError where there is none."""
     try:
-        return {"scenario": scenario.source, **input_files(scenario.route, scenario.vehicle)}
+        return {
+            "scenario": scenario.source,
+            **input_files(scenario.route, scenario.vehicle),
+            **{f"true_{name}": path for name, path in _true_files(scenario.truth).items()},
+        }
     except DasError as error:
         raise DasError(f"{scenario.source}: scenario: {error}") from None
+
+
+def _true_files(truth: Truth) -> dict[str, Path]:
+    """The files of the true train that the plan does not have; DasError where there is none."""
+    files = {} if truth.vehicle is None else vehicle_files(truth.vehicle)
+    if truth.loss_map is None:
+        return files
+    if not truth.loss_map.is_file():
+        raise DasError(f"truth.loss_map = {str(truth.loss_map)!r}: no such file")
+    return {**files, "loss_map": truth.loss_map}
 
 
 def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
@@ -121,21 +137,24 @@ def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
     return tuple(stop for stop in route.stops if first.position_m <= stop.position_m <= last.position_m)
 
 
-def _check_day(scenario: Scenario, vehicle: Vehicle, stops: Sequence[Stop]) -> None:
-    """What happens must be able to happen: at its place or stop, and with this train."""
-    slips = scenario.conditions.adhesion_ratio != 1 or any(x.kind == "slippery-rail" for x in scenario.disturbances)
-    if slips and scenario.adhesive_mass_kg is None and math.isinf(vehicle.adhesive_mass_kg):
+def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequence[Stop]) -> None:
+    """What happens must be able to happen: at its place or stop, and with the true train."""
+    vehicle, _ = scenario.truth.train(planned, level)
+    slips = scenario.truth.conditions.adhesion_ratio != 1 or any(
+        x.kind == "slippery-rail" for x in scenario.disturbances
+    )
+    if slips and math.isinf(vehicle.adhesive_mass_kg):
         expected = f"the mass on driven axles, which {vehicle.source} does not give"
         raise DasError(f"{scenario.source}: truth.adhesive_mass_t is missing: expected {expected}")
     first_m, last_m = stops[0].position_m, stops[-1].position_m
     names = {stop.name.casefold() for stop in stops[:-1]}
-    for i, planned in enumerate(scenario.disturbances):
+    for i, one in enumerate(scenario.disturbances):
         where = f"{scenario.source}: disturbances[{i}]"
         for name in ("from_m", "at_m"):
-            place = planned.figures.get(name)
+            place = one.figures.get(name)
             if place is not None and not first_m <= place.low <= place.high < last_m:
                 raise DasError(f"{where}.{name[:-2]} = {place.low:g} m: expected on the way {first_m:g} … {last_m:g} m")
-        stop = planned.fixed.get("stop")
+        stop = one.fixed.get("stop")
         if stop is not None and stop.casefold() not in names:
             raise DasError(f"{where}.stop = {stop!r}: expected one of {', '.join(x.name for x in stops[:-1])}")
 

@@ -1,0 +1,38 @@
+"""Figures of a scenario that are one value, or a range every seed draws from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from das.domain.errors import MISSING
+from das.domain.files.reading import Fields, number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """A figure that every seed draws evenly from `low` to `high` (equal: fixed)."""
+
+    low: float
+    high: float
+
+    def draw(self, random: np.random.Generator) -> float:
+        return float(random.uniform(self.low, self.high))
+
+
+def read_range(table: Fields, key: str) -> Drawn:
+    """A figure in the unit of its key: `delay_s = 90` or `delay_s = {min = 30, max = 180}`; InputError otherwise."""
+    if not isinstance(table.data.get(key), Mapping):
+        value = number(table.source, f"{table.prefix}{key}", table.data.get(key, MISSING))
+        return Drawn(low=value, high=value)
+    ends = table.table(key)
+    ends.check_keys(["min", "max"])
+    for end in ("min", "max"):
+        if not ends.has(end):
+            raise ends.error(end, MISSING, "a number")
+    low, high = (number(table.source, f"{ends.prefix}{end}", ends.data[end]) for end in ("min", "max"))
+    if not low <= high:
+        raise table.error(key, table.data[key], "{min = …, max = …} in this order")
+    return Drawn(low=low, high=high)

@@ -1,0 +1,58 @@
+"""The human drivers of a scenario: parameters that differ from the defaults, of which every seed draws a driver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from das.domain.errors import DasError, InputError
+from das.domain.files.reading import Fields
+from sim.drivers.parameters import HumanParameters
+from sim.world.drawn import Drawn, read_range
+
+STREAM = 4
+"""Of a seed's random numbers."""
+TRIPS = "trips"
+COUNTED = ("notches",)
+"""Parameters that are whole numbers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HumanRange:
+    """Parameters of human drivers by name, and `trips`, those they have made before; what is not given is default."""
+
+    given: Mapping[str, Drawn]
+
+    def draw(self, seed: int) -> tuple[HumanParameters, dict[str, float]]:
+        """The driver of a seed, and of what is given the values drawn."""
+        random = np.random.default_rng([seed, STREAM])
+        drawn = {name: figure.draw(random) for name, figure in self.given.items()}
+        return _driver(drawn), drawn
+
+
+def read_human(table: Fields) -> HumanRange:
+    """The table `[human]` of a scenario; raises InputError or DasError for anything unusable."""
+    table.check_keys([TRIPS, *(item.name for item in fields(HumanParameters))])
+    given = {name: read_range(table, name) for name in table.data}
+    for name, figure in given.items():
+        if name in COUNTED and figure.low != figure.high:
+            raise table.error(name, table.data[name], "one whole number")
+    lows = {name: figure.low for name, figure in given.items()}
+    highs = {name: figure.high for name, figure in given.items()}
+    # The mean of a glance must be above the least even where they are drawn nearest to each other.
+    nearest = lows | {name: highs[name] for name in ("glance_least_s",) if name in highs}
+    for ends in (nearest, highs):
+        try:
+            _driver(ends)
+        except InputError as error:
+            raise DasError(f"{table.source}: {str(error).replace('human driver: ', table.prefix, 1)}") from None
+    return HumanRange(given=given)
+
+
+def _driver(values: Mapping[str, float]) -> HumanParameters:
+    of_driver: dict[str, Any] = {name: value for name, value in values.items() if name != TRIPS}
+    counted = {name: int(of_driver[name]) for name in COUNTED if name in of_driver and of_driver[name] % 1 == 0}
+    return HumanParameters(**(of_driver | counted)).after(values.get(TRIPS, 0.0))
