@@ -54,6 +54,8 @@ from das.trip import Target, Trip
 FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
 LOOK_S, SEARCH_LOOK_S = 0.1, 0.005
 """The loop looks up at least this often, while a front is being looked for more often."""
+CAUGHT_UP = 1_000
+"""At most so many messages are taken at the start, before a section is prepared."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
 """Of glibc's mallopt: blocks from this size on are mapped, and unmapped when freed."""
 SWITCH_S = 0.0005
@@ -120,6 +122,14 @@ class Node:
         except (ArithmeticError, ValueError) as error:
             self._complain(f"{received.topic.name}: a message was ignored ({error})")
             self._note(received.topic, received.message)
+
+    def catch_up(self) -> None:
+        """Take what is already there: a node that was started anew has its journey on the bus."""
+        for _ in range(CAUGHT_UP):
+            received = self.bus.receive(0.0)
+            if received is None:
+                return
+            self.take(received)
 
     def _act(self, received: Received) -> None:
         message, topic = received.message, received.topic
@@ -455,10 +465,15 @@ def command(
         warm_up()
         if tables is not None:
             warm_up_tables()
-        trip.rehearse(stops_m)
+        trip.check(stops_m)
+        if by_wall:
+            node.catch_up()
+        if node.waiting:
+            trip.rehearse(stops_m)
         place = f"bus {bus_file}" if file else f"listening on {listen}"
         err.print(f"das-node {train}: {the_route.id}, {started.id}, {place}")
-        node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
+        if node.waiting:
+            node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
         _run(node, stop, refusals, 1.0 / rate)
         node.status(node.now_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
 

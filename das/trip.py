@@ -146,11 +146,16 @@ class Trip:
         news, self._news = self._news, []
         return news
 
+    def check(self, stops_m: Sequence[float]) -> None:
+        """Look at the sections between stops before there is a journey; raises DasError where one cannot be driven."""
+        for a, b in pairwise(stops_m):
+            self._situation.between(a, b).section(a, b)
+
     def rehearse(self, stops_m: Sequence[float]) -> None:
-        """Look at the sections between stops before there is a journey, and prepare the first; raises DasError."""
-        sections = [self._situation.between(a, b).section(a, b) for a, b in pairwise(stops_m)]
+        """Prepare the first section before there is a journey; raises DasError."""
+        first_m, second_m = stops_m[:2]
         began = time.perf_counter()
-        self._fronts.find(sections[0])
+        self._fronts.find(self._situation.between(first_m, second_m).section(first_m, second_m))
         self.solve_s = time.perf_counter() - began
 
     def close(self) -> None:
