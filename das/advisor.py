@@ -29,12 +29,18 @@ HORIZON_S = 30
 """Advice looks this many seconds ahead, in steps of 1 s."""
 VALID_FOR_S = 3.0
 PLAN_SPEED_BAND_MPS = 0.8
+PLAN_SLOWER_BAND_MPS = 1.4
 PLAN_TIME_BAND_S = 2.0
 PLAN_MAX_AGE_S = 60.0
 """A plan is kept while speed and time stay in these bands around it, and not longer than this."""
 PLAN_TIME_TOLERANCE_S = 0.2
 UNHURRIED_S = 0.5
 """Plans arrive so late: what the build-up of effort takes, which to make up is dear (0.4 % of the energy on 6 km)."""
+BRAKING_AHEAD_MPS2 = 0.25
+"""Who has to slow down at this rate from here on for a limit or a stop is braking for it."""
+SLOWER_MPS = 0.4
+BRAKED_EARLY_S = 5.0
+"""Who is slower than planned before it, mostly by braking early, is not told to speed up for less than this."""
 LEAST_FOR_BUFFER_S = 10.0
 """So near to the stop the buffer is not a meaningful ratio any more."""
 OVERSPEED_NAMED_MPS = 0.5
@@ -134,7 +140,7 @@ class Advisor:
         self._here = Estimate(time_ns=0)
         self._target_ns: int | None = None
         self._passing: PassingTarget | None = None
-        self._mode, self._mode_since_ns = Mode.NONE, 0
+        self._mode, self._mode_since_ns, self._force_n = Mode.NONE, 0, 0.0
         self._display_mps = math.nan
         self._refusal = ""
         self.delay_s: float | None = None
@@ -174,6 +180,7 @@ class Advisor:
         self._reduced = ReducedSpeed(self.section)
         self._plan: Plan | None = None
         self._plan_before: Plan | None = None
+        self._braked_early = False
         self._meanwhile = "solving"
 
     def set_section(self, section: Section, why: str) -> None:
@@ -340,15 +347,29 @@ class Advisor:
             return self._plan
         allowed = self._allowed(s_m)
         start_mps = allowed if allowed < v_mps <= allowed + OVERSPEED_EASED_MPS else v_mps
-        self._plan = Plan.of(self._solution(s_m, start_mps, now_ns), self.section, now_ns)
+        at_least_s = BRAKED_EARLY_S if self._brakes_early(s_m, v_mps) else 0.0
+        self._plan = Plan.of(self._solution(s_m, start_mps, now_ns, at_least_s), self.section, now_ns)
         return self._plan
 
-    def _solution(self, s_m: float, v_mps: float, now_ns: int) -> Solution:
-        """The run for the time that is left, or the most efficient one that is not absurdly slow."""
+    def _brakes_early(self, s_m: float, v_mps: float) -> bool:
+        """Whether the train became slower than planned before what it has to brake for, until it is past it."""
+        slower = self._plan is not None and self._plan.at(s_m).speed_mps - v_mps > SLOWER_MPS
+        ahead = self.section.node_m > s_m + AT_STANDSTILL_M
+        way_m = self.section.node_m[ahead] - s_m
+        brakes = bool(np.any(v_mps**2 - self._envelope_w[ahead] > 2.0 * BRAKING_AHEAD_MPS2 * way_m))
+        self._braked_early = brakes and (slower or self._braked_early)
+        return self._braked_early
+
+    def _solution(self, s_m: float, v_mps: float, now_ns: int, at_least_s: float) -> Solution:
+        """The run for the time that is left, or the most efficient one that is not absurdly slow.
+
+        It takes `at_least_s` more than the fastest.
+        """
         if self.source is Source.FALLBACK:
             return self._cautious(s_m, v_mps)
-        left_s = max((self.arrival_ns - now_ns) * NS + UNHURRIED_S, 1e-3)
-        asked_s = min(left_s, LONGEST_RATIO * self.front.least_time_s(s_m, v_mps))
+        least_s = self.front.least_time_s(s_m, v_mps)
+        left_s = max((self.arrival_ns - now_ns) * NS + UNHURRIED_S, least_s + at_least_s if at_least_s else 1e-3)
+        asked_s = min(left_s, LONGEST_RATIO * least_s)
         free = self.front.trajectory(asked_s, s_m, v_mps, tolerance_s=PLAN_TIME_TOLERANCE_S)
         to_point_s, fronts = self._time_to_point(free, s_m, now_ns), self._fronts_of_point()
         if to_point_s is None or fronts is None:
@@ -393,16 +414,19 @@ class Advisor:
         age_s, here = (now_ns - plan.made_ns) * NS, plan.at(s_m)
         return (
             0 <= age_s <= PLAN_MAX_AGE_S
-            and abs(v_mps - here.speed_mps) <= PLAN_SPEED_BAND_MPS
+            and -PLAN_SLOWER_BAND_MPS <= v_mps - here.speed_mps <= PLAN_SPEED_BAND_MPS
             and abs(age_s - here.time_s) <= PLAN_TIME_BAND_S
         )
 
     def _advice(self, plan: Plan, s_m: float, v_mps: float, now_ns: int) -> Advice:
         assert self._timetable is not None
         run, here, allowed = plan.solution.trajectory, plan.at(s_m), self._allowed(s_m)
-        i, force = here.interval, float(plan.force_n[here.interval])
+        i = here.interval
         speeds, forces = plan.horizon(here.time_s, self.section, self._envelope_w, HORIZON_S)
         mode = self._held_mode(Mode(int(plan.modes[i])), now_ns)
+        if mode == plan.modes[i]:
+            self._force_n = float(plan.force_n[i])
+        force = self._force_n  # that of the mode shown
         next_mode, next_m, next_s = self._next_change(plan, mode, s_m, here, now_ns)
         four, next_four, next_four_s = self._four_modes(plan, mode, next_s, here)
         advised = min(here.speed_mps, allowed)
@@ -498,7 +522,7 @@ class Advisor:
             return f"fastest, {_deviation(deviation_s)}"
         if deviation_s <= -EARLY_NAMED_S:
             return f"least energy, {_deviation(deviation_s)}: wait at {self._stop_name()}"
-        if fit is Fit.EARLY:
+        if fit is Fit.EARLY or deviation_s >= EARLY_NAMED_S:
             return f"least energy, {_deviation(deviation_s)}"
         said = f", operator says {_deviation(self.delay_s)}" if self.delay_s is not None and self.delay_s >= 1 else ""
         return f"least energy on time{said}"

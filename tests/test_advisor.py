@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -216,6 +217,62 @@ def test_a_new_mode_waits_unless_it_asks_for_less_effort(front: Front) -> None:
     assert advisor._held_mode(Mode.CRUISE, ns(3)) is Mode.CRUISE
     assert advisor._held_mode(Mode.COAST, ns(4)) is Mode.COAST
     assert advisor._held_mode(Mode.FULL_BRAKE, ns(5)) is Mode.FULL_BRAKE
+
+
+def driven(front: Front, states: list[tuple[float, float]], *, arrival_s: float) -> list[Advice]:
+    """The advice of every second for a train that is where it likes to be (position m, speed m/s)."""
+    advisor, heard = Advisor(front), []
+    advisor.set_timetable(Timetable(departure_ns=ns(-1000.0), arrival_ns=ns(arrival_s)))
+    for second, (s_m, v_mps) in enumerate(states):
+        advisor.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
+        heard.append(advisor.update(ns(second)))
+    return heard
+
+
+def test_who_brakes_early_for_the_stop_is_not_told_to_speed_up(front: Front) -> None:
+    """Half of what the plan brakes with, late as he may be: to catch up he would only have to brake again."""
+    braked_mps2, from_mps = 0.5, 25.0
+    way_s = from_mps / braked_mps2
+    start_m = 29_000.0 - from_mps**2 / (2 * braked_mps2)
+    cruised = [(start_m - from_mps * (20 - t), from_mps) for t in range(20)]
+    braked = [
+        (29_000.0 - (from_mps - braked_mps2 * t) ** 2 / (2 * braked_mps2), from_mps - braked_mps2 * t)
+        for t in range(int(way_s) - 2)
+    ]
+    heard = driven(front, cruised + braked, arrival_s=10.0)[len(cruised) + 4 :]
+    assert all(advice.mode is not Mode.NONE for advice in heard)
+    assert max(advice.advised_force_n for advice in heard) < 0.1 * front.section.train.traction_force_n
+
+
+def test_who_keeps_a_little_below_the_advised_speed_is_not_chased(front: Front) -> None:
+    """4 km/h below on the flat stretch at the limit, late: one plan, no effort that comes and goes."""
+    start_m, v_mps = 10_500.0, 120 * KMH
+    _, first = advisor_at(front, start_m, v_mps, now_s=0.0, arrival_s=10.0)
+    kept_mps = first.limit_mps - 4.0 * KMH
+    heard = driven(front, [(start_m + kept_mps * t, kept_mps) for t in range(60)], arrival_s=10.0)
+    changes = sum(a.mode is not b.mode for a, b in pairwise(heard))
+    assert changes <= 4, [advice.mode.name for advice in heard]
+
+
+def test_the_effort_shown_is_that_of_the_mode_shown(front: Front) -> None:
+    """A mode that is held a while is held with its effort, however the driver drives."""
+    random, s_m, v_mps, states = np.random.default_rng(3), 2_000.0, 20.0, []
+    for _ in range(600):
+        allowed = float(np.sqrt(np.interp(s_m, front.section.node_m, front.section.envelope_mps**2)))
+        v_mps = min(max(v_mps + random.normal(0.0, 0.6), 15.0), allowed)
+        s_m += v_mps
+        states.append((s_m, v_mps))
+    heard = [advice for advice in driven(front, states, arrival_s=900.0) if advice.mode is not Mode.NONE]
+    idle_n = 0.03 * front.section.train.traction_force_n
+    assert len(heard) > 500
+    assert len({advice.mode for advice in heard}) >= 4
+    for advice in heard:
+        if advice.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+            assert advice.advised_force_n > 0
+        if advice.mode is Mode.COAST:
+            assert abs(advice.advised_force_n) < idle_n
+        if advice.mode in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE):
+            assert advice.advised_force_n < 0
 
 
 def test_a_fix_from_the_future_does_not_shut_out_the_present(front: Front) -> None:
