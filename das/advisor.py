@@ -16,7 +16,7 @@ import numpy as np
 from das import plan_kernels
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS
-from das.localisation import Estimate, Localisation, PositionFix
+from das.localisation import STANDSTILL_MPS, Estimate, Localisation, PositionFix
 from das.passing import PassingFronts, PassingTarget, time_at
 from das.plan import FOUR_MODES, LONGEST_RATIO, MODE_HOLD_S, Mode, Place, Plan
 from das.reduced import ReducedSpeed
@@ -46,7 +46,6 @@ LEAST_FOR_BUFFER_S = 10.0
 OVERSPEED_NAMED_MPS = 0.5
 OVERSPEED_EASED_MPS = 1.0
 """A train above the braking envelope by no more than this is planned from the envelope: it need not brake hard."""
-STANDSTILL_MPS = 0.3
 AT_STANDSTILL_M = 1.0
 """Nearer to the end of the section than this there is nothing left to plan: stop."""
 AT_STOP_M = 50.0
@@ -145,10 +144,6 @@ class Advisor:
         self._refusal = ""
         self.delay_s: float | None = None
         self.set_front(front, source)
-
-    @property
-    def has_timetable(self) -> bool:
-        return self._timetable is not None
 
     @property
     def plan(self) -> Plan | None:

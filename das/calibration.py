@@ -19,6 +19,7 @@ from das.domain.conditions import Conditions
 from das.domain.route import NEUTRAL, Route
 from das.domain.units import NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle, adhesion_coefficient
+from das.localisation import OVERSPEED_RATIO, STANDSTILL_MPS
 from das.solver.section import LineProfile
 
 Floats = NDArray[np.float64]
@@ -43,7 +44,7 @@ LEAST_RATIO, MOST_RATIO = (0.5, 0.4), (1.6, 2.5)
 """Bounds of the estimates: an empty and an overloaded train; a long tail wind, and a storm from ahead."""
 FORGETTING = 0.98
 """What an observation counts for after another one that says the same: a memory of about 50 windows, 17 minutes."""
-STANDS_BELOW_MPS, STANDS_FOR_S = 0.3, 20.0
+STANDS_FOR_S = 20.0
 """A train that stands as long may have let passengers on and off …"""
 STOP_MASS_SD = 0.05
 """… whose mass is known to this ratio of the train's (500 people in a train of 440 t: 9 %)."""
@@ -60,7 +61,7 @@ ODOMETRY_M = 40.0
 NEUTRAL_MARGIN_M = 30.0
 """A window that comes this near to a neutral section is left out."""
 IMPOSSIBLE_RATIO = 1.5
-"""Forces and speeds beyond the train's largest by this are faults."""
+"""Forces beyond the train's largest by this are faults."""
 MODEL_SD = (0.005, 0.015)
 """What stays open however long is measured: forces between samples, the shape of the resistance."""
 USABLE_SD = (0.02, 0.08)
@@ -171,7 +172,7 @@ class Calibrator:
     """
 
     def __init__(self, route: Route, vehicle: Vehicle, *, point_mass: bool = False) -> None:
-        self._vehicle = vehicle
+        self._route, self._vehicle, self._point_mass = route, vehicle, point_mass
         self._line = _Line(route, vehicle, 0.0 if point_mass else vehicle.length_m)
         self._belief = Belief(np.ones(2), _prior())
         self._window: list[_Sample] = []
@@ -181,6 +182,14 @@ class Calibrator:
         self._stands_since_s: float | None = None
         self._exchanged = False
         self._samples, self._surprises = 0, 0
+
+    def is_of(self, vehicle: Vehicle) -> bool:
+        """Whether this train is the one as planned."""
+        return self._vehicle is vehicle
+
+    def anew(self, vehicle: Vehicle) -> Calibrator:
+        """One of another train on the same line, of which nothing is known yet."""
+        return Calibrator(self._route, vehicle, point_mass=self._point_mass)
 
     @property
     def estimates(self) -> Estimates:
@@ -226,7 +235,7 @@ class Calibrator:
     def _plausible(self, place: _Place) -> bool:
         """Whether a position is usable, on the line, and no faster than the train (false for what is not a number)."""
         on_line = 0 <= place.s_m <= self._line.length_m
-        return place.usable and on_line and abs(place.speed_mps) <= IMPOSSIBLE_RATIO * self._vehicle.max_speed_mps
+        return place.usable and on_line and abs(place.speed_mps) <= OVERSPEED_RATIO * self._vehicle.max_speed_mps
 
     def _pair(self) -> None:
         """Positions up to the last effort become samples, with the force of their moment, linear between efforts."""
@@ -263,7 +272,7 @@ class Calibrator:
 
     def _watch_standing(self, sample: _Sample) -> None:
         """After a stop the mass may be another: once a stop its variance grows."""
-        if sample.speed_mps > STANDS_BELOW_MPS:
+        if sample.speed_mps > STANDSTILL_MPS:
             self._stands_since_s, self._exchanged = None, False
             return
         if self._stands_since_s is None:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from das.bus.session import Received
-from das.bus.topics import JOURNEY, POSITION, RESTRICTION, Topic
+from das.bus.topics import JOURNEY, POSITION, RESTRICTION, TARGET, Topic
+from das.domain.errors import DasError
+from das.domain.route import Restriction
 from das.domain.units import NS
-from das.trip import MOST_RESTRICTIONS, MOST_STOPS
+from das.localisation import STALE_AFTER_S
+from das.trip import MOST_RESTRICTIONS, MOST_STOPS, MOST_TARGETS
 
 LONGEST_TEXT = 200
 """More letters no operator means."""
 AHEAD_S = 60.0
 """A message further ahead of the clock than this would shut out those that come after it."""
-SILENT_S = 3.0
+SILENT_S = STALE_AFTER_S
 """A publisher of positions not heard for so long has given way to the next; as long as a position is of use."""
+STATES = (JOURNEY, RESTRICTION, TARGET)
+"""What holds until the next message of its kind: an older one must not undo a newer."""
 
 
 class Guard:
@@ -28,48 +32,67 @@ class Guard:
         self._newest_ns: dict[str, int] = {}
         self._publishers = Publishers()
         self._unheeded = ""
+        self._early: dict[str, Received] = {}
 
     def problem(self, received: Received, now_ns: int) -> str:
         """Why a message is to be ignored, or nothing."""
         message, topic = received.message, received.topic
         if topic is RESTRICTION:
-            return self._problem_of_restrictions(message, now_ns)
-        found = self._problem_of(topic, message, now_ns)
+            return self._problem_of_restrictions(received, now_ns)
+        found = self._problem_of(received, now_ns)
         if not found and topic is POSITION and not self._publishers.is_heard(received.source, now_ns):
             found = f"one of a second publisher, {received.source or 'unnamed'},"
-        if not found and topic is JOURNEY:
-            found = self._replayed(topic, message.time_ns)
+        if not found and topic in STATES:
+            found = self._replayed(topic, message.time_ns, now_ns)
         return f"{topic.name}: {found} was ignored" if found else ""
+
+    def due(self, now_ns: int) -> list[Received]:
+        """The newest messages that were ahead of the clock and are no more, to be judged again: each time said once.
+
+        A clock that was wrong is set right, or hears of the time after the message; nobody says it a second time.
+        """
+        there = [one for one in self._early.values() if _ahead_s(one.message, now_ns) <= AHEAD_S]
+        for one in there:
+            del self._early[one.topic.name]
+        return there
 
     def distrust(self, now_ns: int) -> str:
         """Why there must be no advice, or nothing: two publishers of the position, or restrictions nobody can heed."""
         return self._publishers.contested(now_ns) or self._unheeded
 
-    def _problem_of_restrictions(self, message: Any, now_ns: int) -> str:
+    def lose_restrictions(self, why: str) -> str:
+        """Nobody knows what is in force until restrictions come that can be heeded; returns the reason."""
+        self._unheeded = f"restrictions that cannot be heeded: {why}"
+        return self._unheeded
+
+    def _problem_of_restrictions(self, received: Received, now_ns: int) -> str:
         """As of any message; but whoever cannot heed restrictions must not advise until there are others."""
-        if found := self._problem_of(RESTRICTION, message, now_ns):
-            self._unheeded = f"restrictions that cannot be heeded: {found}"
-            return self._unheeded
-        if found := self._replayed(RESTRICTION, message.time_ns):
+        if found := self._problem_of(received, now_ns):
+            return self.lose_restrictions(found)
+        if found := self._replayed(RESTRICTION, received.message.time_ns, now_ns):
             return f"{RESTRICTION.name}: {found} was ignored"
         self._unheeded = ""
         return ""
 
-    def _problem_of(self, topic: Topic, message: Any, now_ns: int) -> str:
+    def _problem_of(self, received: Received, now_ns: int) -> str:
         """Why a message by itself is of no use, or nothing."""
-        if message is None:
-            return "a message that cannot be read"
-        ahead_s = (message.time_ns - now_ns) * NS
-        if now_ns > 0 and topic in (JOURNEY, RESTRICTION) and ahead_s > AHEAD_S:
-            return f"one from {ahead_s:.0f} s ahead of the clock"
-        return _problem_of_sense(topic, message)
+        topic, message = received.topic, received.message
+        if message is not None and topic in STATES and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
+            self._early[topic.name] = received
+            return f"one from {_ahead_s(message, now_ns):.0f} s ahead of the clock"
+        problem = _problem_of_sense(topic, message) if message is not None else "a message that cannot be read"
+        if problem:
+            self._early.pop(topic.name, None)
+        return problem
 
-    def _replayed(self, topic: Topic, time_ns: int) -> str:
+    def _replayed(self, topic: Topic, time_ns: int, now_ns: int) -> str:
         """Why it is not the newest, or nothing; from now on it is. The bus itself repeats the newest."""
         newest_ns = self._newest_ns.get(topic.name, time_ns)
-        if time_ns < newest_ns:
+        was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > AHEAD_S  # the clock: the newest shuts out nothing
+        if time_ns < newest_ns and not was_set_back:
             return f"one {(newest_ns - time_ns) * NS:.0f} s older than the last"
         self._newest_ns[topic.name] = time_ns
+        self._early.pop(topic.name, None)
         return ""
 
 
@@ -98,24 +121,39 @@ class Publishers:
         return ""
 
 
+def _ahead_s(message: Any, now_ns: int) -> float:
+    return float((message.time_ns - now_ns) * NS)
+
+
 def _problem_of_sense(topic: Topic, message: Any) -> str:
     """Why nobody can have meant this, or nothing."""
     if topic is RESTRICTION:
         if len(message.restrictions) > MOST_RESTRICTIONS:
             return f"{len(message.restrictions)} of them, more than {MOST_RESTRICTIONS}"
-        return next((_shown(one) for one in message.restrictions if not _is_sensible(one)), "")
+        return next((_shown(one) for one in message.restrictions if not _is_restriction(one)), "")
+    if topic is TARGET:
+        if len(message.targets) > MOST_TARGETS:
+            return f"one of {len(message.targets)} targets, more than {MOST_TARGETS}"
+        return _too_long(*(one.stop for one in message.targets))
     if topic is JOURNEY:
         if len(message.stops) > MOST_STOPS:
             return f"one of {len(message.stops)} stops, more than {MOST_STOPS}"
-        texts = (message.train, message.route_id, message.vehicle_id, *(stop.name for stop in message.stops))
-        longest = max(map(len, texts))
-        return f"one with a name of {longest} letters" if longest > LONGEST_TEXT else ""
+        texts = (message.train, message.route_id, message.vehicle_id, message.load, message.level)
+        return _too_long(*texts, *(stop.name for stop in message.stops))
     return ""
 
 
-def _is_sensible(one: Any) -> bool:
-    numbers = (one.start_m, one.end_m, one.limit_mps)
-    return all(map(math.isfinite, numbers)) and one.start_m < one.end_m and one.limit_mps > 0
+def _too_long(*texts: str) -> str:
+    longest = max(map(len, texts), default=0)
+    return f"one with a name of {longest} letters" if longest > LONGEST_TEXT else ""
+
+
+def _is_restriction(one: Any) -> bool:
+    try:
+        Restriction(start_m=one.start_m, end_m=one.end_m, limit_mps=one.limit_mps)
+    except DasError:
+        return False
+    return True
 
 
 def _shown(one: Any) -> str:

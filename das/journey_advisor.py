@@ -43,10 +43,6 @@ class JourneyAdvisor:
         return self._localisation.heard
 
     @property
-    def has_timetable(self) -> bool:
-        return self.current.has_timetable
-
-    @property
     def plan(self) -> Plan | None:
         """The plan behind the last advice."""
         return self.current.plan

@@ -41,6 +41,8 @@ EFFORT_LASTS_S = 60.0
 """An acceleration lasts about so long: jerk density = 2·σ²/this, for σ half the hardest start or braking."""
 OVERSPEED_RATIO = 1.3
 """A speed above the train's by this ratio is a fault of the sensor."""
+STANDSTILL_MPS = 0.3
+"""Slower than this a train counts as standing."""
 BACKWARDS_MPS = -0.3
 """So is one below this."""
 MOST_M = 1e7

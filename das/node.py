@@ -7,6 +7,7 @@ import ctypes
 import dataclasses
 import sys
 import time
+import traceback
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -42,6 +43,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
 from das.domain.route import Restriction, Route, Stop, section_stops
+from das.domain.units import NS
 from das.guard import Guard
 from das.localisation import Estimate, PositionFix, Quality
 from das.plan import Mode, Plan
@@ -61,7 +63,7 @@ M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
 SWITCH_S = 0.0005
 """The thread that looks for a front hands over to the one that advises so often."""
 LONGEST_REASON = 80
-"""Letters of a target's reason that are repeated with the advice."""
+"""Letters of a target's reason, or of an error's, that are repeated with the advice."""
 LEAST_GAP_S = 0.05
 """However fast the world changes, advice out of turn comes no faster."""
 PLAN_EVERY_S = 10.0
@@ -94,8 +96,9 @@ class Node:
         self._advice_s = 0.0
         self._advices = 0
         self._refused = ""
+        self._fault, self._failing = "", False
         self._plan: Plan | None = None
-        self._plan_sent_ns = 0
+        self._plan_sent_ns: int | None = None
         self._said_mode: Mode | None = None
         self._guard = Guard()
         self._complaints = Moderation()
@@ -107,21 +110,30 @@ class Node:
     @property
     def urgent(self) -> bool:
         """Whether the world has changed, or a front was found, since the last advice."""
-        return self._told or self.trip.has_answer
+        return self._told or (self.trip.has_answer and not self._failing)
 
     def take(self, received: Received) -> None:
-        """Act on one message as heard; one with numbers nothing can be done with is ignored and said."""
-        problem = self._guard.problem(received, self.now_ns())
-        if problem:
-            self._complain(problem)
-            self._note(received.topic, received.message)
-            self._answer_control()
-            return
+        """Act on one message as heard; one with numbers nothing can be done with is ignored and said.
+
+        Whatever else goes wrong is said as well, and the next advice is withdrawn: a dead node could say nothing.
+        """
+        topic, message = received.topic, received.message
         try:
-            self._act(received)
+            problem = self._guard.problem(received, self.now_ns())
+            if problem:
+                self._complain(problem)
+            else:
+                self._act(received)
         except (ArithmeticError, ValueError) as error:
-            self._complain(f"{received.topic.name}: a message was ignored ({error})")
-            self._note(received.topic, received.message)
+            self._ignore(topic, f"a message was ignored ({error})")
+        except Exception as error:
+            self._fault = self._unforeseen(error)
+            if topic is JOURNEY:
+                self._refuse(self.now_ns(), self._fault)
+            elif topic is RESTRICTION:
+                self._guard.lose_restrictions(self._fault)
+        self._note(topic, message)
+        self._answer_control()
 
     def catch_up(self) -> None:
         """Take what is already there: a node that was started anew has its journey on the bus."""
@@ -142,12 +154,11 @@ class Node:
         elif topic is DELAY:
             self.trip.set_delay(message.delay_s)
         elif topic in (RESTRICTION, TARGET):
-            self._take_news(topic, message)
+            self._take_orders(topic, message)
         elif topic is CONTROL and not self.wall_clock:
             self._held = message
-        self._answer_control()
 
-    def _take_news(self, topic: Topic, message: Any) -> None:
+    def _take_orders(self, topic: Topic, message: Any) -> None:
         """Restrictions or targets; all that are in force."""
         try:
             if topic is RESTRICTION:
@@ -161,19 +172,27 @@ class Node:
                 ])  # fmt: skip
         except DasError as error:
             self._ignore(topic, f"ignored: {error}")
-        self._note(topic, message)
 
     def _note(self, topic: Topic, message: Any) -> None:
         """Restrictions or targets have been heard, for better or worse."""
-        if topic.name in self._heard_ns and message is not None:
-            self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
+        if topic.name in self._heard_ns:
             self._told = True
+            if message is not None:
+                self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
 
     def _ignore(self, topic: Topic, why: str) -> None:
         """Say so; while restrictions are in force that are not known, there is no advice."""
         self._complain(f"{topic.name}: {why}")
         if topic is RESTRICTION:
-            self.trip.block(f"the restrictions in force are not known ({why})")
+            self._guard.lose_restrictions(why)
+
+    def _unforeseen(self, error: Exception) -> str:
+        """Say that something went wrong that nobody foresaw, and where; returns the text."""
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
+        text = f"internal error: {what} ({Path(place.filename).name}:{place.lineno})"
+        self._complain(text, Log.ERROR)
+        return text
 
     def _answer_control(self) -> None:
         """Answer the Control message at hand as soon as all is heard that was sent before it."""
@@ -210,11 +229,26 @@ class Node:
                 self.trip.set_conditions(conditions)
 
     def tick(self, now_ns: int, tick: int = 0) -> None:
-        """Say how we are and advise once: the advice is last, so who has it has heard all of this tick."""
-        self._told = False
+        """Say how we are and advise once, whatever goes wrong: where it does, no advice, and why."""
+        for received in self._guard.due(now_ns):
+            self.take(received)
+        self._told, self._failing = False, False
+        try:
+            self._answer(now_ns, tick)
+        except Exception as error:  # said and tried again at the next tick
+            self._failing, self._said_mode = True, Mode.NONE
+            reason = self._unforeseen(error)
+            status = das_pb2.Status(time_ns=now_ns, reason=reason, version=__version__, advices=self._advices)
+            status.state = das_pb2.Status.STATE_WITHDRAWN
+            self.bus.publish(STATUS, status)
+            self.bus.publish(ADVICE, advice_message(Advice(time_ns=now_ns, reason=reason), tick))
+
+    def _answer(self, now_ns: int, tick: int) -> None:
+        """The advice is last, so who has it has heard all of this tick."""
         began = time.perf_counter()
         self._recalibrate(now_ns)
-        distrust = self._guard.distrust(now_ns) or self._refused
+        fault, self._fault = self._fault, ""
+        distrust = self._guard.distrust(now_ns) or self._refused or fault
         advice = Advice(time_ns=now_ns, reason=distrust) if distrust else self.trip.update(now_ns)
         self._advice_s = time.perf_counter() - began
         self._advices += 1
@@ -267,10 +301,10 @@ class Node:
         log.timestamp.FromNanoseconds(now_ns)
         self.bus.publish(EVENT, log)
 
-    def _complain(self, text: str) -> None:
-        """An event about a bad message, unless there are too many of them."""
+    def _complain(self, text: str, level: Any = Log.WARNING) -> None:
+        """An event about what is not as it should be, unless there are too many of them."""
         if self._complaints.allows(self.now_ns()):
-            self.event(self.now_ns(), Log.WARNING, text)
+            self.event(self.now_ns(), level, text)
 
     def _say_losses(self, now_ns: int) -> None:
         """An event about complaints not made and messages a flood has cost."""
@@ -287,25 +321,32 @@ class Node:
         self.waiting = False
         try:
             level = self._check_journey(journey)
+            vehicle = self.trains.find(journey.vehicle_id, journey.load)
             self.trip.begin(
                 [Stop(name=stop.name, position_m=stop.s_m) for stop in journey.stops],
                 [
                     Timetable(departure_ns=start.departure_ns, arrival_ns=end.arrival_ns)
                     for start, end in pairwise(journey.stops)
                 ],
-                vehicle=self.trains.find(journey.vehicle_id, journey.load),
+                vehicle=vehicle,
                 level=level,
             )
         except DasError as error:
-            self._refused = f"journey refused: {error}"
-            self.trip.end()
-            self.event(journey.time_ns, Log.ERROR, self._refused)
-            self.status(journey.time_ns, das_pb2.Status.STATE_WITHDRAWN, self._refused)
+            self._refuse(journey.time_ns, str(error))
             return
         self._refused = ""
+        if self._calibrator is not None and not self._calibrator.is_of(vehicle):
+            self._calibrator, self._recalibration = self._calibrator.anew(vehicle), Recalibration()
         names = " – ".join(stop.name for stop in journey.stops)
         self.event(journey.time_ns, Log.INFO, f"journey {names}")
         self.status(journey.time_ns, das_pb2.Status.STATE_READY, f"ready for {names}")
+
+    def _refuse(self, time_ns: int, why: str) -> None:
+        """No journey, and no advice, until there is another."""
+        self._refused = f"journey refused: {why}"
+        self.trip.end()
+        self.event(time_ns, Log.ERROR, self._refused)
+        self.status(time_ns, das_pb2.Status.STATE_WITHDRAWN, self._refused)
 
     def _check_journey(self, journey: das_pb2.Journey) -> Level | None:
         """The level a journey asks for (None: that of the start); DasError where it is not for this node."""
@@ -340,9 +381,9 @@ class Node:
         self._rejecting = rejecting
 
     def _send_plan(self, now_ns: int) -> None:
-        """The plan, when there is a new one and the last was sent a while ago."""
+        """The plan, when there is a new one and the last was sent a while ago (or the clock jumped)."""
         plan = self.trip.plan
-        if plan is None or plan is self._plan or now_ns - self._plan_sent_ns < PLAN_EVERY_S * 1e9:
+        if plan is None or plan is self._plan or _is_fresh(self._plan_sent_ns, now_ns, PLAN_EVERY_S):
             return
         self._plan, self._plan_sent_ns = plan, now_ns
         run = plan.solution.trajectory
@@ -353,10 +394,7 @@ class Node:
 
     def _send_estimate(self, now_ns: int) -> None:
         """Mass and resistance as found, every while (at once when the clock jumped)."""
-        if self._calibrator is None:
-            return
-        sent_ns = self._estimate_sent_ns
-        if sent_ns is not None and 0 <= now_ns - sent_ns < ESTIMATE_EVERY_S * 1e9:
+        if self._calibrator is None or _is_fresh(self._estimate_sent_ns, now_ns, ESTIMATE_EVERY_S):
             return
         self._estimate_sent_ns, found = now_ns, self._calibrator.estimates
         message = das_pb2.Estimate(
@@ -370,6 +408,10 @@ class Node:
             differs=found.differs(self._recalibration.conditions),
         )
         self.bus.publish(ESTIMATE, message)
+
+
+def _is_fresh(sent_ns: int | None, now_ns: int, every_s: float) -> bool:
+    return sent_ns is not None and 0 <= (now_ns - sent_ns) * NS < every_s
 
 
 def position_fix(message: das_pb2.Position) -> PositionFix:
@@ -458,8 +500,9 @@ def command(
     calibrator = Calibrator(the_route, started, point_mass=point_mass) if calibrate else None
     hear = (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if calibrate else []))
     made = Bus(train, listen=listen, connect=connect or [], hear=hear, file=file)
+    the_trip = Trip(situation, Fronts(tables), background=by_wall)
     refusals = Refusals() if file else None
-    with made as bus, contextlib.closing(Trip(situation, Fronts(tables), background=by_wall)) as trip:
+    with made as bus, contextlib.closing(the_trip) as trip:
         node = Node(bus, trip, the_route, trains, reverse=reverse, wall_clock=by_wall, calibrator=calibrator)
         node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()

@@ -23,9 +23,9 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 
-EASY_BRAKING_MPS2 = 0.4
+SLOWING_MPS2 = 0.4
 """A train that must be slower than any least-energy run to pass late enough brakes so."""
-SLOWEST_MPS = 0.5
+CRAWL_MPS = 0.5
 SPEED_HALVINGS = 24
 PRICES_TRIED = 2
 
@@ -110,10 +110,8 @@ class PassingFronts:
 
         The train brakes easily to it, or fully where that is too late; where even a crawl is too quick, it crawls.
         """
-        low, high = SLOWEST_MPS, max(float(slowest.trajectory.v_mps.max()), 2 * SLOWEST_MPS)
-        braking = next(
-            (x for x in (EASY_BRAKING_MPS2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf
-        )
+        low, high = CRAWL_MPS, max(float(slowest.trajectory.v_mps.max()), 2 * CRAWL_MPS)
+        braking = next((x for x in (SLOWING_MPS2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf)
         for _ in range(SPEED_HALVINGS):
             top = 0.5 * (low + high)
             low, high = (top, high) if self._takes(wanted_s, top, braking, s_m, v_mps) else (low, top)

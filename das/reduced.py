@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from das.domain.units import KMH
+from das.domain.units import KMH, NS
 from das.solver import kernels, rollout_kernels
 from das.solver.section import Section
 
@@ -32,10 +32,10 @@ class ReducedSpeed:
 
     def at(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
         """That speed (m/s) from a state."""
-        age_s = (now_ns - self._judged_ns) * 1e-9
+        age_s = (now_ns - self._judged_ns) * NS
         if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < JUDGED_EVERY_S:
             self._judged_ns, self._for_ns = now_ns, arrival_ns
-            self._speed_mps = self._judged(s_m, v_mps, (arrival_ns - now_ns) * 1e-9)
+            self._speed_mps = self._judged(s_m, v_mps, (arrival_ns - now_ns) * NS)
         return self._speed_mps
 
     def _judged(self, s_m: float, v_mps: float, left_s: float) -> float:

@@ -35,7 +35,7 @@ def tls_init(
         from das.bus.tls import LISTENERS, write_bus_folder
     except ImportError as error:
         raise DasError("tls-init needs the package cryptography: pip install driver-advisory-system[tls]") from error
-    if days <= 0:
+    if not days > 0:
         raise DasError(f"--days {days:g}: expected more than 0")
     if port > LAST_PORT + 1 - len(LISTENERS):
         raise DasError(f"--port {port}: expected at most {LAST_PORT + 1 - len(LISTENERS)}")

@@ -7,14 +7,15 @@ meanwhile, at once.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from das.advisor import AT_STOP_M, STANDSTILL_MPS, Advice, Advisor, Source, Timetable, bare_front
+from das.advisor import AT_STOP_M, Advice, Advisor, Source, Timetable, bare_front
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
@@ -22,16 +23,18 @@ from das.domain.route import Restriction, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.journey_advisor import JourneyAdvisor
-from das.localisation import Estimate, Localisation, PositionFix
+from das.localisation import STANDSTILL_MPS, Estimate, Localisation, PositionFix
 from das.passing import PassingFronts, PassingTarget
 from das.plan import Plan
-from das.planning import Found, Fronts, Situation, onboard_ladder
+from das.planning import AS_PLANNED, Found, Fronts, Situation, onboard_ladder
 from das.solver.section import Section
 
 MOST_STOPS, MOST_RESTRICTIONS, MOST_TARGETS = 200, 100, 100
 """More than this at a time are no sensible message."""
 LEAST_WAY_M = 2.0
 """A point to pass lies at least this far from both ends of its section."""
+TRY_AGAIN_S = 10.0
+"""A search that failed for a reason nobody foresaw is made again after so long, and whenever something is told."""
 
 
 class Target(NamedTuple):
@@ -53,11 +56,12 @@ class News(NamedTuple):
 
 
 class _Answer(NamedTuple):
-    """What a search for a front came to; `refusal`: why there is none."""
+    """What a search for a front came to; `refusal`: why there is none; `failed`: for a reason nobody foresaw."""
 
     found: Found | None
     passing: PassingFronts | None
     refusal: str
+    failed: bool
     took_s: float
 
 
@@ -76,12 +80,17 @@ class _Leg:
     served: PassingTarget | None = None
     ready: bool = False
     search: Future[_Answer] | None = None
+    failed_ns: int | None = None
+    """When the last search failed, if it did."""
+    reached_m: float = -math.inf
+    """Where the train was when that was last known."""
 
     def next_point(self) -> PassingTarget | None:
         """The next point to be passed in a window."""
         here = self.advisor.here
-        s_m = here.s_m if here is not None else self.start.position_m
-        return next((point for point in self.points if point.s_m > s_m), None)
+        if here is not None:
+            self.reached_m = here.s_m
+        return next((point for point in self.points if point.s_m > self.reached_m), None)
 
     def give_up(self) -> None:
         """What was prepared or is looked for is not what is wanted any more."""
@@ -111,7 +120,7 @@ class Trip:
         self._legs: list[_Leg] = []
         self._journey: JourneyAdvisor | None = None
         self._targets: tuple[Target, ...] = ()
-        self._blocked = ""
+        self._now_ns = 0
         self._news = [News(text, True) for text in fronts.notes]
         self.solve_s = 0.0
         """What the last search for a front took."""
@@ -177,21 +186,31 @@ class Trip:
         """
         if len(stops) > MOST_STOPS:
             raise DasError(f"{len(stops)} stops: expected at most {MOST_STOPS}")
-        started = self._started
-        situation = replace(self._situation, vehicle=vehicle or started.vehicle, level=level or started.level)
+        started, before = self._started, self._situation
+        situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
+        localisation = self._localisation
+        if situation.vehicle is not before.vehicle:
+            # What was found of the train before says nothing of this one.
+            situation, localisation = replace(situation, conditions=AS_PLANNED), Localisation(situation.vehicle)
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self._legs}
         legs = [known.get((a.position_m, b.position_m)) or self._new_leg(situation, a, b) for a, b in pairwise(stops)]
-        if situation.vehicle is not self._situation.vehicle:
-            self._localisation = Localisation(situation.vehicle)
-        journey = JourneyAdvisor([leg.advisor for leg in legs], self._localisation)
+        journey = JourneyAdvisor([leg.advisor for leg in legs], localisation)
         journey.set_timetables(timetables)
-        self._situation, self._legs, self._journey = situation, legs, journey
+        for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
+            leg.start, leg.end = start, end  # at the same places, perhaps by other names
+        self._leave(leg for leg in self._legs if leg not in legs)
+        self._situation, self._localisation, self._legs, self._journey = situation, localisation, legs, journey
         self.set_targets(self._targets)
-        self._prepare()
 
     def end(self) -> None:
         """There is no journey any more."""
+        self._leave(self._legs)
         self._legs, self._journey = [], None
+
+    def _leave(self, legs: Iterable[_Leg]) -> None:
+        """Nobody waits any more for what is looked for on these."""
+        for leg in legs:
+            leg.give_up()
 
     def _new_leg(self, situation: Situation, start: Stop, end: Stop) -> _Leg:
         """A leg that is not prepared yet. Raises DasError where it cannot be driven even without restrictions."""
@@ -204,13 +223,8 @@ class Trip:
         """Take over all restrictions in force; DasError where they are too many."""
         if len(restrictions) > MOST_RESTRICTIONS:
             raise DasError(f"{len(restrictions)} restrictions: expected at most {MOST_RESTRICTIONS}")
-        self._blocked = ""
         self._situation = replace(self._situation, restrictions=tuple(restrictions))
-        self._prepare()
-
-    def block(self, reason: str) -> None:
-        """No advice until restrictions are told that can be understood."""
-        self._blocked = reason
+        self._prepare(told=True)
 
     def set_conditions(self, conditions: Conditions) -> None:
         """Take over what differs from the files; where the train could not drive then, say so and go on as before."""
@@ -224,7 +238,7 @@ class Trip:
             self._news.append(News(f"calibration ignored: {error}", True))
             return
         self._situation = situation
-        self._prepare()
+        self._prepare(told=True)
 
     def set_targets(self, targets: Sequence[Target]) -> None:
         """Take over all targets in force; one that is not on this journey is ignored and said."""
@@ -240,7 +254,7 @@ class Trip:
                 self._news.append(News(f"target ignored: {error}", True))
         for leg in self._legs:
             leg.points.sort(key=lambda point: point.s_m)
-        self._prepare()
+        self._prepare(told=True)
 
     def _assign(self, target: Target) -> None:
         """Hand a target to its leg."""
@@ -278,16 +292,20 @@ class Trip:
 
     def update(self, now_ns: int) -> Advice:
         """The advice at a moment."""
+        self._now_ns = now_ns
         if self._journey is None:
             return Advice(time_ns=now_ns, reason="no journey yet")
         self._journey.locate(now_ns)
         self._prepare()
         leg = self._legs[self._journey.index]
-        leg.advisor.refuse(self._blocked or leg.refusal)
+        leg.advisor.refuse(leg.refusal)
         return self._journey.advise()
 
-    def _prepare(self) -> None:
-        """Have fronts for the section the train is on and for the next one, and no others."""
+    def _prepare(self, *, told: bool = False) -> None:
+        """Have fronts for the section the train is on and for the next one, and look for no others.
+
+        The one before keeps what it has. `told`: something is new, a search that failed may go well now.
+        """
         if self._journey is None:
             return
         now = self._journey.index
@@ -295,24 +313,29 @@ class Trip:
             leg.point = leg.next_point()
             leg.advisor.set_target(leg.arrival_ns, leg.point)
             if now <= i <= now + 1:
+                if leg.failed_ns is not None and (told or abs(self._now_ns - leg.failed_ns) * NS >= TRY_AGAIN_S):
+                    leg.ready = False
                 self._ensure(leg)
             elif i != now - 1:
                 leg.release()
+            elif leg.search is not None:
+                leg.give_up()
 
     def _ensure(self, leg: _Leg) -> None:
         """Bring a leg to the situation of now: at once what is safe, then its front."""
         wanted = self._situation.between(leg.start.position_m, leg.end.position_m)
         if not wanted.is_like(leg.situation):
-            why = _difference(leg.situation, wanted)
+            why, refusal = _difference(leg.situation, wanted), ""
             leg.give_up()
-            leg.situation, leg.refusal = wanted, ""
             try:
                 leg.advisor.set_section(wanted.section(leg.start.position_m, leg.end.position_m), why)
             except DasError as error:
-                leg.refusal = f"{why}: {error}"
+                refusal = f"{why}: {error}"
+            # Not before the advisor has it: whatever else goes wrong, it is not taken for prepared.
+            leg.situation, leg.refusal, leg.failed_ns = wanted, refusal, None
         if leg.point is not None and leg.point != leg.served:
             leg.give_up()
-        if leg.search is None and not leg.ready and not leg.refusal:
+        if leg.search is None and not leg.ready and (not leg.refusal or leg.failed_ns is not None):
             leg.served = leg.point
             leg.search = self._submit(leg)
         if leg.search is not None and leg.search.done():
@@ -327,13 +350,15 @@ class Trip:
         return answer
 
     def _take(self, leg: _Leg, answer: _Answer) -> None:
-        """Use what a search has found."""
+        """Use what a search has found; where it failed, for now."""
         leg.search, leg.ready = None, True
+        leg.failed_ns = self._now_ns if answer.failed else None
         self.solve_s = answer.took_s
         if answer.found is None:
             leg.refusal = answer.refusal
             self._news.append(News(f"{leg.advisor.section.name}: no plan: {answer.refusal}", True))
             return
+        leg.refusal = ""
         if answer.refusal:
             self._news.append(News(f"target: {answer.refusal}", True))
         self._news += [News(note, True) for note in answer.found.notes]
@@ -367,15 +392,15 @@ class _Question(NamedTuple):
 def _answered(fronts: Fronts, question: _Question) -> _Answer:
     """Look for a front, and for those of a point; whatever goes wrong is the answer."""
     began = time.perf_counter()
-    found, passing, refusal = None, None, ""
+    found, passing, refusal, failed = None, None, "", False
     try:
         found = fronts.find(question.section)
         passing = _passing(question)
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # no advice is better than a thread that died in silence
-        refusal = f"solving failed ({type(error).__name__}: {error})"
-    return _Answer(found, passing, refusal, time.perf_counter() - began)
+        refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
+    return _Answer(found, passing, refusal, failed, time.perf_counter() - began)
 
 
 def _passing(question: _Question) -> PassingFronts | None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.advisor import Advice, PositionFix, Source, Timetable
+from das.advisor import Advice, Advisor, PositionFix, Source, Timetable
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.journey import Call, Journey, Passing, Window
@@ -29,7 +29,7 @@ from das.solver.journey import JourneyPlanner
 from das.solver.section import Section, build_section
 from das.table import TableSettings, make_table, write_table
 from das.trains import Trains
-from das.trip import Target, Trip
+from das.trip import TRY_AGAIN_S, Target, Trip
 from tests.making import make_route, make_train
 
 T0 = 1_800_000_000_000_000_000
@@ -89,6 +89,10 @@ def highest(advice: Advice) -> Iterator[tuple[float, float]]:
 
 
 # --- restrictions ------------------------------------------------------------------------------------------------
+
+
+def broken(*_: Any, **__: Any) -> Any:
+    raise IndexError("nobody foresaw this")
 
 
 def limits_by_hand(route: Route, restrictions: Sequence[Restriction], x: float) -> float:
@@ -163,16 +167,23 @@ def test_a_restriction_elsewhere_changes_nothing() -> None:
     assert before == after
 
 
-def test_restrictions_that_are_not_understood_withdraw_the_advice() -> None:
-    made = trip()
-    assert at(made, 60, 2000.0, 24.0).mode is not Mode.NONE
-    made.block("the restrictions in force are not known")
-    silent = at(made, 61, 2024.0, 24.0)
-    assert (silent.mode, silent.reason) == (Mode.NONE, "the restrictions in force are not known")
-    made.set_restrictions([])
-    assert at(made, 62, 2048.0, 24.0).mode is not Mode.NONE
+def test_too_many_restrictions_are_refused() -> None:
     with pytest.raises(DasError, match="at most 100"):
-        made.set_restrictions([Restriction(start_m=1.0, end_m=2.0, limit_mps=9.0)] * 101)
+        trip().set_restrictions([Restriction(start_m=1.0, end_m=2.0, limit_mps=9.0)] * 101)
+
+
+def test_a_section_that_could_not_be_made_is_not_taken_for_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or the train would be advised by the front of the line without the restriction."""
+    made, one = trip(), Restriction(start_m=2000.0, end_m=3000.0, limit_mps=10.0)
+    assert at(made, 60, 2100.0, 24.0).advised_speed_mps > 20
+    with monkeypatch.context() as patch:
+        patch.setattr(Advisor, "set_section", broken)
+        for _ in range(2):
+            with pytest.raises(IndexError):
+                made.set_restrictions([one])
+        with pytest.raises(IndexError):
+            at(made, 61, 2124.0, 24.0)
+    assert at(made, 62, 2148.0, 24.0).advised_speed_mps <= 10.0
 
 
 def test_a_hill_that_cannot_be_climbed_under_a_restriction_withdraws_with_the_reason() -> None:
@@ -266,6 +277,122 @@ def test_a_search_that_fails_withdraws_with_the_reason() -> None:
     assert (advice.mode, advice.reason) == (Mode.NONE, "solving failed (MemoryError: no room)")
 
 
+class Flaky(Fronts):
+    """Fronts that come as long as there is room."""
+
+    def __init__(self) -> None:
+        super().__init__(threads=1)
+        self.room, self.asked = True, 0
+
+    def find(self, section: Section) -> Found:
+        self.asked += 1
+        if not self.room:
+            raise MemoryError("no room")
+        return super().find(section)
+
+
+def test_a_search_that_failed_is_made_again_after_a_while() -> None:
+    fronts = Flaky()
+    fronts.room = False
+    made = trip(fronts)
+    silent, asked = at(made, 60, 1500.0, 24.0), fronts.asked
+    assert silent.mode is Mode.NONE
+    fronts.room = True
+    assert at(made, 60 + 0.9 * TRY_AGAIN_S, 1700.0, 24.0).reason == silent.reason
+    assert fronts.asked == asked
+    made.take_news()
+    again = at(made, 61 + TRY_AGAIN_S, 1764.0, 24.0)
+    assert (again.mode is Mode.NONE, again.source) == (False, Source.SOLVED)
+    assert {news.text for news in made.take_news()} == {"A – B: solved", "B – C: solved"}
+    asked = fronts.asked
+    for second in range(12, 60):
+        at(made, 60 + second, 1740.0 + 24.0 * second, 24.0)
+    assert fronts.asked == asked
+
+
+def test_a_search_that_failed_is_made_again_when_anything_is_told() -> None:
+    elsewhere = Restriction(start_m=8900.0, end_m=8950.0, limit_mps=20.0)
+    for tell in (
+        lambda made: made.set_restrictions([elsewhere]),
+        lambda made: made.set_targets([Target(stop="C", arrival_ns=ns(600))]),
+        lambda made: made.set_conditions(Conditions()),
+        lambda made: made.begin(LINE.stops, DUE),
+    ):
+        fronts = Flaky()
+        fronts.room = False
+        made = trip(fronts)
+        assert at(made, 60, 1500.0, 24.0).mode is Mode.NONE
+        fronts.room = True
+        tell(made)
+        assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
+
+
+def test_a_point_whose_search_failed_is_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = trip()
+    with monkeypatch.context() as patch:
+        patch.setattr(PassingFronts, "solve", broken)
+        made.set_targets([Target(s_m=3500.0, earliest_ns=ns(230))])
+        assert at(made, 60, 1500.0, 20.0).reason.startswith("least energy")
+    assert any("target: solving failed (IndexError" in news.text for news in made.take_news())
+    assert at(made, 61, 1520.0, 20.0).reason.startswith("least energy")
+    assert at(made, 61 + TRY_AGAIN_S, 1720.0, 20.0).reason.startswith("pass km 3.5")
+
+
+def test_a_section_that_cannot_be_driven_is_not_looked_for_again() -> None:
+    class Never(Flaky):
+        def find(self, section: Section) -> Found:
+            self.asked += 1
+            raise DasError("it cannot be driven")
+
+    fronts = Never()
+    made = trip(fronts)
+    assert at(made, 60, 1500.0, 24.0).reason == "it cannot be driven"
+    asked = fronts.asked
+    made.set_targets([Target(stop="C", arrival_ns=ns(600))])
+    assert at(made, 61 + TRY_AGAIN_S, 1764.0, 24.0).mode is Mode.NONE
+    assert fronts.asked == asked
+
+
+def test_a_search_for_the_section_before_is_given_up() -> None:
+    """Nobody would take its answer, and the node would answer ever after as if it had just come."""
+    fronts = HeldFronts()
+    made = trip(fronts, background=True)
+    try:
+        when_solved(made, 299, 4990.0, 0.0)
+        fronts.go.clear()
+        made.set_restrictions([Restriction(start_m=1000.0, end_m=1200.0, limit_mps=20.0)])
+        at(made, 300, 4999.0, 0.0)
+        assert made.searching
+        for second in range(301, 305):
+            at(made, second, 5000.0, 0.0)
+        assert made.advisor is not None
+        assert made.advisor.index == 1
+        fronts.go.set()
+        when_solved(made, 305, 5000.0, 0.0)
+        for _ in range(200):
+            if not made.searching:
+                break
+            Event().wait(0.01)
+            at(made, 305, 5000.0, 0.0)
+        assert not made.searching
+        assert not made.has_answer
+    finally:
+        fronts.go.set()
+        made.close()
+
+
+def test_a_point_that_was_passed_stays_passed_in_a_dropout() -> None:
+    fronts = Flaky()
+    made = trip(fronts)
+    made.set_targets([Target(s_m=1000.0, earliest_ns=ns(20)), Target(s_m=3500.0, earliest_ns=ns(230))])
+    before = at(made, 60, 1500.0, 20.0)
+    assert before.reason.startswith("pass km 3.5")
+    asked = fronts.asked
+    assert made.update(ns(70)).mode is Mode.NONE
+    assert at(made, 71, 1720.0, 20.0).reason.startswith("pass km 3.5")
+    assert fronts.asked == asked
+
+
 # --- other trains, loads, levels, conditions ---------------------------------------------------------------------
 
 
@@ -285,6 +412,27 @@ def test_another_train_level_or_condition_is_solved_anew() -> None:
     assert made.advisor is not None
     assert made.advisor.current.section.level is Level.L0_REG
     assert lossless.energy_to_go_j < 0.9 * first.energy_to_go_j
+
+
+def test_what_was_found_of_a_train_is_forgotten_with_it() -> None:
+    made, fresh = trip(), trip()
+    made.set_conditions(Conditions(mass_ratio=1.4))
+    heavy = at(made, 60, 1500.0, 24.0).energy_to_go_j
+    made.begin(LINE.stops, DUE)  # the same train: what was found holds
+    assert at(made, 60, 1500.0, 24.0).energy_to_go_j == heavy
+    loaded = train(1.4e5)
+    for one in (made, fresh):
+        one.begin(LINE.stops, DUE, vehicle=loaded)
+    assert at(made, 60, 1500.0, 24.0) == at(fresh, 60, 1500.0, 24.0)
+
+
+def test_stops_at_the_same_places_may_have_other_names() -> None:
+    made = trip()
+    made.begin([replace(stop, name=f"new {stop.name}") for stop in LINE.stops], DUE)
+    made.take_news()
+    made.set_targets([Target(stop="new B", arrival_ns=ns(320))])
+    assert not [news for news in made.take_news() if news.bad]
+    assert at(made, 60, 1500.0, 20.0).predicted_arrival_ns == pytest.approx(ns(320), abs=1e9)
 
 
 def test_conditions_the_train_could_not_drive_under_are_ignored_and_said() -> None:

@@ -222,7 +222,7 @@ class Journey(_message.Message):
     reversed: _builtins.bool
     """the route is driven from its end; positions count from there"""
     load: _builtins.str
-    """load state of the vehicle, as its file names it; empty: as the node was started"""
+    """load state of the vehicle, as its file names it; empty: what the id says (started with --load full: <id>/full)"""
     level: _builtins.str
     """loss level (l0-noreg … l3, own); empty: as the node was started"""
     @_builtins.property

@@ -31,6 +31,8 @@ from das.domain.errors import DasError
 
 FLUSH_EVERY_S = 1.0
 """Default chunking would lose up to 1 MiB when the process is killed."""
+LAST_NS = 2**63 - 1
+"""The file holds times from 1970 on; those that a message may state beyond it are in the message alone."""
 MOST_WAITING = 20_000
 """Messages that may wait while the disk is slow; beyond that the oldest are lost, and counted."""
 
@@ -56,7 +58,9 @@ class RecordingFile:
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = self._register(topic, key)
-        sent_ns = message_time_ns(message) or log_time_ns
+        sent_ns = message_time_ns(message)
+        if not 0 < sent_ns <= LAST_NS:
+            sent_ns = log_time_ns
         self._writer.add_message(channel, log_time_ns, message.SerializeToString(), sent_ns, self.messages)
         self.messages += 1
 
@@ -98,7 +102,7 @@ def message_time_ns(message: Any) -> int:
     if hasattr(message, "time_ns"):
         return int(message.time_ns)
     if hasattr(message, "timestamp"):
-        return int(message.timestamp.ToNanoseconds())
+        return int(message.timestamp.seconds * 1_000_000_000 + message.timestamp.nanos)
     return 0
 
 
@@ -119,7 +123,7 @@ class Recorder:
         message, topic = received.message, received.topic
         if message is None:
             return
-        if topic is CONTROL:
+        if topic is CONTROL and message.time_ns >= 0:
             self._clock_ns = message.time_ns
         if not self._by_run or message_time_ns(message) != 0:
             log_time_ns = self._clock_ns if self._clock_ns is not None else time.time_ns()

@@ -6,6 +6,7 @@ advise and record say nothing on standard output themselves: it is turned into a
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import sys
@@ -92,8 +93,14 @@ class Refusals:
         text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
         if self._moderation.allows(time.time_ns()):
             self._news.append(f"bus: {text}")
-            print(f"bus: {text}", file=sys.stderr, flush=True)
+            _print(f"bus: {text}")
 
     def _say_rest(self) -> None:
         if unsaid := self._moderation.unsaid(time.time_ns()):
-            print(f"bus: {unsaid} more of these", file=sys.stderr, flush=True)
+            _print(f"bus: {unsaid} more of these")
+
+
+def _print(text: str) -> None:
+    """On standard error, if anybody still reads it; the log is read on all the same, or Zenoh would wait for us."""
+    with contextlib.suppress(OSError, ValueError):
+        print(text, file=sys.stderr, flush=True)

@@ -56,7 +56,7 @@ class InProcess:
             return
         if heard.measured is not None:
             fix = heard.measured
-            sure = fix.quality is not Quality.DEGRADED
+            sure = fix.quality in (Quality.UNKNOWN, Quality.GOOD)
             self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=sure)
         if heard.effort is not None:
             self.calibrator.set_effort(heard.effort)
