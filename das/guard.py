@@ -13,7 +13,7 @@ from das.trip import MOST_RESTRICTIONS, MOST_STOPS
 LONGEST_TEXT = 200
 """More letters no operator means."""
 AHEAD_S = 60.0
-"""A message further ahead of the clock than this would shut out those that come after it."""
+"""A message further ahead of the clock than this would shut out those that come after it: it waits."""
 SILENT_S = 3.0
 """A publisher of positions not heard for so long has given way to the next; as long as a position is of use."""
 
@@ -28,13 +28,15 @@ class Guard:
         self._newest_ns: dict[str, int] = {}
         self._publishers = Publishers()
         self._unheeded = ""
+        self._early: dict[str, Received] = {}
 
     def problem(self, received: Received, now_ns: int) -> str:
         """Why a message is to be ignored, or nothing."""
         message, topic = received.message, received.topic
+        self._early.pop(topic.name, None)
         if topic is RESTRICTION:
-            return self._problem_of_restrictions(message, now_ns)
-        found = self._problem_of(topic, message, now_ns)
+            return self._problem_of_restrictions(received, now_ns)
+        found = self._problem_of(received, now_ns)
         if not found and topic is POSITION and not self._publishers.is_heard(received.source, now_ns):
             found = f"one of a second publisher, {received.source or 'unnamed'},"
         if not found and topic is JOURNEY:
@@ -45,22 +47,28 @@ class Guard:
         """Why there must be no advice, or nothing: two publishers of the position, or restrictions nobody can heed."""
         return self._publishers.contested(now_ns) or self._unheeded
 
-    def _problem_of_restrictions(self, message: Any, now_ns: int) -> str:
+    def come_due(self, now_ns: int) -> list[Received]:
+        """Messages from ahead of the clock that are so no more, to be taken anew: the clock was wrong and is right."""
+        return [one for one in self._early.values() if (one.message.time_ns - now_ns) * NS <= AHEAD_S]
+
+    def _problem_of_restrictions(self, received: Received, now_ns: int) -> str:
         """As of any message; but whoever cannot heed restrictions must not advise until there are others."""
-        if found := self._problem_of(RESTRICTION, message, now_ns):
+        if found := self._problem_of(received, now_ns):
             self._unheeded = f"restrictions that cannot be heeded: {found}"
             return self._unheeded
-        if found := self._replayed(RESTRICTION, message.time_ns):
+        if found := self._replayed(RESTRICTION, received.message.time_ns):
             return f"{RESTRICTION.name}: {found} was ignored"
         self._unheeded = ""
         return ""
 
-    def _problem_of(self, topic: Topic, message: Any, now_ns: int) -> str:
-        """Why a message by itself is of no use, or nothing."""
+    def _problem_of(self, received: Received, now_ns: int) -> str:
+        """Why a message by itself is of no use (now), or nothing."""
+        message, topic = received.message, received.topic
         if message is None:
             return "a message that cannot be read"
         ahead_s = (message.time_ns - now_ns) * NS
         if now_ns > 0 and topic in (JOURNEY, RESTRICTION) and ahead_s > AHEAD_S:
+            self._early[topic.name] = received
             return f"one from {ahead_s:.0f} s ahead of the clock"
         return _problem_of_sense(topic, message)
 

@@ -37,7 +37,7 @@ from das.bus.topics import (
     Topic,
 )
 from das.calibration import Calibrator, Effort, Recalibration
-from das.commands import StopFlag, err, run_app
+from das.commands import StopFlag, interrupt_on_termination, run_app, say
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
@@ -62,6 +62,7 @@ LONGEST_REASON = 80
 """Letters of a target's reason that are repeated with the advice."""
 LEAST_GAP_S = 0.05
 """However fast the world changes, advice out of turn comes no faster."""
+LOSSES_EVERY_S = 1.0
 PLAN_EVERY_S = 10.0
 ESTIMATE_EVERY_S = 10.0
 OWN_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -97,7 +98,7 @@ class Node:
         self._said_mode: Mode | None = None
         self._guard = Guard()
         self._complaints = Moderation()
-        self._dropped = 0
+        self._dropped, self._losses_said_ns = 0, 0
         self._heard_ns = {RESTRICTION.name: 0, TARGET.name: 0}
         self._held: das_pb2.Control | None = None
         self._told = False
@@ -201,6 +202,8 @@ class Node:
 
     def tick(self, now_ns: int, tick: int = 0) -> None:
         """Say how we are and advise once: the advice is last, so who has it has heard all of this tick."""
+        for received in self._guard.come_due(now_ns):
+            self.take(received)
         self._told = False
         began = time.perf_counter()
         self._recalibrate(now_ns)
@@ -257,20 +260,19 @@ class Node:
         log.timestamp.FromNanoseconds(now_ns)
         self.bus.publish(EVENT, log)
 
-    def _complain(self, text: str) -> None:
+    def _complain(self, text: str, level: Any = Log.WARNING) -> None:
         """An event about a bad message, unless there are too many of them."""
         if self._complaints.allows(self.now_ns()):
-            self.event(self.now_ns(), Log.WARNING, text)
+            self.event(self.now_ns(), level, text)
 
     def _say_losses(self, now_ns: int) -> None:
         """An event about complaints not made and messages a flood has cost."""
         if unsaid := self._complaints.unsaid(now_ns):
             self.event(now_ns, Log.WARNING, f"{unsaid} more messages were ignored")
-        if self.bus.dropped > self._dropped:
-            self.event(
-                now_ns, Log.WARNING, f"{self.bus.dropped - self._dropped} messages were dropped: too many at once"
-            )
-            self._dropped = self.bus.dropped
+        lost = self.bus.dropped - self._dropped
+        if lost and abs(now_ns - self._losses_said_ns) >= LOSSES_EVERY_S * 1e9:
+            self.event(now_ns, Log.WARNING, f"{lost} messages were dropped: too many at once")
+            self._dropped, self._losses_said_ns = self.bus.dropped, now_ns
 
     def _take_journey(self, journey: das_pb2.Journey) -> None:
         """A journey over two or more stops, with the departure and arrival of each section."""
@@ -289,7 +291,7 @@ class Node:
         except DasError as error:
             self._refused = f"journey refused: {error}"
             self.trip.end()
-            self.event(journey.time_ns, Log.ERROR, self._refused)
+            self._complain(self._refused, Log.ERROR)
             self.status(journey.time_ns, das_pb2.Status.STATE_WITHDRAWN, self._refused)
             return
         self._refused = ""
@@ -330,9 +332,9 @@ class Node:
         self._rejecting = rejecting
 
     def _send_plan(self, now_ns: int) -> None:
-        """The plan, when there is a new one and the last was sent a while ago."""
+        """The plan, when there is a new one and the last was sent a while ago (or the clock jumped)."""
         plan = self.trip.plan
-        if plan is None or plan is self._plan or now_ns - self._plan_sent_ns < PLAN_EVERY_S * 1e9:
+        if plan is None or plan is self._plan or 0 <= now_ns - self._plan_sent_ns < PLAN_EVERY_S * 1e9:
             return
         self._plan, self._plan_sent_ns = plan, now_ns
         run = plan.solution.trajectory
@@ -432,7 +434,7 @@ def command(
     listen = None if file else check_endpoint(listen or OWN_ENDPOINT)
     _give_memory_back()
     sys.setswitchinterval(SWITCH_S)
-    stop = StopFlag(with_parent=with_parent)
+    interrupt_on_termination()  # to compile takes long the first time on a machine
     the_route = load_route(route)
     the_route = the_route.reversed() if reverse else the_route
     the_vehicle = load_vehicle(vehicle)
@@ -457,9 +459,9 @@ def command(
             warm_up_tables()
         trip.rehearse(stops_m)
         place = f"bus {bus_file}" if file else f"listening on {listen}"
-        err.print(f"das-node {train}: {the_route.id}, {started.id}, {place}")
+        say(f"das-node {train}: {the_route.id}, {started.id}, {place}")
         node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
-        _run(node, stop, refusals, 1.0 / rate)
+        _run(node, StopFlag(with_parent=with_parent), refusals, 1.0 / rate)
         node.status(node.now_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
 
 

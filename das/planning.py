@@ -165,7 +165,6 @@ def loaded_front(folder: Path, section: Section) -> Front:
     ends a process that has it mapped).
     """
     table = Table.open(folder)
-    table.check_matches(section)
     contents = {name: _checked(table, name) for name in table.arrays}
     return replace(table, arrays=contents).bind(section).front
 

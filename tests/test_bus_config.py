@@ -143,6 +143,7 @@ def test_tls_init_makes_a_folder_that_can_be_used_and_never_overwrites(tmp_path:
         (["--days", "0"], "--days 0: expected more than 0"),
         (["--port", "65534"], "--port 65534: expected at most 65533"),
         (["--train", "a/b"], "train name 'a/b'"),
+        (["--train", "a" * 43], "expected at most 42 letters, for the names in certificates"),
     ],
 )
 def test_tls_init_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str], said: str) -> None:
@@ -268,6 +269,21 @@ def test_replayed_future_and_oversized_journeys_are_ignored_with_the_reason() ->
     assert "100000 stops" in guard.problem(journey(NOW_NS + S, stops=100_000), NOW_NS)
     assert "a name of 1000000 letters" in guard.problem(journey(NOW_NS + S, name="x" * 10**6), NOW_NS)
     assert guard.problem(journey(NOW_NS + S, MOST_STOPS, "x" * LONGEST_TEXT), NOW_NS) == ""
+
+
+def test_what_came_from_ahead_of_a_wrong_clock_is_taken_when_the_clock_is_right() -> None:
+    guard, wrong_ns = Guard(), NOW_NS - 3600 * S
+    told = [journey(NOW_NS), restrictions(NOW_NS, (0.0, 1.0, 5.0))]
+    assert all("3600 s ahead of the clock" in guard.problem(one, wrong_ns) for one in told)
+    assert guard.come_due(wrong_ns) == []
+    assert "3600 s ahead" in guard.distrust(wrong_ns)
+    assert guard.come_due(NOW_NS) == told
+    assert [guard.problem(one, NOW_NS) for one in told] == ["", ""]
+    assert guard.distrust(NOW_NS) == ""
+    assert guard.come_due(NOW_NS) == []
+    guard.problem(journey(NOW_NS + 3600 * S), NOW_NS)
+    guard.problem(journey(NOW_NS + S), NOW_NS)  # the last word counts
+    assert guard.come_due(NOW_NS + 3600 * S) == []
 
 
 def restrictions(time_ns: int, *numbers: tuple[float, float, float]) -> Received:

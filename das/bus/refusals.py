@@ -16,6 +16,7 @@ from collections import deque
 import zenoh
 
 from das.bus.moderation import Moderation
+from das.commands import say
 
 LEVELS = (
     "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"
@@ -92,8 +93,8 @@ class Refusals:
         text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
         if self._moderation.allows(time.time_ns()):
             self._news.append(f"bus: {text}")
-            print(f"bus: {text}", file=sys.stderr, flush=True)
+            say(f"bus: {text}")
 
     def _say_rest(self) -> None:
         if unsaid := self._moderation.unsaid(time.time_ns()):
-            print(f"bus: {unsaid} more of these", file=sys.stderr, flush=True)
+            say(f"bus: {unsaid} more of these")
