@@ -232,15 +232,15 @@ class Advisor:
             return self._withdrawn(now_ns, problem)
         assert self._timetable is not None
         s_m, v_mps = max(here.s_m, self.section.start_m), here.speed_mps
+        beyond_m = s_m - self.section.end_m
+        if beyond_m > AT_STOP_M:
+            return self._withdrawn(now_ns, f"ran {beyond_m:.0f} m past the stop")
         if v_mps < STANDSTILL_MPS:
-            if s_m >= self.section.end_m - AT_STOP_M:
+            if beyond_m >= -AT_STOP_M:
                 late_s = (now_ns - self.arrival_ns) * NS
                 return self._standing(now_ns, s_m, f"arrived, {_deviation(late_s)}")
             if s_m <= self.section.start_m + AT_STOP_M and now_ns < self._timetable.departure_ns:
                 return self._waiting(now_ns, s_m)
-        beyond_m = s_m - self.section.end_m
-        if beyond_m > AT_STOP_M:
-            return self._withdrawn(now_ns, f"ran {beyond_m:.0f} m past the stop")
         if beyond_m >= -AT_STANDSTILL_M:
             return self._braking(now_ns, s_m, v_mps, "stop here")
         try:

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import io
 import os
+import select
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -24,6 +25,8 @@ WIDEST = 1000
 EXIT_BAD_INPUT = 2
 STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
 EXIT_INTERRUPTED = 130
+STDERR = 2
+"""As a file descriptor."""
 
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -88,6 +91,16 @@ def busy(what: str) -> Iterator[None]:
     """Show on a terminal that something is under way."""
     with err.status(what):
         yield
+
+
+def say(text: str) -> None:
+    """Say a line on standard error, if it is taken at once.
+
+    A log on a full disk, or read by nobody any more, must not end or hold up a process that has better things to do.
+    """
+    with contextlib.suppress(OSError):
+        if select.select([], [STDERR], [], 0)[1]:
+            os.write(STDERR, f"{text}\n".encode(sys.stderr.encoding, errors="replace"))
 
 
 class StopFlag:

@@ -32,6 +32,7 @@ class Guard:
         self._newest_ns: dict[str, int] = {}
         self._publishers = Publishers()
         self._unheeded = ""
+        self._in_force: list[tuple[float, float, float]] = []
         self._early: dict[str, Received] = {}
 
     def problem(self, received: Received, now_ns: int) -> str:
@@ -69,9 +70,12 @@ class Guard:
         """As of any message; but whoever cannot heed restrictions must not advise until there are others."""
         if found := self._problem_of(received, now_ns):
             return self.lose_restrictions(found)
+        told = [(one.start_m, one.end_m, one.limit_mps) for one in received.message.restrictions]
         if found := self._replayed(RESTRICTION, received.message.time_ns, now_ns):
+            if told != self._in_force:  # a replay, or an operator whose clock was set back: nobody can tell
+                return self.lose_restrictions(f"{found}, which said otherwise")
             return f"{RESTRICTION.name}: {found} was ignored"
-        self._unheeded = ""
+        self._in_force, self._unheeded = told, ""
         return ""
 
     def _problem_of(self, received: Received, now_ns: int) -> str:

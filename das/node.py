@@ -38,7 +38,7 @@ from das.bus.topics import (
     Topic,
 )
 from das.calibration import Calibrator, Effort, Recalibration
-from das.commands import StopFlag, err, run_app
+from das.commands import StopFlag, interrupt_on_termination, run_app, say
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
@@ -66,6 +66,7 @@ LONGEST_REASON = 80
 """Letters of a target's reason, or of an error's, that are repeated with the advice."""
 LEAST_GAP_S = 0.05
 """However fast the world changes, advice out of turn comes no faster."""
+LOSSES_EVERY_S = 1.0
 PLAN_EVERY_S = 10.0
 ESTIMATE_EVERY_S = 10.0
 OWN_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -102,7 +103,7 @@ class Node:
         self._said_mode: Mode | None = None
         self._guard = Guard()
         self._complaints = Moderation()
-        self._dropped = 0
+        self._dropped, self._losses_said_ns = 0, 0
         self._heard_ns = {RESTRICTION.name: 0, TARGET.name: 0}
         self._held: das_pb2.Control | None = None
         self._told = False
@@ -310,11 +311,10 @@ class Node:
         """An event about complaints not made and messages a flood has cost."""
         if unsaid := self._complaints.unsaid(now_ns):
             self.event(now_ns, Log.WARNING, f"{unsaid} more messages were ignored")
-        if self.bus.dropped > self._dropped:
-            self.event(
-                now_ns, Log.WARNING, f"{self.bus.dropped - self._dropped} messages were dropped: too many at once"
-            )
-            self._dropped = self.bus.dropped
+        lost = self.bus.dropped - self._dropped
+        if lost and abs(now_ns - self._losses_said_ns) >= LOSSES_EVERY_S * 1e9:
+            self.event(now_ns, Log.WARNING, f"{lost} messages were dropped: too many at once")
+            self._dropped, self._losses_said_ns = self.bus.dropped, now_ns
 
     def _take_journey(self, journey: das_pb2.Journey) -> None:
         """A journey over two or more stops, with the departure and arrival of each section."""
@@ -345,7 +345,7 @@ class Node:
         """No journey, and no advice, until there is another."""
         self._refused = f"journey refused: {why}"
         self.trip.end()
-        self.event(time_ns, Log.ERROR, self._refused)
+        self._complain(self._refused, Log.ERROR)
         self.status(time_ns, das_pb2.Status.STATE_WITHDRAWN, self._refused)
 
     def _check_journey(self, journey: das_pb2.Journey) -> Level | None:
@@ -484,7 +484,7 @@ def command(
     listen = None if file else check_endpoint(listen or OWN_ENDPOINT)
     _give_memory_back()
     sys.setswitchinterval(SWITCH_S)
-    stop = StopFlag(with_parent=with_parent)
+    interrupt_on_termination()  # to compile takes long the first time on a machine
     the_route = load_route(route)
     the_route = the_route.reversed() if reverse else the_route
     the_vehicle = load_vehicle(vehicle)
@@ -514,10 +514,10 @@ def command(
         if node.waiting:
             trip.rehearse(stops_m)
         place = f"bus {bus_file}" if file else f"listening on {listen}"
-        err.print(f"das-node {train}: {the_route.id}, {started.id}, {place}")
+        say(f"das-node {train}: {the_route.id}, {started.id}, {place}")
         if node.waiting:
             node.status(node.now_ns(), das_pb2.Status.STATE_WAITING, "waiting for a journey")
-        _run(node, stop, refusals, 1.0 / rate)
+        _run(node, StopFlag(with_parent=with_parent), refusals, 1.0 / rate)
         node.status(node.now_ns(), das_pb2.Status.STATE_STOPPING, "stopped")
 
 

@@ -292,8 +292,9 @@ def test_moving_at_the_stop_it_says_brake_not_stop(front: Front, s_m: float) -> 
     assert advice.source is Source.FALLBACK
 
 
-def test_far_past_the_stop_there_is_no_advice(front: Front) -> None:
-    _, advice = advisor_at(front, 29_080.0, 10.0, now_s=1_240.0, arrival_s=1_250.0)
+@pytest.mark.parametrize("v_mps", [10.0, 0.0])
+def test_far_past_the_stop_there_is_no_advice(front: Front, v_mps: float) -> None:
+    _, advice = advisor_at(front, 29_080.0, v_mps, now_s=1_240.0, arrival_s=1_250.0)
     assert (advice.mode, advice.reason) == (Mode.NONE, "ran 80 m past the stop")
 
 

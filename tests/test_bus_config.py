@@ -143,6 +143,7 @@ def test_tls_init_makes_a_folder_that_can_be_used_and_never_overwrites(tmp_path:
         (["--days", "0"], "--days 0: expected more than 0"),
         (["--port", "65534"], "--port 65534: expected at most 65533"),
         (["--train", "a/b"], "train name 'a/b'"),
+        (["--train", "a" * 43], "expected at most 42 letters, for the names in certificates"),
     ],
 )
 def test_tls_init_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str], said: str) -> None:
@@ -270,6 +271,33 @@ def test_replayed_future_and_oversized_journeys_are_ignored_with_the_reason() ->
     assert guard.problem(journey(NOW_NS + S, MOST_STOPS, "x" * LONGEST_TEXT), NOW_NS) == ""
 
 
+def test_what_came_from_ahead_of_a_wrong_clock_is_taken_when_the_clock_is_right() -> None:
+    guard, wrong_ns = Guard(), NOW_NS - 3600 * S
+    told = [journey(NOW_NS), restrictions(NOW_NS, (0.0, 1.0, 5.0))]
+    assert all("3600 s ahead of the clock" in guard.problem(one, wrong_ns) for one in told)
+    assert guard.due(wrong_ns) == []
+    assert "3600 s ahead" in guard.distrust(wrong_ns)
+    assert guard.due(NOW_NS) == told
+    assert [guard.problem(one, NOW_NS) for one in told] == ["", ""]
+    assert guard.distrust(NOW_NS) == ""
+    assert guard.due(NOW_NS) == []
+    guard.problem(journey(NOW_NS + 3600 * S), NOW_NS)
+    guard.problem(journey(NOW_NS + S), NOW_NS)  # the last word counts
+    assert guard.due(NOW_NS + 3600 * S) == []
+
+
+def test_restrictions_older_than_the_last_are_a_replay_or_an_operator_whose_clock_went_back() -> None:
+    """Nobody can tell which: what says the same is left alone, what says otherwise withdraws the advice."""
+    guard, here, there = Guard(), (0.0, 1.0, 5.0), (2.0, 3.0, 5.0)
+    assert guard.problem(restrictions(NOW_NS, here), NOW_NS) == ""
+    assert "10 s older than the last" in guard.problem(restrictions(NOW_NS - 10 * S, here), NOW_NS)
+    assert guard.distrust(NOW_NS) == ""
+    assert guard.problem(restrictions(NOW_NS - 10 * S, here, there), NOW_NS)
+    assert "one 10 s older than the last, which said otherwise" in guard.distrust(NOW_NS)
+    assert guard.problem(restrictions(NOW_NS + S, there), NOW_NS) == ""
+    assert guard.distrust(NOW_NS) == ""
+
+
 def restrictions(time_ns: int, *numbers: tuple[float, float, float]) -> Received:
     them = [das_pb2.Restrictions.Restriction(start_m=a, end_m=b, limit_mps=v) for a, b, v in numbers]
     payload = das_pb2.Restrictions(time_ns=time_ns, restrictions=them).SerializeToString()
@@ -286,7 +314,7 @@ def test_restrictions_nobody_can_heed_withdraw_the_advice_until_there_are_others
     many = [(0.0, 1.0, 5.0)] * (MOST_RESTRICTIONS + 1)
     said = guard.problem(restrictions(NOW_NS, *many), NOW_NS)
     assert f"{MOST_RESTRICTIONS + 1} of them, more than {MOST_RESTRICTIONS}" in said
-    assert guard.problem(restrictions(NOW_NS - S, *many[:3]), NOW_NS)  # a replay does not lift the distrust …
+    assert guard.problem(restrictions(NOW_NS - S, *many[:3]), NOW_NS)  # a replay does not lift the distrust
     assert guard.distrust(NOW_NS)
     assert guard.problem(restrictions(NOW_NS + S, *many[:3]), NOW_NS) == ""
     assert guard.distrust(NOW_NS) == ""

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 
 import pytest
 
-from das.commands import signals_held
+from das.commands import say, signals_held
+
+
+@pytest.fixture(autouse=True)
+def interrupts() -> Iterator[None]:
+    """Ctrl-C interrupts, as in a process that was just started."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def test_a_signal_waits_for_the_end_of_the_block() -> None:
@@ -47,6 +57,22 @@ def test_a_signal_that_another_thread_hears_waits_as_well() -> None:
         over.set()
         other.join()
     assert heard_at == ["the end"]
+
+
+def test_what_nobody_reads_is_not_said_and_holds_nobody_up() -> None:
+    """Standard error is a pipe: full, then closed at the other end."""
+    pipe, log = os.pipe()
+    own = os.dup(2)
+    os.dup2(log, 2)
+    try:
+        for _ in range(100_000):
+            say("x")
+        os.close(pipe)
+        say("x")
+    finally:
+        os.dup2(own, 2)
+        os.close(own)
+        os.close(log)
 
 
 def test_without_a_signal_all_is_as_before() -> None:

@@ -16,6 +16,7 @@ import pytest
 
 from das.advisor import UNHURRIED_S
 from das.bus import das_pb2
+from das.bus.recorder import main as recorder_main
 from das.bus.session import Bus, Received, check_endpoint, endpoint, free_ports
 from das.bus.topics import (
     ADVICE,
@@ -402,6 +403,26 @@ def test_recorder_names_a_file_it_cannot_write() -> None:
         said, _ = child.communicate(timeout=60)
         assert child.returncode == 2
     assert said.strip() == "error: /nowhere/x.mcap: cannot be written (No such file or directory)"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--metadata", "{nope"], "error: --metadata: not valid JSON (Expecting"),
+        (["--metadata", "[1]"], "error: --metadata: expected a JSON object of texts"),
+        (["--attach", "/nowhere/x"], "error: /nowhere/x: cannot be read (No such file or directory)"),
+        (["--listen", "x"], "error: endpoint 'x': expected tcp/127.0.0.1:PORT"),
+    ],
+)
+def test_recorder_refuses_bad_arguments_and_writes_nothing(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run.mcap"
+    with pytest.raises(SystemExit) as ended:
+        recorder_main(["--train", TRAIN, "--listen", endpoint(free_ports(1)[0]), "--out", str(out), *arguments])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith(message)
+    assert not out.exists()
 
 
 def test_the_session_listens_on_loopback_only_and_does_not_scout() -> None:

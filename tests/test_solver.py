@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba.core import caching
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
@@ -21,6 +22,7 @@ from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.solver import tolerances as tol
 from das.solver.front import Fit, Front, Solution, solve_front
+from das.solver.kernels import kernel
 from das.solver.section import Section, build_section
 from precompute.report import solution_json
 from tests import raw_data
@@ -416,6 +418,11 @@ def test_least_times_of_the_public_benchmark(shared: Path) -> None:
             lambda_w=np.array([1e5]),
         )
         assert expected - 0.1 < front.fastest().time_s < expected * 1.0005
+
+
+def test_where_no_folder_can_hold_the_cache_kernels_are_compiled_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])  # as a read-only installation without a home
+    assert kernel(lambda x: x + 1)(1) == 2
 
 
 def test_no_way_is_no_section() -> None:

@@ -168,12 +168,14 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
         file=bus_file,
         waiting=MOST_WAITING,
     )
+    attachments = [(path, _content(path)) for path in arguments.attach]
+    metadata = _texts(arguments.metadata) if arguments.metadata else {}
     file = RecordingFile(Path(arguments.out))
     try:
-        for path in arguments.attach:
-            file.add_attachment(Path(path).name, "application/octet-stream", Path(path).read_bytes())
-        if arguments.metadata:
-            file.add_metadata("run", json.loads(arguments.metadata))
+        for path, content in attachments:
+            file.add_attachment(path.name, "application/octet-stream", content)
+        if metadata:
+            file.add_metadata("run", metadata)
         if bus_file is not None:
             Refusals()
         with made as bus:
@@ -195,6 +197,23 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
         file.close()
 
 
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _texts(metadata: str) -> dict[str, str]:
+    try:
+        found = json.loads(metadata)
+    except ValueError as error:
+        raise DasError(f"--metadata: not valid JSON ({error})") from error
+    if not isinstance(found, dict) or not all(isinstance(value, str) for value in found.values()):
+        raise DasError("--metadata: expected a JSON object of texts")
+    return found
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the recorder process."""
     parser = argparse.ArgumentParser(prog="das.bus.recorder", description=__doc__.splitlines()[0] if __doc__ else "")
@@ -209,9 +228,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--start-ns", type=int, help="the run's clock before its first Control message [default: wall]")
     parser.add_argument("--with-parent", type=int, help="end with the process of this id, which started it")
     parser.add_argument("--metadata", help="JSON object of texts, stored as metadata record 'run'")
-    parser.add_argument("--attach", action="append", default=[], help="file to attach")
-    parsed = parser.parse_args(arguments)
-    run_command(lambda: record(parsed))
+    parser.add_argument("--attach", type=Path, action="append", default=[], help="file to attach")
+    run_command(lambda: record(parser.parse_args(arguments)))
 
 
 if __name__ == "__main__":

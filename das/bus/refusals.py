@@ -6,7 +6,6 @@ advise and record say nothing on standard output themselves: it is turned into a
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import sys
@@ -17,6 +16,7 @@ from collections import deque
 import zenoh
 
 from das.bus.moderation import Moderation
+from das.commands import say
 
 LEVELS = (
     "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"
@@ -93,14 +93,8 @@ class Refusals:
         text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
         if self._moderation.allows(time.time_ns()):
             self._news.append(f"bus: {text}")
-            _print(f"bus: {text}")
+            say(f"bus: {text}")
 
     def _say_rest(self) -> None:
         if unsaid := self._moderation.unsaid(time.time_ns()):
-            _print(f"bus: {unsaid} more of these")
-
-
-def _print(text: str) -> None:
-    """On standard error, if anybody still reads it; the log is read on all the same, or Zenoh would wait for us."""
-    with contextlib.suppress(OSError, ValueError):
-        print(text, file=sys.stderr, flush=True)
+            say(f"bus: {unsaid} more of these")

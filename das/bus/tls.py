@@ -23,6 +23,8 @@ LISTENERS = (Role.NODE, Role.SIMULATOR, Role.RECORDER)
 CLOCK_SLACK = timedelta(minutes=5)
 """Certificates are valid from so long ago: other machines' clocks may be slow."""
 AUTHORITY = "ca.pem"
+MOST_LETTERS = 64
+"""Of a common name (RFC 5280, ub-common-name-length)."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Authority:
     def new(train: str, days: float) -> Authority:
         """An authority for one train, valid for `days`."""
         now = datetime.now(UTC).replace(microsecond=0)
-        name = _name(f"DAS test authority of {train}")
+        name = _name(_authority_of(train))
         return Authority(ec.generate_private_key(ec.SECP256R1()), name, now - CLOCK_SLACK, now + timedelta(days=days))
 
     def certificate(self) -> bytes:
@@ -84,6 +86,10 @@ def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: 
         raise DasError(f"{folder}: exists already, expected a new folder (nothing is overwritten)")
     if not folder.resolve().parent.is_dir():
         raise DasError(f"{folder}: no such folder {folder.parent}")
+    longest = max(map(len, (_authority_of(train), *(common_name(role, train) for role in Role))))
+    if longest > MOST_LETTERS:
+        most = len(train) - (longest - MOST_LETTERS)
+        raise DasError(f"train name {train!r}: expected at most {most} letters, for the names in certificates")
     authority = Authority.new(train, days)
     files, secrets = {AUTHORITY: authority.certificate()}, set()
     for role in Role:
@@ -124,6 +130,10 @@ def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime
 
 def _endpoint(port: int) -> str:
     return f"tls/127.0.0.1:{port}"
+
+
+def _authority_of(train: str) -> str:
+    return f"DAS test authority of {train}"
 
 
 def _name(text: str) -> x509.Name:

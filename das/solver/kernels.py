@@ -12,6 +12,8 @@ LossParams as `das.solver.section` makes them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -20,8 +22,20 @@ from das.domain.route import NEUTRAL
 from das.solver.params import NO_LIMIT_N, TrainParams
 from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, SMALLEST_SHARE, UNREACHABLE
 
-kernel = njit(cache=True, nogil=True, error_model="numpy")
-"""Compile once, release the GIL, divide as IEEE 754 does."""
+
+def compiled(**options: Any) -> Callable[[Any], Any]:
+    """Compile once, release the GIL, divide as IEEE 754 does; with further options of numba's."""
+
+    def decorated(function: Any) -> Any:
+        try:
+            return njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        except RuntimeError:  # no folder that could hold the cache: read-only; compiled at every start
+            return njit(nogil=True, error_model="numpy", **options)(function)
+
+    return decorated
+
+
+kernel = compiled()
 
 SPECIAL_LANDINGS = 2
 """Coasting and holding the speed."""
@@ -441,7 +455,7 @@ def _cheaper(best, choice, cost, i):
     return cost if better else best, i if better else choice
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@compiled(fastmath=True)
 def backward_sweep(first, last, lam, dt, energy, target, weight, count, value, time_to_go):
     """Bellman sweep of the multipliers lam[first … last − 1] at once: value (J) and time-to-go (s) of every state.
 
