@@ -91,7 +91,7 @@ class Node:
         self._calibrator, self._recalibration = calibrator, Recalibration()
         self._estimate_sent_ns: int | None = None
         self._here, self._rejecting = Estimate(time_ns=0), False
-        self._bus_clock_ns = 0
+        self._bus_clock_ns = self._control_ns = 0
         self.finished = False
         self.waiting = True
         self._advice_s = 0.0
@@ -120,7 +120,7 @@ class Node:
         """
         topic, message = received.topic, received.message
         try:
-            problem = self._guard.problem(received, self.now_ns())
+            problem = self._guard.problem(received, self._judged_at_ns())
             if problem:
                 self._complain(problem)
             else:
@@ -204,7 +204,7 @@ class Node:
         if any(self._heard_ns[name] < time_ns for name, time_ns in wanted.items()):
             return
         self._held = None
-        self._bus_clock_ns = control.time_ns
+        self._bus_clock_ns = self._control_ns = control.time_ns
         if control.command == das_pb2.Control.COMMAND_FINISH:
             self.finished = True
         else:
@@ -281,6 +281,10 @@ class Node:
     def now_ns(self) -> int:
         """The run's clock: the wall's, or the last time heard on the bus (0 before the first)."""
         return time.time_ns() if self.wall_clock else self._bus_clock_ns
+
+    def _judged_at_ns(self) -> int:
+        """The clock messages are judged by; with the bus's only Control tells the time, a journey is of long before."""
+        return time.time_ns() if self.wall_clock else self._control_ns
 
     def status(self, now_ns: int, state: das_pb2.Status.State.ValueType, reason: str) -> None:
         """Publish how the node is; what it took, only with the wall clock: a run's recording is the same everywhere."""

@@ -122,6 +122,7 @@ class Trip:
         self._targets: tuple[Target, ...] = ()
         self._now_ns = 0
         self._news = [News(text, True) for text in fronts.notes]
+        self._told = False
         self.solve_s = 0.0
         """What the last search for a front took."""
 
@@ -224,7 +225,7 @@ class Trip:
         if len(restrictions) > MOST_RESTRICTIONS:
             raise DasError(f"{len(restrictions)} restrictions: expected at most {MOST_RESTRICTIONS}")
         self._situation = replace(self._situation, restrictions=tuple(restrictions))
-        self._prepare(told=True)
+        self._heed()
 
     def set_conditions(self, conditions: Conditions) -> None:
         """Take over what differs from the files; where the train could not drive then, say so and go on as before."""
@@ -238,7 +239,7 @@ class Trip:
             self._news.append(News(f"calibration ignored: {error}", True))
             return
         self._situation = situation
-        self._prepare(told=True)
+        self._heed()
 
     def set_targets(self, targets: Sequence[Target]) -> None:
         """Take over all targets in force; one that is not on this journey is ignored and said."""
@@ -254,7 +255,7 @@ class Trip:
                 self._news.append(News(f"target ignored: {error}", True))
         for leg in self._legs:
             leg.points.sort(key=lambda point: point.s_m)
-        self._prepare(told=True)
+        self._heed()
 
     def _assign(self, target: Target) -> None:
         """Hand a target to its leg."""
@@ -301,14 +302,20 @@ class Trip:
         leg.advisor.refuse(leg.refusal)
         return self._journey.advise()
 
-    def _prepare(self, *, told: bool = False) -> None:
+    def _heed(self) -> None:
+        """Something is new: look at once for what it needs; without a thread, when all is told and advice is due."""
+        self._told = True
+        if self._pool is not None:
+            self._prepare()
+
+    def _prepare(self) -> None:
         """Have fronts for the section the train is on and for the next one, and look for no others.
 
-        The one before keeps what it has. `told`: something is new, a search that failed may go well now.
+        The one before keeps what it has. Where something is new, a search that failed may go well now.
         """
         if self._journey is None:
             return
-        now = self._journey.index
+        now, told, self._told = self._journey.index, self._told, False
         for i, leg in enumerate(self._legs):
             leg.point = leg.next_point()
             leg.advisor.set_target(leg.arrival_ns, leg.point)

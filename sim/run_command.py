@@ -126,7 +126,6 @@ def run(
 
 def _drive(day: Day, options: _Options) -> dict[str, Any]:
     """Run the day, over the bus where there is a recording to write; its figures."""
-    from sim.drivers.registry import DriverKind
     from sim.world.disturbances import described
     from sim.world.outcome import outcome
 
@@ -150,7 +149,7 @@ def _drive(day: Day, options: _Options) -> dict[str, Any]:
         "driver": str(options.driver),
         "advice": str(options.advice),
         "happens": described(day.disturbances),
-        "human": dict(day.human_drawn) if options.driver is DriverKind.HUMAN else {},
+        "drawn": day.drawn,
         "wall_s": pace.driven_s,
         "real_time_factor": figures["simulated_s"] / max(pace.driven_s, 1e-9),
         **of_recording,

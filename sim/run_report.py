@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from das.commands import PRINTED_WIDTH, typed
+from das.domain.conditions import Conditions
 from sim.drivers.cab import AT_STOP_M
 from sim.world.outcome import SHARES
 
@@ -19,6 +21,8 @@ LABELS = {
     "unreturned": "brake resistors",
     "comfort": "comfort systems",
 }
+
+UNCHANGED = asdict(Conditions())
 
 
 def print_result(found: dict[str, Any]) -> None:
@@ -86,11 +90,19 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _notes(found: dict[str, Any]) -> list[str]:
     notes = [f"on this day: {found['happens']}"]
-    if found["human"]:
-        notes.append("the driver: " + ", ".join(f"{name} {value:.4g}" for name, value in found["human"].items()))
+    human = found["drawn"]["human"] if found["driver"] == "human" else {}
+    if human:
+        notes.append("the driver: " + ", ".join(f"{name} {value:.4g}" for name, value in human.items()))
+    truth = {name: value for name, value in found["drawn"]["truth"].items() if value != UNCHANGED[name]}
+    if truth:
+        notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
     for stop in found["stops"]:
         if stop["missed_m"] > AT_STOP_M:
             notes.append(f"the train came to stand {stop['missed_m']:.0f} m beyond {stop['name']}")
+    if found["signals_passed"]:
+        notes.append(f"signals passed at danger: {found['signals_passed']}, by up to {found['beyond_signal_m']:.0f} m")
+    if found["over_limit_s"]:
+        notes.append(f"{found['over_limit_s']:.0f} s above limits, by up to {found['over_limit_kmh']:.0f} km/h")
     if found["hindsight_faster_than_possible"]:
         notes.append("a section took less time than the plan's train can: its optimum is the fastest run")
     if found["advices_above_limit"]:

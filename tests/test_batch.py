@@ -110,8 +110,8 @@ def test_the_table_has_a_row_for_every_run(first: First) -> None:
         assert all(len(row[f"{name}_sha256"]) == 64 for name in ("code", "scenario", "route", "vehicle", "inputs"))
         assert row["loss_map_sha256"] is None
         assert row["version"]
-        assert row["happens"] == first.row("vector", row["seed"])["happens"]  # by seed, whatever is shown
-    assert len({row["happens"] for row in first.table}) == 4
+        assert row["drawn"] == first.row("vector", row["seed"])["drawn"]  # by seed, whatever is shown
+    assert len({row["drawn"] for row in first.table}) == 4
     for group in first.found["groups"]:
         mean = np.mean([row["energy_kwh"] for row in first.table if row["advice"] == group["advice"]])
         assert group["energy_kwh"] == pytest.approx(mean)

@@ -194,9 +194,17 @@ def test_after_the_clock_was_set_back_restrictions_targets_and_journeys_are_hear
     assert advice.predicted_arrival_ns > START_NS + 390 * S
 
 
-def test_what_was_ahead_of_the_clock_is_heard_when_the_clock_is_there() -> None:
-    """A node that starts anew hears first of the journey and of its time, then of restrictions of long after."""
+def test_a_node_that_starts_anew_takes_restrictions_of_long_after_the_journey() -> None:
+    """With the bus's clock a journey does not tell the time: whichever of the two is heard first, nothing is early."""
     cab = Cab()
+    cab.tell(RESTRICTION, restrictions(100, 12.0))
+    assert "ahead of the clock" not in cab.sink.events()
+    assert cab.tick(101).limit_mps == 12.0
+
+
+def test_what_was_ahead_of_the_clock_is_heard_when_the_clock_is_there() -> None:
+    cab = Cab()
+    cab.tick(0)
     cab.tell(RESTRICTION, restrictions(100, 12.0))
     cab.tell(TARGET, das_pb2.Targets(time_ns=START_NS + 100 * S))
     assert "100 s ahead of the clock" in cab.sink.events()

@@ -49,7 +49,7 @@ BAD = [
     ),
     (
         RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
-        "expected on the way 0 … 6000",
+        "from is at km 7: expected on the way, km 0 to 6",
     ),
     (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a finite number >= 3.6"),
     (RESTRICTED.replace("speed_kmh", "speed_t"), r"disturbances\[0\].speed_t"),
@@ -128,9 +128,9 @@ def test_a_seed_is_a_day() -> None:
     assert np.mean(drawn) == pytest.approx(120, abs=4 * 120 / np.sqrt(12 * 200))
 
 
-def test_what_happens_is_said_in_the_units_of_the_file() -> None:
+def test_what_happens_is_said_as_people_say_it() -> None:
     said = described(load_scenario("restriction-ahead").day(0))
-    assert said == "restriction: from km 18.000, to km 19.500, speed 60.0 km/h, announced 5000 m"
+    assert said == "restriction to 60 km/h from km 18.0 to 19.5, told 5000 m ahead"
     assert described(load_scenario("clear-day").day(0)) == "nothing"
     for name in bundled_scenarios():
         assert described(load_scenario(name).day(0))

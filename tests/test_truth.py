@@ -94,6 +94,9 @@ BAD = [
     ("[truth]\nload = 'heavy'", "no load 'heavy'"),
     ("[truth]\nlevel = 'l9'", "truth.level = 'l9': expected one of l0"),
     ("[truth]\nlevel = 'l1'\nloss_map = 'x.csv'", "truth.level = 'l1': expected l3"),
+    ("[truth]\nmass_percent = {min = 0, max = 100}", "toml: truth.mass_ratio = 0"),
+    ("[truth]\nmass_percent = {min = 110, max = 100}", "truth.mass_percent = .*in this order"),
+    ("[truth]\nmass_percent = {min = 90, max = 100}\nmass_ratio = 1", "only one of mass_"),
     ("[human]\nglance_s = 3", "human.glance_s = 3: expected one of the keys"),
     ("[human]\nglance_mean_s = 99", "toml: human.glance_mean_s = 99.0: expected 0.2 to 60 s"),
     ("[human]\nglance_mean_s = {min = 3, max = 99}", "human.glance_mean_s = 99"),
@@ -137,8 +140,12 @@ def test_the_driver_of_the_scenario_drives(flat: Callable[[str], Path]) -> None:
     assert settings <= {n / 4 for n in range(-4, 5)}
 
 
-def test_a_row_and_a_run_say_who_drove(flat: Callable[[str], Path], tmp_path: Path) -> None:
-    path = flat("[human]\nreaction_median_s = {min = 1, max = 4}\ntrips = 3")
+def test_a_row_and_a_run_say_what_was_drawn(flat: Callable[[str], Path], tmp_path: Path) -> None:
+    path = flat(
+        "[human]\nreaction_median_s = {min = 1, max = 4}\ntrips = 3\n"
+        "[truth]\nresistance_ratio = {min = 0.9, max = 1.2}\n"
+        "[[disturbances]]\nkind = 'dwell-overrun'\nstop = 'A'\ndelay_s = 7"
+    )
     batch = Batch(
         scenarios=[str(path)],
         drivers=[DriverKind.HUMAN, DriverKind.PERFECT],
@@ -148,11 +155,27 @@ def test_a_row_and_a_run_say_who_drove(flat: Callable[[str], Path], tmp_path: Pa
         record=False,
         folder=tmp_path,
     )
-    human, perfect = (work(job)["human"] for job in batch.jobs())
-    assert perfect is None
-    expected = dict(day_of(path, 5).human_drawn)
-    assert json.loads(human) == expected
+    human, perfect = (work(job)["drawn"] for job in batch.jobs())
+    expected = day_of(path, 5).drawn
+    assert json.loads(human) == json.loads(perfect) == expected
+    assert expected["disturbances"] == [{"kind": "dwell-overrun", "stop": "A", "delay_s": 7.0}]
+    assert 0.9 <= expected["truth"]["resistance_ratio"] <= 1.2
     done = das_sim("run", str(path), "--seed", "5", "--in-process", "--json", cwd=tmp_path)
-    assert json.loads(done.stdout)["human"] == expected
-    shown = das_sim("run", str(path), "--seed", "5", "--in-process", cwd=tmp_path)
-    assert f"the driver: reaction_median_s {expected['reaction_median_s']:.4g}, trips 3" in shown.stdout
+    assert json.loads(done.stdout)["drawn"] == expected
+    shown = das_sim("run", str(path), "--seed", "5", "--in-process", cwd=tmp_path).stdout
+    assert f"the driver: reaction_median_s {expected['human']['reaction_median_s']:.4g}, trips 3" in shown
+    assert f"the true train: resistance_ratio {expected['truth']['resistance_ratio']:.4g}" in shown
+    assert "on this day: dwell at A 7 s longer" in shown
+
+
+def test_every_seed_draws_its_truth(flat: Callable[[str], Path]) -> None:
+    path = flat("[truth]\nmass_percent = {min = 90, max = 110}\nhead_wind_kmh = {min = -18, max = 36}")
+    days = [day_of(path, seed) for seed in range(40)]
+    planned_kg = days[0].service.vehicle.mass_kg
+    ratios = np.array([day.plant.vehicle.mass_kg / planned_kg for day in days])
+    assert 0.9 <= ratios.min() < 0.93
+    assert 1.07 < ratios.max() <= 1.1
+    winds = [day.drawn["truth"]["head_wind_mps"] for day in days]
+    assert -5 <= min(winds) < -3
+    assert 8 < max(winds) <= 10
+    assert day_of(path, 3).drawn == days[3].drawn

@@ -150,7 +150,7 @@ def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, f
         *("run", "eventful", "4"),
         *("human", "vector"),
     )
-    assert "signal stop: at km 4.500, seen 900 m" in run["happens"]
+    assert "signal at km 4.5 at danger, seen 900 m ahead" in run["happens"]
     assert all(len(run[f"{name}_sha256"]) == 64 for name in ("scenario", "route", "vehicle"))
     assert {"eventful.toml", "line.toml", "re460-ic.toml"} <= set(recording.attachments)
     assert found["messages_lost"] == 0

@@ -14,17 +14,24 @@ from sim.batch.worker import STOP_COLUMNS
 from sim.world.outcome import SHARES
 
 TEXTS = (
-    *("scenario", "driver", "advice", "level", "error", "happens", "human", "recording", "version"),
+    *("scenario", "driver", "advice", "level", "error", "happens", "drawn", "recording", "version"),
     *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
     *("true_vehicle_sha256", "true_loss_map_sha256", "inputs_sha256"),
 )
-COUNTS = ("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit", "simulated_s")
+COUNTS = (
+    "advices_given",
+    "advices_withdrawn",
+    "advices_unheard",
+    "advices_above_limit",
+    "signals_passed",
+    "simulated_s",
+)
 FIGURES = (
     *("late_s", "running_time_s"),
     *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh", "beyond_hindsight_ratio"),
     *(f"{name}_kwh" for name in SHARES),
     *(f"{name}_ratio" for name in SHARES),
-    *("potential_kwh", "ledger_residual_ratio"),
+    *("potential_kwh", "ledger_residual_ratio", "beyond_signal_m", "over_limit_s", "over_limit_kmh"),
 )
 
 

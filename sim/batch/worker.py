@@ -16,7 +16,6 @@ from das.commands import STOP_SIGNALS
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.batch.plan import Job
-from sim.drivers.registry import DriverKind
 from sim.world.day import Day, make_day
 from sim.world.disturbances import described
 from sim.world.in_process import InProcess
@@ -74,7 +73,7 @@ def _run(job: Job) -> dict[str, Any]:
     return {
         **figures,
         "happens": described(day.disturbances),
-        "human": json.dumps(day.human_drawn) if job.driver is DriverKind.HUMAN else None,
+        "drawn": json.dumps(day.drawn),
         "stops": [stop["name"] for stop in stops],
         **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
     }

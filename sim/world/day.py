@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeVar
 
+from das.domain.conditions import Conditions
 from sim.drivers.cab import Driver
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant import Patch, Plant
-from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail
+from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
 from sim.world.service import Service
 
 _Kind = TypeVar("_Kind")
@@ -21,7 +22,8 @@ _Kind = TypeVar("_Kind")
 class Day:
     """Plan and truth for one seed; `held_s` per stop: by how much its departure is held up.
 
-    `human` is who drives where a human does, `human_drawn` what the scenario says of him.
+    `human` is who drives where a human does. `drawn` is what the seed drew (SI), for programs: disturbances, and what
+    the scenario says of the truth and of the human.
     """
 
     service: Service
@@ -30,7 +32,7 @@ class Day:
     disturbances: tuple[Disturbance, ...]
     held_s: tuple[float, ...]
     human: HumanParameters
-    human_drawn: Mapping[str, float]
+    drawn: Mapping[str, Any]
 
     def driver(self, kind: DriverKind) -> Driver:
         """A driver for the day."""
@@ -44,21 +46,21 @@ class Day:
 def make_day(service: Service, seed: int) -> Day:
     """Draw what happens; raises DasError for what cannot be on this line or with this train."""
     disturbances = service.scenario.day(seed)
-    human, drawn = service.scenario.human.draw(seed)
+    human, of_human = service.scenario.human.draw(seed)
+    truth = service.scenario.truth.draw(seed)
     return Day(
         service=service,
         seed=seed,
-        plant=_plant(service, disturbances),
+        plant=_plant(service, truth, disturbances),
         disturbances=disturbances,
         held_s=_held_s(service, disturbances),
         human=human,
-        human_drawn=drawn,
+        drawn={"disturbances": as_figures(disturbances), "truth": asdict(truth), "human": of_human},
     )
 
 
-def _plant(service: Service, disturbances: Sequence[Disturbance]) -> Plant:
-    truth = service.scenario.truth
-    vehicle, level = truth.train(service.vehicle, service.level)
+def _plant(service: Service, conditions: Conditions, disturbances: Sequence[Disturbance]) -> Plant:
+    vehicle, level = service.scenario.truth.train(service.vehicle, service.level)
     first_m = service.stops[0].position_m
     patches = []
     for x in disturbances:
@@ -69,7 +71,7 @@ def _plant(service: Service, disturbances: Sequence[Disturbance]) -> Plant:
                 {"adhesion_ratio": x.adhesion_ratio} if isinstance(x, SlipperyRail) else {"head_wind_mps": x.wind_mps}
             )
             patches.append(replace(patch, **what))
-    return Plant(service.route, vehicle, level=level, conditions=truth.conditions, patches=patches)
+    return Plant(service.route, vehicle, level=level, conditions=conditions, patches=patches)
 
 
 def _held_s(service: Service, disturbances: Sequence[Disturbance]) -> tuple[float, ...]:

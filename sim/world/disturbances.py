@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 from das.domain.units import KM, kmh
 
@@ -24,10 +25,14 @@ class SensorFault(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class DepartureDelay:
-    """The train leaves a stop late (`dwell-overrun` is the same at a stop on the way)."""
+    """The train leaves a stop late."""
 
     stop: str
     delay_s: float
+
+
+class DwellOverrun(DepartureDelay):
+    """The same where passengers hold the train up."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,37 +133,68 @@ Disturbance = (
 )
 
 
+KINDS = {
+    "departure-delay": DepartureDelay,
+    "dwell-overrun": DwellOverrun,
+    "delay-on-the-way": DelayOnTheWay,
+    "restriction": Restriction,
+    "signal-stop": SignalStop,
+    "train-ahead": TrainAhead,
+    "slippery-rail": SlipperyRail,
+    "head-wind": HeadWind,
+    "sensor-fault": SensorOutage,
+    "bus-outage": BusOutage,
+    "node-restart": NodeRestart,
+}
+"""Each kind by the name scenario files give it."""
+_KIND_OF = {made: kind for kind, made in KINDS.items()}
+
+
+def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
+    """Kind and figures (SI) of each, for programs."""
+    return [{"kind": _KIND_OF[type(one)], **asdict(one)} for one in disturbances]
+
+
 def described(disturbances: Sequence[Disturbance]) -> str:
-    """What happens in a line: kinds and figures, speeds and places as people say them."""
+    """What happens in a line, speeds and places as people say them."""
     return "; ".join(map(_described, disturbances)) or "nothing"
 
 
-def _described(disturbance: Disturbance) -> str:
-    figures = (_figure(name, value) for name, value in asdict(disturbance).items())
-    return f"{_NAMES[type(disturbance)]}: {', '.join(figures)}"
+def _described(one: Disturbance) -> str:
+    match one:
+        case DwellOverrun():
+            return f"dwell at {one.stop} {one.delay_s:.0f} s longer"
+        case DepartureDelay():
+            return f"departure from {one.stop} {one.delay_s:.0f} s late"
+        case DelayOnTheWay():
+            return f"no faster than {kmh(one.speed_mps):.0f} km/h {_stretch(one)}"
+        case Restriction():
+            said = f"restriction to {kmh(one.speed_mps):.0f} km/h {_stretch(one)}"
+            return f"{said}, told {one.announced_m:.0f} m ahead"
+        case SignalStop():
+            return f"{_signal(one)}, clear {one.clears_after_s:.0f} s later"
+        case TrainAhead():
+            return f"{_signal(one)}, clear at {one.clears_s:.0f} s, the node told {one.told_m:.0f} m ahead"
+        case SlipperyRail():
+            return f"slippery rail {_stretch(one)}, adhesion × {one.adhesion_ratio:.2g}"
+        case HeadWind():
+            return f"head wind of {kmh(one.wind_mps):.0f} km/h {_stretch(one)}"
+        case SensorOutage():
+            sized = one.fault in (SensorFault.JUMP, SensorFault.NOISE)
+            return f"localisation: {one.fault}{f' of {one.size_m:.0f} m' if sized else ''} {_span(one)}"
+        case BusOutage():
+            return f"bus outage {_span(one)}"
+        case NodeRestart():
+            return f"node restarted at {one.at_s:.0f} s"
 
 
-_NAMES = {
-    DepartureDelay: "departure delay",
-    DelayOnTheWay: "delay on the way",
-    Restriction: "restriction",
-    SignalStop: "signal stop",
-    TrainAhead: "train ahead",
-    SlipperyRail: "slippery rail",
-    HeadWind: "head wind",
-    SensorOutage: "sensor fault",
-    BusOutage: "bus outage",
-    NodeRestart: "node restart",
-}
-_PLACES = ("from_m", "to_m", "at_m")
+def _stretch(one: DelayOnTheWay | Restriction | SlipperyRail | HeadWind) -> str:
+    return f"from km {one.from_m / KM:.1f} to {one.to_m / KM:.1f}"
 
 
-def _figure(name: str, value: float | str) -> str:
-    what, _, unit = name.rpartition("_")
-    if isinstance(value, str):
-        return f"{name} {value}"
-    if unit == "mps":
-        return f"{what} {kmh(value):.1f} km/h"
-    if name in _PLACES:
-        return f"{what} km {value / KM:.3f}"
-    return f"{what.replace('_', ' ')} {value:.4g}{'' if unit == 'ratio' else f' {unit}'}"
+def _signal(one: SignalStop | TrainAhead) -> str:
+    return f"signal at km {one.at_m / KM:.1f} at danger, seen {one.seen_m:.0f} m ahead"
+
+
+def _span(one: SensorOutage | BusOutage) -> str:
+    return f"at {one.from_s:.0f} s for {one.for_s:.0f} s"

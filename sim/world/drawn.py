@@ -9,6 +9,7 @@ import numpy as np
 
 from das.domain.errors import MISSING
 from das.domain.files.reading import Fields, number
+from das.domain.units import to_si
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,3 +37,20 @@ def read_range(table: Fields, key: str) -> Drawn:
     if not low <= high:
         raise table.error(key, table.data[key], "{min = …, max = …} in this order")
     return Drawn(low=low, high=high)
+
+
+def read_quantity(table: Fields, name: str, dimension: str, default: float | None = None) -> Drawn:
+    """A quantity of the file or a range of it, in SI; its key ends in its unit. InputError for anything else."""
+    key = key_of(table, name, dimension)
+    if not isinstance(table.data.get(key), Mapping):
+        value = table.quantity(name, dimension, default)
+        return Drawn(low=value, high=value)
+    if more := [x for x in table.quantity_keys({name: dimension}) if x in table.data and x != key]:
+        raise table.error(more[0], table.data[more[0]], f"only one of {key} and {more[0]}")
+    unit, drawn = key[len(name) + 1 :], read_range(table, key)
+    return Drawn(low=to_si(drawn.low, unit, dimension), high=to_si(drawn.high, unit, dimension))
+
+
+def key_of(table: Fields, name: str, dimension: str) -> str:
+    """The key under which the file gives a quantity; its bare name where it does not."""
+    return next((key for key in table.quantity_keys({name: dimension}) if key in table.data), name)

@@ -18,6 +18,7 @@ from sim.world.calls import Call, Calls
 from sim.world.day import Day
 from sim.world.link import Heard, Link, Told
 from sim.world.news import News
+from sim.world.safety import Violations, Watch
 from sim.world.sensors import Localisation, TrainControl
 from sim.world.service import Service
 
@@ -63,6 +64,7 @@ class Run:
     calls: tuple[Call, ...]
     legs: tuple[tuple[PlantState, PlantState], ...]
     counts: Counts
+    violations: Violations
 
     @property
     def late_s(self) -> float:
@@ -78,7 +80,7 @@ class World:
         self.driver, self.presentation, self.link = driver, presentation, link
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
         self._train_control = TrainControl(day)
-        self._limits = _LimitSteps(self.service)
+        self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.length_m)
         self._sent: tuple[tuple[Any, ...], tuple[Any, ...]] = ((), ())
         self._events: list[str] = []
         self._view: AdviceView | None = None
@@ -103,7 +105,13 @@ class World:
             if progress is not None:
                 progress(state.s_m - first_m, last_m - first_m)
         legs = zip(calls.departures, calls.arrivals, strict=True)
-        return Run(states=tuple(states), calls=tuple(calls.kept()), legs=tuple(legs), counts=self._counts)
+        return Run(
+            states=tuple(states),
+            calls=tuple(calls.kept()),
+            legs=tuple(legs),
+            counts=self._counts,
+            violations=self._watch.found,
+        )
 
     def _second(self, tick: int, state: PlantState) -> PlantState:
         """One second: what is heard and shown now, then the driver at the controller."""
@@ -119,7 +127,14 @@ class World:
             if event is not None:
                 self._events.append(event)
             state = after
+            self._events += self._watched(state)
         return state
+
+    def _watched(self, state: PlantState) -> list[str]:
+        limit_mps = self._limits.at(state.s_m)
+        return self._watch.take(
+            state, LOOK_S, signal_m=self._news.signal_m, limit_mps=limit_mps, temporary=self._news.told
+        )
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> None:
         """Ask for advice and show it, where there is a node to ask."""

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from das.domain.trajectory import Ledger
-from das.domain.units import kwh
+from das.domain.units import kmh, kwh
 from das.solver.front import Fit
 from sim.world.calls import Call
 from sim.world.day import Day
@@ -51,6 +51,10 @@ def outcome(day: Day, run: Run) -> dict[str, Any]:
         "advices_withdrawn": run.counts.withdrawn,
         "advices_unheard": run.counts.unheard,
         "advices_above_limit": run.counts.above_limit,
+        "signals_passed": run.violations.signals_passed,
+        "beyond_signal_m": run.violations.beyond_signal_m,
+        "over_limit_s": run.violations.over_limit_s,
+        "over_limit_kmh": kmh(run.violations.over_limit_mps),
         "simulated_s": len(run.states) - 1,
     }
 

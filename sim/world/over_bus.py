@@ -115,7 +115,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         "driver": str(how.driver),
         "advice": str(how.advice),
         "happens": described(day.disturbances),
-        **({"human": json.dumps(day.human_drawn)} if day.human_drawn and how.driver is DriverKind.HUMAN else {}),
+        "drawn": json.dumps(day.drawn),
         "route": service.route.name,
         "vehicle": service.vehicle.name,
         "level": str(service.level),

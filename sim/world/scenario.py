@@ -15,22 +15,14 @@ import numpy as np
 from das.domain.conditions import STRONGEST_WIND_MPS
 from das.domain.errors import DasError
 from das.domain.files.reading import Fields, read_toml
-from das.domain.units import FACTORS, to_si
+from das.domain.units import FACTORS
 from sim.world.disturbances import (
-    BusOutage,
-    DelayOnTheWay,
+    KINDS,
     DepartureDelay,
     Disturbance,
-    HeadWind,
-    NodeRestart,
-    Restriction,
     SensorFault,
-    SensorOutage,
-    SignalStop,
-    SlipperyRail,
-    TrainAhead,
 )
-from sim.world.drawn import Drawn, read_range
+from sim.world.drawn import Drawn, key_of, read_quantity
 from sim.world.human import HumanRange, read_human
 from sim.world.truth import Truth, beside, read_truth
 
@@ -43,20 +35,20 @@ _ID = re.compile(r"\w[\w.-]{0,63}")
 """An id is part of the names of files."""
 
 _STRETCH = {"from": "length", "to": "length"}
-_KINDS: dict[str, tuple[type[Any], dict[str, str]]] = {
-    "departure-delay": (DepartureDelay, {"delay": "time"}),
-    "dwell-overrun": (DepartureDelay, {"delay": "time"}),
-    "delay-on-the-way": (DelayOnTheWay, {**_STRETCH, "speed": "speed"}),
-    "restriction": (Restriction, {**_STRETCH, "speed": "speed", "announced": "length"}),
-    "signal-stop": (SignalStop, {"at": "length", "seen": "length", "clears_after": "time"}),
-    "train-ahead": (TrainAhead, {"at": "length", "seen": "length", "clears": "time", "told": "length"}),
-    "slippery-rail": (SlipperyRail, {**_STRETCH, "adhesion": "ratio"}),
-    "head-wind": (HeadWind, {**_STRETCH, "wind": "speed"}),
-    "sensor-fault": (SensorOutage, {"from": "time", "for": "time", "size": "length"}),
-    "bus-outage": (BusOutage, {"from": "time", "for": "time"}),
-    "node-restart": (NodeRestart, {"at": "time"}),
+_QUANTITIES: dict[str, dict[str, str]] = {
+    "departure-delay": {"delay": "time"},
+    "dwell-overrun": {"delay": "time"},
+    "delay-on-the-way": {**_STRETCH, "speed": "speed"},
+    "restriction": {**_STRETCH, "speed": "speed", "announced": "length"},
+    "signal-stop": {"at": "length", "seen": "length", "clears_after": "time"},
+    "train-ahead": {"at": "length", "seen": "length", "clears": "time", "told": "length"},
+    "slippery-rail": {**_STRETCH, "adhesion": "ratio"},
+    "head-wind": {**_STRETCH, "wind": "speed"},
+    "sensor-fault": {"from": "time", "for": "time", "size": "length"},
+    "bus-outage": {"from": "time", "for": "time"},
+    "node-restart": {"at": "time"},
 }
-"""Kind of disturbance → its class and its quantities (name → dimension)."""
+"""The quantities of each kind of disturbance (name → dimension)."""
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
 _OPTIONAL = {"size": 0.0}
 _RANGES = {"speed": (1.0, np.inf), "adhesion": (0.01, 10.0), "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS)}
@@ -73,7 +65,7 @@ class Planned:
 
     def draw(self, random: np.random.Generator) -> Disturbance:
         """The disturbance of one day."""
-        made, _ = _KINDS[self.kind]
+        made: Any = KINDS[self.kind]
         drawn = {name: figure.draw(random) for name, figure in self.figures.items()}
         disturbance: Disturbance = made(**drawn, **self.fixed)
         return disturbance
@@ -192,16 +184,11 @@ def _moment(timetable: Fields) -> int:
     return (moment - EPOCH) // timedelta(microseconds=1) * 1000
 
 
-def _given(fields: Fields, name: str, dimension: str) -> str:
-    """The key under which the file gives a quantity; its bare name where it does not."""
-    return next((key for key in fields.quantity_keys({name: dimension}) if key in fields.data), name)
-
-
 def _within(fields: Fields, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
     """A quantity that must be finite and within its ends (SI)."""
     value = fields.quantity(name, dimension, default)
     if not ends[0] <= value <= ends[1] or np.isinf(value):
-        key = _given(fields, name, dimension)
+        key = key_of(fields, name, dimension)
         raise fields.error(key, fields.data[key], _expected(key[len(name) + 1 :], dimension, ends))
     return value
 
@@ -234,46 +221,35 @@ def _disturbances(fields: Fields) -> tuple[Planned, ...]:
 
 def _planned(table: Fields) -> Planned:
     kind = table.text("kind")
-    if kind not in _KINDS:
-        raise table.error("kind", kind, "one of " + ", ".join(_KINDS))
-    made, quantities = _KINDS[kind]
-    others = {DepartureDelay: ["stop"], SensorOutage: ["fault"]}.get(made, [])
+    if kind not in KINDS:
+        raise table.error("kind", kind, "one of " + ", ".join(KINDS))
+    quantities, at_a_stop = _QUANTITIES[kind], issubclass(KINDS[kind], DepartureDelay)
+    others = ["stop"] if at_a_stop else ["fault"] if kind == "sensor-fault" else []
     table.check_keys(["kind", *others, *table.quantity_keys(quantities)])
     fixed: dict[str, Any] = {}
-    if made is DepartureDelay:
+    if at_a_stop:
         fixed["stop"] = table.text("stop")
-    if made is SensorOutage:
+    if kind == "sensor-fault":
         fault = table.text("fault")
         if fault not in list(SensorFault):
             raise table.error("fault", fault, "one of " + ", ".join(SensorFault))
         fixed["fault"] = SensorFault(fault)
-    drawn = {name: _figure(table, name, dimension) for name, dimension in quantities.items()}
+    drawn = {
+        name: _checked(table, name, dimension, read_quantity(table, name, dimension, _OPTIONAL.get(name)))
+        for name, dimension in quantities.items()
+    }
     if "to" in drawn and not drawn["from"].high < drawn["to"].low:
-        key = _given(table, "to", "length")
+        key = key_of(table, "to", "length")
         raise table.error(key, table.data[key], f"more than from = {drawn['from'].high:g} m")
-    if made is TrainAhead and not drawn["told"].low > drawn["seen"].high:
-        key = _given(table, "told", "length")
+    if kind == "train-ahead" and not drawn["told"].low > drawn["seen"].high:
+        key = key_of(table, "told", "length")
         raise table.error(key, table.data[key], f"more than seen = {drawn['seen'].high:g} m")
     figures = {f"{name}_{_SI_SUFFIX[dimension]}": drawn[name] for name, dimension in quantities.items()}
     return Planned(kind=kind, figures=figures, fixed=fixed)
 
 
-def _figure(table: Fields, name: str, dimension: str) -> Drawn:
-    """A quantity, or a range of it: `delay_s = 90` or `delay_s = {min = 30, max = 180}`."""
-    key = _given(table, name, dimension)
-    if not isinstance(table.data.get(key), Mapping):
-        value = table.quantity(name, dimension, _OPTIONAL.get(name))
-        return _checked(table, name, dimension, Drawn(low=value, high=value))
-    if more := [x for x in table.quantity_keys({name: dimension}) if x in table.data and x != key]:
-        raise table.error(more[0], table.data[more[0]], f"only one of {key} and {more[0]}")
-    unit = key[len(name) + 1 :]
-    drawn = read_range(table, key)
-    in_si = Drawn(low=to_si(drawn.low, unit, dimension), high=to_si(drawn.high, unit, dimension))
-    return _checked(table, name, dimension, in_si)
-
-
 def _checked(table: Fields, name: str, dimension: str, figure: Drawn) -> Drawn:
-    key = _given(table, name, dimension)
+    key = key_of(table, name, dimension)
     least, most = _RANGES.get(name, (0.0, np.inf))
     if not least <= figure.low <= figure.high <= most or np.isinf(figure.high):
         expected = _expected(key[len(name) + 1 :], dimension, (least, most))

@@ -13,7 +13,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
 from das.domain.route import Route, Stop, section_stops
-from das.domain.units import NS
+from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.planning import Fronts
 from das.solver.front import Front, Solution, solve_front
@@ -140,9 +140,7 @@ def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
 def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequence[Stop]) -> None:
     """What happens must be able to happen: at its place or stop, and with the true train."""
     vehicle, _ = scenario.truth.train(planned, level)
-    slips = scenario.truth.conditions.adhesion_ratio != 1 or any(
-        x.kind == "slippery-rail" for x in scenario.disturbances
-    )
+    slips = scenario.truth.changes_adhesion or any(x.kind == "slippery-rail" for x in scenario.disturbances)
     if slips and math.isinf(vehicle.adhesive_mass_kg):
         expected = f"the mass on driven axles, which {vehicle.source} does not give"
         raise DasError(f"{scenario.source}: truth.adhesive_mass_t is missing: expected {expected}")
@@ -153,7 +151,8 @@ def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequen
         for name in ("from_m", "at_m"):
             place = one.figures.get(name)
             if place is not None and not first_m <= place.low <= place.high < last_m:
-                raise DasError(f"{where}.{name[:-2]} = {place.low:g} m: expected on the way {first_m:g} … {last_m:g} m")
+                way = f"expected on the way, km {first_m / KM:g} to {last_m / KM:g}"
+                raise DasError(f"{where}.{name[:-2]} is at km {place.low / KM:g}: {way}")
         stop = one.fixed.get("stop")
         if stop is not None and stop.casefold() not in names:
             raise DasError(f"{where}.stop = {stop!r}: expected one of {', '.join(x.name for x in stops[:-1])}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,10 @@ from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import Fields
 from das.domain.losses import Level
 from das.domain.vehicle import Vehicle
+from sim.world.drawn import Drawn, key_of, read_quantity
 
+STREAM = 5
+"""Of a seed's random numbers."""
 RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 
 
@@ -22,16 +26,27 @@ RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 class Truth:
     """The true train against the plan's: None means as planned.
 
-    `conditions` multiply the true train's figures; `adhesive_mass_kg` is its mass on driven axles where its file gives
-    none; `loss_map` is the file of its losses (level L3).
+    `conditions` are what multiplies the true train's figures, by the names of `Conditions`; every seed draws its own.
+    `adhesive_mass_kg` is its mass on driven axles where its file gives none; `loss_map` the file of its losses (L3).
     """
 
-    conditions: Conditions
+    conditions: Mapping[str, Drawn]
     adhesive_mass_kg: float | None = None
     vehicle: str | None = None
     load: str | None = None
     level: Level | None = None
     loss_map: Path | None = None
+
+    @property
+    def changes_adhesion(self) -> bool:
+        """Whether the rail is another than a dry one on any day."""
+        adhesion = self.conditions["adhesion_ratio"]
+        return (adhesion.low, adhesion.high) != (1.0, 1.0)
+
+    def draw(self, seed: int) -> Conditions:
+        """The conditions of a seed's day."""
+        random = np.random.default_rng([seed, STREAM])
+        return Conditions(**{name: drawn.draw(random) for name, drawn in self.conditions.items()})
 
     def train(self, planned: Vehicle, planned_level: Level) -> tuple[Vehicle, Level]:
         """The true train and the level of its losses; DasError for files that cannot be used."""
@@ -67,18 +82,20 @@ def beside(folder: Path, name: str) -> str:
     return str(folder / name) if Path(name).suffix else name
 
 
-def _conditions(table: Fields) -> Conditions:
-    given = {f"{name}_ratio": table.quantity(name, "ratio", 1.0) for name in RATIOS}
-    head_wind_mps = table.quantity("head_wind", "speed", 0.0)
-    try:
-        return Conditions(head_wind_mps=head_wind_mps, **given)
-    except DasError as error:
-        raise DasError(f"{table.source}: {str(error).replace('conditions: ', 'truth.', 1)}") from None
+def _conditions(table: Fields) -> dict[str, Drawn]:
+    given = {f"{name}_ratio": read_quantity(table, name, "ratio", 1.0) for name in RATIOS}
+    given["head_wind_mps"] = read_quantity(table, "head_wind", "speed", 0.0)
+    for end in ("low", "high"):
+        try:
+            Conditions(**{name: getattr(drawn, end) for name, drawn in given.items()})
+        except DasError as error:
+            raise DasError(f"{table.source}: {str(error).replace('conditions: ', 'truth.', 1)}") from None
+    return given
 
 
 def _adhesive_mass(table: Fields) -> float | None:
-    key = next((key for key in table.quantity_keys({"adhesive_mass": "mass"}) if table.has(key)), None)
-    if key is None:
+    key = key_of(table, "adhesive_mass", "mass")
+    if not table.has(key):
         return None
     mass_kg = table.quantity("adhesive_mass", "mass")
     if not 0 < mass_kg < np.inf:
