@@ -53,6 +53,8 @@ def run_command(main: Callable[[], object]) -> None:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
+        for number in STOP_SIGNALS:  # who asks twice means the same
+            signal.signal(number, signal.SIG_IGN)
         print("stopped", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
     except BrokenPipeError:

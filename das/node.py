@@ -301,10 +301,12 @@ class Node:
         self.bus.publish(STATUS, message)
 
     def event(self, now_ns: int, level: Any, text: str) -> None:
-        """Publish an event for people to read."""
+        """Publish an event for people to read; with the wall clock it is said on standard error as well."""
         log = Log(level=level, message=text, name="das-node")
         log.timestamp.FromNanoseconds(now_ns)
         self.bus.publish(EVENT, log)
+        if self.wall_clock:
+            say(f"{self.bus.train}: {text}")
 
     def _complain(self, text: str, level: Any = Log.WARNING) -> None:
         """An event about what is not as it should be, unless there are too many of them."""

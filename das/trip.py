@@ -67,13 +67,14 @@ class _Answer(NamedTuple):
 
 @dataclass(kw_only=True, eq=False)
 class _Leg:
-    """A section of the trip: what it was prepared for, the search under way, and why it has no advice."""
+    """A section of the trip: what it was prepared for and why anew, the search under way, and why it has no advice."""
 
     start: Stop
     end: Stop
     advisor: Advisor
     situation: Situation
     refusal: str = ""
+    why: str = ""
     arrival_ns: int | None = None
     points: list[PassingTarget] = field(default_factory=list)
     point: PassingTarget | None = None
@@ -339,7 +340,7 @@ class Trip:
             except DasError as error:
                 refusal = f"{why}: {error}"
             # Not before the advisor has it: whatever else goes wrong, it is not taken for prepared.
-            leg.situation, leg.refusal, leg.failed_ns = wanted, refusal, None
+            leg.situation, leg.refusal, leg.failed_ns, leg.why = wanted, refusal, None, why
         if leg.point is not None and leg.point != leg.served:
             leg.give_up()
         if leg.search is None and not leg.ready and (not leg.refusal or leg.failed_ns is not None):
@@ -371,7 +372,8 @@ class Trip:
         self._news += [News(note, True) for note in answer.found.notes]
         leg.advisor.set_front(answer.found.front, answer.found.source, answer.passing)
         how = "from a table" if answer.found.source is Source.TABLE else "solved"
-        self._news.append(News(f"{leg.start.name} – {leg.end.name}: {how}"))
+        why, leg.why = f" ({leg.why})" if leg.why else "", ""
+        self._news.append(News(f"{leg.start.name} – {leg.end.name}: {how}{why}"))
 
 
 class _Question(NamedTuple):
@@ -439,4 +441,5 @@ def _difference(before: Situation, after: Situation) -> str:
         return (
             "restriction lifted" if gone and len(after.restrictions) < len(before.restrictions) else "restriction set"
         )
-    return "the train is not as planned"
+    found = after.conditions
+    return f"mass × {found.mass_ratio:.2f} and resistance × {found.resistance_ratio:.2f} of the plan's"

@@ -467,3 +467,24 @@ def test_zenoh_default_session_is_never_opened() -> None:
     files = [path for folder in ("das", "sim", "precompute") for path in (root / folder).rglob("*.py")]
     users = [path.relative_to(root).as_posix() for path in files if "zenoh.open" in path.read_text()]
     assert users == ["das/bus/session.py"]
+
+
+def test_the_example_of_the_documentation_is_advised() -> None:
+    text = (Path(__file__).parent.parent / "docs" / "bus.md").read_text(encoding="utf-8")
+    example = text.split("```python\n")[1].split("```")[0]
+    ours, theirs = (endpoint(port) for port in free_ports(2))
+    example = example.replace("tcp/127.0.0.1:7448", ours).replace("tcp/127.0.0.1:7447", theirs)
+    arguments = ["--route", "flat-6km", "--vehicle", "re460-ic", "--train", "IC1", "--listen", theirs]
+    with process("das.node", *arguments, "--connect", ours) as child:
+        user = subprocess.Popen([sys.executable, "-u", "-c", example], stdout=subprocess.PIPE, text=True)
+        assert user.stdout is not None
+        said = ""
+        while "least energy on time" not in said:
+            said = user.stdout.readline()
+            assert said, "the example ended"
+        assert float(said.split(": ")[1].removesuffix(" km/h\n")) > 0
+        user.kill()
+        user.communicate()
+        child.send_signal(signal.SIGTERM)
+        heard = child.communicate(timeout=30)[0]
+    assert "IC1: journey A – B" in heard

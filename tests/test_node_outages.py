@@ -127,7 +127,7 @@ def journey(now_ns: int) -> das_pb2.Journey:
 def test_a_node_whose_clock_was_wrong_when_it_was_told_knows_it_when_the_clock_is_right() -> None:
     sink, now_ns = Sink(), 1_800_000_000 * S
     node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
-    node._bus_clock_ns = now_ns - 3600 * S
+    node._control_ns = now_ns - 3600 * S
     one = das_pb2.Restrictions.Restriction(start_m=500.0, end_m=3_500.0, limit_mps=15.0)
     node.take(heard(JOURNEY, journey(now_ns)))
     node.take(heard(RESTRICTION, das_pb2.Restrictions(time_ns=now_ns, restrictions=[one])))
