@@ -133,7 +133,7 @@ def test_a_node_whose_clock_was_wrong_when_it_was_told_knows_it_when_the_clock_i
     node.take(heard(RESTRICTION, das_pb2.Restrictions(time_ns=now_ns, restrictions=[one])))
     node.tick(now_ns - 3600 * S)
     assert "3600 s ahead of the clock" in sink.said[-1][1].reason
-    node._bus_clock_ns = now_ns + S
+    node._control_ns = now_ns + S
     node.take(heard(POSITION, das_pb2.Position(time_ns=now_ns + S, s_m=1_000.0, speed_mps=10.0)))
     node.tick(now_ns + S)
     advice = sink.said[-1][1]
