@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,13 +11,13 @@ from typing import Annotated
 
 import typer
 
-from das.commands import busy, err, interrupt_on_termination, run_app, typed
+from das.commands import busy, err, interrupt_on_termination, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.writing import check_writable
 from das.domain.route import section_stops
 from das.domain.units import NS, kwh
-from sim import trip_command
+from sim import trip_command, view_command
 from sim.batch_command import batch
 from sim.command_line import (
     BusOption,
@@ -136,25 +135,7 @@ def replay(
 
 
 app.command("trip", epilog=trip_command.EPILOG)(trip_command.trip)
-
-
-@app.command(epilog="Example: das-sim view recordings/run.mcap --save run.rrd")
-def view(
-    file: Annotated[Path, typer.Argument(help="Recording (MCAP) to look at.")],
-    save: Annotated[Path | None, typer.Option(help="Write a rerun file (.rrd) instead of opening the viewer.")] = None,
-) -> None:
-    """Look at a recording in rerun: speed, advice, forces, gradient, delay, map, events."""
-    from sim.review.rerun_view import open_view, save_view
-
-    if save is None:
-        open_view(file)
-        return
-    if save.resolve() == file.resolve():
-        raise DasError(f"{save}: the file to write is the recording to read")
-    check_writable(save)
-    with busy(f"writing {save} …"):
-        save_view(file, save)
-    print(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")
+app.command("view", epilog=view_command.EPILOG)(view_command.view)
 
 
 @app.command(

@@ -292,6 +292,8 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/deviation/operator"] == 11  # held to the end of the trip
     assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
     assert found["/mode/node"] == 3
+    assert found["/mode/no_advice"] == 2  # withdrawn, and back
+    assert found["/speed/happened"] == 3  # the simulator's word, the node's warning, the silence
     assert found["/events"] == 3  # the node's and the simulator's
     assert {"/summary", "/distance/picture", "/map/way", "/track/way"} <= found.keys()
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
@@ -300,21 +302,20 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
 def test_values_of_the_view(whole: Path) -> None:
     pytest.importorskip("matplotlib")
     from sim.review.distance_picture import draw
-    from sim.review.series import Trip, series
+    from sim.review.story import Story
 
-    recording = read_recording(whole)
-    trip = Trip.of(recording)
-    data = series(recording, trip)
+    story = Story.of(read_recording(whole))
+    data = story.series
     assert data["speed/driven"][1].max() == pytest.approx(144.0)
     assert data["speed/advised"][1][0] == pytest.approx(1.8)
     assert np.flatnonzero(np.isnan(data["speed/advised"][1])).tolist() == list(range(200, 220))
     assert data["force/driven"][1][0] == pytest.approx(100.0)
     assert data["gradient/permille"][1][0] == pytest.approx(5.0)
     assert data["buffer/percent"][1][0] == pytest.approx(7.0)
-    picture = draw(recording, trip)
+    picture = draw(story)
     x, y = picture.pixel(np.array([0.0, position_m(SECONDS)]), np.array([0.0, 144.0]))
     assert picture.png.startswith(b"\x89PNG")
-    assert 0 < x[0] < x[1] < 2080
+    assert 0 < x[0] < x[1] < 1760
     assert picture.top_px < y[1] < y[0] < picture.bottom_px
 
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import rerun as rr
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from matplotlib import colormaps
 
-from das.bus import das_pb2, topics
+from das.bus import topics
 from das.domain.units import KMH, NS
-from sim.recording import Recording, Stamped
+from sim.recording import Stamped
 from sim.review.distance_picture import Picture, draw
-from sim.review.series import STYLES, Floats, Times, Trip, Way, series
+from sim.review.lanes import Lane
+from sim.review.series import STYLES, Floats, Times, Trip, Way
+from sim.review.story import Story
 from sim.review.summary import summary
 
 TRIP_TIME, POSITION = "trip_time", "position_m"
@@ -24,49 +26,19 @@ WHITE: Final = 0xFFFFFFFF
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
 
 
-class Lane(NamedTuple):
-    """A lane of states: its entity, the field with its enumeration, and colours (RGBA) by state."""
-
-    name: str
-    field: str
-    enum: Any
-    colors: dict[str, int]
-
-
-MODES: Final = Lane(
-    "mode/advised",
-    "mode",
-    das_pb2.Mode,
-    {
-        "full traction": 0x2E9E5BFF,
-        "reduced traction": 0x7CC576FF,
-        "cruise": 0x3D7FD6FF,
-        "coast": 0xB8B8B8FF,
-        "reduced brake": 0xF2B134FF,
-        "full brake": 0xE8762BFF,
-        "friction brake": 0xD13B3BFF,
-        "stop": 0x6B5B95FF,
-    },
-)
-STATES: Final = Lane(
-    "mode/node",
-    "state",
-    das_pb2.Status.State,
-    {"advising": 0x3D7FD6FF, "withdrawn": 0xD13B3BFF, "ready": 0x7CC576FF, "waiting": 0xB8B8B8FF},
-)
-
-
-def send(out: rr.RecordingStream, recording: Recording, trip: Trip, way: Way | None) -> None:
+def send(out: rr.RecordingStream, story: Story, way: Way | None) -> None:
     """Send everything there is to see."""
-    for name, (time_ns, values) in series(recording, trip).items():
+    recording, trip = story.recording, story.trip
+    for name, (time_ns, values) in story.series.items():
         if len(time_ns):
             _series(out, trip, name, time_ns, values)
-    _states(out, trip, MODES, recording.of(topics.ADVICE))
-    _states(out, trip, STATES, recording.of(topics.STATUS))
+    for lane in story.lanes:
+        _lane(out, trip, lane)
+    _marks(out, story)
     _events(out, trip, recording.of(topics.EVENT) + recording.of(topics.LOG))
     if way is not None:
         _location(out, trip, way)
-    _distance(out, trip, draw(recording, trip))
+    _distance(out, trip, draw(story))
     out.log("summary", rr.TextDocument(summary(recording), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
@@ -91,19 +63,24 @@ def _series(out: rr.RecordingStream, trip: Trip, name: str, time_ns: Times, valu
     out.send_columns(name, _index(trip, time_ns), rr.Scalars.columns(scalars=values))
 
 
-def _states(out: rr.RecordingStream, trip: Trip, lane: Lane, messages: tuple[Stamped, ...]) -> None:
-    """A lane of states with a row for each change, on the trip only: beside it a node's clock is not a replay's."""
-    messages = tuple(m for m in messages if trip.time_ns[0] <= m.message.time_ns <= trip.time_ns[-1])
-    values = [getattr(entry.message, lane.field) for entry in messages]
-    changes = [i for i, value in enumerate(values) if i == 0 or value != values[i - 1]]
-    if changes:
-        names = {number: name.split("_", 1)[1].replace("_", " ").lower() for name, number in lane.enum.items()}
-        names[0] = "" if names[0] == "none" else names[0]
-        shades = np.array(list(lane.colors.values()), dtype=np.uint32)
-        time_ns = np.array([messages[i].message.time_ns for i in changes])
-        states = [names.get(values[i], str(values[i])) for i in changes]
-        out.log(lane.name, rr.StateConfiguration(values=list(lane.colors), colors=shades), static=True)
-        out.send_columns(lane.name, _index(trip, time_ns), rr.StateChange.columns(state=states))
+def _lane(out: rr.RecordingStream, trip: Trip, lane: Lane) -> None:
+    """A lane of states, with a row for each change."""
+    entity, shades = f"mode/{lane.name.replace(' ', '_')}", np.array(list(lane.colors.values()), dtype=np.uint32)
+    time_ns = np.array([change.time_ns for change in lane.changes])
+    out.log(entity, rr.StateConfiguration(values=list(lane.colors), colors=shades), static=True)
+    columns = rr.StateChange.columns(state=[change.state for change in lane.changes])
+    out.send_columns(entity, _index(trip, time_ns), columns)
+
+
+def _marks(out: rr.RecordingStream, story: Story) -> None:
+    """What happened, as points on the speed driven; in words it is among the events and in the lanes."""
+    trip = story.trip
+    if story.happenings:
+        time_ns = np.array([one.time_ns for one in story.happenings])
+        points = rr.SeriesPoints(colors=WHITE, names="happened (see events)", markers="Diamond", marker_sizes=5.0)
+        out.log("speed/happened", points, static=True)
+        values = trip.at(time_ns, trip.speed_mps) / KMH
+        out.send_columns("speed/happened", _index(trip, time_ns), rr.Scalars.columns(scalars=values))
 
 
 def _events(out: rr.RecordingStream, trip: Trip, messages: tuple[Stamped, ...]) -> None:

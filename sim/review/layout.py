@@ -11,49 +11,55 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
-from das.bus.topics import ADVICE, DELAY, EVENT, LOG, POSITION, STATUS, TRUTH, Topic
+from das.bus.topics import EVENT, LOG
 from das.domain.units import NS
-from sim.recording import Recording
 from sim.review.entities import TRIP_TIME
-from sim.review.series import EARTH_RADIUS_M, Trip, Way
+from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, Trip, Way
+from sim.review.story import Story
 
 MARGIN_RATIO: Final = 0.02
-BUFFER_PERCENT: Final = (-5.0, 25.0)
-"""What the axis of the buffer shows: at the end of a trip it goes to infinity."""
-
 MAP_PX: Final = (380.0, 210.0)
 """Room for the way on the map in the window this is made for."""
 
 
 class Row(NamedTuple):
-    """A view over time: title, origin of its entities, share of the height, topics it needs, corner of its legend."""
+    """A view over time: title, origin of its entities, share of the height, corner of its legend."""
 
     title: str
     origin: str
     share: float
-    topics: tuple[Topic, ...]
     legend: Literal["LeftTop", "LeftBottom", "RightTop"] | None = None
 
 
 ROWS: Final = (
-    Row("Speed (km/h)", "speed", 3.0, (TRUTH, POSITION, ADVICE), "LeftBottom"),
-    Row("Advised mode and state of the node", "mode", 1.35, (ADVICE, STATUS)),
-    Row("Force at the wheels (kN)", "force", 2.0, (TRUTH, ADVICE), "LeftBottom"),
-    Row("Gradient (permille)", "gradient", 1.0, (TRUTH,)),
-    Row("Deviation from the timetable, late > 0 (s)", "deviation", 1.3, (ADVICE, DELAY), "RightTop"),
-    Row("Buffer: time left over the least possible (%)", "buffer", 1.0, (ADVICE,)),
+    Row("Speed (km/h)", "speed", 3.0, "LeftBottom"),
+    Row("Modes advised and shown, state of the node, no advice, signals", "mode", 0.55),
+    Row("Force at the wheels (kN)", "force", 1.6, "LeftBottom"),
+    Row("Controller: share of the largest effort (%)", "lever", 1.2, "LeftBottom"),
+    Row("Gradient (permille)", "gradient", 0.9),
+    Row("Deviation from the timetable, late > 0 (s)", "deviation", 1.2, "RightTop"),
+    Row("Buffer: time left over the least possible (%)", "buffer", 0.9),
 )
+KNOWN: Final = (
+    Row("Position as the node knows it (m)", "estimate", 1.0, "RightTop"),
+    Row("Mass and resistance as the node finds them, against the plan (%)", "calibration", 1.0, "RightTop"),
+)
+"""In a tab of their own: the others would become too low."""
+
+LANE_SHARE: Final = 0.35
+"""What each lane adds to the share of their view."""
 
 
-def blueprint(recording: Recording, trip: Trip, way: Way | None) -> rrb.Blueprint:
+def blueprint(story: Story, way: Way | None) -> rrb.Blueprint:
     """The layout, made for a window of about 1600 × 1000; views without anything to show are left out."""
-    rows = [row for row in ROWS if any(recording.of(topic) for topic in row.topics)]
-    axis = _whole_trip(trip)
-    views, shares = [_view(row, axis) for row in rows], [row.share for row in rows]
-    over_time = rrb.Vertical(*views, row_shares=shares, name="Over time")
+    recording = story.recording
+    over_time = _rows(ROWS, story, "Over time")
     over_distance = rrb.Spatial2DView(
         origin="distance", name="Over distance", overrides={"distance/picture": rrb.EntityBehavior(interactive=False)}
     )
+    tabs: list[rrb.View | rrb.Container] = [over_time, over_distance]
+    if any(len(story.series[name][0]) for name in ("estimate/sd", "calibration/mass")):
+        tabs.append(_rows(KNOWN, story, "What the node knows"))
     side: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="summary", name="Summary")]
     if way is not None:
         side.insert(0, _track(way))
@@ -61,12 +67,21 @@ def blueprint(recording: Recording, trip: Trip, way: Way | None) -> rrb.Blueprin
         columns = rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
         side.append(rrb.TextLogView(origin="events", name="Events", columns=columns))
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Tabs(over_time, over_distance), rrb.Vertical(*side), column_shares=[2.6, 1.0]),
+        rrb.Horizontal(rrb.Tabs(*tabs), rrb.Vertical(*side), column_shares=[2.6, 1.0]),
         rrb.TimePanel(timeline=TRIP_TIME, state="collapsed", play_state="Paused"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,
     )
+
+
+def _rows(rows: tuple[Row, ...], story: Story, name: str) -> rrb.Vertical:
+    """The views there is something for, under each other."""
+    found = {series.split("/")[0] for series, (time_ns, _) in story.series.items() if len(time_ns)}
+    shares = {row: row.share + (LANE_SHARE * len(story.lanes) if row.origin == "mode" else 0.0) for row in rows}
+    shown = [row for row in rows if row.origin in found or (row.origin == "mode" and story.lanes)]
+    axis = _whole_trip(story.trip)
+    return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=[shares[row] for row in shown], name=name)
 
 
 def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:

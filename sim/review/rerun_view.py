@@ -81,13 +81,14 @@ def _write(recording: Recording, path: Path) -> None:
     import rerun as rr
 
     from sim.review import entities, layout
-    from sim.review.series import Trip, Way
+    from sim.review.series import Way
+    from sim.review.story import Story
 
-    trip, way = Trip.of(recording), Way.of(recording)
+    story, way = Story.of(recording), Way.of(recording)
     with rr.RecordingStream(APPLICATION, recording_id=recording.path.stem) as out:
-        out.save(path, default_blueprint=layout.blueprint(recording, trip, way))
+        out.save(path, default_blueprint=layout.blueprint(story, way))
         out.send_recording_name(f"{recording.train} ({recording.path.name})")
-        entities.send(out, recording, trip, way)
+        entities.send(out, story, way)
         out.flush()
         out.disconnect()
 

@@ -32,15 +32,27 @@ STYLES: Final = {
     "speed/limit": Style("limit, km/h", 0xC8646EFF, held=True),
     "speed/optimum": Style("optimum from the start, km/h", 0x5FBF6FFF, width=1.2),
     "speed/advised": Style("advised, km/h", 0xFFA028FF, width=3.0),
+    "speed/shown": Style("shown to the driver, km/h", 0xFFF0C8FF, width=1.0, held=True),
     "speed/driven": Style("driven, km/h", 0x4AA3FFFF),
     "force/advised": Style("advised, kN", 0xFFA028FF, width=3.0),
     "force/driven": Style("driven, kN", 0x4AA3FFFF),
     "gradient/permille": Style("gradient, permille", 0x9AC48BFF, held=True),
+    "lever/shown": Style("shown, %", 0xFFA028FF, width=3.0, held=True),
+    "lever/set": Style("set by the driver, %", 0x4AA3FFFF, held=True),
     "deviation/operator": Style("known to the operator, s", 0xB08CE0FF, held=True),
     "deviation/predicted": Style("predicted arrival, s", 0xFFA028FF),
     "buffer/percent": Style("buffer, %", 0x6FD0C5FF),
+    "estimate/sd": Style("standard deviation the node states, m", 0xFFA028FF),
+    "estimate/error": Style("estimated less true position, m", 0x4AA3FFFF),
+    "calibration/mass": Style("mass, %", 0xFFA028FF),
+    "calibration/mass_sd": Style("its standard deviation, %", 0xFFA028FF, width=0.7),
+    "calibration/resistance": Style("resistance, %", 0x6FD0C5FF),
+    "calibration/resistance_sd": Style("its standard deviation, %", 0x6FD0C5FF, width=0.7),
 }
 """By series, in drawing order: what is advised lies wider under what is driven, so that both show where they agree."""
+
+BUFFER_PERCENT: Final = (-5.0, 25.0)
+"""What an axis of the buffer shows: at the end of a trip it goes to infinity."""
 
 SAME_STOP_M = 1.0
 """Plans that end this near to each other lead to the same stop."""
@@ -124,38 +136,89 @@ class Way:
         )
 
 
-def series(recording: Recording, trip: Trip) -> dict[str, tuple[Times, Floats]]:
-    """Times and values of everything plotted, by the names of `STYLES`, from the first position on.
+Found = dict[str, tuple[Times, Floats]]
+"""Times and values by series."""
 
-    Advice that was withdrawn is a gap (NaN).
+
+def series(recording: Recording, trip: Trip) -> Found:
+    """Times and values of everything plotted but the limit, by the names of `STYLES`, from the first position on.
+
+    Advice that was withdrawn is a gap (NaN), as is what was not shown.
     """
-    advice = recording.columns(
-        topics.ADVICE, "time_ns", "source", "advised_speed_mps", "advised_force_n", "limit_mps",
-        "predicted_deviation_s", "buffer_ratio",
-    )  # fmt: skip
-    fields = ("time_ns", "force_el_n", "force_friction_n", "gradient_ratio", "limit_mps")
-    truth = recording.columns(topics.TRUTH, *fields)
-    delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
-    limits = truth if len(truth["time_ns"]) else advice
-    at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
+    found = {
+        **_plan(recording),
+        **_advised(recording),
+        **_driven(recording, trip),
+        **_in_the_cab(recording),
+        **_estimated(recording, trip),
+    }
+    return {name: on_trip(trip, *found[name], held=style.held) for name, style in STYLES.items() if name in found}
+
+
+def _plan(recording: Recording) -> Found:
     plan = FirstPlans.of(recording)
     nothing = np.empty(0, np.int64), np.empty(0)
-    found = {
-        "speed/limit": (limits["time_ns"], limits["limit_mps"] / KMH),
-        "speed/optimum": (plan.time_ns, plan.speed_mps / KMH) if plan else nothing,
+    return {"speed/optimum": (plan.time_ns, plan.speed_mps / KMH) if plan else nothing}
+
+
+def _advised(recording: Recording) -> Found:
+    advice = recording.columns(
+        topics.ADVICE, "time_ns", "source", "advised_speed_mps", "advised_force_n", "predicted_deviation_s",
+        "buffer_ratio",
+    )  # fmt: skip
+    at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
+    return {
         "speed/advised": (at, advice["advised_speed_mps"] / KMH * gap),
-        "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
         "force/advised": (at, advice["advised_force_n"] / KN * gap),
-        "force/driven": (truth["time_ns"], (truth["force_el_n"] + truth["force_friction_n"]) / KN),
-        "gradient/permille": (truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
-        "deviation/operator": (delay["time_ns"], delay["delay_s"]),
         "deviation/predicted": (at, advice["predicted_deviation_s"] * gap),
         "buffer/percent": (at, advice["buffer_ratio"] / PERCENT * gap),
     }
-    return {name: _on_trip(trip, *entry, held=STYLES[name].held) for name, entry in found.items()}
 
 
-def _on_trip(trip: Trip, time_ns: Times, values: Floats, *, held: bool) -> tuple[Times, Floats]:
+def _driven(recording: Recording, trip: Trip) -> Found:
+    truth = recording.columns(topics.TRUTH, "time_ns", "force_el_n", "force_friction_n", "gradient_ratio")
+    delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
+    return {
+        "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
+        "force/driven": (truth["time_ns"], (truth["force_el_n"] + truth["force_friction_n"]) / KN),
+        "gradient/permille": (truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
+        "deviation/operator": (delay["time_ns"], delay["delay_s"]),
+    }
+
+
+def _in_the_cab(recording: Recording) -> Found:
+    """What the display showed and the controller was set to; levers as shares of the largest effort that way."""
+    fields = ("time_ns", "presentation", "advised_speed_mps", "advised_lever_ratio", "lever_ratio")
+    cab = recording.columns(topics.CAB, *fields)
+    at, gap = cab["time_ns"], np.where(cab["presentation"] == das_pb2.Cab.PRESENTATION_NONE, np.nan, 1.0)
+    return {
+        "speed/shown": (at, cab["advised_speed_mps"] / KMH * gap),
+        "lever/shown": (at, cab["advised_lever_ratio"] / PERCENT * gap),
+        "lever/set": (at, cab["lever_ratio"] / PERCENT),
+    }
+
+
+def _estimated(recording: Recording, trip: Trip) -> Found:
+    """What the node knows: its position against the true one, and the train against the planned one."""
+    advice = recording.columns(topics.ADVICE, "time_ns", "s_m", "position_sd_m")
+    known = advice["position_sd_m"] > 0.0
+    at = advice["time_ns"][known]
+    error_m = advice["s_m"][known] - trip.at(at, trip.s_m)
+    compared = slice(None if recording.of(topics.TRUTH) else 0)
+    ratios = ("mass_ratio", "mass_sd_ratio", "resistance_ratio", "resistance_sd_ratio")
+    estimate = recording.columns(topics.ESTIMATE, "time_ns", *ratios)
+    since = estimate["time_ns"]
+    return {
+        "estimate/sd": (at, advice["position_sd_m"][known]),
+        "estimate/error": (at[compared], error_m[compared]),
+        "calibration/mass": (since, (estimate["mass_ratio"] - 1.0) / PERCENT),
+        "calibration/mass_sd": (since, estimate["mass_sd_ratio"] / PERCENT),
+        "calibration/resistance": (since, (estimate["resistance_ratio"] - 1.0) / PERCENT),
+        "calibration/resistance_sd": (since, estimate["resistance_sd_ratio"] / PERCENT),
+    }
+
+
+def on_trip(trip: Trip, time_ns: Times, values: Floats, *, held: bool) -> tuple[Times, Floats]:
     """What lies on the trip; of a quantity that is held, also the last value before it, and its value at the end."""
     keep = time_ns >= trip.time_ns[0]
     if held and len(time_ns):

@@ -22,6 +22,16 @@ def summary(recording: Recording) -> str:
     return "\n".join(lines)
 
 
+def headline(recording: Recording) -> str:
+    """One line: train, what was run, where, how long and with how much energy, as far as it is known."""
+    run = recording.metadata.get("run", {})
+    told = [f"{key} {run[key]}" for key in ("driver", "advice", "seed") if key in run]
+    parts = [recording.train, *filter(None, [run.get("scenario")]), *told]
+    rows = dict(_trip(recording))
+    parts += [rows[key] for key in ("stops", "driven", "time", "energy at the collector") if key in rows]
+    return " · ".join(parts)
+
+
 def _trip(recording: Recording) -> list[tuple[str, str]]:
     rows = []
     for entry in recording.of(topics.JOURNEY)[-1:]:

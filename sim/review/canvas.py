@@ -1,0 +1,178 @@
+"""What the pictures share: colours, axes in a column, curves, marks, and the list the marks' numbers point to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from sim.review.happenings import Happening, Span, where_and_when
+from sim.review.series import STYLES, Floats, Times, Trip
+
+BACKGROUND, INK, GRID, BAND = "#0d1011", "#cad8de", "#2b3236", "#8a9499"
+KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND}
+"""Colours of marks by kind of happening."""
+
+WIDTH_IN, DPI = 11.0, 160
+LEFT_IN, RIGHT_IN, SPACE_IN = 0.8, 0.2, 0.14
+LINE_RATIO: Final = 0.8
+"""Width of a line here to its width in rerun."""
+
+SMALL: Final = 8.0
+DIGIT_SHARE: Final = 0.0085
+"""Width of a digit of a mark's number, as a share of the axis."""
+
+LISTED: Final = 40
+"""As many happenings are listed at most; a recording with worse days has its list of events in the viewer."""
+
+ROW_IN: Final = 0.185
+LETTERS: Final = 78
+"""Letters of a row in a column of the list."""
+
+Along = Callable[[Times], Floats]
+"""Where times lie on an axis."""
+
+
+class Panel(NamedTuple):
+    """Room for an axis: its title, its height, and the room above it."""
+
+    title: str
+    height_in: float
+    above_in: float = SPACE_IN
+
+
+def figure_of(panels: Sequence[Panel], below_in: float) -> tuple[Figure, list[Any]]:
+    """A figure of these panels under each other, with room below."""
+    height_in = sum(panel.height_in + panel.above_in for panel in panels) + below_in
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor=BACKGROUND)
+    FigureCanvasAgg(figure)
+    axes, top_in = [], height_in
+    for panel in panels:
+        top_in -= panel.above_in + panel.height_in
+        share = (WIDTH_IN - LEFT_IN - RIGHT_IN) / WIDTH_IN
+        axis = figure.add_axes((LEFT_IN / WIDTH_IN, top_in / height_in, share, panel.height_in / height_in))
+        _plain(axis, panel.title)
+        axes.append(axis)
+    return figure, axes
+
+
+def _plain(axis: Any, title: str) -> None:
+    axis.set_facecolor(BACKGROUND)
+    axis.set_ylabel(title, color=INK, fontsize=SMALL)
+    axis.yaxis.set_label_coords(-0.5 / (WIDTH_IN - LEFT_IN - RIGHT_IN), 0.5)
+    axis.grid(color=GRID, linewidth=0.6)
+    axis.set_axisbelow(True)
+    axis.tick_params(colors=INK, labelsize=SMALL)
+    for spine in axis.spines.values():
+        spine.set_color(GRID)
+
+
+def share_x(axes: Sequence[Any], limits: tuple[float, float], title: str) -> None:
+    """Give axes under each other one horizontal axis, named under the last."""
+    for axis in axes:
+        axis.set_xlim(*limits)
+        axis.tick_params(labelbottom=axis is axes[-1])
+    axes[-1].set_xlabel(title, color=INK, fontsize=SMALL)
+
+
+def curve(axis: Any, name: str, x: Floats, values: Floats) -> None:
+    """Draw a series in its style, unless it has no value."""
+    style = STYLES[name]
+    if np.isfinite(values).any():
+        axis.plot(
+            x, values, color=f"#{style.color >> 8:06x}", linewidth=LINE_RATIO * style.width,
+            drawstyle="steps-post" if style.held else "default", label=style.label.rsplit(",", 1)[0],
+            zorder=2.5 if name == "speed/limit" else 2.0,
+        )  # fmt: skip
+
+
+def legend(axis: Any) -> None:
+    """The legend, above the axis at its right end: within it there is always something in the way."""
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, frameon=False, labelcolor=INK, fontsize=SMALL,
+            borderaxespad=0.1, handlelength=1.6, columnspacing=1.4,
+        )  # fmt: skip
+
+
+def bands(axis: Any, along: Along, spans: Iterable[Span]) -> None:
+    """Grey bands where there was no advice, with a word in the legend."""
+    for number, span in enumerate(spans):
+        start, end = along(_times(span.start_ns, span.end_ns))
+        label = "no advice" if number == 0 else None
+        axis.axvspan(start, end, color=BAND, alpha=0.35, linewidth=1.0, zorder=0.5, label=label)
+
+
+def marks(axis: Any, along: Along, happened: Sequence[Happening]) -> None:
+    """A dotted line for every happening, with its number in the list at the top; numbers that would meet are joined."""
+    if not happened:
+        return
+    places = along(_times(*(one.time_ns for one in happened)))
+    for place, one in zip(places, happened, strict=True):
+        axis.axvline(place, color=KINDS[one.kind], linewidth=0.7, linestyle=":", alpha=0.8, zorder=0.6)
+    low, high = axis.get_xlim()
+    transform = axis.get_xaxis_transform()
+    numbered = sorted((float((x - low) / (high - low)), number) for number, x in enumerate(places, start=1))
+    for middle, numbers in _joined(numbered):
+        kinds = [happened[number - 1].kind for number in numbers]
+        color = KINDS[next((kind for kind in ("warning", "silence") if kind in kinds), "log")]
+        axis.text(
+            low + middle * (high - low), 0.955, _numbers(numbers), transform=transform, ha="center", va="center",
+            fontsize=SMALL - 1.0, color=BACKGROUND,
+            bbox={"boxstyle": "round,pad=0.2", "facecolor": color, "edgecolor": "none"},
+        )  # fmt: skip
+
+
+def _joined(numbered: Sequence[tuple[float, int]]) -> list[tuple[float, list[int]]]:
+    """Labels in order, as (middle, numbers), with those joined that would cover each other."""
+    found: list[tuple[float, list[int]]] = []
+    for place, number in numbered:
+        found.append((place, [number]))
+        while len(found) > 1 and found[-1][0] - found[-2][0] < _width(found[-1][1]) + _width(found[-2][1]):
+            (last, more), (before, some) = found.pop(), found.pop()
+            found.append(((last * len(more) + before * len(some)) / (len(more) + len(some)), sorted([*some, *more])))
+    return found
+
+
+def _width(numbers: Sequence[int]) -> float:
+    """Half the width of a label, as a share of the axis."""
+    return 0.5 * DIGIT_SHARE * (len(_numbers(numbers)) + 1)
+
+
+def _numbers(numbers: Sequence[int]) -> str:
+    if len(numbers) > 2 and all(b == a + 1 for a, b in pairwise(numbers)):
+        return f"{numbers[0]}–{numbers[-1]}"
+    return " ".join(map(str, numbers))
+
+
+def listed(figure: Figure, trip: Trip, happened: Sequence[Happening]) -> None:
+    """The list of what happened, in two columns at the bottom of the figure."""
+    height_in = figure.get_figheight()
+    rows = _list_rows(happened)
+    for index, one in enumerate(happened[:LISTED]):
+        column, row = divmod(index, rows)
+        x, y = (LEFT_IN + column * 0.5 * (WIDTH_IN - LEFT_IN)) / WIDTH_IN, ROW_IN * (rows - row - 0.2) / height_in
+        text = where_and_when(one, trip)
+        text = text if len(text) <= LETTERS else f"{text[: LETTERS - 1]}…"
+        figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=KINDS[one.kind], fontsize=SMALL, ha="right")
+        figure.text(x, y, text, color=KINDS[one.kind] if one.kind == "warning" else INK, fontsize=SMALL)
+    if len(happened) > LISTED:
+        more = f"and {len(happened) - LISTED} more"
+        figure.text(1.0 - RIGHT_IN / WIDTH_IN, 0.3 * ROW_IN / height_in, more, color=INK, fontsize=SMALL, ha="right")
+
+
+def list_height_in(happened: Sequence[Happening]) -> float:
+    """The room the list takes."""
+    return ROW_IN * (_list_rows(happened) + 0.6)
+
+
+def _list_rows(happened: Sequence[Happening]) -> int:
+    return -(-min(len(happened), LISTED) // 2)
+
+
+def _times(*time_ns: int) -> Times:
+    return np.array(time_ns, dtype=np.int64)

@@ -1,0 +1,124 @@
+"""Speed, force and gradient over distance, with stops, restrictions, signals and targets where they are."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from das.bus import topics
+from das.domain.units import KM, KMH
+from sim.review.canvas import BACKGROUND, INK, SMALL, Panel, bands, curve, legend, marks, share_x
+from sim.review.series import FirstPlans, Floats, Times
+from sim.review.story import Story
+
+PANELS: Final = (
+    Panel("Speed (km/h)", 3.1, above_in=0.62),
+    Panel("Force (kN)", 1.3),
+    Panel("Gradient (‰)", 0.75),
+)
+MARGIN_RATIO: Final = 0.01
+HEADROOM: Final = 1.13
+"""Top of the speed axis over the highest speed: there the marks' numbers are."""
+
+LABEL_HEIGHT: Final = 0.88
+"""Height of a restriction's label, as a share of the axis: above nearly all that is driven, under the numbers."""
+
+WHOSE: Final = ("advised", "driven")
+USUAL_PERCENT: Final = (2.5, 97.5)
+"""Percentiles of the advised force within its axis."""
+
+RED: Final = "#d13b3b"
+LIMIT: Final = "#c8646e"
+TARGET: Final = "#b08ce0"
+
+
+def over_distance(axes: list[Any], story: Story) -> None:
+    """Draw the panels into three axes."""
+    trip, plan = story.trip, FirstPlans.of(story.recording)
+    curves = {name: (trip.at(at, trip.s_m), values) for name, (at, values) in story.series.items()}
+    if plan is not None:  # it would be elsewhere than the train was at its times
+        curves["speed/optimum"] = plan.s_m, plan.speed_mps / KMH
+    panels = dict(zip(("speed", "force", "gradient"), axes, strict=True))
+    for name, (places_m, values) in curves.items():
+        axis = panels.get(name.split("/")[0])
+        if axis is not None:
+            curve(axis, name, places_m / KM, values)
+    margin_m = MARGIN_RATIO * max(float(np.ptp(trip.s_m)), 100.0)
+    share_x(axes, ((trip.s_m.min() - margin_m) / KM, (trip.s_m.max() + margin_m) / KM), "Position (km)")
+
+    def along(time_ns: Times) -> Floats:
+        return trip.at(time_ns, trip.s_m) / KM
+
+    for axis in axes:
+        bands(axis, along, story.silences)
+    force_axis(panels["force"], story)
+    speed_axis(panels["speed"], story)
+    _places(panels["speed"], story)
+    legend(panels["speed"])
+    marks(panels["speed"], along, story.happenings)
+
+
+def speed_axis(axis: Any, story: Story) -> None:
+    """From 0 to above everything that was allowed, advised or driven."""
+    speeds = [values for name, (_, values) in story.series.items() if name.startswith("speed/") and len(values)]
+    top = max((float(np.nanmax(values)) for values in speeds if not np.isnan(values).all()), default=0.0)
+    axis.set_ylim(0.0, HEADROOM * max(top, 10.0))
+
+
+def force_axis(axis: Any, story: Story) -> None:
+    """All that was driven, and of what was advised all but what the last metres before a stop may ask."""
+    advised, driven = (values[np.isfinite(values)] for values in (story.series[f"force/{x}"][1] for x in WHOSE))
+    if len(advised) and len(driven):
+        low, high = np.percentile(advised, USUAL_PERCENT)
+        low, high = min(low, driven.min()), max(high, driven.max())
+        margin = max(0.06 * (high - low), 1.0)
+        axis.set_ylim(low - margin, high + margin)
+
+
+def _places(axis: Any, story: Story) -> None:
+    """What has a place of its own."""
+    top = axis.get_ylim()[1]
+    for limit in story.limits:
+        start, end, speed = limit.start_m / KM, limit.end_m / KM, limit.limit_mps / KMH
+        restricted(axis, (start, end), speed, top)
+    for signal in story.signals:
+        axis.plot([signal.s_m / KM] * 2, [0.0, 0.12 * top], color=RED, linewidth=1.6)
+        axis.plot(signal.s_m / KM, 0.12 * top, "o", color=RED, markersize=6.0, label=_once(axis, "signal at danger"))
+    for point in story.points:
+        axis.axvline(point.s_m / KM, color=TARGET, linewidth=1.2, linestyle="-.")
+        _label(axis, point.s_m / KM, 0.12 * top, point.text, TARGET)
+    _stops(axis, story)
+
+
+def restricted(axis: Any, ends: tuple[float, float], speed_kmh: float, top_kmh: float) -> None:
+    """What a temporary restriction forbids."""
+    axis.fill_between(
+        ends, speed_kmh, top_kmh, facecolor=LIMIT, alpha=0.18, hatch="//", edgecolor=LIMIT, lw=0.0,
+        label=_once(axis, "restriction"),
+    )  # fmt: skip
+    _label(axis, 0.5 * sum(ends), LABEL_HEIGHT * top_kmh, f"{speed_kmh:.0f} km/h", LIMIT)
+
+
+def _once(axis: Any, label: str) -> str | None:
+    """The label, unless the axis has it."""
+    return None if label in axis.get_legend_handles_labels()[1] else label
+
+
+def _label(axis: Any, x: float, y: float, text: str, color: str) -> None:
+    low, high = axis.get_xlim()
+    box = {"facecolor": BACKGROUND, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+    if low <= x <= high:
+        axis.text(x, y, text, ha="center", va="center", color=color, fontsize=SMALL, bbox=box, zorder=5.0)
+
+
+def _stops(axis: Any, story: Story) -> None:
+    low, high = axis.get_xlim()
+    for journey in story.recording.of(topics.JOURNEY)[-1:]:
+        for stop in journey.message.stops:
+            share = (stop.s_m / KM - low) / (high - low)
+            if 0.0 <= share <= 1.0:
+                axis.axvline(stop.s_m / KM, color=INK, linewidth=0.6, alpha=0.5)
+                side = "left" if share < 0.03 else "right" if share > 0.97 else "center"
+                place = axis.get_xaxis_transform()
+                axis.text(stop.s_m / KM, 1.075, stop.name, transform=place, ha=side, color=INK, fontsize=SMALL + 1.0)

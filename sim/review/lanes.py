@@ -1,0 +1,106 @@
+"""Lanes of states over the trip, for the viewer and for pictures: modes advised and shown, the node, signals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Final, NamedTuple
+
+from das.bus import das_pb2, topics
+from das.domain.units import KM
+from sim.recording import Recording
+from sim.review.happenings import NOT_HEARD, Span, signals, silences
+from sim.review.series import Trip
+
+MODES: Final = {
+    "full traction": 0x2E9E5BFF,
+    "reduced traction": 0x7CC576FF,
+    "cruise": 0x3D7FD6FF,
+    "coast": 0xB8B8B8FF,
+    "reduced brake": 0xF2B134FF,
+    "full brake": 0xE8762BFF,
+    "friction brake": 0xD13B3BFF,
+    "stop": 0x6B5B95FF,
+}
+"""Colours (RGBA) by mode; so below by state."""
+
+STATES: Final = {"advising": 0x3D7FD6FF, "withdrawn": 0xD13B3BFF, "ready": 0x7CC576FF, "waiting": 0xB8B8B8FF}
+TOP_SPEED: Final = "a top speed"
+GREY: Final = 0x8A9499FF
+RED: Final = 0xD13B3BFF
+
+
+class Change(NamedTuple):
+    """From when on a state holds; an empty one is none."""
+
+    time_ns: int
+    state: str
+
+
+class Lane(NamedTuple):
+    """A lane: its name, its changes in order of time, and colours by state."""
+
+    name: str
+    changes: tuple[Change, ...]
+    colors: dict[str, int]
+
+
+def lanes(recording: Recording, trip: Trip) -> tuple[Lane, ...]:
+    """The lanes that have something to show."""
+    silent = silences(recording, trip)
+    danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
+    found = (
+        Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
+        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, TOP_SPEED: 0x6FD0C5FF}),
+        Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),
+        Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), GREY)),
+        Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), RED)),
+    )
+    return tuple(lane for lane in found if any(change.state for change in lane.changes))
+
+
+def _changes(
+    trip: Trip, entries: Iterable[Any], state_of: Callable[[Any], str], silent: Iterable[Span]
+) -> tuple[Change, ...]:
+    """A row for each change, on the trip only: beside it a node's clock is not a replay's. None while it is silent."""
+    said = [Change(entry.message.time_ns, state_of(entry.message)) for entry in entries]
+    unheard = [Change(span.start_ns, "") for span in silent if span.text == NOT_HEARD and said]
+    found: list[Change] = []
+    for change in sorted([*said, *unheard], key=lambda change: change.time_ns):
+        on_trip = trip.time_ns[0] <= change.time_ns <= trip.time_ns[-1]
+        if on_trip and (not found or change.state != found[-1].state):
+            found.append(change)
+    return tuple(found)
+
+
+def _spans(trip: Trip, spans: Iterable[Span]) -> tuple[Change, ...]:
+    found: list[Change] = []
+    for span in spans:
+        if found and found[-1].time_ns == span.start_ns:
+            found.pop()
+        found += [Change(span.start_ns, span.text), Change(span.end_ns, "")]
+    return tuple(found)
+
+
+def _name(kind: Any, number: int) -> str:
+    """An enumeration's value in words; what is not known yet is its number."""
+    if number not in kind.values():
+        return str(number)
+    name = kind.Name(number).split("_", 1)[1].replace("_", " ").lower()
+    return "" if name == "none" else str(name)
+
+
+def _mode(advice: Any) -> str:
+    return _name(das_pb2.Mode, advice.mode)
+
+
+def _state(status: Any) -> str:
+    return _name(das_pb2.Status.State, status.state)
+
+
+def _shown(cab: Any) -> str:
+    """What the display shows: a mode, or with reduced maximum speed that alone."""
+    if cab.presentation == das_pb2.Cab.PRESENTATION_NONE:
+        return ""
+    if cab.presentation == das_pb2.Cab.PRESENTATION_RMS and cab.mode != das_pb2.MODE_STOP:
+        return TOP_SPEED
+    return _name(das_pb2.Mode, cab.mode)

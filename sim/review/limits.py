@@ -1,0 +1,76 @@
+"""Temporary restrictions of a recording, and the limit in force under the train with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from das.bus import das_pb2, topics
+from sim.recording import Recording
+from sim.review.series import Floats, Times, Trip
+
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemporaryLimit:
+    """A restriction: where, how fast, and from when to when it was told."""
+
+    start_m: float
+    end_m: float
+    limit_mps: float
+    told_ns: int
+    lifted_ns: int
+
+
+def temporary_limits(recording: Recording, trip: Trip) -> tuple[TemporaryLimit, ...]:
+    """The restrictions that were told, in the order they were lifted; every message tells all that are in force."""
+    since_ns: dict[Place, int] = {}
+    found = []
+    for time_ns, places in [*_told(recording), (int(trip.time_ns[-1]) + 1, set[Place]())]:
+        for place in sorted(since_ns.keys() - places):
+            start_m, end_m, limit_mps = place
+            found.append(
+                TemporaryLimit(
+                    start_m=start_m, end_m=end_m, limit_mps=limit_mps, told_ns=since_ns[place], lifted_ns=time_ns
+                )
+            )
+        since_ns = {place: since_ns.get(place, time_ns) for place in places}
+    return tuple(found)
+
+
+def limit_in_force(recording: Recording, trip: Trip) -> tuple[Times, Floats]:
+    """Times and speeds (m/s): the line's limit and under it the restrictions told by then, from the train's head on.
+
+    No recording says how long the train is: behind a restriction's end it holds while the node says that it does.
+    """
+    advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
+    truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
+    said_mps = np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, advice["limit_mps"])
+    if not len(truth["time_ns"]):
+        truth = {"time_ns": advice["time_ns"], "limit_mps": said_mps}
+    at, limit_mps = truth["time_ns"], truth["limit_mps"].copy()
+    said_mps = _held(advice["time_ns"], said_mps, at)
+    head_m = trip.at(at, trip.s_m)
+    for one in temporary_limits(recording, trip):
+        over = (head_m >= one.start_m) & ((head_m <= one.end_m) | (said_mps <= one.limit_mps))
+        over &= (at >= one.told_ns) & (at < one.lifted_ns)
+        limit_mps[over] = np.fmin(limit_mps[over], one.limit_mps)
+    return at, limit_mps
+
+
+def _told(recording: Recording) -> Iterator[tuple[int, set[Place]]]:
+    """Time and places of each message; what is no restriction is left out, as no node takes it."""
+    messages = [entry.message for entry in recording.of(topics.RESTRICTION)]
+    for message in sorted(messages, key=lambda message: message.time_ns):
+        places = {(x.start_m, x.end_m, x.limit_mps) for x in message.restrictions}
+        yield message.time_ns, {x for x in places if all(map(math.isfinite, x)) and x[0] < x[1] and x[2] > 0}
+
+
+def _held(time_ns: Times, values: Floats, at: Times) -> Floats:
+    """The last value at or before each time, NaN before the first."""
+    held: Floats = np.append(values, np.nan)[np.searchsorted(time_ns, at, side="right") - 1]
+    return held

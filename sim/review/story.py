@@ -1,0 +1,66 @@
+"""Everything a picture of a recording tells, found once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from das.domain.units import KMH
+from sim.recording import Recording
+from sim.review.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
+from sim.review.lanes import Lane, lanes
+from sim.review.limits import TemporaryLimit, limit_in_force, temporary_limits
+from sim.review.series import Found, Trip, on_trip, series
+
+FROM_ADVICE: Final = (
+    "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Story:
+    """The trip, what is plotted of it, and what happened on the way."""
+
+    recording: Recording
+    trip: Trip
+    series: Found
+    lanes: tuple[Lane, ...]
+    limits: tuple[TemporaryLimit, ...]
+    silences: tuple[Span, ...]
+    signals: tuple[Signal, ...]
+    points: tuple[Point, ...]
+    happenings: tuple[Happening, ...]
+
+    @classmethod
+    def of(cls, recording: Recording) -> Story:
+        """The story of a recording; DasError if it has no position at all."""
+        trip = Trip.of(recording)
+        silent, (at, limit_mps) = silences(recording, trip), limit_in_force(recording, trip)
+        return cls(
+            recording=recording,
+            trip=trip,
+            series={
+                "speed/limit": on_trip(trip, at, limit_mps / KMH, held=True),
+                **_broken(series(recording, trip), silent),
+            },
+            lanes=lanes(recording, trip),
+            limits=temporary_limits(recording, trip),
+            silences=silent,
+            signals=signals(recording),
+            points=points(recording, trip),
+            happenings=happenings(recording, trip, silent),
+        )
+
+
+def _broken(found: Found, silent: tuple[Span, ...]) -> Found:
+    """The series with a gap in what comes with the advice where the node was not heard."""
+    gaps = np.array([span.start_ns for span in silent if span.text == NOT_HEARD], dtype=np.int64)
+    broken = dict(found)
+    for name in FROM_ADVICE:
+        at, values = found[name]
+        if len(at):
+            places = np.searchsorted(at, gaps)
+            broken[name] = np.insert(at, places, gaps), np.insert(values, places, np.nan)
+    return broken

@@ -1,0 +1,48 @@
+"""A recording as one PNG, without a viewer or a screen: over distance, over time, and what happened."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from pathlib import Path
+
+from das.domain.errors import DasError
+from das.domain.files.writing import check_writable, write_whole
+from sim.recording import Recording, read_recording
+
+TITLE_IN = 0.35
+
+
+def save_picture(recording_path: Path, png_path: Path) -> None:
+    """Write the picture of a recording.
+
+    Raises DasError for an unusable recording, a place that cannot be written to, or where matplotlib is not installed.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise DasError("matplotlib is not installed: pip install '.[view]' in the checkout")
+    check_writable(png_path)
+    write_whole(png_path, _draw(read_recording(recording_path)))
+
+
+def _draw(recording: Recording) -> bytes:
+    from sim.review import distance_panels, time_panels
+    from sim.review.canvas import BACKGROUND, INK, figure_of, list_height_in, listed
+    from sim.review.distance_picture import AXIS_IN
+    from sim.review.story import Story
+    from sim.review.summary import headline
+
+    story = Story.of(recording)
+    speed, *rest = distance_panels.PANELS
+    first = (speed._replace(above_in=speed.above_in + TITLE_IN), *rest)
+    below = time_panels.panels(story)
+    below["speed"] = below["speed"]._replace(above_in=AXIS_IN + time_panels.LEGEND_IN)
+    figure, axes = figure_of((*first, *below.values()), AXIS_IN + list_height_in(story.happenings))
+    distance_panels.over_distance(axes[: len(first)], story)
+    time_panels.over_time(dict(zip(below, axes[len(first) :], strict=True)), story)
+    figure.text(
+        0.5, 1.0 - 0.7 * TITLE_IN / figure.get_figheight(), headline(recording), color=INK, ha="center", fontsize=11.0
+    )
+    listed(figure, story.trip, story.happenings)
+    png = io.BytesIO()
+    figure.savefig(png, format="png", facecolor=BACKGROUND)
+    return png.getvalue()
