@@ -262,6 +262,9 @@ class Advisor:
             return here.reason
         if not section.start_m - AT_STOP_M <= here.s_m <= section.end_m + LOST_BEYOND_M:
             return f"position {here.s_m:.0f} m is outside the section {section.start_m:.0f} … {section.end_m:.0f} m"
+        creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < section.start_m - AT_STANDSTILL_M
+        if creeps and here.time_ns < self.departure_ns:
+            return "moving up to the stop"
         return ""
 
     def _withdrawn(self, now_ns: int, reason: str) -> Advice:
@@ -309,11 +312,12 @@ class Advisor:
     def _braking(self, now_ns: int, s_m: float, v_mps: float, reason: str) -> Advice:
         """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
         self._plan = None
-        most_n = self._available_n(-1.0, v_mps)
-        friction = self.section.train.friction_force_n > 0
+        train = self.section.train
+        most_n = min(self._available_n(-1.0, v_mps), train.max_deceleration_mps2 * train.inertial_mass_kg)
+        friction = train.friction_force_n > 0
         self._mode, self._mode_since_ns = Mode.FRICTION_BRAKE if friction else Mode.FULL_BRAKE, now_ns
         allowed = self._allowed(s_m)
-        speeds = np.maximum(v_mps - most_n / self.section.train.inertial_mass_kg * np.arange(1, HORIZON_S + 1), 0.0)
+        speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * np.arange(1, HORIZON_S + 1), 0.0)
         return Advice(
             time_ns=now_ns,
             position_time_ns=self._here.fix_time_ns,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -139,6 +140,23 @@ def test_never_departs_early(front: Front) -> None:
 def test_standing_at_the_end_is_arrived(front: Front) -> None:
     _, advice = advisor_at(front, 28_990.0, 0.0, now_s=1_260.0, arrival_s=1_250.0)
     assert (advice.mode, advice.reason) == (Mode.STOP, "arrived, 10 s late")
+
+
+def test_a_train_that_moves_up_to_its_stop_is_not_told_to_depart(front: Front) -> None:
+    """It stood short of the mark, so the stop is kept; what it creeps now is not the next section."""
+    _, advice = advisor_at(front, -31.0, 2.0, now_s=-60.0, arrival_s=1_250.0)
+    assert (advice.mode, advice.reason) == (Mode.NONE, "moving up to the stop")
+    _, advice = advisor_at(front, -31.0, 2.0, now_s=1.0, arrival_s=1_250.0)
+    assert advice.mode is Mode.FULL_TRACTION
+
+
+def test_full_brake_is_no_more_than_the_train_brakes_with() -> None:
+    """Where a file bounds the deceleration and leaves the brakes' force open."""
+    train = replace(load_vehicle("re460-ic"), friction_brake_force_n=5e6, max_deceleration_mps2=1.1)
+    fast = solve_front(build_section(load_route("flat-6km"), train))
+    _, advice = advisor_at(fast, 5_999.5, 3.0, now_s=200.0, arrival_s=240.0)
+    assert advice.reason == "stop here"
+    assert -advice.advised_force_n == pytest.approx(1.1 * train.inertial_mass_kg)
 
 
 def test_position_is_extrapolated_to_now(front: Front) -> None:
