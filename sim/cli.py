@@ -86,7 +86,7 @@ def replay(
     trip: TripArgument,
     route: RouteOption = None,
     vehicle: VehicleOption = None,
-    reverse: ReverseOption = False,
+    reverse: ReverseOption = None,
     line: LineOption = None,
     from_stop: FromOption = None,
     to_stop: ToOption = None,
@@ -207,7 +207,8 @@ def _replay(trip: Path, options: ReplayOptions) -> None:
     except KeyboardInterrupt:
         print(f"stopped; recorded so far: {out}", file=sys.stderr)
         raise
-    found = result(job, outcome)
+    with busy("estimating what it took, and how far that is known …"):
+        found = result(job, outcome)
     if options.as_json:
         print(json.dumps(found))
     else:

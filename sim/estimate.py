@@ -7,8 +7,9 @@ says how far they may be off.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from operator import itemgetter
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,10 @@ from das.domain.conditions import Conditions
 from das.domain.losses import LossMap
 from das.domain.route import Floats
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
-from das.domain.vehicle import BrakePolicy
+from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import LineProfile, Section
 from sim.trips.matching import MatchedTrip
-from sim.trips.profile import JERK_PSD_M2PS5, to_profile
+from sim.trips.profile import JERK_PSD_M2PS5, DrivenRun, to_profile
 
 MIN_STEP_M = 0.05
 """Grid points nearer than this are one: the train stands."""
@@ -30,6 +31,8 @@ BEYOND_RATIO = 1.05
 
 MASS_RATIO, RESISTANCE_RATIO, WIND_MPS = 0.05, 0.10, 5.0
 """How far mass, running resistance and wind along the line may be from what is assumed (assumptions)."""
+HELD_S = 8
+"""Strongest is a force that is held so long: the smoothing acts over it, and tells no shorter one."""
 SMOOTHING_RATIO = 10.0
 """The density of jerk in the smoothing is taken this much higher and lower: its window shrinks and grows by 1.8."""
 
@@ -46,12 +49,16 @@ class Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyRange:
-    """The estimate (J), each unknown on its own, and all of them together at their worst either way."""
+    """The estimate (J), each unknown on its own, and all of them together at their worst either way.
+
+    `left_out` counts the cases that cannot have been.
+    """
 
     estimate_j: float
     unknowns: tuple[Unknown, ...]
     low_j: float
     high_j: float
+    left_out: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,8 +123,17 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     )
 
 
+def strongest_held_n(driven: DrivenEstimate) -> tuple[float, float]:
+    """The strongest traction and braking (N, >= 0) that nothing falls short of for 8 s (or the run, if shorter)."""
+    t, force = driven.trajectory.t_s, driven.trajectory.force_el_n + driven.trajectory.force_friction_n
+    seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
+    here = force[np.searchsorted(t, seconds) - 1]
+    held = np.lib.stride_tricks.sliding_window_view(here, min(HELD_S, len(here)))
+    return max(float(held.min(axis=1).max()), 0.0), max(-float(held.max(axis=1).min()), 0.0)
+
+
 @dataclass(frozen=True, kw_only=True)
-class _Case:
+class Case:
     """One way it may have been; the defaults are what the estimate assumes."""
 
     mass_ratio: float = 1.0
@@ -125,6 +141,16 @@ class _Case:
     head_wind_mps: float = 0.0
     all_friction: bool = False
     jerk_psd_m2ps5: float = JERK_PSD_M2PS5
+
+    def train(self, vehicle: Vehicle) -> Vehicle:
+        """The train as it may have been."""
+        return Conditions(
+            mass_ratio=self.mass_ratio, resistance_ratio=self.resistance_ratio, head_wind_mps=self.head_wind_mps
+        ).train(vehicle)
+
+    def brakes(self, section: Section) -> BrakePolicy:
+        """How it may have braked."""
+        return BrakePolicy.FRICTION if self.all_friction else section.brakes
 
 
 _Ends = tuple[dict[str, Any], dict[str, Any]]
@@ -150,39 +176,69 @@ _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
 
 
 def energy_range(section: Section, matched: MatchedTrip) -> EnergyRange:
-    """How far the energy of a trip as driven may be off.
+    """How far the energy of a trip as driven may be off: the inverse dynamics done again in every case."""
+    return over_unknowns(driven_energy(section, matched))
 
-    The inverse dynamics is done again with each unknown at either end, and with all of them together at the end that
-    gives less, and more: the outermost, not the likeliest.
+
+def over_unknowns(energy_j: Callable[[Case], float | None]) -> EnergyRange:
+    """An energy (J) with each unknown at either end, and with all together at the ends that give least, and most.
+
+    That is the outermost, not the likeliest. None: so it cannot have been, and the case is left out.
     """
-    estimate_j = _input_j(section, matched, _Case())
-    lowest = highest = _Case()
+    known: dict[Case, float | None] = {}
+
+    def at(case: Case) -> float | None:
+        if case not in known:
+            known[case] = energy_j(case)
+        return known[case]
+
+    estimate_j = at(Case())
+    assert estimate_j is not None
     unknowns = []
     for name, assumed, ends in _UNKNOWNS:
-        found = [(estimate_j, {}), *((_input_j(section, matched, _Case(**end)), end) for end in ends)]
-        (low_j, low), (high_j, high) = min(found, key=itemgetter(0)), max(found, key=itemgetter(0))
-        lowest, highest = replace(lowest, **low), replace(highest, **high)
-        unknowns.append(Unknown(name=name, assumed=assumed, low_j=low_j, high_j=high_j))
-    return EnergyRange(
-        estimate_j=estimate_j,
-        unknowns=tuple(unknowns),
-        low_j=_input_j(section, matched, lowest),
-        high_j=_input_j(section, matched, highest),
-    )
+        found = [e for e in (estimate_j, *(at(Case(**end)) for end in ends)) if e is not None]
+        unknowns.append(Unknown(name=name, assumed=assumed, low_j=min(found), high_j=max(found)))
+    low_j, high_j = (_outermost(at, sign) for sign in (-1.0, 1.0))
+    left_out = sum(e is None for e in known.values())
+    return EnergyRange(estimate_j=estimate_j, unknowns=tuple(unknowns), low_j=low_j, high_j=high_j, left_out=left_out)
 
 
-def _input_j(section: Section, matched: MatchedTrip, case: _Case) -> float:
-    """Energy at the collector in one case."""
-    run = to_profile(matched, jerk_psd_m2ps5=case.jerk_psd_m2ps5)
-    conditions = Conditions(
-        mass_ratio=case.mass_ratio, resistance_ratio=case.resistance_ratio, head_wind_mps=case.head_wind_mps
-    )
-    other = replace(
-        section,
-        vehicle=conditions.train(section.vehicle),
-        brakes=BrakePolicy.FRICTION if case.all_friction else section.brakes,
-    )
-    return estimate_run(other, run.time_s, run.s_m, run.speed_mps).ledger.input
+def _outermost(energy_j: Callable[[Case], float | None], sign: float) -> float:
+    """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
+
+    First each goes where it leads furthest on its own; as one may turn round what another does (who brakes by friction
+    loses more with a tail wind), then each in turn to where it leads furthest from there, until none leads further.
+    """
+
+    def reach(case: Case) -> float:
+        energy = energy_j(case)
+        return -np.inf if energy is None else sign * energy
+
+    furthest = [max(({}, *ends), key=lambda end: reach(Case(**end))) for _, _, ends in _UNKNOWNS]
+    together = Case(**{name: value for end in furthest for name, value in end.items()})
+    case = max([together, *(Case(**end) for end in furthest)], key=reach)
+    while True:
+        before = case
+        for _, _, ends in _UNKNOWNS:
+            for end in ends:
+                case = max(case, replace(case, **end), key=reach)
+        if case == before:
+            return sign * reach(case)
+
+
+def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[Case], float]:
+    """Energy at the collector (J) of a trip as driven, by case."""
+
+    @cache
+    def smooth(jerk_psd_m2ps5: float) -> DrivenRun:
+        return to_profile(matched, jerk_psd_m2ps5=jerk_psd_m2ps5)
+
+    def driven_j(case: Case) -> float:
+        run = smooth(case.jerk_psd_m2ps5)
+        other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
+        return estimate_run(other, run.time_s, run.s_m, run.speed_mps).ledger.input
+
+    return driven_j
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:

@@ -82,7 +82,7 @@ def open_trip(trip_path: Path, options: ReplayOptions, folder: Path) -> tuple[Re
         strict=options.strict,
     )
     trip = load_trip(trip_path, reading, load_route(options.route), said)
-    return replace(options, reverse=trip.reversed), trip
+    return replace(options, reverse=trip.reversed, line=None if trip.line_not_used else options.line), trip
 
 
 def _completed(trip_path: Path, reading: Reading, options: ReplayOptions, folder: Path) -> ReplayOptions:
@@ -90,7 +90,7 @@ def _completed(trip_path: Path, reading: Reading, options: ReplayOptions, folder
     journey = RecordedJourney.of(reading)
     if journey is None:
         return options
-    if options.reverse:
+    if options.reverse is not None:
         raise DasError("--reverse: the recording says itself in which direction it drives")
     attached = extract_attachments(trip_path, folder)
     route = options.route or _recorded(journey.route_id, "routes", attached)

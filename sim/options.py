@@ -17,7 +17,10 @@ RouteOption = Annotated[
 VehicleOption = Annotated[
     str | None, typer.Option(help="Bundled vehicle, TOML or TTOBench train [default: the recording's].")
 ]
-ReverseOption = Annotated[bool, typer.Option("--reverse", help="The trip runs from the route's end to its start.")]
+ReverseOption = Annotated[
+    bool | None,
+    typer.Option("--reverse/--no-reverse", help="The trip runs from the route's end to its start, or does not."),
+]
 LineOption = Annotated[
     Path | None, typer.Option(help="Kilometre posts (CSV) to match GPS to [default: the route's geometry].")
 ]
@@ -32,12 +35,12 @@ LossMapOption = Annotated[Path | None, typer.Option(help="CSV loss map: its loss
 class ReplayOptions:
     """What `das-sim replay` or `trip` is told besides the trip; None = from the recording, or the default.
 
-    `speed` is in times real time, None for as fast as node and recorder keep up.
+    `reverse` None: nobody says which way. `speed` is in times real time, None for as fast as node and recorder keep up.
     """
 
     route: str | None = None
     vehicle: str | None = None
-    reverse: bool = False
+    reverse: bool | None = None
     line: Path | None = None
     strict: bool = False
     from_stop: str | None = None

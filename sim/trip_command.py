@@ -33,7 +33,7 @@ def trip(
     file: TripArgument,
     route: RouteOption = None,
     vehicle: VehicleOption = None,
-    reverse: ReverseOption = False,
+    reverse: ReverseOption = None,
     line: LineOption = None,
     from_stop: FromOption = None,
     to_stop: ToOption = None,

@@ -11,10 +11,12 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import KM, KMH, KN, NS
-from sim.estimate import DrivenEstimate
+from sim.estimate import HELD_S, DrivenEstimate, strongest_held_n
 from sim.trips.trip import Trip
 
 PANEL_HEIGHTS = (3, 1, 2)
+FORCES_SHOWN_RATIO = 1.3
+"""Forces are drawn up to so many times the strongest held: a spike of a second shall not set the scale."""
 
 
 def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
@@ -75,4 +77,10 @@ def _forces(axis: Any, driven: DrivenEstimate) -> None:
         axis.stairs(driven.trajectory.force_friction_n / KN, at_km, baseline=0, color="tab:red", label="friction brake")
     axis.axhline(0, color="0.3", linewidth=0.5)
     axis.set_ylabel("wheel force, kN")
+    force_kn = (driven.trajectory.force_el_n + driven.trajectory.force_friction_n) / KN
+    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(driven)) / KN
+    cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
+    if cut:
+        axis.set_ylim(-shown_kn, shown_kn)
+        axis.set_title(f"cut, as shorter than {HELD_S} s: {', '.join(cut)}", fontsize="small")
     axis.legend(loc="upper right")

@@ -11,14 +11,23 @@ from rich.table import Table
 from das.commands import print_table
 from das.domain.units import KM, KMH, KN, NS, kwh
 from das.solver.section import Section
-from sim.estimate import EnergyRange, energy_range, estimate_run
-from sim.trips.findings import CleaningReport
-from sim.trips.matching import AT_STANDS
+from sim.estimate import HELD_S, EnergyRange, energy_range, estimate_run, strongest_held_n
+from sim.trips.findings import CleaningReport, Kind
 from sim.trips.profile import MAX_POSITION_GAP_S
 from sim.trips.trip import Trip
 
 FOREIGN_RATIO = 0.005
 """A trip that asks for more than the vehicle has in more than this share of its time was driven by another one."""
+
+LEDGER_WORDS = {
+    "resistance": "running resistance",
+    "component_loss": "losses of the train and auxiliaries",
+    "friction_brake": "friction brake",
+    "unreturned": "braked, but not taken back by the line",
+    "kinetic": "speed gained from start to end",
+    "potential": "height gained from start to end",
+}
+"""What a ledger's shares are; those that round to 0 are not shown."""
 
 
 def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
@@ -32,6 +41,8 @@ def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
         "format": trip.format,
         "route": trip.route.name,
         "reversed": trip.reversed,
+        "direction_known": trip.direction_known,
+        "line_not_used": line_not_used(trip),
         "from": trip.start.name,
         "to": trip.end.name,
         "whole_section": trip.whole,
@@ -43,6 +54,7 @@ def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
         "cleaning_summary": report.cleaning.summary,
         "matching": {
             "anchor": report.anchor,
+            "stand_uncertainty_m": report.stand_uncertainty_m,
             "scale": report.scale,
             "offset_m": report.offset_m,
             "median_m": report.median_cross_track_m,
@@ -82,7 +94,7 @@ def _energy(trip: Trip, section: Section) -> dict[str, Any]:
     run = trip.run
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
     spread = energy_range(section, trip.matched)
-    force = driven.trajectory.force_el_n + driven.trajectory.force_friction_n
+    traction_n, braking_n = strongest_held_n(driven)
     ledger = {name: kwh(value) for name, value in vars(driven.ledger).items()}
     return {
         "vehicle": section.vehicle.name,
@@ -91,8 +103,8 @@ def _energy(trip: Trip, section: Section) -> dict[str, Any]:
         "input_low_kwh": kwh(spread.low_j),
         "input_high_kwh": kwh(spread.high_j),
         "unknowns": unknowns(spread),
-        "strongest_traction_kn": float(force.max() / KN),
-        "strongest_braking_kn": float(-force.min() / KN),
+        "strongest_traction_kn": traction_n / KN,
+        "strongest_braking_kn": braking_n / KN,
         "beyond_vehicle_ratio": driven.beyond_ratio,
     }
 
@@ -108,8 +120,8 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
     """What no record of positions tells, with figures where there are any."""
     notes = []
-    if trip.matched.report.anchor in AT_STANDS:
-        notes.append(direction_by_posts(trip.start.name, trip.end.name))
+    if not trip.direction_known:
+        notes.append(direction_by_posts(trip))
     unseen_s = _unseen_s(trip)
     if unseen_s > 0:
         share = unseen_s / max(float(trip.run.time_s[-1]), 1e-9)
@@ -134,10 +146,22 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
     return notes
 
 
-def direction_by_posts(start: str, end: str) -> str:
-    """What kilometre posts leave open."""
-    taken = f"{start} to {end} is taken (if not so, add or leave out --reverse)"
-    return f"kilometre posts do not tell which way the trip ran: {taken}"
+def direction_by_posts(trip: Trip) -> str:
+    """What kilometre posts leave open, and how to close it."""
+    turned = any(f.kind == Kind.OTHER_WAY for f in trip.matched.report.cleaning.findings)
+    posts = "turn the list of posts round and " if turned else ""
+    right, wrong = ("--reverse", "--no-reverse") if trip.reversed else ("--no-reverse", "--reverse")
+    return (
+        f"kilometre posts do not tell which way the trip ran: {trip.start.name} to {trip.end.name} is taken; "
+        f"{posts}give {right} if it is so, {wrong} if not"
+    )
+
+
+def line_not_used(trip: Trip) -> str | None:
+    """Why kilometre posts were not needed, None where they were."""
+    if trip.line_not_used is None:
+        return None
+    return f"--line {trip.line_not_used} is not used: {trip.path} has positions on the route"
 
 
 def _unseen_s(trip: Trip) -> float:
@@ -156,6 +180,8 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
     print_table(_stands_table(found["stands"]))
     if found["energy"] is not None:
         print_table(_energy_table(found["energy"]))
+    if found["line_not_used"]:
+        print(f"note: {found['line_not_used']}")
     for note in found["not_known"]:
         print(f"not known: {note}")
     if found["energy"] is not None and found["energy"]["beyond_vehicle_ratio"] > FOREIGN_RATIO:
@@ -189,6 +215,8 @@ def _matching_table(found: dict[str, Any]) -> Table:
     anchored = {"route": "the route's geometry", "positions": "positions of the record"}
     anchor = anchored.get(matching["anchor"], f"stands at {matching['anchor']}, scale {matching['scale']:.5f}")
     table.add_row("position from", anchor)
+    if matching["stand_uncertainty_m"] > 0:
+        table.add_row("stands at the ends known to", f"{matching['stand_uncertainty_m']:.1f} m")
     table.add_row("record against its smooth run, RMS", f"{matching['along_rms_m']:.1f} m")
     table.add_row("reported speed comes late by", f"{matching['speed_lag_s']:.2f} s")
     return table
@@ -220,10 +248,12 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     table.add_row("net input", f"{energy['input_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
     for u in energy["unknowns"]:
         table.add_row(f"  by {u['name']} ({u['assumed']})", "", f"{u['low_kwh']:.1f}", f"{u['high_kwh']:.1f}")
-    for name in ("resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential"):
-        table.add_row(f"  of it {name.replace('_', ' ')}", f"{round(energy[f'{name}_kwh'], 1) + 0.0:.1f}", "", "")
+    for name, words in LEDGER_WORDS.items():
+        share = f"{energy[f'{name}_kwh']:z.1f}"
+        if float(share):
+            table.add_row(f"  of it {words}", share, "", "")
     table.add_row(
-        "strongest traction / braking, kN",
+        f"strongest traction / braking held for {HELD_S} s, kN",
         f"{energy['strongest_traction_kn']:.0f}",
         "",
         f"{energy['strongest_braking_kn']:.0f}",

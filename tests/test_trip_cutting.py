@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from das.domain.route import Stop
+from das.domain.route import Floats, Stop
 from sim.trips.findings import Kind
 from sim.trips.reading import read_trip
+from sim.trips.standing import slowed_to
 from sim.trips.trip import Whereabouts, load_trip
 from tests.dirt import (
     LENGTH_M,
@@ -160,3 +162,73 @@ def test_reverse_where_the_trip_is_not_is_left_out(tmp_path: Path) -> None:
     (finding,) = trip.matched.report.cleaning.findings
     assert finding.detail == "A to B: leave out --reverse"
     check_truth(trip, clean())
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_a_record_without_speeds_need_not_stand_at_its_ends(tmp_path: Path, every: int) -> None:
+    """From the moment it starts to that it stops: positions, smooth run and running time are those of the motion."""
+    run = clean(stood_s=0)
+    trip = load(tmp_path, [*run[:-1:every], run[-1]], speeds=False)
+    check_truth(trip, run, speed_mps=1.0)
+    assert trip.whole
+    assert trip.matched.report.anchor == "start and end"
+    assert trip.run.time_s[-1] == pytest.approx(run[-1].t, abs=1.0)
+    assert counts(trip)[Kind.SLOWS_TO_STAND] == 2
+    assert 0 <= trip.matched.report.stand_uncertainty_m < 0.5  # it stands exactly there
+
+
+@pytest.mark.parametrize("cut", [2, 3])
+def test_how_far_the_stand_is_beyond_is_told(tmp_path: Path, cut: int) -> None:
+    """The record ends `cut` s before the train stops at 0.5 m/s²: a²t²/2 further, which must be within what is said."""
+    run = clean(stood_s=0)
+    trip = load(tmp_path, run[:-cut], speeds=False)
+    said_m = trip.matched.report.stand_uncertainty_m
+    assert run[-1].s_m - run[-1 - cut].s_m <= said_m < 5.0
+    (told,) = (f for f in trip.matched.report.cleaning.findings if f.kind == Kind.SLOWS_TO_STAND)
+    assert told.detail.startswith(f"the stand is up to {said_m:.1f} m and ")
+
+
+def test_a_record_between_stops_is_refused_with_what_would_do(tmp_path: Path) -> None:
+    with pytest.raises(
+        DasError, match="expected a record from its stand at A or to that at B, or a route with geometry"
+    ):
+        load(tmp_path, clean(stood_s=0)[20:-20], speeds=False)
+
+
+def test_only_who_slows_down_is_led_to_a_stand() -> None:
+    """Parabolas, whose speed at the end is known; slow but even, fast, few points, and a measured speed are none."""
+    t = np.arange(0.0, 31.0)
+    told = np.ones(len(t), dtype=bool)
+
+    def ends(speed_mps: float, change_mps2: float) -> Floats:
+        return -(speed_mps * (30 - t) + 0.5 * change_mps2 * (30 - t) ** 2)
+
+    assert slowed_to(t, ends(1.2, 0.4), told)[-1] == pytest.approx(1.2)
+    assert slowed_to(t, -ends(1.2, 0.4)[::-1], told)[0] == pytest.approx(1.2)
+    for along in (ends(1.2, 0.0), ends(2.5, 0.4), ends(1.2, -0.1)):
+        assert np.isnan(slowed_to(t, along, told)).all()
+    assert np.isnan(slowed_to(t[::6], ends(1.2, 0.4)[::6], told[::6])).all()
+    assert np.isnan(slowed_to(t, ends(1.2, 0.4), ~told)).all()
+
+
+@pytest.mark.parametrize(
+    ("said", "back", "known"),
+    [
+        ({}, False, False),
+        ({"reverse": False}, False, True),
+        ({"reverse": True}, False, True),
+        ({"from_stop": "A", "to_stop": "B"}, False, True),
+        ({"from_stop": "A"}, False, False),
+        ({}, True, False),  # against the posts: the list, or the direction
+        ({"reverse": True}, True, False),
+    ],
+)
+def test_posts_do_not_tell_the_direction(tmp_path: Path, said: dict[str, Any], back: bool, known: bool) -> None:
+    points = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()] if back else clean()
+    assert load(tmp_path, points, **said).direction_known == known
+
+
+def test_geometry_and_positions_tell_the_direction(tmp_path: Path) -> None:
+    for on_route in (True, False):
+        path = write(tmp_path, clean(), on_route=on_route)
+        assert load_trip(path, read_trip(path), route(geometry=True), Whereabouts()).direction_known

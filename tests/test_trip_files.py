@@ -33,6 +33,10 @@ HEADERS = {
         "lat;lon;speed_kmh;time_s\n59,5;16,2;0;1469780350,227\n"
         "59,5001;16,2001;10;1469780351,227\n59,5002;16,2002;20,5;1469780352,227\n"
     ),
+    "timestamp, ISO 8601": (
+        "timestamp,lat,lon,speed_kmh\n2016-07-29T08:19:10.227Z,59.5,16.2,0\n"
+        "2016-07-29T08:19:11.227Z,59.5001,16.2001,10\n2016-07-29T08:19:12.227,59.5002,16.2002,20.5\n"
+    ),
     "a byte order mark, CRLF": "\ufeff" + PLAIN.replace("\n", "\r\n"),
 }
 
@@ -161,19 +165,23 @@ BAD_FILES = {
     "endless time": (PLAIN.replace("1469780352227", "1e999999999"), "line 3 time = '1e999999999': expected an epoch"),
     "no time": (PLAIN.replace("1469780352227", ""), "line 3 time = '': expected a number"),
     "time of day": ("time,lat,lon\n08:04,59,16\n08:05,59,16\n", "line 2 time = '08:04': expected an ISO 8601 time"),
+    "timestamp that is a number": (
+        "timestamp,lat,lon\n1469780350227,59,16\n1469780351227,59,16\n",
+        "line 2 time = '1469780350227': expected an ISO 8601 time",
+    ),
     "time before 1970": ("time,lat,lon\n1969-01-01,59,16\n1970-02-01,59,16", "line 2 time = '1969-01-01': expected an"),
     "no time column": ("lat,lon,speed_kmh\n1,2,3\n1,2,3\n", "line 1 = 'lat,lon,speed_kmh': expected columns of time"),
     "no place": (
         "lat,time_ms\n1,2\n1,3\n",
-        "line 1 = 'lat,time_ms': expected columns of time (time_ms, time_s, time) and",
+        "line 1 = 'lat,time_ms': expected columns of time (time_ms, time_s, time, timestamp) and",
     ),
     "speed without unit": (
         "lat,lon,speed,time_ms\n1,2,3,4\n",
         "line 1 = 'speed': expected speed as speed_kmh or speed_mps",
     ),
     "time without unit": (
-        "lat,lon,timestamp\n1,2,3\n",
-        "line 1 = 'timestamp': expected time as time_ms or time_s or time",
+        "lat,lon,time_utc\n1,2,3\n",
+        "line 1 = 'time_utc': expected time as time_ms or time_s or time or timestamp",
     ),
     "two of a kind": (
         "lat,latitude_deg,lon,time_s\n1,1,2,3\n",

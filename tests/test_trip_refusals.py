@@ -172,7 +172,11 @@ def test_what_no_train_runs_is_refused(tmp_path: Path) -> None:
         load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
 
 
-def test_posts_are_refused_where_positions_are_on_the_route(tmp_path: Path) -> None:
+def test_posts_are_not_used_where_positions_are_on_the_route(tmp_path: Path) -> None:
     path = write(tmp_path, clean(), on_route=True)
-    with pytest.raises(DasError, match="has positions on the route, which need no kilometre posts"):
-        load_trip(path, read_trip(path), route(), Whereabouts(line=long_posts(tmp_path)))
+    posts = long_posts(tmp_path)
+    trip = load_trip(path, read_trip(path), route(), Whereabouts(line=posts))
+    without = load_trip(path, read_trip(path), route(), Whereabouts())
+    assert (trip.line_not_used, without.line_not_used) == (posts, None)
+    assert trip.direction_known
+    assert np.array_equal(trip.matched.s_m, without.matched.s_m)

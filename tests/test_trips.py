@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -419,3 +420,19 @@ def test_the_dropouts_of_the_real_trip_are_found() -> None:
     around = slice(35, 75)  # accelerating all the time: no spike either way
     assert run.acceleration_mps2[around].min() > 0
     assert run.acceleration_mps2[around].max() < 1.0
+
+
+def test_a_real_trip_without_its_speeds_is_the_same_trip() -> None:
+    """It begins and ends with one point at a stand, which no slope of positions shows."""
+    on = load_route(shared("ttobench", "tracks", "SE_Vasteras_Kolback.json")).reversed()
+    line = read_kilometre_posts(shared("trips", "kolback_vasteras_kmposts.csv"))
+    whole = read_csv(shared("trips", "kolback_vasteras_clean.csv"))
+    bare = matched(replace(whole, speed_mps=np.full(len(whole), np.nan)), line, on)
+    known = real("clean")
+    assert bare.report.anchor == "start and end"
+    assert 0 < bare.report.stand_uncertainty_m < 5
+    assert bare.s_m == pytest.approx(known.s_m, abs=0.5)
+    run, with_speeds = to_profile(bare), to_profile(known)
+    assert run.time_s[-1] == pytest.approx(with_speeds.time_s[-1], abs=3)  # the speeds' lag is 2.5 s
+    off_mps = np.interp(with_speeds.time_s, run.time_s, run.speed_mps) - with_speeds.speed_mps
+    assert np.sqrt(np.mean(off_mps**2)) < 1.0

@@ -112,10 +112,12 @@ def build_section(
     start_speed_mps: float = 0.0,
     end_speed_mps: float = 0.0,
     point_mass: bool = False,
+    brakes: BrakePolicy | None = None,
 ) -> Section:
     """Discretise a section of a route for a train.
 
-    Defaults: from the first to the last stop, the vehicle's default level. `point_mass` takes the train's length as 0.
+    Defaults: from the first to the last stop, the vehicle's default level and how it brakes at that. `point_mass` takes
+    the train's length as 0.
 
     Raises DasError where the loss map does not cover what the train can do here, InfeasibleError where the train
     cannot brake or climb.
@@ -128,7 +130,7 @@ def build_section(
             f"on the route, 0 … {route.length_m:g} m"
         )
     level = vehicle.default_level if level is None else level
-    loss, brakes = vehicle.loss_model(level), vehicle.brakes_at(level)
+    loss, brakes = vehicle.loss_model(level), vehicle.brakes_at(level) if brakes is None else brakes
     train = train_params(vehicle, brakes)
     length_m = 0.0 if point_mass else vehicle.length_m
 

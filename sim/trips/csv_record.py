@@ -21,9 +21,11 @@ COLUMNS = {
     "position": {"position_m": 1.0, "position_km": KM},
     "speed": {"speed_kmh": KMH, "speed_mps": 1.0},
     "speed_from_positions": {"speed_from_positions": 1.0},
-    "time": {"time_ms": 0.0, "time_s": 0.0, "time": 0.0},
+    "time": {"time_ms": 0.0, "time_s": 0.0, "time": 0.0, "timestamp": 0.0},
 }
 """Quantities, the names their columns may have, and factors to SI (times are read digit by digit instead)."""
+ISO_TIMES = ("time", "timestamp")
+"""Columns of times in ISO 8601; the others are numbers."""
 _SHOWN_NAMES = 6
 
 
@@ -122,6 +124,6 @@ def _values(path: Path, quantity: str, column: _Column | None, rows: list[list[s
 
 def _times(path: Path, column: _Column, rows: list[list[str]], first: int) -> Ints:
     cells = [(f"line {i} time", row[column.index]) for i, row in enumerate(rows, first)]
-    if column.name == "time":
+    if column.name in ISO_TIMES:
         return np.array([moments.from_iso(path, key, cell) for key, cell in cells], dtype=np.int64)
     return np.array([moments.from_number(path, key, cell, column.name) for key, cell in cells], dtype=np.int64)

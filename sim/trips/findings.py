@@ -31,6 +31,7 @@ class Kind(StrEnum):
     LONG_STAND_AT_START = "long_stand_at_start"
     LONG_STAND_AT_END = "long_stand_at_end"
     STANDING_DRIFT = "standing_drift"
+    SLOWS_TO_STAND = "slows_to_stand"
     STEP_BACK = "step_back"
     SPEED_MISSING = "speed_missing"
     SPEED_DROPOUT = "speed_dropout"
@@ -63,6 +64,7 @@ TOLD = {
     Kind.LONG_STAND_AT_START: Told("long stand at the start", "cut"),
     Kind.LONG_STAND_AT_END: Told("long stand at the end", "cut"),
     Kind.STANDING_DRIFT: Told("position drifts while standing", "put together"),
+    Kind.SLOWS_TO_STAND: Told("slows down to a stand at an end of the record", "taken for a stand"),
     Kind.STEP_BACK: Told("small step back", "made flat"),
     Kind.SPEED_MISSING: Told("no usable speed", "speed from positions"),
     Kind.SPEED_DROPOUT: Told("speed dropout", "speed from positions"),

@@ -15,12 +15,10 @@ from sim.trips.findings import CleaningReport, FindingLog, Kind
 from sim.trips.line import Line
 from sim.trips.points import Points, fitting_points, measured_mps
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.standing import STANDING_MPS, Stand, stands
+from sim.trips.standing import STANDING_MPS, Stand, left_over, stands
 
 SCALE_TOLERANCE_RATIO = 0.01
 """Matched length and distance of the stops may differ by this for the kilometrage to be scaled to the stops."""
-AT_STANDS = ("start and end", "start", "end")
-"""Anchors of kilometre posts: the stands that fixed their zero."""
 TOLD_M = 0.01
 """Positions moved by less are not told."""
 
@@ -30,12 +28,14 @@ class MatchReport:
     """How the record fits: s = offset_m + scale · chainage.
 
     `anchor` is what fixed them: "route" (nothing had to), "start and end", "start" or "end" (the stops where it stood),
-    "positions" (it has positions on the route). Distances from the line are None where there is no line.
+    "positions" (it has positions on the route). Where positions alone tell of a stand at an end, it is up to
+    `stand_uncertainty_m` beyond. Distances from the line are None where there is no line.
     """
 
     offset_m: float
     scale: float
     anchor: str
+    stand_uncertainty_m: float
     median_cross_track_m: float | None
     p95_cross_track_m: float | None
     max_cross_track_m: float | None
@@ -101,7 +101,7 @@ def match_trip(
     points = fitting_points(record, line, end_stop.position_m - start_stop.position_m, log)
     found = stands(points.standing)
     pinned = _pinned(points.along_m, found)
-    anchored = _alignment(record, line, pinned, found, stops, hint=_unusable_speeds(record, points))
+    anchored = _alignment(record, line, pinned, found, stops, _unusable_speeds(record, points))
     offset_m, scale, _ = anchored
     placed = replace(points, along_m=offset_m + scale * pinned)
     kept = section_of(record, placed, found, stops, log, whole_stands=whole_stands)
@@ -121,11 +121,17 @@ def _report(
         offset_m=anchored[0],
         scale=anchored[1],
         anchor=anchored[2],
+        stand_uncertainty_m=left_over(_fastest(points.slowed_to_mps))[0],
         median_cross_track_m=float(np.median(aside_m)) if known else None,
         p95_cross_track_m=float(np.percentile(aside_m, 95)) if known else None,
         max_cross_track_m=float(aside_m.max()) if known else None,
         cleaning=log.report(len(points), record.unread),
     )
+
+
+def _fastest(slowed_to_mps: Floats) -> float:
+    """The highest speed at an end that was taken for a stand; 0 where none was."""
+    return float(np.nan_to_num(slowed_to_mps).max())
 
 
 def _pinned(along_m: Floats, found: list[Stand]) -> Floats:
@@ -145,7 +151,7 @@ def _unusable_speeds(record: Record, points: Points) -> str:
 
 
 def _alignment(
-    record: Record, line: Line | None, pinned_m: Floats, found: list[Stand], stops: tuple[Stop, Stop], *, hint: str
+    record: Record, line: Line | None, pinned_m: Floats, found: list[Stand], stops: tuple[Stop, Stop], hint: str
 ) -> tuple[float, float, str]:
     """Offset, scale and anchor of s = offset + scale·chainage."""
     if line is None:
@@ -164,7 +170,8 @@ def _alignment(
         return end_m - float(pinned_m[-1]), 1.0, "end"
     raise DasError(
         f"{record.source}: the train stands neither at the first nor at the last {record.place} that fits, so "
-        f"kilometre posts cannot be aligned with the route's positions{hint}"
+        f"kilometre posts cannot be aligned with the route's positions{hint}: expected a record from its stand at "
+        f"{stops[0].name} or to that at {stops[1].name}, or a route with geometry instead of --line"
     )
 
 
@@ -215,6 +222,9 @@ def _tell(record: Record, points: Points, end_stop: Stop, log: FindingLog) -> No
         (Kind.SPEED_SPIKE, points.spike),
     ):
         log.add(kind, record, at[which], _speeds(record, at[which], points, which))
+    slowed = np.isfinite(points.slowed_to_mps)
+    reach_m, reach_s = left_over(_fastest(points.slowed_to_mps))
+    log.add(Kind.SLOWS_TO_STAND, record, at[slowed], f"the stand is up to {reach_m:.1f} m and {reach_s:.0f} s beyond")
     inside = np.arange(at[0], at[-1] + 1)
     time_s = record.elapsed_s()[inside]
     gaps = cleaning.find_gaps(time_s)

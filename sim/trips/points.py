@@ -14,7 +14,7 @@ from sim.trips import cleaning
 from sim.trips.findings import FindingLog, Kind
 from sim.trips.line import Line
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.standing import AT_STOP_M, STANDING_MPS, standing, stood_through
+from sim.trips.standing import AT_STOP_M, STANDING_MPS, slowed_to, standing, stood_through
 
 MAX_CROSS_TRACK_M = 200.0
 """Further from the line a point is not on it (a line of kilometre posts cuts curves: 62 m at R = 2 km)."""
@@ -29,7 +29,8 @@ class Points:
     """The points that are left, arrays of shape (points,); `point` is the index in the record.
 
     `along_m` is the chainage (later the position on the route), `aside_m` the distance from the line. `missing`,
-    `dropout` and `spike` tell why a speed is not the reported one.
+    `dropout` and `spike` tell why a speed is not the reported one. `slowed_to_mps` is the speed to which positions lead
+    at an end that was taken for a stand by them, else NaN.
     """
 
     point: Ints
@@ -41,6 +42,7 @@ class Points:
     dropout: Bools
     spike: Bools
     standing: Bools
+    slowed_to_mps: Floats
 
     def __len__(self) -> int:
         return len(self.point)
@@ -113,6 +115,7 @@ def _all_points(record: Record, along_m: Floats, aside_m: Floats) -> Points:
         dropout=none,
         spike=none,
         standing=none,
+        slowed_to_mps=np.full(len(record), np.nan),
     )
 
 
@@ -196,9 +199,11 @@ def _with_speeds(record: Record, points: Points) -> Points:
     untold = points.missing | spike
     still = (standing(speed, untold) & ~dropout) | halted
     still = stood_through(points.time_s, points.along_m, still, untold)
+    slowed = np.where(still, np.nan, slowed_to(points.time_s, points.along_m, untold))
+    still |= np.isfinite(slowed)
     if still.all():
         raise DasError(f"{record.source}: the train never moves, every speed is below {STANDING_MPS / KMH:g} km/h")
-    return replace(points, speed_mps=speed, dropout=dropout, spike=spike, standing=still)
+    return replace(points, speed_mps=speed, dropout=dropout, spike=spike, standing=still, slowed_to_mps=slowed)
 
 
 def measured_mps(record: Record, points: Points) -> Floats:

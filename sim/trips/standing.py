@@ -18,6 +18,12 @@ STANDING_BY_POSITIONS_MPS = 0.5
 """The same where no speed is reported: positions wander by some metres in 10 s."""
 WANDER_M = cleaning.MAX_BACKWARD_M
 """Positions of a train that stands wander by no more than this, and come back."""
+LED_WINDOW_S, LED_POINTS = 12.0, 4
+"""Whether positions slow down to a stand at an end of the record is judged by so many seconds, of so many points."""
+LED_SPEED_MPS, LED_CHANGE_MPS2 = 2.0, 0.1
+"""They do where they lead to no more than this speed there, and change it by this or more (their noise is less)."""
+GENTLE_MPS2 = 0.3
+"""So gently a train stops or starts at the least (assumption): v²/2a and v/a are what may be left of its motion."""
 AT_STOP_M = 300.0
 """A train that stands this near to a stop stands at it: platforms are long, and maps inexact."""
 
@@ -44,6 +50,30 @@ def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) 
         if np.abs(along_m[between] - along_m[before.last]).max() <= WANDER_M:
             found[between] = True
     return found
+
+
+def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
+    """Speed (m/s) at the first and at the last point where positions slow down to a stand there, NaN elsewhere.
+
+    Mean slopes are those of seconds before: a record that ends as the train stops shows no stand by them. So the speed
+    is that of the parabola through the positions of 12 s, at an end whose speed is `untold`.
+    """
+    found = np.full(len(time_s), np.nan)
+    for end in (0, -1):
+        inwards_s = np.abs(time_s - time_s[end])
+        near = inwards_s <= LED_WINDOW_S
+        if not untold[end] or np.count_nonzero(near) < LED_POINTS:
+            continue
+        way_m = (along_m[near] - along_m[end]) * (1.0 if end == 0 else -1.0)
+        half_change, speed, _ = np.polyfit(inwards_s[near], way_m, 2)
+        if abs(speed) <= LED_SPEED_MPS and 2.0 * half_change >= LED_CHANGE_MPS2:
+            found[end] = max(speed, 0.0)
+    return found
+
+
+def left_over(speed_mps: float) -> tuple[float, float]:
+    """How far (m) and how long (s) a train of this speed still runs to its stand, or has run from it, at the most."""
+    return speed_mps**2 / (2.0 * GENTLE_MPS2), speed_mps / GENTLE_MPS2
 
 
 def stands(standing_points: Bools) -> list[Stand]:

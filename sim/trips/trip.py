@@ -32,7 +32,11 @@ FASTEST_MPS = 400.0 * KMH
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trip:
     """A trip matched to a route as driven (`reversed`: against its file), its smooth run, and what a recording says
-    besides (journey, delays)."""
+    besides (journey, delays).
+
+    Kilometre posts alone do not tell the direction: `direction_known` where the user did. `line_not_used` are those of
+    a trip with positions on the route.
+    """
 
     path: Path
     format: str
@@ -42,6 +46,8 @@ class Trip:
     end: Stop
     matched: MatchedTrip
     run: DrivenRun
+    direction_known: bool
+    line_not_used: Path | None = None
     journey: Any | None = None
     delays: tuple[tuple[int, float], ...] = ()
 
@@ -75,14 +81,19 @@ class Trip:
 
 @dataclass(frozen=True, kw_only=True)
 class Whereabouts:
-    """What is said about where a trip was driven: direction, stops (None: the route's first and last), kilometre
-    posts. `strict` refuses a trip from which points would be dropped, or that runs the other way."""
+    """What is said about where a trip was driven: direction (None: nothing), stops (None: the route's first and last),
+    kilometre posts. `strict` refuses a trip from which points would be dropped, or that runs the other way."""
 
-    reverse: bool = False
+    reverse: bool | None = None
     from_stop: str | None = None
     to_stop: str | None = None
     line: Path | None = None
     strict: bool = False
+
+    @property
+    def direction_said(self) -> bool:
+        """Whether it tells the direction."""
+        return self.reverse is not None or None not in (self.from_stop, self.to_stop)
 
 
 def load_trip(path: Path, reading: Reading, route: Route, said: Whereabouts) -> Trip:
@@ -115,6 +126,8 @@ def load_trip(path: Path, reading: Reading, route: Route, said: Whereabouts) -> 
         end=end,
         matched=matched,
         run=run,
+        direction_known=line is None or line.on_route or (said.direction_said and reverse == bool(said.reverse)),
+        line_not_used=said.line if line is None else None,
         journey=reading.journey,
         delays=reading.delays,
     )
@@ -146,19 +159,18 @@ def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
 
 def _direction(record: Record, route: Route, said: Whereabouts, log: FindingLog) -> tuple[Route, bool, Line | None]:
     """The route as driven, whether that is against its file, and the line (None: the record's positions count)."""
-    ways = (route, route.reversed())
-    line = _line(record, ways[said.reverse], said.line)
-    stated = record.driven(said.reverse, route.length_m)
-    if record.as_driven or not runs_back(stated, line):
-        return ways[said.reverse], said.reverse, line
+    ways, reverse = (route, route.reversed()), bool(said.reverse)
+    line = _line(record, ways[reverse], said.line)
+    if record.as_driven or not runs_back(record.driven(reverse, route.length_m), line):
+        return ways[reverse], reverse, line
     _check_turn(record, said, line)
-    other = ways[not said.reverse]
+    other = ways[not reverse]
     right = "leave out --reverse" if said.reverse else "give --reverse"
     posts = f", or turn the list {said.line} round" if line is not None and not line.on_route else ""
     log.add(Kind.OTHER_WAY, record, [0], f"{other.stops[0].name} to {other.stops[-1].name}: {right}{posts}")
     if line is not None:
         line = Line.from_route(other) if line.on_route else line.turned()
-    return other, not said.reverse, line
+    return other, not reverse, line
 
 
 def _check_turn(record: Record, said: Whereabouts, line: Line | None) -> None:
@@ -173,7 +185,5 @@ def _check_turn(record: Record, said: Whereabouts, line: Line | None) -> None:
 
 def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
     if record.on_route:
-        if posts is not None:
-            raise DasError(f"--line {posts}: {record.source} has positions on the route, which need no kilometre posts")
         return None
     return read_kilometre_posts(posts) if posts is not None else Line.from_route(driven)
