@@ -18,7 +18,7 @@ from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS
 from das.localisation import STANDSTILL_MPS, Estimate, Localisation, PositionFix
 from das.passing import PassingFronts, PassingTarget, time_at
-from das.plan import FOUR_MODES, LONGEST_RATIO, MODE_HOLD_S, Mode, Place, Plan
+from das.plan import LONGEST_RATIO, MODE_HOLD_S, Mode, Place, Plan
 from das.reduced import ReducedSpeed
 from das.solver import kernels
 from das.solver.front import Fit, Front, Solution
@@ -140,6 +140,7 @@ class Advisor:
         self._target_ns: int | None = None
         self._passing: PassingTarget | None = None
         self._mode, self._mode_since_ns, self._force_n = Mode.NONE, 0, 0.0
+        self._four_mode = Mode.NONE
         self._display_mps = math.nan
         self._refusal = ""
         self.delay_s: float | None = None
@@ -476,12 +477,15 @@ class Advisor:
 
     def _four_modes(self, plan: Plan, shown: Mode, shown_s: float, here: Place) -> tuple[Mode, Mode, float]:
         """The four-mode display: the mode now, the next, and the time to it (s)."""
-        now, planned = int(FOUR_MODES[shown]), int(FOUR_MODES[plan.modes[here.interval]])
-        if now != planned:
-            return Mode(now), Mode(planned), shown_s
-        change = int(plan.next_four_change[here.interval])
-        after = Mode(int(FOUR_MODES[plan.modes[change]])) if change < len(plan.modes) else Mode.STOP
-        return Mode(now), after, float(plan.solution.trajectory.t_s[change]) - here.time_s
+        i = here.interval
+        planned = int(plan.four_modes[i])
+        if shown == plan.modes[i]:
+            self._four_mode = Mode(planned)
+        if self._four_mode != planned:
+            return self._four_mode, Mode(planned), shown_s
+        change = int(plan.next_four_change[i])
+        after = Mode(int(plan.four_modes[change])) if change < len(plan.modes) else Mode.STOP
+        return self._four_mode, after, float(plan.solution.trajectory.t_s[change]) - here.time_s
 
     def _displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The advised speed on a display: in whole steps, held within a band, never above what is allowed."""

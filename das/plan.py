@@ -49,6 +49,10 @@ FOUR_MODES[[Mode.REDUCED_TRACTION, Mode.REDUCED_BRAKE, Mode.FRICTION_BRAKE]] = (
 )
 
 
+WEAK_BRAKE_RATIO = 0.6
+"""Less than this share of the electric brake is coasting to who knows full brakes only: he would brake too early."""
+
+
 class Place(NamedTuple):
     """Where on a plan a position is: its interval, the planned speed (m/s), and the time since the plan's start (s)."""
 
@@ -65,6 +69,7 @@ class Plan:
     solution: Solution
     force_n: Floats
     modes: NDArray[np.int64]
+    four_modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
     """The interval in which another mode begins (the number of intervals: none does)."""
     next_four_change: NDArray[np.int64]
@@ -81,13 +86,15 @@ class Plan:
         run = solution.trajectory
         energy_j = run.input_j(run.loss_j(section.loss))
         modes = classify_modes(solution, section)
+        four_modes = _four_modes(modes, solution, section)
         return cls(
             made_ns=now_ns,
             solution=solution,
             force_n=run.force_el_n + run.force_friction_n,
             modes=modes,
+            four_modes=four_modes,
             next_change=_next_changes(modes),
-            next_four_change=_next_changes(FOUR_MODES[modes]),
+            next_four_change=_next_changes(four_modes),
             energy_j=energy_j,
             energy_after_j=np.append(energy_j[:0:-1].cumsum()[::-1], 0.0),
             speed_w=run.v_mps**2,
@@ -116,6 +123,14 @@ def _next_changes(modes: NDArray[np.int64]) -> NDArray[np.int64]:
     """For each interval that in which another mode begins."""
     changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
     return np.asarray(changes[np.searchsorted(changes, np.arange(len(modes)), side="right")])
+
+
+def _four_modes(modes: NDArray[np.int64], solution: Solution, section: Section) -> NDArray[np.int64]:
+    """The four modes of intervals."""
+    run = solution.trajectory
+    electric_n = section.vehicle.electric_brake_effort_n(np.maximum(run.mean_speed_mps(), 1e-3))
+    weak = (modes == Mode.REDUCED_BRAKE) & (-run.force_el_n < WEAK_BRAKE_RATIO * electric_n)
+    return np.where(weak, int(Mode.COAST), FOUR_MODES[modes])
 
 
 def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
