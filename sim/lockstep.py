@@ -157,7 +157,7 @@ class Lockstep:
             watch_node=False,
         )
         self._node.stop()
-        self._recorder.stop()
+        self._recorder.finish()
         self.traffic.recorded = recorded_counts(self.crew.out)
 
     def _control(

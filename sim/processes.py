@@ -64,6 +64,11 @@ class Process:
                 self._child.kill()
         return self._child.wait()
 
+    def finish(self) -> None:
+        """End it with SIGTERM; raise DasError with its last words if it did not end well."""
+        if self.stop() != 0:
+            self.check()
+
     def _last_words(self) -> str:
         lines = Path(self._log.name).read_text(errors="replace").strip().splitlines()
         return lines[-1].removeprefix("error: ") if lines else "it said nothing"
