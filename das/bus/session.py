@@ -24,6 +24,8 @@ from das.bus.inbox import CAPACITY, Inbox
 from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
 from das.domain.errors import DasError
 
+HEARTBEAT_S = 1.0
+"""So often a latched topic says which message was its last: one lost with a link that was closing is fetched again."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
 
 
@@ -123,6 +125,7 @@ class Bus:
                     topic.key(self.train),
                     self._on_sample,
                     history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+                    recovery=zenoh.ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
                     allowed_origin=zenoh.Locality.REMOTE,
                 )
                 self._declared.append(subscriber)
@@ -165,6 +168,7 @@ class Bus:
                 self._session,
                 key,
                 cache=zenoh.ext.CacheConfig(max_samples=1),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
                 publisher_detection=True,
                 **common,
             )
