@@ -41,7 +41,7 @@ from das.planning import Fronts, Situation
 from das.trains import Trains
 from das.trip import Trip
 
-INPUTS = int(os.environ.get("DAS_FUZZ", "50000"))
+INPUTS = int(os.environ.get("DAS_FUZZ", "20000"))
 SEED = int(os.environ.get("DAS_FUZZ_SEED", "20261121"))
 TRAIN = "T1"
 START_NS = 1_800_000_000_000_000_000
