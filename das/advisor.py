@@ -38,7 +38,7 @@ UNHURRIED_S = 0.5
 """Plans arrive so late: what the build-up of effort takes, which to make up is dear (0.4 % of the energy on 6 km)."""
 BRAKING_AHEAD_MPS2 = 0.25
 """Who has to slow down at this rate from here on for a limit or a stop is braking for it."""
-SLOWER_MPS = 0.4
+SLOWER_MPS = 1.0
 BRAKED_EARLY_S = 5.0
 """Who is slower than planned before it, mostly by braking early, is not told to speed up for less than this."""
 LEAST_FOR_BUFFER_S = 10.0
