@@ -12,11 +12,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from das.bus import das_pb2
 from das.bus.moderation import MOST_A_SECOND
 from das.bus.session import Bus, Received, decoded, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS
+from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
+from sim.processes import Process
 from tests.test_fuzz import Sink, make_node
 from tests.test_node import until
 
@@ -98,6 +102,25 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
             assert until(bus, lambda r: given(r) and r.message.limit_mps == 15.0).advised_speed_mps <= 15.0
         node.send_signal(signal.SIGTERM)
         assert node.wait(20) == 0
+
+
+def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    if not hasattr(resource, "prlimit"):
+        pytest.skip("no limits for other processes here")
+    ours, theirs = (endpoint(port) for port in free_ports(2))
+    out = tmp_path / "run.mcap"
+    of_recorder = ("--train", TRAIN, "--listen", theirs, "--connect", ours, "--out", str(out))
+    with (
+        Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus,
+        Process("recorder", "das.bus.recorder", of_recorder) as recorder,
+    ):
+        bus.publish(STATUS, das_pb2.Status(time_ns=time.time_ns()))
+        until(bus, lambda r: r.topic is RECORDER and out.stat().st_size > 0)
+        written = out.stat().st_size
+        resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (written, written))
+        with pytest.raises(DasError, match=r"the recorder ended: .*run\.mcap: cannot be written \(File too large\)"):
+            recorder.finish()
 
 
 def test_a_node_that_is_stopped_while_it_compiles_ends_at_once(tmp_path: Path) -> None:

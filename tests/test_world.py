@@ -302,9 +302,8 @@ def _advices_so_far(path: Path) -> int:
 def test_a_full_disk_ends_the_run_in_one_line_and_what_was_recorded_can_be_read(
     folder: Path, found: dict[str, Any]
 ) -> None:
-    """Full just before the end: the run is over, and only the bytes are missing that make the file whole."""
     resource = pytest.importorskip("resource")
-    room = int(0.98 * (folder / found["file"]).stat().st_size)
+    room = (folder / found["file"]).stat().st_size // 2
     done = subprocess.run(
         [sys.executable, "-m", "sim.cli", "run", "eventful.toml", "--seed", "4", "--out", "full.mcap"],
         cwd=folder, capture_output=True, text=True, timeout=300, check=False,
