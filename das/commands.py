@@ -18,15 +18,13 @@ from rich.table import Table
 from typer.exceptions import TyperException
 
 from das.domain.errors import DasError
+from das.entry import EXIT_INTERRUPTED, STDERR
 
 PRINTED_WIDTH = 110
 """Least width of tables that go to a file or a pipe."""
 WIDEST = 1000
 EXIT_BAD_INPUT = 2
 STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
-EXIT_INTERRUPTED = 130
-STDERR = 2
-"""As a file descriptor."""
 
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 

@@ -1,1 +1,1 @@
-"""Offline: solves sections, whole trade-offs and (later) tables for a network."""
+"""Offline: solves sections, whole trade-offs and tables for a network."""

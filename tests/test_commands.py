@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -88,3 +89,14 @@ def test_a_process_started_meanwhile_is_born_deaf() -> None:
     with signals_held([signal.SIGINT]):
         said = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True).stdout
     assert said.strip() == "True"
+
+
+def test_ctrl_c_while_the_program_is_being_imported_ends_cleanly(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text("import time\nprint('importing', flush=True)\ntime.sleep(60)\n")
+    command = [sys.executable, "-c", "from das.entry import start\nstart('slow')"]
+    child = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    assert child.stdout.readline() == "importing\n"
+    child.send_signal(signal.SIGINT)
+    _, said = child.communicate(timeout=20)
+    assert (child.returncode, said) == (130, "stopped\n")
