@@ -39,6 +39,7 @@ def written(folder: Path, text: str) -> BusFile:
     ("text", "said"),
     [
         ("{mode: 'peer'", "not a Zenoh configuration: line 1, column 8: expected"),
+        ("[" * 20_000, "not a Zenoh configuration: brackets are nested more than 64 deep"),
         ("{nonsense: 1}", "not a Zenoh configuration: unknown field `nonsense`"),
         ("{listen: {endpoints: ['x']}}", "Endpoints must be of the form"),
         ("{metadata: {das: {train: 'T2'}}}", "metadata.das.train = 'T2': expected 'T1', the train of this process"),

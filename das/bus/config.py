@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,7 @@ SOURCE_PLACE = re.compile(r" at /\S+:\d+\.")
 SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+) .*= (expected .*)")
 """A syntax error is drawn, over several lines."""
 MOST_SAID = 200
+DEEPEST = 64
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class BusFile:
     def config(self, train: str) -> zenoh.Config:
         """The configuration, ready to open; InputError where it cannot be used, or is open without leave."""
         try:
-            config = zenoh.Config.from_json5(self.path.read_text())
+            config = zenoh.Config.from_json5(self._text())
         except OSError as error:
             raise DasError(f"{self.path}: cannot be read ({error.strerror})") from error
         except UnicodeDecodeError as error:
@@ -90,6 +92,12 @@ class BusFile:
         if not self.insecure:
             self._check_closed(config)
         return config
+
+    def _text(self) -> str:
+        text = self.path.read_text()
+        if _depth(text) > DEEPEST:  # Zenoh's parser would end the process
+            raise DasError(f"{self.path}: not a Zenoh configuration: brackets are nested more than {DEEPEST} deep")
+        return text
 
     def _check_train(self, config: zenoh.Config, train: str) -> None:
         """A file that `tls-init` made is for one train; under another name everything would be refused in silence."""
@@ -198,6 +206,12 @@ def _read(config: zenoh.Config, key: str) -> Any:
 
 def _dotted(key: str) -> str:
     return key.replace("/", ".")
+
+
+def _depth(text: str) -> int:
+    """How deep brackets are nested, those in texts and comments counted with the others."""
+    steps = ((letter in "[{") - (letter in "]}") for letter in text)
+    return max(accumulate(steps), default=0)
 
 
 def _texts(value: Any) -> Iterator[str]:
