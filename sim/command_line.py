@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from das.commands import err
 from das.domain.errors import DasError
+from das.domain.files.writing import new_file
 
 Kind = TypeVar("Kind", bound=StrEnum)
 BusOption = Annotated[
@@ -57,17 +58,7 @@ def new_recording(kind: str) -> Path:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
-    stem = f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
-    for name in (stem, *(f"{stem}-{i}" for i in range(2, 1000))):
-        path = folder / f"{name}.mcap"
-        try:
-            path.touch(exist_ok=False)  # two runs in one second get two files
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise DasError(f"{path}: cannot be written ({error.strerror})") from error
-        return path
-    raise DasError(f"{folder}: too many recordings of one second")
+    return new_file(folder / f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap")
 
 
 def typed_command() -> str:

@@ -218,7 +218,14 @@ class Lockstep:
 
     def _start_recorder(self) -> Process:
         crew = self.crew
-        arguments = [*self._place(1, Role.RECORDER), "--out", str(crew.out), "--metadata", json.dumps(crew.metadata)]
+        arguments = [
+            *self._place(1, Role.RECORDER),
+            "--out",
+            str(crew.out),
+            "--overwrite",
+            "--metadata",
+            json.dumps(crew.metadata),
+        ]
         arguments += ["--start-ns", str(crew.start_ns)]
         for path in crew.attachments:
             arguments += ["--attach", str(path)]

@@ -396,6 +396,15 @@ def test_a_killed_recorder_loses_nothing_older_than_a_second(tmp_path: Path) -> 
     assert len(recording.of(POSITION)) == 300
 
 
+def test_a_recorder_started_anew_keeps_what_was_recorded(tmp_path: Path) -> None:
+    for name, ticks in (("run.mcap", 20), ("run-2.mcap", 30)):
+        child, _ = send_and_record(tmp_path / "run.mcap", ticks)
+        child.send_signal(signal.SIGTERM)
+        assert child.wait(20) == 0
+        assert len(read_recording(tmp_path / name).of(POSITION)) == ticks
+    assert len(read_recording(tmp_path / "run.mcap").of(POSITION)) == 20
+
+
 def test_recorder_names_a_file_it_cannot_write() -> None:
     with process(
         "das.bus.recorder", "--train", TRAIN, "--listen", endpoint(free_ports(1)[0]), "--out", "/nowhere/x.mcap"

@@ -26,8 +26,9 @@ from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
-from das.commands import StopFlag, run_command
+from das.commands import StopFlag, run_command, say
 from das.domain.errors import DasError
+from das.domain.files.writing import new_file
 
 FLUSH_EVERY_S = 1.0
 """Default chunking would lose up to 1 MiB when the process is killed."""
@@ -170,7 +171,7 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
     )
     attachments = [(path, _content(path)) for path in arguments.attach]
     metadata = _texts(arguments.metadata) if arguments.metadata else {}
-    file = RecordingFile(Path(arguments.out))
+    file = RecordingFile(_place(Path(arguments.out), overwrite=arguments.overwrite))
     try:
         for path, content in attachments:
             file.add_attachment(path.name, "application/octet-stream", content)
@@ -195,6 +196,15 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
                 print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
     finally:
         file.close()
+
+
+def _place(path: Path, *, overwrite: bool) -> Path:
+    """Where to record: a recorder that is started anew on a file keeps what was recorded before."""
+    if overwrite or not path.is_file():
+        return path
+    free = new_file(path)
+    say(f"{path} is there already: recording to {free}")
+    return free
 
 
 def _content(path: Path) -> bytes:
@@ -224,7 +234,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--bus", type=Path, help="Zenoh configuration (JSON5) in place of --listen and --connect")
     parser.add_argument("--insecure-bus", action="store_true", help="let --bus open the bus without mutual TLS")
-    parser.add_argument("--out", required=True, help="MCAP file to write")
+    parser.add_argument(
+        "--out", required=True, help="MCAP file to write; where it is there already, a new one beside it"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="write to --out even if it is there already")
     parser.add_argument("--start-ns", type=int, help="the run's clock before its first Control message [default: wall]")
     parser.add_argument("--with-parent", type=int, help="end with the process of this id, which started it")
     parser.add_argument("--metadata", help="JSON object of texts, stored as metadata record 'run'")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from das.domain.errors import DasError
 
+MOST_OF_A_NAME = 1000
 UNFINISHED = ".unfinished-"
 """Beginning of the names of folders that are being written, or were when their writer was killed."""
 
@@ -28,6 +29,20 @@ def check_writable(path: Path) -> None:
             pass
     except OSError as error:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def new_file(path: Path) -> Path:
+    """Make an empty file at `path`, or at the first of `-2`, `-3`, … that is free, and return where; else DasError."""
+    for i in range(1, MOST_OF_A_NAME + 1):
+        numbered = path if i == 1 else path.with_stem(f"{path.stem}-{i}")
+        try:
+            numbered.touch(exist_ok=False)  # two who ask at once get two files
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise DasError(f"{numbered}: cannot be written ({error.strerror})") from error
+        return numbered
+    raise DasError(f"{path}: there are {MOST_OF_A_NAME} files of this name already")
 
 
 def write_whole(path: Path, content: bytes) -> None:
