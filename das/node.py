@@ -69,6 +69,8 @@ LEAST_GAP_S = 0.05
 LOSSES_EVERY_S = 1.0
 PLAN_EVERY_S = 10.0
 ESTIMATE_EVERY_S = 10.0
+OVERDUE_PERIODS = 1.2
+"""An advice is valid for at least so many times the time to the next."""
 OWN_ENDPOINT = "tcp/127.0.0.1:7447"
 
 
@@ -84,10 +86,11 @@ class Node:
         *,
         reverse: bool,
         wall_clock: bool,
+        period_s: float = 1.0,
         calibrator: Calibrator | None = None,
     ) -> None:
         self.bus, self.trip, self.route, self.trains = bus, trip, route, trains
-        self.reverse, self.wall_clock = reverse, wall_clock
+        self.reverse, self.wall_clock, self._period_s = reverse, wall_clock, period_s
         self._calibrator, self._recalibration = calibrator, Recalibration()
         self._estimate_sent_ns: int | None = None
         self._here, self._rejecting = Estimate(time_ns=0), False
@@ -250,7 +253,7 @@ class Node:
         self._recalibrate(now_ns)
         fault, self._fault = self._fault, ""
         distrust = self._guard.distrust(now_ns) or self._refused or fault
-        advice = Advice(time_ns=now_ns, reason=distrust) if distrust else self.trip.update(now_ns)
+        advice = Advice(time_ns=now_ns, reason=distrust) if distrust else self._lasting(self.trip.update(now_ns))
         self._advice_s = time.perf_counter() - began
         self._advices += 1
         self._say_losses(now_ns)
@@ -266,6 +269,13 @@ class Node:
         self._send_estimate(now_ns)
         self.status(now_ns, self._state(advice), advice.reason)
         self.bus.publish(ADVICE, advice_message(advice, tick))
+
+    def _lasting(self, advice: Advice) -> Advice:
+        """The advice, valid until the next one should have come, however rare they are."""
+        least_ns = advice.time_ns + round(OVERDUE_PERIODS * self._period_s / NS)
+        if advice.mode is Mode.NONE or advice.valid_until_ns >= least_ns:
+            return advice
+        return dataclasses.replace(advice, valid_until_ns=least_ns)
 
     def _state(self, advice: Advice) -> das_pb2.Status.State.ValueType:
         if advice.mode is not Mode.NONE:
@@ -509,7 +519,16 @@ def command(
     the_trip = Trip(situation, Fronts(tables), background=by_wall)
     refusals = Refusals() if file else None
     with made as bus, contextlib.closing(the_trip) as trip:
-        node = Node(bus, trip, the_route, trains, reverse=reverse, wall_clock=by_wall, calibrator=calibrator)
+        node = Node(
+            bus,
+            trip,
+            the_route,
+            trains,
+            reverse=reverse,
+            wall_clock=by_wall,
+            period_s=1.0 / rate,
+            calibrator=calibrator,
+        )
         node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
         if tables is not None:

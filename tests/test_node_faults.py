@@ -47,7 +47,7 @@ class Bus(Sink):
 class Cab:
     """A node with the clock of the bus, the train running at 20 m/s from second 0 on."""
 
-    def __init__(self, calibrator: Calibrator | None = None) -> None:
+    def __init__(self, calibrator: Calibrator | None = None, period_s: float = 1.0) -> None:
         self.sink = Bus()
         trip = Trip(Situation(route=ROUTE, vehicle=VEHICLE), FRONTS, background=False)
         trains = Trains(VEHICLE, VEHICLE)
@@ -58,6 +58,7 @@ class Cab:
             trains,
             reverse=False,
             wall_clock=False,
+            period_s=period_s,
             calibrator=calibrator,
         )
         self.tell(JOURNEY, journey())
@@ -122,6 +123,16 @@ def test_a_tick_that_fails_is_answered_without_advice_and_the_next_one_tries_aga
     breaking.undo()
     assert cab.tick(53).mode != das_pb2.MODE_NONE
     assert cab.sink.of(STATUS)[-1].state == das_pb2.Status.STATE_ADVISING
+
+
+@pytest.mark.parametrize(("period_s", "valid_s"), [(0.2, 3.0), (1.0, 3.0), (5.0, 6.0)])
+def test_an_advice_is_valid_until_the_next_has_come(period_s: float, valid_s: float) -> None:
+    cab = Cab(period_s=period_s)
+    advice = cab.tick(50)
+    assert (advice.valid_until_ns - advice.time_ns) / S == valid_s
+    silent = cab.tick(55, s_m=5_000.0)
+    assert silent.mode == das_pb2.MODE_NONE
+    assert silent.valid_until_ns == silent.time_ns
 
 
 def test_a_position_that_fails_withdraws_one_advice(breaking: pytest.MonkeyPatch) -> None:
