@@ -54,6 +54,8 @@ LOST_BEYOND_M = 500.0
 """Further beyond the section's end than this the train is somewhere else."""
 EARLY_NAMED_S = 5.0
 """Who arrives earlier than this is told where to wait."""
+MISSED_NAMED_S = 1.0
+"""Who passes a point so long after its window is told."""
 PASSED_M = 5.0
 """A point this near ahead is as good as passed: no plan can change when."""
 SAME_POINT_M = 0.01
@@ -143,6 +145,7 @@ class Advisor:
         self._four_mode = Mode.NONE
         self._display_mps = math.nan
         self._refusal = ""
+        self._arrived_ns: int | None = None
         self.delay_s: float | None = None
         self.set_front(front, source)
 
@@ -236,9 +239,13 @@ class Advisor:
         beyond_m = s_m - self.section.end_m
         if beyond_m > AT_STOP_M:
             return self._withdrawn(now_ns, f"ran {beyond_m:.0f} m past the stop")
-        if v_mps < STANDSTILL_MPS:
+        stands = v_mps < STANDSTILL_MPS
+        if not stands or beyond_m < -AT_STOP_M:
+            self._arrived_ns = None
+        if stands:
             if beyond_m >= -AT_STOP_M:
-                late_s = (now_ns - self.arrival_ns) * NS
+                self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
+                late_s = (self._arrived_ns - self.arrival_ns) * NS
                 return self._standing(now_ns, s_m, f"arrived, {_deviation(late_s)}")
             if s_m <= self.section.start_m + AT_STOP_M and now_ns < self._timetable.departure_ns:
                 return self._waiting(now_ns, s_m)
@@ -331,7 +338,7 @@ class Advisor:
             reduced_max_speed_mps=allowed,
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
-            advised_force_ratio=-1.0,
+            advised_force_ratio=-most_n / self._available_n(-1.0, v_mps),
             horizon_speed_mps=tuple(np.minimum(speeds, allowed).tolist()),
             horizon_force_n=tuple(np.where(speeds > allowed, -most_n, 0.0).tolist()),
             next_mode=Mode.STOP,
@@ -423,12 +430,17 @@ class Advisor:
         run, here, allowed = plan.solution.trajectory, plan.at(s_m), self._allowed(s_m)
         i = here.interval
         speeds, forces = plan.horizon(here.time_s, self.section, self._envelope_w, HORIZON_S)
-        mode = self._held_mode(Mode(int(plan.modes[i])), now_ns)
-        if mode == plan.modes[i]:
-            self._force_n = float(plan.force_n[i])
+        too_fast = v_mps - allowed > OVERSPEED_NAMED_MPS
+        eased = too_fast and plan.shown_force_n[i] > 0  # planned from the envelope: no traction above it
+        wanted = Mode.COAST if eased else Mode(int(plan.modes[i]))
+        mode = self._held_mode(wanted, now_ns)
+        if mode is wanted:
+            self._force_n = 0.0 if eased else float(plan.shown_force_n[i])
         force = self._force_n  # that of the mode shown
         next_mode, next_m, next_s = self._next_change(plan, mode, s_m, here, now_ns)
         four, next_four, next_four_s = self._four_modes(plan, mode, next_s, here)
+        if too_fast and mode is not Mode.CRUISE:  # nor is a weak brake coasting then
+            four = self._four_mode = Mode.COAST if mode is Mode.COAST else Mode.FULL_BRAKE
         advised = min(here.speed_mps, allowed)
         arrival_ns = now_ns + round((run.time_s - here.time_s) / NS)
         deviation_s = (arrival_ns - self.arrival_ns) * NS
@@ -511,16 +523,10 @@ class Advisor:
         if self.source is Source.FALLBACK:
             how = "the fastest safe run" if self._plan_before is None else "as before, no faster than is allowed now"
             return f"{self._meanwhile}: {how}"
-        if (
-            point is not None
-            and point.earliest_ns is not None
-            and s_m < point.s_m - PASSED_M
-            and self._fronts_of_point() is not None
-        ):
-            wait_s = (point.earliest_ns - now_ns) * NS
-            if wait_s > 0:
-                why = f" ({point.reason})" if point.reason else ""
-                return f"pass km {point.s_m / KM:.1f} in {wait_s:.0f} s or later{why}, {_deviation(deviation_s)}"
+        if point is not None and s_m < point.s_m - PASSED_M and self._fronts_of_point() is not None:
+            window = self._window_said(point, plan, now_ns)
+            if window:
+                return f"{window}, {_deviation(deviation_s)}"
         if fit is Fit.LATE:
             return f"fastest, {_deviation(deviation_s)}"
         if deviation_s <= -EARLY_NAMED_S:
@@ -529,6 +535,16 @@ class Advisor:
             return f"least energy, {_deviation(deviation_s)}"
         said = f", operator says {_deviation(self.delay_s)}" if self.delay_s is not None and self.delay_s >= 1 else ""
         return f"least energy on time{said}"
+
+    def _window_said(self, point: PassingTarget, plan: Plan, now_ns: int) -> str:
+        """What is to be said of a point ahead: how long to wait for it, or that its window is missed; else nothing."""
+        place, why = f"pass km {point.s_m / KM:.1f}", f" ({point.reason})" if point.reason else ""
+        if point.earliest_ns is not None and point.earliest_ns > now_ns:
+            return f"{place} in {(point.earliest_ns - now_ns) * NS:.0f} s or later{why}"
+        if point.latest_ns is None:
+            return ""
+        missed_s = (plan.made_ns - point.latest_ns) * NS + time_at(plan.solution.trajectory, point.s_m)
+        return f"{place} as soon as possible, {missed_s:.0f} s too late{why}" if missed_s >= MISSED_NAMED_S else ""
 
     def _stop_name(self) -> str:
         end_m = self.section.end_m

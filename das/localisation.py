@@ -57,8 +57,9 @@ SETS_OFF_SDS = 3.3
 """A standstill is over with two faster fixes in a row, or with one faster than this;"""
 CREEP_FIXES = 5
 """or with the mean of the last so many, each of them perhaps too slow to tell."""
-FROZEN_M = 2.0
-"""A position that stays the same while its speed makes this way is frozen."""
+FROZEN_M, FROZEN_SDS = 2.0, 4.0
+"""A position that stays the same while its speed makes this way is frozen; while speeds that change make it: where it
+is as many standard deviations as well (a coarse receiver repeats itself)."""
 ODOMETER_RATIO = 0.01
 """Without positions, the way is wrong by this share of it (one standard deviation; worn wheels, slip)."""
 LEAST_SD_M, LEAST_SD_MPS = 0.5, 0.02
@@ -170,6 +171,8 @@ class Localisation:
         """The first fix that said what the newest says;"""
         self._repeated_ns = 0
         """and the time of the newest."""
+        self._still_m = 0.0
+        """Way by the speeds since the position is the same."""
         self._wander_sd_m: float | None = None
         self._blind_m = 0.0
         """Way since the last measured position."""
@@ -325,7 +328,7 @@ class Localisation:
         first, last, count = self._doubted or (fix, fix, 0)
         if count and fix.time_ns <= last.time_ns:
             return
-        if count and not _follows(last, fix, self._fastest_mps):
+        if count and not (_follows(last, fix, self._fastest_mps) and _follows(first, fix, self._fastest_mps)):
             first, count = fix, 0
         self._doubted = first, fix, count + 1
         if count + 1 >= RESTART_FIXES and (fix.time_ns - first.time_ns) * NS >= RESTART_SPAN_S:
@@ -341,11 +344,15 @@ class Localisation:
     def _frozen(self, fix: PositionFix) -> str:
         """A position that stays while its speed says it must not."""
         first, silent_s = self._fresh, (fix.time_ns - self._repeated_ns) * NS
-        if first is None or not _says_the_same(fix, first) or silent_s > RESTART_AFTER_S:
+        if first is None or fix.s_m != first.s_m or silent_s > RESTART_AFTER_S:
+            self._still_m = 0.0
             return ""
         self._repeated_ns = fix.time_ns
-        way_m = fix.speed_mps * (fix.time_ns - first.time_ns) * NS
-        return f"the position is frozen at {fix.s_m:.0f} m" if way_m > FROZEN_M else ""
+        position_sd_m, speed_sd_mps = _sds(fix)
+        moves = fix.speed_mps > max(SLOW_MPS, SLOW_SDS * speed_sd_mps)
+        self._still_m = self._still_m + fix.speed_mps * silent_s if moves else 0.0
+        most_m = FROZEN_M if _says_the_same(fix, first) else max(FROZEN_M, FROZEN_SDS * position_sd_m)
+        return f"the position is frozen at {fix.s_m:.0f} m" if self._still_m > most_m else ""
 
 
 def _sds(fix: PositionFix) -> tuple[float, float]:

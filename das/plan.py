@@ -68,6 +68,8 @@ class Plan:
     made_ns: int
     solution: Solution
     force_n: Floats
+    shown_force_n: Floats
+    """The force that goes with the mode: where a short one is left out, no more than that of the mode before it."""
     modes: NDArray[np.int64]
     four_modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
@@ -85,12 +87,16 @@ class Plan:
         """The plan made at a moment from a solution of the section."""
         run = solution.trajectory
         energy_j = run.input_j(run.loss_j(section.loss))
-        modes = classify_modes(solution, section)
+        planned = classify_modes(solution, section)
+        modes = without_short(planned, run.t_s)
         four_modes = _four_modes(modes, solution, section)
+        force_n = run.force_el_n + run.force_friction_n
+        before = np.maximum.accumulate(np.where(modes == planned, np.arange(len(modes)), 0))
         return cls(
             made_ns=now_ns,
             solution=solution,
-            force_n=run.force_el_n + run.force_friction_n,
+            force_n=force_n,
+            shown_force_n=np.minimum(force_n, force_n[before]),
             modes=modes,
             four_modes=four_modes,
             next_change=_next_changes(modes),
@@ -134,14 +140,12 @@ def _four_modes(modes: NDArray[np.int64], solution: Solution, section: Section) 
 
 
 def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
-    """Mode of each interval of a run, by its forces against what is available and its acceleration.
-
-    A mode shorter than `MODE_HOLD_S` is that of the interval before it, unless it brakes: nobody could follow it.
-    """
+    """Mode of each interval of a run, by its forces against what is available and its acceleration."""
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
     rate = np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)
     fastest_rate = FULL_EFFORT_RATIO * train.max_acceleration_mps2
+    hardest_rate = -FULL_EFFORT_RATIO * train.max_deceleration_mps2
     accelerating = np.abs(rate) > CRUISE_ACCELERATION_MPS2
     traction, electric = vehicle.traction_effort_n(mean), vehicle.electric_brake_effort_n(mean)
     idle = IDLE_EFFORT_RATIO * train.traction_force_n
@@ -152,7 +156,7 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
             ~accelerating & (np.abs(force) > idle),
             (force >= FULL_EFFORT_RATIO * traction) | ((force > idle) & (rate >= fastest_rate)),
             force > idle,
-            (force <= -FULL_EFFORT_RATIO * electric) & (electric > 0),
+            ((force <= -FULL_EFFORT_RATIO * electric) & (electric > 0)) | ((force < -idle) & (rate <= hardest_rate)),
             force < -idle,
         ],
         [
@@ -164,10 +168,13 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
             Mode.REDUCED_BRAKE,
         ],
         Mode.COAST,
-    ).astype(np.int64)
-    return without_short(modes, run.t_s)
+    )
+    return np.asarray(modes.astype(np.int64))
 
 
 def without_short(modes: NDArray[np.int64], t_s: Floats) -> NDArray[np.int64]:
-    """Modes per interval without those that end sooner than they can be followed (in all not longer than that)."""
+    """Modes per interval without those that end sooner than they can be followed (in all not longer than that).
+
+    They are as the one before; brakes are never left out.
+    """
     return np.asarray(kernels.without_short(modes, t_s, int(Mode.REDUCED_BRAKE), MODE_HOLD_S))

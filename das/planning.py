@@ -109,7 +109,7 @@ class Fronts:
         return found
 
     def _from_tables(self, section: Section, hashes: Mapping[str, str]) -> Found:
-        notes = []
+        notes, others = [], []
         for table in self._tables:
             if table.inputs == hashes:
                 try:
@@ -117,8 +117,12 @@ class Fronts:
                 except TableError as error:
                     notes.append(f"{error}; solved instead")
             elif table.is_meant_for(section):
-                differing = ", ".join(name for name, value in hashes.items() if table.inputs.get(name) != value)
-                notes.append(f"{table.folder}: not the table of {section.name}: other {differing}; solved instead")
+                others.append((table, [name for name, value in hashes.items() if table.inputs.get(name) != value]))
+        if others and not notes:
+            # The nearest one says it all: a folder may hold tables of many trains, loads and levels.
+            nearest, differing = min(others, key=lambda other: len(other[1]))
+            said = ", ".join(differing)
+            notes.append(f"{nearest.folder}: not the table of {section.name}: other {said}; solved instead")
         front = solve_front(section, threads=self._threads, lambda_w=onboard_ladder(section))
         return Found(front=front, source=Source.SOLVED, notes=tuple(notes))
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from das.domain.units import KMH, NS
+from das.plan import LONGEST_RATIO
 from das.solver import kernels, rollout_kernels
 from das.solver.section import Section
 
@@ -34,14 +35,20 @@ class ReducedSpeed:
         """That speed (m/s) from a state."""
         age_s = (now_ns - self._judged_ns) * NS
         if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < JUDGED_EVERY_S:
+            before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan
             self._judged_ns, self._for_ns = now_ns, arrival_ns
-            self._speed_mps = self._judged(s_m, v_mps, (arrival_ns - now_ns) * NS)
+            self._speed_mps = self._judged(s_m, v_mps, (arrival_ns - now_ns) * NS, before_mps)
         return self._speed_mps
 
-    def _judged(self, s_m: float, v_mps: float, left_s: float) -> float:
+    def _judged(self, s_m: float, v_mps: float, left_s: float, before_mps: float) -> float:
         low, high = SLOWEST_MPS, max(float(self._ceiling_mps.max()), SLOWEST_MPS)
-        if self.time_s(s_m, v_mps, high) >= left_s:
+        least_s = self.time_s(s_m, v_mps, high)
+        if least_s >= left_s:
             return high
+        ample = left_s > LONGEST_RATIO * least_s
+        if ample and not math.isnan(before_mps):
+            return before_mps
+        left_s = LONGEST_RATIO * least_s if ample else left_s
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.time_s(s_m, v_mps, middle) > left_s else (low, middle)

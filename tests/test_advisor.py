@@ -18,7 +18,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH, NS
 from das.domain.vehicle import BrakePolicy
 from das.localisation import PositionFix, Quality
-from das.plan import FOUR_MODES, Mode, without_short
+from das.plan import FOUR_MODES, IDLE_EFFORT_RATIO, LONGEST_RATIO, Mode, Plan, classify_modes, without_short
 from das.reduced import ReducedSpeed
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
@@ -113,6 +113,29 @@ def test_above_the_brake_curve_it_says_brake(front: Front) -> None:
     assert advice.advised_force_n < -1e5
 
 
+@pytest.mark.parametrize("over_mps", [0.6, 0.9, 1.1, 2.0, 6.0])
+@pytest.mark.parametrize("place", [0.2, 0.5, 0.8])
+def test_who_is_too_fast_is_never_told_to_pull_nor_to_coast_for_a_brake(
+    front: Front, place: float, over_mps: float
+) -> None:
+    s_m = place * front.section.end_m
+    allowed = float(np.sqrt(np.interp(s_m, front.section.node_m, front.section.envelope_mps**2)))
+    _, advice = advisor_at(front, s_m, allowed + over_mps, now_s=0.0, arrival_s=100.0)
+    assert "too fast" in advice.reason
+    assert advice.advised_force_n <= 0
+    assert advice.mode in (Mode.CRUISE, Mode.COAST, Mode.REDUCED_BRAKE, Mode.FULL_BRAKE)
+    assert advice.four_mode is (advice.mode if advice.mode in (Mode.CRUISE, Mode.COAST) else Mode.FULL_BRAKE)
+
+
+def test_a_brake_as_hard_as_the_train_may_is_full() -> None:
+    """Its motors could brake twice as hard: that is no weak brake, nor coasting on a display of four modes."""
+    train = replace(load_vehicle("re460-ic"), max_deceleration_mps2=0.3)
+    late = solve_front(build_section(load_route("flat-6km"), train))
+    plan = Plan.of(late.fastest(), late.section, 0)
+    assert plan.modes[-1] == plan.four_modes[-1] == Mode.FULL_BRAKE
+    assert -plan.force_n[-1] < 0.5 * 300e3
+
+
 def test_same_inputs_same_advice(front: Front) -> None:
     a = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)[1]
     b = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)[1]
@@ -143,6 +166,20 @@ def test_standing_at_the_end_is_arrived(front: Front) -> None:
     assert (advice.mode, advice.reason) == (Mode.STOP, "arrived, 10 s late")
 
 
+def test_who_stands_at_the_end_is_not_later_every_second(front: Front) -> None:
+    advisor, first = advisor_at(front, 28_999.0, 0.0, now_s=1_220.0, arrival_s=1_250.0)
+    assert first.reason == "arrived, 30 s early"
+    for second in range(1_221, 1_400):
+        advisor.set_position(PositionFix(time_ns=ns(second), s_m=28_999.0, speed_mps=0.0))
+        assert advisor.update(ns(second)).reason == first.reason
+    for second in range(1_400, 1_410):  # short of the mark: it moves up
+        advisor.set_position(PositionFix(time_ns=ns(second), s_m=28_999.0 + (second - 1_400) * 0.5, speed_mps=0.5))
+        advisor.update(ns(second))
+    for second in range(1_410, 1_415):
+        advisor.set_position(PositionFix(time_ns=ns(second), s_m=29_003.5, speed_mps=0.0))
+    assert advisor.update(ns(1_414)).reason == "arrived, 164 s late"
+
+
 def test_a_train_that_moves_up_to_its_stop_is_not_told_to_depart(front: Front) -> None:
     """It stood short of the mark, so the stop is kept; what it creeps now is not the next section."""
     _, advice = advisor_at(front, -31.0, 2.0, now_s=-60.0, arrival_s=1_250.0)
@@ -159,6 +196,8 @@ def test_full_brake_is_no_more_than_the_train_brakes_with() -> None:
     _, advice = advisor_at(fast, 5_999.5, 3.0, now_s=200.0, arrival_s=240.0)
     assert advice.reason == "stop here"
     assert -advice.advised_force_n == pytest.approx(1.1 * train.inertial_mass_kg)
+    all_n = float(train.electric_brake_effort_n(3.0)) + 5e6
+    assert advice.advised_force_ratio == pytest.approx(advice.advised_force_n / all_n)
 
 
 def test_position_is_extrapolated_to_now(front: Front) -> None:
@@ -295,6 +334,19 @@ def test_the_effort_shown_is_that_of_the_mode_shown(front: Front) -> None:
             assert advice.advised_force_n < 0
 
 
+def test_the_effort_of_a_mode_left_out_is_not_shown_with_another(front: Front) -> None:
+    """A short mode is shown as the one before it, and with no more effort than that."""
+    section, left_out = front.section, 0
+    for time_s in (1_110.0, 1_150.0, 1_200.0, 1_300.0):
+        solution = front.trajectory(time_s)
+        plan, planned = Plan.of(solution, section, 0), classify_modes(solution, section)
+        left_out += int(np.count_nonzero(plan.modes != planned))
+        assert (plan.shown_force_n[plan.modes == planned] == plan.force_n[plan.modes == planned]).all()
+        assert (plan.shown_force_n <= plan.force_n).all()
+        assert plan.shown_force_n[plan.modes == Mode.COAST].max() <= IDLE_EFFORT_RATIO * section.train.traction_force_n
+    assert left_out > 0
+
+
 def test_a_fix_from_the_future_does_not_shut_out_the_present(front: Front) -> None:
     advisor, _ = advisor_at(front, 5_000.0, 20.0, now_s=100.0, arrival_s=1_250.0)
     advisor.set_position(PositionFix(time_ns=ns(10_000), s_m=6_000.0, speed_mps=20.0))
@@ -369,6 +421,16 @@ def test_the_reduced_maximum_speed_keeps_the_time(front: Front) -> None:
     assert advisor.update(ns(210)).reduced_max_speed_mps == first.reduced_max_speed_mps
     _, late = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=800.0)
     assert late.reduced_max_speed_mps == pytest.approx(float(front.section.limit_mps.max()), abs=1.0)
+
+
+def test_the_reduced_maximum_speed_is_not_absurdly_slow_where_time_is_ample(front: Front) -> None:
+    """As the plan: at first 2.5 times the least time; and it does not dwindle on the way."""
+    reduced = ReducedSpeed(front.section)
+    fast = float(front.section.limit_mps.max())
+    top = reduced.at(0.0, 0.0, ns(0), ns(9_000))
+    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(LONGEST_RATIO * reduced.time_s(0.0, 0.0, fast), abs=2.0)
+    for second in range(60, 1_800, 60):
+        assert reduced.at(10.0 * second, top, ns(second), ns(9_000)) == top
 
 
 def test_before_the_departure_the_reduced_speed_of_the_way_is_known(front: Front) -> None:

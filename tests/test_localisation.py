@@ -201,6 +201,45 @@ def test_a_frozen_sensor_is_noticed() -> None:
     assert found.reason == found.rejection
 
 
+@pytest.mark.parametrize("frozen_s", [15.0, 25.0, 80.0])
+@pytest.mark.parametrize("sd_m", [math.nan, SD_M])
+def test_a_receiver_that_freezes_beside_an_odometer_that_lives_is_noticed(frozen_s: float, sd_m: float) -> None:
+    """The speeds go on and differ from each other, the place does not."""
+    localisation = heard(frozen_s)
+    place_m = truth(frozen_s)[0] + 1.0
+    for second in range(int(frozen_s) + 1, int(frozen_s) + 30):
+        off_mps = 0.05 if second % 2 else -0.05
+        localisation.take(at(second, place_m, truth(second)[1] + off_mps, uncertainty_m=sd_m))
+        found = localisation.at(ns(second))
+        way_m = truth(second)[0] - place_m
+        assert found.restarts == 0
+        assert not found.usable or way_m < 60.0 or second - frozen_s <= 2 * STALE_AFTER_S
+    assert not found.usable
+    assert found.reason.startswith("the position")
+
+
+def test_fixes_that_stay_while_the_train_runs_do_not_agree() -> None:
+    """Each agrees with the one before within its noise, but not all of them with the first."""
+    localisation = heard(80.0, noise_m=10.0)
+    for second in range(81, 100):
+        localisation.take(at(second, 500.0, truth(second)[1], uncertainty_m=10.0))
+        assert localisation.at(ns(second)).restarts == 0
+    assert not localisation.at(ns(99)).usable
+
+
+def test_a_coarse_receiver_is_not_frozen() -> None:
+    """Places in steps of 10 m, a train that stands for long and creeps off."""
+    localisation = Localisation(TRAIN)
+    for second in range(400):
+        speed_mps = 0.0 if second < 300 else min(0.1 * (second - 300), 1.5)
+        place_m = 0.0 if second < 300 else 0.05 * min(second - 300, 15) ** 2 + 1.5 * max(second - 315, 0)
+        said_mps = abs(speed_mps + (0.04 if second % 2 else -0.04))
+        localisation.take(at(second, 10.0 * round(place_m / 10.0), said_mps, uncertainty_m=5.0))
+        found = localisation.at(ns(second))
+        assert found.usable
+        assert abs(found.s_m - place_m) < 12.0
+
+
 def test_the_same_place_after_a_silence_is_not_frozen() -> None:
     localisation = Localisation(TRAIN)
     for second in (0, 1_000):

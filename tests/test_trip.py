@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -571,6 +572,18 @@ def test_a_point_to_pass_sooner_is_passed_sooner() -> None:
     assert passes(made) <= 118
 
 
+def test_a_window_that_cannot_be_kept_is_said() -> None:
+    made = trip()
+    made.set_targets([Target(s_m=2500.0, latest_ns=ns(80), reason="crossing")])
+    advices = list(follow(made))
+    passed_s = (next(a for a in advices if a.s_m >= 2500.0).time_ns - T0) * NS
+    said = r"pass km 2\.5 as soon as possible, (\d+) s too late \(crossing\), .*"
+    first = re.fullmatch(said, advices[1].reason)
+    assert first is not None
+    assert float(first[1]) == pytest.approx(passed_s - 80, abs=3)
+    assert next(a for a in advices if a.s_m >= 2500.0).reason.startswith("least energy")
+
+
 def test_a_train_told_far_too_late_to_be_slow_brakes_for_the_point() -> None:
     """400 m before it, at speed, with a minute and a half to spend: slower than any run of least energy."""
     made = trip()
@@ -697,6 +710,17 @@ def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
     assert any("other line; solved instead" in news.text for news in made.take_news())
     made.set_restrictions([])
     assert at(made, 61, 1524.0, 24.0).source is Source.TABLE
+
+
+def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) -> None:
+    settings = TableSettings(buffers_percent=(0.0,))
+    heavy = replace(train(1.3e5), id="heavy")
+    write_table(tables / "a-b-heavy", make_table(build_section(LINE, heavy, end_m=5000.0), settings))
+    made = trip(Fronts(tables, threads=1))
+    made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
+    at(made, 60, 1500.0, 24.0)
+    (said,) = (news.text for news in made.take_news() if news.bad)
+    assert said == f"{tables / 'a-b'}: not the table of {made.advisor.current.section.name}: other line; solved instead"
 
 
 def cut(path: Path) -> None:
