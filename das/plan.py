@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das import plan_kernels as kernels
+from das.domain.units import KMH
 from das.solver.front import Solution
 from das.solver.section import Section
 
@@ -21,6 +22,7 @@ FULL_EFFORT_RATIO = 0.97
 IDLE_EFFORT_RATIO = 0.02
 """Effort over this share of the largest is full; under this one it is none."""
 CRUISE_ACCELERATION_MPS2 = 0.02
+RIPPLE_MPS = 2.0 * KMH
 LONGEST_RATIO = 2.5
 """No run is planned to take more than this times the least time from its state: where much more is left, the train
 arrives early and waits at the stop rather than crawl (without idle losses, the least energy is a crawl)."""
@@ -40,6 +42,7 @@ class Mode(IntEnum):
     STOP = 8
 
 
+ROLLING = np.array([Mode.REDUCED_TRACTION, Mode.COAST], dtype=np.int64)
 FOUR_MODES = np.arange(len(Mode))
 """Each mode as one of the four that the simplest display knows: traction, a speed to hold, coast, brake."""
 FOUR_MODES[[Mode.REDUCED_TRACTION, Mode.REDUCED_BRAKE, Mode.FRICTION_BRAKE]] = (
@@ -140,7 +143,11 @@ def _four_modes(modes: NDArray[np.int64], solution: Solution, section: Section) 
 
 
 def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
-    """Mode of each interval of a run, by its forces against what is available and its acceleration."""
+    """Mode of each interval of a run, by its forces against what is available and its acceleration.
+
+    Between two stretches of cruising a train that keeps its speed within `RIPPLE_MPS` is cruising as well: to say coast
+    and traction in turn would ask for what holding the speed does by itself.
+    """
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
     rate = np.diff(run.v_mps) / np.maximum(run.interval_s(), 1e-9)
@@ -169,7 +176,7 @@ def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
         ],
         Mode.COAST,
     )
-    return np.asarray(modes.astype(np.int64))
+    return np.asarray(kernels.without_ripples(modes.astype(np.int64), run.v_mps, int(Mode.CRUISE), ROLLING, RIPPLE_MPS))
 
 
 def without_short(modes: NDArray[np.int64], t_s: Floats) -> NDArray[np.int64]:

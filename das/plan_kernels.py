@@ -54,6 +54,27 @@ def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces
 
 
 @kernel
+def without_ripples(modes, v, cruise, rolling, band):
+    """Modes per interval with those between two stretches of `cruise` as these, while speeds stay within `band` (m/s).
+
+    Only the modes `rolling` are left out so.
+    """
+    result = modes.copy()
+    after = -1  # where the last stretch of cruising has ended
+    low = high = 0.0
+    for i in range(modes.size):
+        if modes[i] == cruise:
+            if after >= 0 and high - low <= band:
+                result[after:i] = cruise
+            after, low, high = i + 1, v[i + 1], v[i + 1]
+        elif (modes[i] == rolling).any():
+            low, high = min(low, v[i + 1]), max(high, v[i + 1])
+        else:
+            after = -1
+    return result
+
+
+@kernel
 def without_short(modes, t_s, brakes, least_s):
     """Modes per interval without those that end within `least_s`: they are as the one before, in all not longer.
 
