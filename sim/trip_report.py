@@ -230,7 +230,7 @@ def _stands_table(stands: list[dict[str, Any]]) -> Table:
         table.add_row(
             s["stop"] or "on the line",
             f"{s['position_m'] / KM:.3f}",
-            "" if s["off_m"] is None else f"{s['off_m']:.0f} m",
+            "" if s["off_m"] is None else f"{round(s['off_m'])} m",
             "" if s["arrival"] is None else s["arrival"][11:19],
             "" if s["departure"] is None else s["departure"][11:19],
             "" if s["dwell_s"] is None else f"{s['dwell_s']:.0f} s",

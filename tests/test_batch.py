@@ -20,12 +20,13 @@ from das.domain.losses import Level
 from sim.batch.journal import Journal
 from sim.batch.plan import Batch, parse_seeds
 from sim.batch.report import summary
-from sim.batch.table import write_table
+from sim.batch.table import SCHEMA_NAMES, write_table
 from sim.batch.worker import recorded, work
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
 from sim.recording import read_recording
-from tests.making import das_sim
+from sim.world.outcome import SHARES
+from tests.making import REPOSITORY, das_sim
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -116,6 +117,12 @@ def test_the_table_has_a_row_for_every_run(first: First) -> None:
         mean = np.mean([row["energy_kwh"] for row in first.table if row["advice"] == group["advice"]])
         assert group["energy_kwh"] == pytest.approx(mean)
         assert (group["runs"], group["failed"], group["error"]) == (4, 0, None)
+
+
+def test_every_column_is_documented() -> None:
+    page = (REPOSITORY / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    said = page.replace("`_ratio`", ", ".join(f"`{name}_ratio`" for name in SHARES))
+    assert [name for name in SCHEMA_NAMES if f"`{name}`" not in said] == []
 
 
 def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) -> None:

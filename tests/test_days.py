@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from das.advisor import Advice
 from das.domain.errors import DasError
-from sim.drivers.cab import Presentation
+from sim.drivers.cab import AT_STOP_M, Presentation
 from sim.drivers.registry import DriverKind
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
+from sim.world.link import Heard
 from sim.world.loop import World
 from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
-from tests.flat_days import run_of, signal_at, standing_m, states_of
+from sim.world.service import Service, prepare_service
+from tests.flat_days import FLAT, run_of, signal_at, standing_m, states_of
 
 
 @pytest.mark.parametrize("advice", list(Presentation))
@@ -35,7 +39,7 @@ def test_every_driver_arrives_on_a_flat_line(flat: Callable[[str], Path], driver
 
 def test_a_driver_who_never_gets_there_ends_the_run(flat: Callable[[str], Path]) -> None:
     """A signal that never clears."""
-    path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 1e6")
+    path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86400")
     with pytest.raises(DasError, match=r"did not arrive within .* s \(it is at 30\d\d m|at 299\d m"):
         states_of(path, "perfect", "vector", 1)
 
@@ -59,6 +63,52 @@ def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) 
         driver = make_day(service, seed).driver(DriverKind.HUMAN)
         run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
         assert 2985 < standing_m(run)[0] < 3000.5
+
+
+def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str], Path]) -> None:
+    """At the greatest error he may have, one mark in ten is more than 10 m off: all but the first of these."""
+    service = prepare_service(read_scenario(flat("[human]\nstop_error_m = 8\n")))
+    missed = []
+    for seed in (0, 10, 19, 23):
+        day = make_day(service, seed)
+        run = World(day, day.driver(DriverKind.HUMAN), Presentation.NONE, InProcess(service)).run()
+        missed.append(run.calls[-1].missed_m)
+    assert max(map(abs, missed)) < AT_STOP_M
+    assert np.min(missed) < -7
+
+
+def test_a_human_does_not_brake_every_few_seconds_downhill(flat: Callable[..., Path]) -> None:
+    """On 12 permille down to Zug (3.5 min) he brakes as often as the speed has risen again, not 30 to 50 times."""
+    down = 'route = "zurich-luzern"\nfrom = "Thalwil"\nto = "Zug"'
+    service = prepare_service(read_scenario(flat(base=FLAT.replace('route = "flat-6km"', down))))
+    for shown in (Presentation.NONE, Presentation.RMS):
+        day = make_day(service, 0)
+        states = World(day, day.driver(DriverKind.HUMAN), shown, InProcess(service)).run().states
+        brakes = [x.force_el_n + x.force_friction_n < -20e3 for x in states if 20_000 < x.s_m < 27_000]
+        assert 1 <= sum(after and not before for before, after in pairwise(brakes)) <= 14
+
+
+class Hears(InProcess):
+    """A link that keeps the delays the node is told."""
+
+    def __init__(self, service: Service) -> None:
+        super().__init__(service)
+        self.delays_s: list[float] = []
+
+    def exchange(self, heard: Heard) -> Advice:
+        if heard.delay_s is not None:
+            self.delays_s.append(heard.delay_s)
+        return super().exchange(heard)
+
+
+def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Path]) -> None:
+    service = prepare_service(
+        read_scenario(flat("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 60"))
+    )
+    for seed in range(3):
+        day, link = make_day(service, seed), Hears(service)
+        run = World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, link).run()
+        assert link.delays_s[-1] == pytest.approx(run.late_s, abs=1e-6)
 
 
 def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:

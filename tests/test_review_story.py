@@ -295,3 +295,18 @@ def test_headline() -> None:
     line = headline(recording)
     assert line.startswith("t1 · signal-stop · driver human · advice vector · seed 3 · ")
     assert f"{SPEED_MPS * SECONDS / KM:.2f} km · 100 s" in line
+
+
+def test_a_picture_says_what_the_scenario_let_happen() -> None:
+    from sim.review.summary import LETTERS, on_this_day
+
+    recording = recorded()
+    assert on_this_day(recording) == []
+    recording.metadata["run"] = {"happens": "nothing"}
+    assert on_this_day(recording) == []
+    happens = "; ".join(["slippery rail from km 0.0 to 6.0, adhesion × 0.33"] * 4)
+    recording.metadata["run"] = {"happens": happens}
+    lines = on_this_day(recording)
+    assert " ".join(lines).endswith(happens)
+    assert len(lines) == 2
+    assert max(map(len, lines)) <= LETTERS

@@ -44,6 +44,26 @@ BAD = [
     ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 'long'", "long"),
     ("[[disturbances]]\nkind = 'sensor-fault'\nfault = 'rust'\nfrom_s = 1\nfor_s = 1", "one of dropout"),
     (
+        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'jump'\nfrom_s = 1\nfor_s = 1",
+        r"disturbances\[0\].size is missing",
+    ),
+    (
+        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'noise'\nfrom_s = 1\nfor_s = 1\nsize_m = 0",
+        r"disturbances\[0\].size_m = 0: expected a number from 1 to 1e\+07",
+    ),
+    (
+        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'frozen'\nfrom_s = 1\nfor_s = 1\nsize_m = 9",
+        r"disturbances\[0\].size_m = 9: expected one of the keys",
+    ),
+    (
+        "[[disturbances]]\nkind = 'node-restart'\nat_s = 1e300",
+        r"disturbances\[0\].at_s = 1e\+300: expected a number from 0 to 86400",
+    ),
+    (
+        RESTRICTED.replace("announced_m = 500", "announced_m = 1e300"),
+        r"disturbances\[0\].announced_m = 1e\+300: expected a number from 0 to 1e\+07",
+    ),
+    (
         RESTRICTED.replace("to_km = 2", "to_km = 1"),
         r"disturbances\[0\].to_km = 1: expected more than from = 1000 m",
     ),
@@ -51,7 +71,7 @@ BAD = [
         RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
         "from is at km 7: expected on the way, km 0 to 6",
     ),
-    (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a finite number >= 3.6"),
+    (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a number from 3.6 to 720"),
     (RESTRICTED.replace("speed_kmh", "speed_t"), r"disturbances\[0\].speed_t"),
     (RESTRICTED + "speed_mps = 9", "only one of"),
     (RESTRICTED.replace("_kmh = 60", "_kmh = {min = 50, max = 60}") + "speed_mps = 9", "only one of speed_mps and"),

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from das.bus import das_pb2
-from sim.drivers.cab import AdviceView, Cab, Efforts, Presentation
+from sim.drivers.cab import AT_STOP_M, AdviceView, Cab, Efforts, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rules import JUDGED_EVERY_S, TimeRule
@@ -27,10 +27,14 @@ WATCHED_MPS = 1.5
 """So near to the highest speed allowed the driver minds it, whatever the advice says."""
 RELEASED_RATIO = 0.6
 """Brakes stay applied while at least this share of the planned deceleration is needed."""
+SETTLED_MPS = 0.1
+"""Braking for a limit ends when the speed is above it by no more than this."""
 EASED_S = 3.0
 """Speed above a limit is braked away within about this time."""
 NEAREST_M = 0.3
 """For the last bit before the mark, and beyond it, he brakes as planned."""
+MISSED_M = 0.8 * AT_STOP_M
+"""He misses a mark by no more than this: a train further off would not be at its stop, and never leave it."""
 
 _KINDS: dict[int, str] = {
     das_pb2.MODE_FULL_TRACTION: "traction",
@@ -97,7 +101,7 @@ class HumanDriver:
         self._judged: tuple[object, ...] | None = None
         self._pending: bool | None = None
         self._following = False
-        self._correcting = self._braking = False
+        self._correcting = self._braking = self._restraining = False
         self._correction = 0.0
         self._efforts = Efforts.at(0.0, line.train)
         self._lever, self._moving, self._notched_s = 0.0, False, -math.inf
@@ -211,14 +215,14 @@ class HumanDriver:
     def _wanted(self, cab: Cab, outlook: Outlook) -> float:
         """The controller's setting he wants now: by advice or habit, but never more than limits and stops let."""
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
-        if self._heeded is not None and self._advised_effort:
-            wanted = self._advised(cab, outlook, self._heeded, allowed)
-        else:
-            wanted = self._held(cab, outlook, min(self._top(cab, outlook), allowed))
         reach_s = self._reach_s()
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
-        if cab.speed_mps + reach_s * max(self._rate_mps2, 0.0) > coming - WATCHED_MPS:
-            wanted = min(wanted, self._held(cab, outlook, coming))
+        near = cab.speed_mps + reach_s * max(self._rate_mps2, 0.0) > coming - WATCHED_MPS
+        if self._heeded is not None and self._advised_effort:
+            wanted = self._advised(cab, outlook, self._heeded, allowed)
+            wanted = min(wanted, self._held(cab, outlook, coming)) if near else wanted
+        else:
+            wanted = self._held(cab, outlook, min(self._top(cab, outlook), coming if near else allowed))
         needed = self._needed_braking(cab, outlook)
         return wanted if needed is None else min(wanted, self._braked(cab, outlook, needed))
 
@@ -242,7 +246,7 @@ class HumanDriver:
         if v > outlook.allowed_mps(s + ahead_m) + min(human.dead_band_mps, human.below_limit_mps):
             self._braking = True
         elif needed < RELEASED_RATIO * human.braking_mps2:
-            self._braking = False
+            self._braking = self._braking and v > max(outlook.allowed_mps(s) + SETTLED_MPS, STOPPING_MPS)
         return needed if self._braking else None
 
     def _advised(self, cab: Cab, outlook: Outlook, view: AdviceView, allowed: float) -> float:
@@ -277,7 +281,12 @@ class HumanDriver:
         force_n = outlook.resisting_n(cab.s_m, v)
         if self._correcting:
             force_n += GAIN_PER_S * outlook.train.inertial_mass_kg * error
-        if force_n < 0 and error > -ROLL_MPS:
+        # Downhill he brakes until the speed is right again, then lets it roll: else he would brake every few seconds.
+        if not self._correcting or error > 0 or v <= STOPPING_MPS:
+            self._restraining = False
+        elif error <= -ROLL_MPS:
+            self._restraining = True
+        if force_n < 0 and not self._restraining:
             return 0.0
         return self._efforts.lever_ratio(force_n * self._force_off())
 
@@ -292,6 +301,7 @@ class HumanDriver:
         if cab.halt_m != self._mark_for:
             self._mark_for = cab.halt_m
             off_m = self.parameters.stop_error_m * float(self._marks.standard_normal())
+            off_m = min(max(off_m, -MISSED_M), MISSED_M)
             self._mark_off_m = -abs(off_m) if cab.signal_m < cab.stop_m else off_m
         return cab.halt_m + self._mark_off_m
 

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from textwrap import wrap
 
 from das.bus import topics
 from das.domain.units import KM, NS, kwh
 from sim.recording import Recording
+from sim.world.disturbances import NOTHING
+
+LETTERS = 150
+"""Letters of a line under the headline of a picture."""
 
 
 def summary(recording: Recording) -> str:
@@ -30,6 +35,12 @@ def headline(recording: Recording) -> str:
     rows = dict(_trip(recording))
     parts += [rows[key] for key in ("stops", "driven", "time", "energy at the collector") if key in rows]
     return " · ".join(parts)
+
+
+def on_this_day(recording: Recording) -> list[str]:
+    """What the scenario let happen, in lines for a picture; none where that is nothing or not recorded."""
+    happens = recording.metadata.get("run", {}).get("happens", NOTHING)
+    return [] if happens == NOTHING else wrap(f"on this day (times from the timetable's departure): {happens}", LETTERS)
 
 
 def _trip(recording: Recording) -> list[tuple[str, str]]:

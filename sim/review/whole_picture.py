@@ -10,7 +10,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from sim.recording import Recording, read_recording
 
-TITLE_IN = 0.35
+TITLE_IN, LINE_IN = 0.35, 0.19
 
 
 def save_picture(recording_path: Path, png_path: Path) -> None:
@@ -26,14 +26,15 @@ def save_picture(recording_path: Path, png_path: Path) -> None:
 
 def _draw(recording: Recording) -> bytes:
     from sim.review import distance_panels, time_panels
-    from sim.review.canvas import BACKGROUND, INK, figure_of, list_height_in, listed
+    from sim.review.canvas import BACKGROUND, INK, SMALL, figure_of, list_height_in, listed
     from sim.review.distance_picture import AXIS_IN
     from sim.review.story import Story
-    from sim.review.summary import headline
+    from sim.review.summary import headline, on_this_day
 
     story = Story.of(recording)
     speed, *rest = distance_panels.PANELS
-    first = (speed._replace(above_in=speed.above_in + TITLE_IN), *rest)
+    day = on_this_day(recording)
+    first = (speed._replace(above_in=speed.above_in + TITLE_IN + LINE_IN * len(day)), *rest)
     below = time_panels.panels(story)
     below["speed"] = below["speed"]._replace(above_in=AXIS_IN + time_panels.LEGEND_IN)
     figure, axes = figure_of((*first, *below.values()), AXIS_IN + list_height_in(story.happenings))
@@ -42,6 +43,9 @@ def _draw(recording: Recording) -> bytes:
     figure.text(
         0.5, 1.0 - 0.7 * TITLE_IN / figure.get_figheight(), headline(recording), color=INK, ha="center", fontsize=11.0
     )
+    for number, line in enumerate(day):
+        y = 1.0 - (TITLE_IN + (number + 0.55) * LINE_IN) / figure.get_figheight()
+        figure.text(0.5, y, line, color=INK, ha="center", fontsize=SMALL)
     listed(figure, story.trip, story.happenings)
     png = io.BytesIO()
     figure.savefig(png, format="png", facecolor=BACKGROUND)

@@ -150,6 +150,10 @@ KINDS = {
 _KIND_OF = {made: kind for kind, made in KINDS.items()}
 
 
+NOTHING = "nothing"
+"""What happens on a day without disturbances."""
+
+
 def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
     """Kind and figures (SI) of each, for programs."""
     return [{"kind": _KIND_OF[type(one)], **asdict(one)} for one in disturbances]
@@ -157,7 +161,7 @@ def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
 
 def described(disturbances: Sequence[Disturbance]) -> str:
     """What happens in a line, speeds and places as people say them."""
-    return "; ".join(map(_described, disturbances)) or "nothing"
+    return "; ".join(map(_described, disturbances)) or NOTHING
 
 
 def _described(one: Disturbance) -> str:

@@ -171,6 +171,8 @@ class World:
 
     def _delay_s(self, state: PlantState) -> float:
         """Deviation from the plan for the timetable, as the operator knows it; who waits for the time is not early."""
+        if self._calls.finished:
+            return self._calls.arrivals[-1].time_s - self.service.clock_s(self._calls.timetable.arrival_ns)
         run = self.service.planned[self._calls.section].trajectory
         departure_s = self.service.clock_s(self._calls.timetable.departure_ns)
         late_s = state.time_s - departure_s - float(np.interp(state.s_m, run.s_m, run.t_s))

@@ -50,8 +50,17 @@ _QUANTITIES: dict[str, dict[str, str]] = {
 }
 """The quantities of each kind of disturbance (name → dimension)."""
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
-_OPTIONAL = {"size": 0.0}
-_RANGES = {"speed": (1.0, np.inf), "adhesion": (0.01, 10.0), "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS)}
+_SIZED = (SensorFault.JUMP, SensorFault.NOISE)
+"""Faults of a size."""
+LONGEST_LINE_M = 1e7
+_MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
+"""Greatest values (SI) by dimension: beyond them a figure is a slip of the pen."""
+_RANGES = {
+    "speed": (1.0, 200.0),
+    "adhesion": (0.01, 10.0),
+    "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS),
+    "size": (1.0, LONGEST_LINE_M),
+}
 """Least and greatest values (SI) of figures, where that is not anything from 0 up: a train has to get through."""
 
 
@@ -225,17 +234,17 @@ def _planned(table: Fields) -> Planned:
         raise table.error("kind", kind, "one of " + ", ".join(KINDS))
     quantities, at_a_stop = _QUANTITIES[kind], issubclass(KINDS[kind], DepartureDelay)
     others = ["stop"] if at_a_stop else ["fault"] if kind == "sensor-fault" else []
-    table.check_keys(["kind", *others, *table.quantity_keys(quantities)])
     fixed: dict[str, Any] = {}
     if at_a_stop:
         fixed["stop"] = table.text("stop")
     if kind == "sensor-fault":
-        fault = table.text("fault")
-        if fault not in list(SensorFault):
-            raise table.error("fault", fault, "one of " + ", ".join(SensorFault))
-        fixed["fault"] = SensorFault(fault)
+        fixed["fault"] = fault = _fault(table)
+        if fault not in _SIZED:
+            fixed["size_m"] = 0.0
+            quantities = {name: dimension for name, dimension in quantities.items() if name != "size"}
+    table.check_keys(["kind", *others, *table.quantity_keys(quantities)])
     drawn = {
-        name: _checked(table, name, dimension, read_quantity(table, name, dimension, _OPTIONAL.get(name)))
+        name: _checked(table, name, dimension, read_quantity(table, name, dimension))
         for name, dimension in quantities.items()
     }
     if "to" in drawn and not drawn["from"].high < drawn["to"].low:
@@ -248,9 +257,16 @@ def _planned(table: Fields) -> Planned:
     return Planned(kind=kind, figures=figures, fixed=fixed)
 
 
+def _fault(table: Fields) -> SensorFault:
+    fault = table.text("fault")
+    if fault not in list(SensorFault):
+        raise table.error("fault", fault, "one of " + ", ".join(SensorFault))
+    return SensorFault(fault)
+
+
 def _checked(table: Fields, name: str, dimension: str, figure: Drawn) -> Drawn:
     key = key_of(table, name, dimension)
-    least, most = _RANGES.get(name, (0.0, np.inf))
+    least, most = _RANGES.get(name, (0.0, _MOST.get(dimension, np.inf)))
     if not least <= figure.low <= figure.high <= most or np.isinf(figure.high):
         expected = _expected(key[len(name) + 1 :], dimension, (least, most))
         raise table.error(key, table.data[key], f"{expected}, or {{min = …, max = …}} in this order")
