@@ -23,6 +23,7 @@ IDLE_EFFORT_RATIO = 0.02
 """Effort over this share of the largest is full; under this one it is none."""
 CRUISE_ACCELERATION_MPS2 = 0.02
 RIPPLE_MPS = 2.0 * KMH
+"""Nobody holds a speed more closely."""
 LONGEST_RATIO = 2.5
 """No run is planned to take more than this times the least time from its state: where much more is left, the train
 arrives early and waits at the stop rather than crawl (without idle losses, the least energy is a crawl)."""

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from das.domain.route import Restriction, Stop
-from das.domain.units import NS
+from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.journey_advisor import JourneyAdvisor
 from das.localisation import STANDSTILL_MPS, Estimate, Localisation, PositionFix
@@ -31,6 +32,8 @@ from das.solver.section import Section
 
 MOST_STOPS, MOST_RESTRICTIONS, MOST_TARGETS = 200, 100, 100
 """More than this at a time are no sensible message."""
+MOST_NAMED = 3
+"""Of targets that are agreed to, so many are named."""
 LEAST_WAY_M = 2.0
 """A point to pass lies at least this far from both ends of its section."""
 TRY_AGAIN_S = 10.0
@@ -121,6 +124,8 @@ class Trip:
         self._legs: list[_Leg] = []
         self._journey: JourneyAdvisor | None = None
         self._targets: tuple[Target, ...] = ()
+        self._agreed: tuple[Target, ...] = ()
+        self._agreed_said: tuple[Target, ...] = ()
         self._now_ns = 0
         self._news = [News(text, True) for text in fronts.notes]
         self._told = False
@@ -154,6 +159,9 @@ class Trip:
 
     def take_news(self) -> list[News]:
         """What has happened since this was last asked."""
+        if self._agreed != self._agreed_said:
+            self._agreed_said = self._agreed
+            self._news.append(News(f"targets: {_named(self._agreed)}"))
         news, self._news = self._news, []
         return news
 
@@ -249,11 +257,14 @@ class Trip:
         self._targets = tuple(targets)
         for leg in self._legs:
             leg.arrival_ns, leg.points = None, []
+        agreed = []
         for target in targets if self._legs else ():
             try:
                 self._assign(target)
+                agreed.append(target)
             except DasError as error:
                 self._news.append(News(f"target ignored: {error}", True))
+        self._agreed = tuple(agreed)
         for leg in self._legs:
             leg.points.sort(key=lambda point: point.s_m)
         self._heed()
@@ -374,6 +385,19 @@ class Trip:
         how = "from a table" if answer.found.source is Source.TABLE else "solved"
         why, leg.why = f" ({leg.why})" if leg.why else "", ""
         self._news.append(News(f"{leg.start.name} – {leg.end.name}: {how}{why}"))
+
+
+def _named(targets: Sequence[Target]) -> str:
+    """The first few in words."""
+    more = [f"{len(targets) - MOST_NAMED} more"] if len(targets) > MOST_NAMED else []
+    return "; ".join([*map(_in_words, targets[:MOST_NAMED]), *more]) or "none any more"
+
+
+def _in_words(target: Target) -> str:
+    words = (("at", target.arrival_ns), ("not before", target.earliest_ns), ("not after", target.latest_ns))
+    times = (f"{word} {datetime.fromtimestamp(at_ns * NS, UTC):%H:%M:%S}" for word, at_ns in words if at_ns > 0)
+    why = f" ({target.reason})" if target.reason else ""
+    return " ".join([target.stop or f"km {target.s_m / KM:.1f}", *times]) + why
 
 
 class _Question(NamedTuple):

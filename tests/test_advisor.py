@@ -18,7 +18,18 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH, NS
 from das.domain.vehicle import BrakePolicy
 from das.localisation import PositionFix, Quality
-from das.plan import FOUR_MODES, IDLE_EFFORT_RATIO, LONGEST_RATIO, Mode, Plan, classify_modes, without_short
+from das.plan import (
+    FOUR_MODES,
+    IDLE_EFFORT_RATIO,
+    LONGEST_RATIO,
+    RIPPLE_MPS,
+    ROLLING,
+    Mode,
+    Plan,
+    classify_modes,
+    without_short,
+)
+from das.plan_kernels import without_ripples
 from das.reduced import ReducedSpeed
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
@@ -380,6 +391,21 @@ def test_modes_too_short_to_follow_are_left_out() -> None:
     modes = np.array([4, 4, 2, 4, 4, 6, 4, 4, 2, 2])
     t_s = np.cumsum([0.0, 5, 5, 1, 5, 5, 1, 5, 5, 2, 2])
     assert without_short(modes, t_s).tolist() == [4, 4, 4, 4, 4, 6, 4, 4, 2, 2]
+
+
+def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> None:
+    coast, pull, cruise, brake = Mode.COAST, Mode.REDUCED_TRACTION, Mode.CRUISE, Mode.REDUCED_BRAKE
+    cases = [
+        ([cruise, coast, pull, cruise], [20.0, 20.0, 19.7, 20.2, 20.2], [cruise] * 4),
+        ([cruise, coast, pull, cruise], [20.0, 20.0, 19.4, 20.0, 20.0], [cruise, coast, pull, cruise]),
+        ([cruise, brake, coast, cruise], [20.0, 20.0, 19.9, 19.8, 19.8], [cruise, brake, coast, cruise]),
+        ([coast, cruise, coast, coast], [20.0, 20.0, 20.0, 19.9, 19.9], [coast, cruise, coast, coast]),
+        # A slow rise from one stretch to the next is cruising; each is judged by itself.
+        ([cruise, pull, cruise, pull, cruise], [20.0, 20.0, 20.5, 20.5, 21.0, 21.0], [cruise] * 5),
+    ]
+    for modes, v_mps, expected in cases:
+        found = without_ripples(np.array(modes, dtype=np.int64), np.array(v_mps), int(cruise), ROLLING, RIPPLE_MPS)
+        assert found.tolist() == expected
 
 
 # --- what other displays show ------------------------------------------------------------------------------------

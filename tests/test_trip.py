@@ -594,6 +594,24 @@ def test_a_train_told_far_too_late_to_be_slow_brakes_for_the_point() -> None:
     assert 190 <= (passed.time_ns - T0) * NS <= 200
 
 
+def test_targets_that_are_kept_to_are_said_once() -> None:
+    made = trip()
+    named = [Target(stop="B", arrival_ns=T0 + 300 * 10**9), Target(s_m=2500.0, earliest_ns=ns(80), reason="crossing")]
+    many = [Target(s_m=2000.0 + i, latest_ns=ns(200)) for i in range(5)]
+    for targets, said in (
+        (named, ["targets: B at 08:05:00; km 2.5 not before 08:01:20 (crossing)"]),
+        (named, []),
+        (
+            [*named, Target(stop="nowhere", arrival_ns=ns(300))],
+            ["target ignored: nowhere is not on the way to a stop of this journey"],
+        ),
+        (many, ["targets: km 2.0 not after 08:03:20; km 2.0 not after 08:03:20; km 2.0 not after 08:03:20; 2 more"]),
+        ([], ["targets: none any more"]),
+    ):
+        made.set_targets(targets)
+        assert [news.text for news in made.take_news() if "target" in news.text] == said
+
+
 def test_targets_off_the_journey_are_ignored_and_said() -> None:
     made = trip()
     made.take_news()
