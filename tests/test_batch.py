@@ -41,7 +41,7 @@ vehicle = "re460-ic"
 buffer_percent = {buffer}
 """
 LATE = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 0, max = 20}\n"
-STUCK = "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 1e6\n"
+STUCK = "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86_400\n"
 
 
 @pytest.fixture(scope="module")
