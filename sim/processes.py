@@ -31,11 +31,6 @@ class Process:
             start_new_session=True,
         )
 
-    @property
-    def pid(self) -> int:
-        """The process's number."""
-        return self._child.pid
-
     def __enter__(self) -> Process:
         return self
 

@@ -16,6 +16,7 @@ import pytest
 
 from das.bus import das_pb2
 from das.bus.moderation import MOST_A_SECOND
+from das.bus.recorder import RecordingFile
 from das.bus.session import Bus, Received, decoded, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS
 from das.domain.errors import DasError
@@ -105,20 +106,30 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
 
 
 def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: Path) -> None:
+    """The recorder may write as many bytes as one message takes, but not what makes the file whole."""
     resource = pytest.importorskip("resource")
-    if not hasattr(resource, "prlimit"):
-        pytest.skip("no limits for other processes here")
     ours, theirs = (endpoint(port) for port in free_ports(2))
-    out = tmp_path / "run.mcap"
+    status, key, out = das_pb2.Status(time_ns=S), STATUS.key(TRAIN), tmp_path / "run.mcap"
+    unfinished = RecordingFile(tmp_path / "unfinished.mcap")
+    unfinished.add(STATUS, key, status, S)
+    unfinished.flush()
+    taken = (tmp_path / "unfinished.mcap").stat().st_size
+    unfinished.close()
+    room = (taken + (tmp_path / "unfinished.mcap").stat().st_size) // 2
     of_recorder = ("--train", TRAIN, "--listen", theirs, "--connect", ours, "--out", str(out))
-    with (
-        Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus,
-        Process("recorder", "das.bus.recorder", of_recorder) as recorder,
-    ):
-        bus.publish(STATUS, das_pb2.Status(time_ns=time.time_ns()))
-        until(bus, lambda r: r.topic is RECORDER and out.stat().st_size > 0)
-        written = out.stat().st_size
-        resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (written, written))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))  # who is started inherits it
+    try:
+        recorder = Process("recorder", "das.bus.recorder", of_recorder)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with recorder, Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
+        bus.publish(STATUS, status)
+        until(bus, lambda r: r.topic is RECORDER and r.message.messages == 1)
+        deadline = time.monotonic() + TIMEOUT_S
+        while out.stat().st_size < 0.8 * taken and time.monotonic() < deadline:  # till the message is on the disk
+            recorder.check()
+            time.sleep(0.05)
         with pytest.raises(DasError, match=r"the recorder ended: .*run\.mcap: cannot be written \(File too large\)"):
             recorder.finish()
 
