@@ -23,7 +23,7 @@ IDLE_EFFORT_RATIO = 0.02
 """Effort over this share of the largest is full; under this one it is none."""
 CRUISE_ACCELERATION_MPS2 = 0.02
 RIPPLE_MPS = 2.0 * KMH
-"""Nobody holds a speed more closely."""
+"""Speeds within so much of each other are one speed to hold: nobody holds it more closely."""
 LONGEST_RATIO = 2.5
 """No run is planned to take more than this times the least time from its state: where much more is left, the train
 arrives early and waits at the stop rather than crawl (without idle losses, the least energy is a crawl)."""
@@ -44,6 +44,7 @@ class Mode(IntEnum):
 
 
 ROLLING = np.array([Mode.REDUCED_TRACTION, Mode.COAST], dtype=np.int64)
+"""Modes that are cruising as well between two stretches of it, where the speed changes by no more than a ripple."""
 FOUR_MODES = np.arange(len(Mode))
 """Each mode as one of the four that the simplest display knows: traction, a speed to hold, coast, brake."""
 FOUR_MODES[[Mode.REDUCED_TRACTION, Mode.REDUCED_BRAKE, Mode.FRICTION_BRAKE]] = (

@@ -58,6 +58,7 @@ SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+) .*= (expected .*)")
 """A syntax error is drawn, over several lines."""
 MOST_SAID = 200
 DEEPEST = 64
+"""Brackets nested deeper are no configuration."""
 
 
 @dataclass(frozen=True)
