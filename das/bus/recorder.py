@@ -26,7 +26,7 @@ from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
-from das.commands import StopFlag, run_command, say
+from das.command_line.running import StopFlag, run_command, say
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 

@@ -15,8 +15,8 @@ from collections import deque
 
 import zenoh
 
-from das.bus.moderation import Moderation
-from das.commands import say
+from das.cab.moderation import Moderation
+from das.command_line.running import say
 
 LEVELS = (
     "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"

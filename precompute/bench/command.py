@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.commands import busy, err
+from das.command_line.running import busy, err
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import Section, build_section

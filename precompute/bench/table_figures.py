@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from das import table as tables
 from das.domain.files.load import load_vehicle
 from das.solver import kernels
 from das.solver.section import Section
-from das.table import SectionTable, Table, TableSettings, make_table, write_table
+from das.table import table as tables
+from das.table.table import SectionTable, Table, TableSettings, make_table, write_table
 from precompute.bench.figures import DIVISIONS_PER_LANDING_TRIED, MEGA, POLISHED_LANDINGS, VEHICLE, Reference
 from precompute.bench.measuring import Figure, Times, available_cores, in_turns, seconds_of
-from precompute.synthetic import synthetic_routes
+from precompute.bench.synthetic import synthetic_routes
 from precompute.tables.job import Job
 from precompute.tables.pool import solve_locally
 

@@ -13,7 +13,7 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.commands import err, print_table
+from das.command_line.running import err, print_table
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from das.domain.losses import LossModel
 from das.domain.trajectory import Trajectory
 from das.domain.units import KW
-from precompute import baselines
+from precompute.baselines import strategies as baselines
 from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L3, LEVELS, Case
 from precompute.study.drawing import LEVEL_COLOURS, new_figure
 from precompute.study.output import Output, markdown_table

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from das.commands import busy, err
+from das.command_line.running import busy, err
 from das.domain.errors import DasError
 from precompute.study.cases import GTO_VEHICLE, IGBT_VEHICLE
 from precompute.study.drawing import require_matplotlib, style
@@ -59,7 +59,7 @@ def make(wanted: list[str], output: Output) -> dict[str, Any]:
     """Make items and summary.json; returns what that holds."""
     with busy("compiling the solver (once on a machine, about 20 s) …"):
         from das.solver.warm_up import warm_up
-        from precompute import baselines
+        from precompute.baselines import strategies as baselines
         from precompute.study.runs import Workbench
 
         warm_up()

@@ -140,7 +140,7 @@ def draw_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, highest_mps: float)
     """The efficiency map in pale colours, bright = efficient, up to a speed; returns it for `efficiency_bar`."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    from precompute.loss_pictures import draw_efficiency_map
+    from precompute.loss_maps.command import draw_efficiency_map
 
     drawn = draw_efficiency_map(axes, loss_map, vehicle)
     drawn.set_cmap(LinearSegmentedColormap.from_list("pale", list(MAP_COLOURS)))

@@ -20,7 +20,7 @@ from das.domain.trajectory import Ledger, Trajectory
 from das.domain.units import KM, KW, PERCENT, kwh
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section, build_section
-from precompute import baselines
+from precompute.baselines import strategies as baselines
 from precompute.study.cases import GTO_VEHICLE
 from precompute.study.drawing import new_figure
 from precompute.study.output import Output, markdown_table

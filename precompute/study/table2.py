@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from das.domain.trajectory import Trajectory
-from precompute import baselines
+from precompute.baselines import strategies as baselines
 from precompute.study.cases import ALL_VARIANTS, COMPLETE, L0_NOREG, L1, L2, L3, Case, Variant
 from precompute.study.output import Output, markdown_table
 from precompute.study.printed import TABLE2, TABLE2_BUFFER_PERCENT, TABLE2_LEVELS, TABLE2_TRAJECTORIES

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from das.domain.errors import DasError
-from das.table import write_table
+from das.table.table import write_table
 from precompute.tables.environment import differences, environment
 from precompute.tables.job import Job
 from precompute.tables.store import Outcome, Status

@@ -15,12 +15,12 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table as PrintedTable
 
-from das.commands import busy, err, print_table
+from das.command_line.running import busy, err, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 
 if TYPE_CHECKING:
-    from das.table import Table
+    from das.table.table import Table
     from precompute.tables.build import Solver
 
 MB = 1e6
@@ -69,7 +69,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
     The exit code is 1 where one is damaged or missing.
     """
-    from das.table import Table, TableError
+    from das.table.table import Table, TableError
     from precompute.tables.store import REPORT, missing_tables, table_folders
 
     paths = table_folders(folder)
@@ -110,7 +110,7 @@ def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
     kWh: net energy at the current collector of the first and of the last trajectory (mostly that of least energy).
     gap: how far the energy lies above its lower bound at most, in % of the irreversible energy (see docs/physics.md).
     """
-    from das.table import Table, TableError
+    from das.table.table import Table, TableError
     from precompute.tables.store import table_folders
 
     rows, paths = [], table_folders(folder)

@@ -11,10 +11,10 @@ from typing import Any
 from das.domain.losses import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from das.solver.fingerprint import section_hashes
 from das.solver.section import build_section
 from das.solver.warm_up import warm_up as compile_solver
-from das.table import TableSettings, make_table, table_key
+from das.table.hashes import section_hashes
+from das.table.table import TableSettings, make_table, table_key
 
 HASH_DIGITS = 8
 """Digits of the hash in a table's name."""

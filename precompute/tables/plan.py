@@ -17,8 +17,8 @@ from das.domain.files.reading import Fields, number, read_toml
 from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
-from das.table import FEWEST_MULTIPLIERS, MULTIPLIERS, TableSettings
-from precompute.synthetic import synthetic_routes
+from das.table.table import FEWEST_MULTIPLIERS, MULTIPLIERS, TableSettings
+from precompute.bench.synthetic import synthetic_routes
 from precompute.tables.job import Job
 
 SCHEMA_VERSION = 1

@@ -21,9 +21,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 
-from das.commands import signals_held
+from das.command_line.running import signals_held
 from das.domain.errors import DasError
-from das.table import write_table
+from das.table.table import write_table
 from precompute.tables.job import Job, warm_up
 from precompute.tables.store import Outcome, Status
 

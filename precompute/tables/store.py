@@ -15,7 +15,7 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.files.writing import UNFINISHED, write_whole
-from das.table import MANIFEST, Table, TableError
+from das.table.table import MANIFEST, Table, TableError
 from precompute.tables.job import HASH_DIGITS, Job
 
 LOCK = ".lock"

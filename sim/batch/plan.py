@@ -19,7 +19,7 @@ from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
-from sim.inputs import sha256
+from sim.recording.inputs import sha256
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out, scenario_files
 

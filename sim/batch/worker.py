@@ -12,7 +12,7 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from das.commands import STOP_SIGNALS
+from das.command_line.running import STOP_SIGNALS
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.batch.plan import Job
@@ -36,7 +36,7 @@ def begin(parent: int) -> None:
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)  # or what a worker starts could not be stopped
-    from das.advisor import warm_up
+    from das.advice.advisor import warm_up
 
     warm_up()
 

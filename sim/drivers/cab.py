@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, Protocol
 
 from das.bus import das_pb2
 from das.domain.units import NS
-from sim import plant_kernels as kernels
-from sim.plant_kernels import Command, TrainNumbers
+from sim.plant import kernels
+from sim.plant.kernels import Command, TrainNumbers
 
 AT_STOP_M = 10.0
 """A train standing this near to its stop is at it (doors at the platform); it does not creep on."""
@@ -51,7 +51,7 @@ class AdviceView:
     """Advice as the display shows it; NaN and empty: not shown. Times in s on the cab's clock, modes as on the bus.
 
     `speed_mps` is the advised speed, in RMS the reduced maximum, in FOUR_MODE the speed to hold. `lever_ratio` is the
-    advised effort on the controller's scale (see `sim.plant.lever`). Horizons: in 1 s steps, the first 1 s after
+    advised effort on the controller's scale (see `sim.plant.plant.lever`). Horizons: in 1 s steps, the first 1 s after
     `time_s`.
     """
 
@@ -130,7 +130,7 @@ def present(
     *,
     clock_zero_ns: int = 0,
 ) -> AdviceView | None:
-    """What the display shows of an advice (a `das.advisor.Advice` or the bus's message), or None.
+    """What the display shows of an advice (a `das.advice.advisor.Advice` or the bus's message), or None.
 
     `clock_zero_ns` is the moment at which the cab's clock shows 0.
     """

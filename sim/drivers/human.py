@@ -13,7 +13,7 @@ from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rules import JUDGED_EVERY_S, TimeRule
 from sim.drivers.tracking import STOPPING_MPS
-from sim.plant import COAST, Command, lever
+from sim.plant.plant import COAST, Command, lever
 
 GAIN_PER_S = 0.2
 """Share of a speed error a human means to correct per second."""

@@ -12,8 +12,8 @@ from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from sim.drivers import knowledge_kernels as kernels
 from sim.drivers.cab import Cab, Restriction
-from sim.plant import train_numbers
-from sim.plant_kernels import TrainNumbers
+from sim.plant.kernels import TrainNumbers
+from sim.plant.plant import train_numbers
 
 CELL_M = 5.0
 """The line is remembered in cells of this length, counted back from the halt."""

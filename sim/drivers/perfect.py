@@ -6,8 +6,8 @@ from sim.drivers.cab import AdviceView, Cab, Presentation
 from sim.drivers.knowledge import LineKnowledge, Outlook
 from sim.drivers.rules import ANTICIPATION_S, FastDriver, TimetableDriver
 from sim.drivers.tracking import AHEAD_S, GAIN_PER_S, hold, needed_braking_mps2, stand
-from sim.plant import Command, force, speed
-from sim.plant_kernels import electric_effort
+from sim.plant.kernels import electric_effort
+from sim.plant.plant import Command, force, speed
 
 STOPPING_S = 10.0
 """When the advice ends in a standstill within this time, the follower brakes for the mark itself."""

@@ -8,7 +8,7 @@ from das.domain.units import KMH
 from sim.drivers.cab import Cab, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.tracking import hold, stand, stop_at, under_ceiling
-from sim.plant import Command
+from sim.plant.plant import Command
 
 LATE_BRAKING = Habit(braking_mps2=0.9)
 """Full service braking of a passenger train (assumption)."""

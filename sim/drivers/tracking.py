@@ -6,7 +6,7 @@ import math
 
 from sim.drivers.cab import AT_STOP_M, Cab
 from sim.drivers.knowledge import Outlook
-from sim.plant import COAST, Command, force, speed
+from sim.plant.plant import COAST, Command, force, speed
 
 AHEAD_S = 0.2
 """A ceiling's slope is taken over this time."""

@@ -12,7 +12,7 @@ from matplotlib import colormaps
 
 from das.bus import topics
 from das.domain.units import KMH, NS
-from sim.recording import Stamped
+from sim.recording.reading import Stamped
 from sim.review.distance_picture import Picture, draw
 from sim.review.lanes import Lane
 from sim.review.series import STYLES, Floats, Times, Trip, Way

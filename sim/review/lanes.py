@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2, topics
 from das.domain.units import KM
-from sim.recording import Recording
+from sim.recording.reading import Recording
 from sim.review.happenings import NOT_HEARD, Span, signals, silences
 from sim.review.series import Trip
 

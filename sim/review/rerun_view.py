@@ -13,7 +13,7 @@ from pathlib import Path
 
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
-from sim.recording import Recording, read_recording
+from sim.recording.reading import Recording, read_recording
 
 APPLICATION = "das-review"
 CLOSING_S = 5.0

@@ -7,7 +7,7 @@ from textwrap import wrap
 
 from das.bus import topics
 from das.domain.units import KM, NS, kwh
-from sim.recording import Recording
+from sim.recording.reading import Recording
 from sim.world.disturbances import NOTHING
 
 LETTERS = 150

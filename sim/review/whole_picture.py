@@ -8,7 +8,7 @@ from pathlib import Path
 
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
-from sim.recording import Recording, read_recording
+from sim.recording.reading import Recording, read_recording
 
 TITLE_IN, LINE_IN = 0.35, 0.19
 

@@ -11,7 +11,7 @@ from das.domain.conditions import Conditions
 from sim.drivers.cab import Driver
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.registry import DriverKind, make_driver
-from sim.plant import Patch, Plant
+from sim.plant.plant import Patch, Plant
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
 from sim.world.service import Service
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from das.advisor import Advice
-from das.calibration import Calibrator, Recalibration
+from das.advice.advisor import Advice
+from das.cab.fronts import Situation
+from das.cab.trip import Target, Trip
 from das.domain.route import Restriction, Stop
-from das.localisation import Quality
-from das.planning import Situation
-from das.trip import Target, Trip
+from das.estimate.calibration import Calibrator, Recalibration
+from das.estimate.localisation import Quality
 from sim.world.link import Heard, Told
 from sim.world.service import Service
 

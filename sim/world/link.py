@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from das.calibration import Effort
-from das.localisation import PositionFix
-from das.trip import Target
+from das.cab.trip import Target
+from das.estimate.calibration import Effort
+from das.estimate.localisation import PositionFix
 from sim.drivers.cab import Cab, Restriction
-from sim.plant import Command, PlantState
+from sim.plant.plant import Command, PlantState
 
 
 class Heard(NamedTuple):
@@ -38,7 +38,7 @@ class Link(Protocol):
     """The way to the advice and to the recording."""
 
     def exchange(self, heard: Heard) -> Any:
-        """The advice for a tick (`das.advisor.Advice` or the bus's message)."""
+        """The advice for a tick (`das.advice.advisor.Advice` or the bus's message)."""
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Record what nobody advises on."""

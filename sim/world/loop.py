@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from das.calibration import Effort
 from das.domain.errors import DasError
-from das.localisation import PositionFix
+from das.estimate.calibration import Effort
+from das.estimate.localisation import PositionFix
 from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, present
-from sim.plant import COAST, Command, PlantState
+from sim.plant.plant import COAST, Command, PlantState
 from sim.world.calls import Call, Calls
 from sim.world.day import Day
 from sim.world.link import Heard, Link, Told

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from das.cab.trip import Target
 from das.domain.units import KM, KMH
-from das.trip import Target
 from sim.drivers.cab import Restriction as Shown
-from sim.plant import PlantState
+from sim.plant.plant import PlantState
 from sim.world.day import Day
 from sim.world.disturbances import (
     BusOutage,

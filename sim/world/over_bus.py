@@ -14,13 +14,13 @@ from das import __version__
 from das.bus import das_pb2
 from das.bus.config import BusFolder
 from das.bus.topics import CAB, DELAY, EFFORT, LOCATION, LOG, POSITION, RESTRICTION, TARGET, TRUTH
-from das.localisation import PositionFix
+from das.estimate.localisation import PositionFix
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
-from sim.inputs import sha256
-from sim.lockstep import Crew, Lockstep, Traffic
-from sim.messages import StopTimes, happened, journey, location
-from sim.plant_kernels import demanded
+from sim.plant.kernels import demanded
+from sim.processes.lockstep import Crew, Lockstep, Traffic
+from sim.processes.messages import StopTimes, happened, journey, location
+from sim.recording.inputs import sha256
 from sim.world.day import Day
 from sim.world.disturbances import described
 from sim.world.link import Heard, Told

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from das.domain.units import KM, KMH, kmh
 from sim.drivers.cab import Restriction
-from sim.plant import PlantState
+from sim.plant.plant import PlantState
 
 BEYOND_M = 0.5
 """A signal is passed when the train's head is further beyond it than this."""

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from das.calibration import Effort
-from das.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix, Quality
-from sim.plant import PlantState
+from das.estimate.calibration import Effort
+from das.estimate.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix, Quality
+from sim.plant.plant import PlantState
 from sim.world.day import Day
 from sim.world.disturbances import SensorFault, SensorOutage
 

@@ -8,18 +8,18 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
-from das.advisor import Timetable
+from das.advice.advisor import Timetable
+from das.cab.fronts import Fronts
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
-from das.planning import Fronts
 from das.solver.front import Front, Solution, solve_front
 from das.solver.section import build_section
 from sim.drivers.knowledge import LineKnowledge
-from sim.inputs import input_files, vehicle_files
+from sim.recording.inputs import input_files, vehicle_files
 from sim.world.scenario import Scenario
 from sim.world.truth import Truth
 

@@ -1,0 +1,177 @@
+"""A point to be passed in a window of time: the optimum up to it and the optimum from it on (design §5.9).
+
+Up to the point the run ends at any speed; what lies ahead is priced by its value at the multiplier that the time left
+behind the point asks for. So both parts together are the least energy of the whole, up to the step of the ladder.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.plan import LONGEST_RATIO
+from das.domain.errors import DasError
+from das.domain.journey import Call, Journey, Passing, Window
+from das.domain.trajectory import Trajectory
+from das.solver import tolerances as tol
+from das.solver.front import Fit, Front, Solution, solve_front
+from das.solver.journey.hops import build_hops
+from das.solver.section import Section
+
+Floats = NDArray[np.float64]
+
+SLOWING_MPS2 = 0.4
+"""A train that must be slower than any least-energy run to pass late enough brakes so."""
+CRAWL_MPS = 0.5
+SPEED_HALVINGS = 24
+PRICES_TRIED = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassingTarget:
+    """A point of the line to be passed not before and not after (ns since 1970; None: open), and why."""
+
+    s_m: float
+    earliest_ns: int | None = None
+    latest_ns: int | None = None
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        if self.earliest_ns is not None and self.latest_ns is not None and self.latest_ns < self.earliest_ns:
+            raise DasError(f"target at {self.s_m:.0f} m: the latest time is before the earliest")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PassingFronts:
+    """Fronts of the way up to a point and from there on."""
+
+    before: Front
+    after: Front
+
+    @property
+    def at_m(self) -> float:
+        return self.after.section.start_m
+
+    @classmethod
+    def solve(
+        cls,
+        section: Section,
+        at_m: float,
+        ladder_w: Floats,
+        *,
+        to_point_s: float,
+        total_s: float,
+        s_m: float,
+        v_mps: float,
+    ) -> PassingFronts:
+        """Solve both parts for a run from a state that is at the point after `to_point_s`, at the end after `total_s`.
+
+        They answer for other times and states as well, a little off the optimum of these. Raises DasError for a point
+        that is not on the way, InfeasibleError where the parts cannot be driven.
+        """
+        first, last = _parts(section, at_m)
+        after = solve_front(last, lambda_w=ladder_w)
+        slow = -float(section.loss.loss_w(0.0, tol.CREEP_MPS)) * np.array(tol.LADDER_IDLE_RATIOS)
+        ladder_w = np.unique(np.concatenate((slow, ladder_w)))
+        speed, price = float(last.envelope_mps[0]), -1
+        for _ in range(PRICES_TRIED):
+            before_price, price = price, _price_index(after, speed, total_s - to_point_s)
+            if price == before_price:
+                break
+            before = solve_front(first, lambda_w=ladder_w, end_value_j=_value_ahead(first, after, price))
+            speed = float(before.trajectory(max(to_point_s, 1.0), s_m, v_mps).trajectory.v_mps[-1])
+        return cls(before=before, after=after)
+
+    def trajectory(self, to_point_s: float, total_s: float, s_m: float, v_mps: float, tolerance_s: float) -> Solution:
+        """The run from a state before the point that passes it after `to_point_s` and ends after `total_s`.
+
+        Where that leaves too little time, both parts are as fast as they can be; raises as `Front.trajectory` does.
+        """
+        first = self.before.trajectory(max(to_point_s, 0.1), s_m, v_mps, tolerance_s=tolerance_s)
+        if first.fit is Fit.EARLY:
+            first = self._slowed(first, to_point_s, s_m, v_mps)
+        speed = float(first.trajectory.v_mps[-1])
+        longest_s = LONGEST_RATIO * self.after.fastest(self.at_m, speed).time_s
+        rest_s = min(max(total_s - first.time_s, 0.1), longest_s)
+        last = self.after.trajectory(rest_s, self.at_m, speed, tolerance_s=tolerance_s)
+        return replace(
+            last,
+            trajectory=_joined(first.trajectory, last.trajectory),
+            least_time_s=first.least_time_s + last.least_time_s,
+            requested_s=total_s,
+            feasible=first.feasible and last.feasible,
+        )
+
+    def _slowed(self, slowest: Solution, wanted_s: float, s_m: float, v_mps: float) -> Solution:
+        """A run slower than any of least energy: under the highest top speed that takes the wanted time.
+
+        The train brakes easily to it, or fully where that is too late; where even a crawl is too quick, it crawls.
+        """
+        low, high = CRAWL_MPS, max(float(slowest.trajectory.v_mps.max()), 2 * CRAWL_MPS)
+        braking = next((x for x in (SLOWING_MPS2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf)
+        for _ in range(SPEED_HALVINGS):
+            top = 0.5 * (low + high)
+            low, high = (top, high) if self._takes(wanted_s, top, braking, s_m, v_mps) else (low, top)
+        return self._under(low, braking, s_m, v_mps) or slowest
+
+    def _takes(self, wanted_s: float, top_mps: float, braking_mps2: float, s_m: float, v_mps: float) -> bool:
+        run = self._under(top_mps, braking_mps2, s_m, v_mps)
+        return run is not None and run.time_s >= wanted_s
+
+    def _under(self, top_mps: float, braking_mps2: float, s_m: float, v_mps: float) -> Solution | None:
+        """The fastest run under a top speed, braked to at a rate; None where it does not get over a hill."""
+        section = self.before.section
+        way_m = np.maximum(section.node_m - s_m, 0.0)
+        falling_w = v_mps**2 - 2 * braking_mps2 * way_m if math.isfinite(braking_mps2) else np.zeros(len(way_m))
+        cap = np.sqrt(np.maximum(falling_w, top_mps**2))
+        cap = np.maximum(np.minimum(section.envelope_mps, cap), section.floor_mps)
+        try:
+            return replace(self.before, section=replace(section, envelope_mps=cap)).fastest(s_m, v_mps)
+        except DasError:
+            return None
+
+
+def time_at(run: Trajectory, s_m: float) -> float:
+    """When a run is at a position (s from its start); constant acceleration between its nodes."""
+    i = int(np.clip(np.searchsorted(run.s_m, s_m, side="right") - 1, 0, len(run.s_m) - 2))
+    way, length = s_m - run.s_m[i], run.s_m[i + 1] - run.s_m[i]
+    speed = np.sqrt(run.v_mps[i] ** 2 + (run.v_mps[i + 1] ** 2 - run.v_mps[i] ** 2) * way / length)
+    return float(run.t_s[i] + (2.0 * way / (run.v_mps[i] + speed) if way > 0 else 0.0))
+
+
+def _parts(section: Section, at_m: float) -> tuple[Section, Section]:
+    """The section cut at a point; the first part ends at any speed from which the second can be driven."""
+    start = Call(name="start", position_m=section.start_m, departure=Window(earliest_s=0.0))
+    end = Call(name="end", position_m=section.end_m, arrival=Window(latest_s=1e9))
+    points = (start, Passing(name="target", position_m=at_m), end)
+    journey = Journey(id="target", name="target", source="target", points=points)
+    (hop,) = build_hops(journey, section.route, section.vehicle, level=section.level, point_mass=section.length_m == 0)
+    return hop.part(0, 1), hop.part(1, 2)
+
+
+def _price_index(after: Front, v_mps: float, time_s: float) -> int:
+    """The multiplier whose run from the point takes about a time."""
+    times_s, _ = after.by_multiplier(after.section.start_m, v_mps)
+    return int(np.argmin(np.abs(times_s - time_s)))
+
+
+def _value_ahead(first: Section, after: Front, price: int) -> Floats:
+    """What the way from the point on costs (J), by the speeds of the last node before it."""
+    last = after.section
+    known = np.linspace(last.floor_mps[0], last.envelope_mps[0], last.speed_steps + 1)
+    speeds = np.linspace(first.floor_mps[-1], first.envelope_mps[-1], first.speed_steps + 1)
+    value = np.interp(speeds**2, known**2, after.value_j[0, :, price])
+    return np.where(value > tol.UNREACHABLE, tol.INFEASIBLE, value)
+
+
+def _joined(first: Trajectory, last: Trajectory) -> Trajectory:
+    """Two runs, one after the other."""
+    parts = {x.name: (getattr(first, x.name), getattr(last, x.name)) for x in fields(Trajectory)}
+    parts["t_s"] = (first.t_s, first.time_s + last.t_s)
+    of_nodes = ("s_m", "t_s", "v_mps")
+    return Trajectory(**{
+        name: np.concatenate((a, b[1:] if name in of_nodes else b)) for name, (a, b) in parts.items()
+    })  # fmt: skip

@@ -1,0 +1,68 @@
+"""The reduced maximum speed: the one highest speed with which a train that brakes easily keeps the timetable."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from das.advice.plan import LONGEST_RATIO
+from das.domain.units import KMH, NS
+from das.solver import kernels, rollout_kernels
+from das.solver.section import Section
+
+EASY_BRAKING_MPS2 = 0.5
+"""Comfortable service braking (assumption)."""
+JUDGED_EVERY_S = 30.0
+SLOWEST_MPS = 20.0 * KMH
+HALVINGS = 12
+BELOW_RATIO = 0.999
+"""A train faster than what easy braking allows is judged from so little below it."""
+
+
+class ReducedSpeed:
+    """That speed for a section; judged at the departure and then every while, so that it stands still in between."""
+
+    def __init__(self, section: Section) -> None:
+        easy = section.train._replace(max_deceleration_mps2=min(EASY_BRAKING_MPS2, section.train.max_deceleration_mps2))
+        ceiling, _ = kernels.braking_envelope(*section.for_kernels, section.limit_mps, section.end_speed_mps, easy)
+        # Where a descent cannot be braked so easily, as it can be braked.
+        self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
+        self._section = section
+        self._judged_ns, self._for_ns, self._speed_mps = 0, 0, math.nan
+
+    def at(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
+        """That speed (m/s) from a state."""
+        age_s = (now_ns - self._judged_ns) * NS
+        if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < JUDGED_EVERY_S:
+            before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan
+            self._judged_ns, self._for_ns = now_ns, arrival_ns
+            self._speed_mps = self._judged(s_m, v_mps, (arrival_ns - now_ns) * NS, before_mps)
+        return self._speed_mps
+
+    def _judged(self, s_m: float, v_mps: float, left_s: float, before_mps: float) -> float:
+        low, high = SLOWEST_MPS, max(float(self._ceiling_mps.max()), SLOWEST_MPS)
+        least_s = self.time_s(s_m, v_mps, high)
+        if least_s >= left_s:
+            return high
+        ample = left_s > LONGEST_RATIO * least_s
+        if ample and not math.isnan(before_mps):
+            return before_mps
+        left_s = LONGEST_RATIO * least_s if ample else left_s
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.time_s(s_m, v_mps, middle) > left_s else (low, middle)
+        return high
+
+    def time_s(self, s_m: float, v_mps: float, top_mps: float) -> float:
+        """Time to the end under a top speed, braking easily (inf: a hill cannot be climbed so slowly)."""
+        section = self._section
+        first = int(np.searchsorted(section.node_m, s_m, side="right")) - 1
+        first = min(max(first, 0), len(section.step_m) - 1)
+        cap = np.maximum(np.minimum(self._ceiling_mps[first:], top_mps), section.floor_mps[first:])
+        step, constant, tunnel, supply = (array[first:].copy() for array in section.for_kernels)
+        step[0] = max(float(section.node_m[first + 1]) - s_m, 1e-3)
+        speeds = np.empty(len(cap))
+        speeds[0] = min(v_mps, cap[0] / BELOW_RATIO)
+        took_s = float(rollout_kernels.fastest_roll_out(step, constant, tunnel, supply, cap, section.train, speeds))
+        return took_s if took_s >= 0 else math.inf

@@ -1,0 +1,1 @@
+"""The brain of the on-board system: everything except sockets and clocks."""

@@ -1,0 +1,192 @@
+"""What a front depends on, and where it comes from: a table on disk, one solved before, or solved now. No bus."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.advisor import Source
+from das.domain.conditions import Conditions
+from das.domain.errors import DasError
+from das.domain.losses import Level
+from das.domain.route import Restriction, Route
+from das.domain.vehicle import Vehicle
+from das.solver import tolerances as tol
+from das.solver.front import Front, default_ladder, solve_front
+from das.solver.section import Section, build_section
+from das.table.hashes import combined
+from das.table.table import MANIFEST, Table, TableError, hashes_of
+
+AS_PLANNED = Conditions()
+KEPT_BYTES = 60_000_000
+"""Fronts found before are kept up to this size (30 km take 18 MB), the last one always."""
+EVERY_MULTIPLIER = 3
+"""On board every so many-th of the solver's multipliers is solved: 0.4 of the memory for 0.003 to 0.03 % of
+the energy in the mean, 0.15 % at worst (buffers of 0.5 to 40 %); the time is nearly the same."""
+SAME_ENDS_M = 1.0
+"""A table whose ends are this near to those of a section was meant for it: why it cannot be used is said."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Situation:
+    """All that a front depends on but the section's ends: line, train, level, what is in force, what differs."""
+
+    route: Route
+    vehicle: Vehicle
+    level: Level | None = None
+    point_mass: bool = False
+    restrictions: tuple[Restriction, ...] = ()
+    conditions: Conditions = AS_PLANNED
+
+    def between(self, start_m: float, end_m: float) -> Situation:
+        """The same, with those restrictions alone that the train meets on a section: its tail counts."""
+        length_m = 0.0 if self.point_mass else self.vehicle.length_m
+        met = (x for x in self.restrictions if x.start_m < end_m and x.end_m > start_m - length_m)
+        return replace(self, restrictions=tuple(sorted(met, key=lambda x: (x.start_m, x.end_m, x.limit_mps))))
+
+    def is_like(self, other: Situation) -> bool:
+        """Whether both give the same sections."""
+        return (
+            self.route is other.route
+            and self.vehicle is other.vehicle
+            and (self.level, self.point_mass, self.restrictions, self.conditions)
+            == (other.level, other.point_mass, other.restrictions, other.conditions)
+        )
+
+    def section(self, start_m: float, end_m: float) -> Section:
+        """A section in this situation; raises as `build_section` does."""
+        return build_section(
+            self.conditions.line(self.route.with_restrictions(self.restrictions)),
+            self.conditions.train(self.vehicle),
+            level=self.level,
+            start_m=start_m,
+            end_m=end_m,
+            point_mass=self.point_mass,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """A front, where it comes from, and why no table served where one was meant to."""
+
+    front: Front
+    source: Source
+    notes: tuple[str, ...] = ()
+
+
+class Fronts:
+    """Finds the front of a section; may be asked from several threads."""
+
+    def __init__(self, tables: Path | None = None, *, threads: int = 2, kept_bytes: int = KEPT_BYTES) -> None:
+        """Look through a folder of tables; `notes` says which of them cannot be used. Raises DasError for no folder."""
+        self.notes: list[str] = []
+        self._threads, self._kept_bytes = threads, kept_bytes
+        self._lock = Lock()
+        self._known: OrderedDict[str, Found] = OrderedDict()
+        self._tables = self._listed(tables) if tables is not None else ()
+
+    def find(self, section: Section) -> Found:
+        """The front of a section: from a table, one found before, or solved now; raises as `solve_front` does."""
+        hashes = hashes_of(section)
+        key = combined(hashes)
+        with self._lock:
+            if key in self._known:
+                self._known.move_to_end(key)
+                return self._known[key]
+        found = self._from_tables(section, hashes)
+        with self._lock:
+            self._known[key] = found
+            while len(self._known) > 1 and sum(map(_size, self._known.values())) > self._kept_bytes:
+                self._known.popitem(last=False)
+        return found
+
+    def _from_tables(self, section: Section, hashes: Mapping[str, str]) -> Found:
+        notes, others = [], []
+        for table in self._tables:
+            if table.inputs == hashes:
+                try:
+                    return Found(front=loaded_front(table.folder, section), source=Source.TABLE)
+                except TableError as error:
+                    notes.append(f"{error}; solved instead")
+            elif table.is_meant_for(section):
+                others.append((table, [name for name, value in hashes.items() if table.inputs.get(name) != value]))
+        if others and not notes:
+            # The nearest one says it all: a folder may hold tables of many trains, loads and levels.
+            nearest, differing = min(others, key=lambda other: len(other[1]))
+            said = ", ".join(differing)
+            notes.append(f"{nearest.folder}: not the table of {section.name}: other {said}; solved instead")
+        front = solve_front(section, threads=self._threads, lambda_w=onboard_ladder(section))
+        return Found(front=front, source=Source.SOLVED, notes=tuple(notes))
+
+    def _listed(self, folder: Path) -> tuple[_Listed, ...]:
+        if not folder.is_dir():
+            raise DasError(f"{folder}: no such folder of tables")
+        listed = []
+        for manifest in sorted(folder.glob(f"*/{MANIFEST}")):
+            try:
+                listed.append(_Listed.of(Table.open(manifest.parent)))
+            except TableError as error:
+                self.notes.append(f"{error}; not used")
+        return tuple(listed)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Listed:
+    """A table of the folder, known by its manifest alone."""
+
+    folder: Path
+    inputs: Mapping[str, str]
+    facts: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, table: Table) -> _Listed:
+        manifest = table.manifest
+        return cls(folder=table.folder, inputs=manifest["inputs_sha256"], facts=manifest["section"])
+
+    def is_meant_for(self, section: Section) -> bool:
+        ends = ((self.facts["start_m"], section.start_m), (self.facts["end_m"], section.end_m))
+        return self.facts["route"] == section.route.id and all(abs(a - b) <= SAME_ENDS_M for a, b in ends)
+
+
+def _size(found: Found) -> int:
+    front = found.front
+    times = front.time_to_go_s
+    return front.value_j.nbytes + (times.nbytes if isinstance(times, np.ndarray) else times[0].nbytes)
+
+
+def loaded_front(folder: Path, section: Section) -> Front:
+    """The front of a section from its table, read whole and checked; TableError says why it cannot be used.
+
+    The file is not mapped: what somebody writes into it, or cuts off it, later on cannot reach the advice (a cut file
+    ends a process that has it mapped).
+    """
+    table = Table.open(folder)
+    contents = {name: _checked(table, name) for name in table.arrays}
+    return replace(table, arrays=contents).bind(section).front
+
+
+def _checked(table: Table, name: str) -> NDArray[Any]:
+    """An array of a table in memory, as its hash says it was written."""
+    path, facts, mapped = table.folder / f"{name}.npy", table.manifest["arrays"][name], table.arrays[name]
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read ({error.strerror})") from error
+    if hashlib.sha256(content).hexdigest() != facts["sha256"]:
+        raise TableError(f"{path}: was altered since it was written")
+    offset = len(content) - mapped.nbytes
+    return np.frombuffer(content, mapped.dtype, offset=offset).reshape(mapped.shape)
+
+
+def onboard_ladder(section: Section) -> NDArray[np.float64]:
+    """The multipliers of a front that is solved on board (W)."""
+    ladder, lowest = default_ladder(section), len(tol.LADDER_LOWEST_RATIOS)
+    return np.unique(np.concatenate((ladder[:lowest], ladder[lowest::EVERY_MULTIPLIER], ladder[-1:])))

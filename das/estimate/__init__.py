@@ -1,0 +1,1 @@
+"""What the measurements say: where the train is, what it weighs, how hard it runs."""

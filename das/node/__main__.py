@@ -1,0 +1,12 @@
+"""Where das-node starts: `python -m das.node`."""
+
+from das.command_line.entry import start
+
+
+def main() -> None:
+    """Entry point of das-node."""
+    start("das.node.process")
+
+
+if __name__ == "__main__":
+    main()

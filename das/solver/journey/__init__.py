@@ -1,0 +1,1 @@
+"""Time–energy optimisation of a journey of several sections."""

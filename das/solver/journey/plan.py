@@ -1,0 +1,272 @@
+"""Plan of a journey: when the train is where, and a trajectory for every hop, with the least total energy.
+
+The energy of a stretch is (nearly) a convex function of its time. So between two tight times one price of time λ holds
+(equal marginal energy), and λ changes only at tight times (design §5.9; theory and proof: docs/journeys.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.journey import Call, Held, Journey, Passing, Window
+from das.domain.losses import Level
+from das.domain.route import Route
+from das.domain.trajectory import Ledger, Trajectory
+from das.domain.vehicle import Vehicle
+from das.solver import tolerances as tol
+from das.solver.front import trajectory_on
+from das.solver.journey.bound import lower_bound_j
+from das.solver.journey.chains import Chains, Solved, Split
+from das.solver.journey.hop_fronts import Run
+from das.solver.journey.hops import Hop, build_hops
+from das.solver.journey.timeline import Tight, Way
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """A planned time (s on the journey's clock) and the bound it is held at."""
+
+    time_s: float
+    held: Held
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassedAt:
+    """A passing as planned."""
+
+    passing: Passing
+    timing: Timing
+    speed_mps: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HopPlan:
+    """A hop as planned.
+
+    `lambda_w`: the price of time (W) of each stretch between tight passings (inf: fastest). `feasible`: within limits
+    and forces, and on time.
+    """
+
+    start: Call
+    end: Call
+    departure: Timing
+    arrival: Timing
+    passings: tuple[PassedAt, ...]
+    trajectory: Trajectory
+    ledger: Ledger
+    least_time_s: float
+    lambda_w: tuple[float, ...]
+    feasible: bool
+
+    @property
+    def buffer_ratio(self) -> float:
+        """Running time above the least possible, as a share of it."""
+        return self.trajectory.time_s / self.least_time_s - 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JourneyPlan:
+    """A planned journey, one part for each hop.
+
+    `bound_j` bounds the energy of every run that keeps the windows from below (of this discretisation: see
+    `journey_bound`); −inf for a split that is not the optimum, and where a leg can only just be run in its time.
+    """
+
+    journey: Journey
+    split: Split
+    hops: tuple[HopPlan, ...]
+    bound_j: float
+
+    @property
+    def input_j(self) -> float:
+        """Net energy at the current collector, without comfort systems."""
+        return sum(hop.ledger.input for hop in self.hops)
+
+    @property
+    def comfort_j(self) -> float:
+        """Energy of the comfort systems, dwells included."""
+        running_s = sum(hop.trajectory.time_s for hop in self.hops)
+        return sum(hop.ledger.comfort for hop in self.hops) * self.time_s / running_s
+
+    @property
+    def gap_ratio(self) -> float:
+        """(input − bound)/|input|; slightly negative where the runs are finer than the table behind the bound."""
+        return (self.input_j - self.bound_j) / max(abs(self.input_j), 1.0)
+
+    @property
+    def time_s(self) -> float:
+        """From the first departure to the last arrival."""
+        return self.hops[-1].arrival.time_s - self.hops[0].departure.time_s
+
+    def trajectory(self) -> Trajectory:
+        """The whole journey as one trajectory on the journey's clock; a dwell is an interval without length."""
+        return _joined([(hop.departure.time_s, hop.trajectory) for hop in self.hops])
+
+
+class JourneyPlanner:
+    """Plans a journey of a train on a route.
+
+    Raises as `build_section` does, and InfeasibleError where a passing's speeds or a time cannot be kept by any run.
+    """
+
+    def __init__(
+        self,
+        journey: Journey,
+        route: Route,
+        vehicle: Vehicle,
+        *,
+        level: Level | None = None,
+        point_mass: bool = False,
+    ) -> None:
+        self.journey = journey
+        self.hops = build_hops(journey, route, vehicle, level=level, point_mass=point_mass)
+        self.chains = Chains(self.hops, journey.source)
+        self._check_reachable()
+
+    def plan(self, split: Split = Split.EQUAL_MARGINAL) -> JourneyPlan:
+        """The plan: every time in its window, the time between tight ones shared by `split`.
+
+        Runs hit their times to `JOURNEY_TIME_TOLERANCE_S`, windows hold to `TIME_TOLERANCE_S`. Raises InfeasibleError,
+        naming the window and by how many seconds, where the windows cannot be kept.
+        """
+        solved = self._solve(split)
+        priced = split is Split.EQUAL_MARGINAL and all(math.isfinite(leg.lambda_w) for leg in solved)
+        return JourneyPlan(
+            journey=self.journey,
+            split=split,
+            hops=self._hop_plans(solved),
+            bound_j=lower_bound_j(self.chains, solved) if priced else -math.inf,
+        )
+
+    def fastest_j(self) -> float:
+        """Energy of the journey with every hop as fast as possible, waiting at stops; passing windows are not kept."""
+        return sum(_driven(hop, hop.fastest_mps)[1].input for hop in self.hops)
+
+    def _check_reachable(self) -> None:
+        """Every event can be reached by its latest time, each hop as fast as possible (necessary, not sufficient)."""
+        timeline = self.chains.timeline
+        reached_s, since = -math.inf, (0, -math.inf)
+        for i, event in enumerate(timeline.events):
+            if i:
+                link = timeline.links[i - 1]
+                reached_s += self._least_s(link) if isinstance(link, Way) else link.least_s
+            if reached_s > event.window.latest_s + tol.TIME_TOLERANCE_S:
+                latest = (i, event.window.latest_s)
+                raise self.chains.late(since, latest, reached_s - event.window.latest_s)
+            if event.window.earliest_s > reached_s:
+                reached_s = event.window.earliest_s
+                since = (i, reached_s)
+
+    def _least_s(self, way: Way) -> float:
+        least_s = self.hops[way.hop].least_s
+        return float(least_s[way.place + 1] - least_s[way.place])
+
+    def _solve(self, split: Split) -> tuple[Solved, ...]:
+        """Hold the time with the largest violation in every leg at its bound, until none is violated.
+
+        The largest violation of a leg with one λ is of a bound that is tight at the optimum (docs/journeys.md).
+        """
+        events = self.chains.timeline.events
+        earliest_s = np.array([event.window.earliest_s for event in events])
+        latest_s = np.array([event.window.latest_s for event in events])
+        tight = {i: float(earliest_s[i]) for i in (0, len(events) - 1)}
+        while True:
+            solved = self._solve_chains(tight, split)
+            known = len(tight)
+            for part in solved:
+                inner = slice(part.leg.begin[0] + 1, part.leg.end[0])
+                late_s, early_s = part.event_s[1:-1] - latest_s[inner], earliest_s[inner] - part.event_s[1:-1]
+                missed_s = np.maximum(late_s, early_s)
+                if missed_s.max(initial=0.0) > tol.TIME_TOLERANCE_S:
+                    worst = int(missed_s.argmax())
+                    bound_s = latest_s if late_s[worst] > early_s[worst] else earliest_s
+                    tight[inner.start + worst] = float(bound_s[inner.start + worst])
+            if len(tight) == known:
+                return solved
+
+    def _solve_chains(self, tight: dict[int, float], split: Split) -> tuple[Solved, ...]:
+        """All legs, in order; legs that meet at a passing are solved together."""
+        solved: list[Solved] = []
+        chain: list[Tight] = []
+        for event in sorted(tight.items()):
+            chain.append(event)
+            if len(chain) > 1 and not self.chains.timeline.is_passing(event[0]):
+                solved += self.chains.solve(tuple(chain), split)
+                chain = [event]
+        return tuple(solved)
+
+    def _hop_plans(self, solved: Sequence[Solved]) -> tuple[HopPlan, ...]:
+        event_s = _event_times(solved)
+        runs = [(self.chains.fronts.drive(run), leg.lambda_w) for leg in solved for run in leg.runs]
+        plans = []
+        for index, hop in enumerate(self.hops):
+            first = self.chains.timeline.departures[index]
+            windows = [event.window for event in self.chains.timeline.events[first : first + len(hop.places)]]
+            own = [(run, price_w) for run, price_w in runs if run.stretch.hop == index]
+            plans.append(_hop_plan(hop, windows, float(event_s[first]), own))
+        return tuple(plans)
+
+
+def _hop_plan(hop: Hop, windows: Sequence[Window], departure_s: float, runs: Sequence[tuple[Run, float]]) -> HopPlan:
+    """A hop from its runs, each with the price of time of its leg (NaN: its own)."""
+    speeds = np.concatenate([runs[0][0].speeds_mps[:1], *(run.speeds_mps[1:] for run, _ in runs)])
+    trajectory, ledger = _driven(hop, speeds)
+    times_s = [departure_s + float(trajectory.t_s[node]) for node in hop.places]
+    timings = [
+        Timing(time_s=t, held=window.held_at(t, 2.0 * tol.TIME_TOLERANCE_S))
+        for t, window in zip(times_s, windows, strict=True)
+    ]
+    return HopPlan(
+        start=hop.start,
+        end=hop.end,
+        departure=timings[0],
+        arrival=timings[-1],
+        passings=tuple(
+            PassedAt(passing=passing, timing=timing, speed_mps=float(speeds[node]))
+            for passing, timing, node in zip(hop.passings, timings[1:-1], hop.places[1:-1], strict=True)
+        ),
+        trajectory=trajectory,
+        ledger=ledger,
+        least_time_s=float(hop.least_s[-1]),
+        lambda_w=tuple(run.lambda_w if math.isnan(price_w) else price_w for run, price_w in runs),
+        feasible=all(run.feasible for run, _ in runs),
+    )
+
+
+def _event_times(solved: Sequence[Solved]) -> Floats:
+    """When every event of the timeline takes place."""
+    return np.concatenate([leg.event_s[:-1] for leg in solved] + [solved[-1].event_s[-1:]])
+
+
+def _driven(hop: Hop, speeds: Floats) -> tuple[Trajectory, Ledger]:
+    trajectory = trajectory_on(hop.section, hop.section, speeds)
+    return trajectory, trajectory.ledger(hop.section.vehicle, hop.section.loss)
+
+
+def _joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
+    """Trajectories one after the other, each from its own time; the train stands between them."""
+    runs = [trajectory for _, trajectory in parts]
+
+    def intervals(name: str, standing: float | None) -> Floats:
+        pieces: list[Floats] = []
+        for run in runs:
+            values = getattr(run, name)
+            gap = values[:1] if standing is None else np.array([standing])
+            pieces += [gap, values] if pieces else [values]
+        return np.concatenate(pieces)
+
+    nodes = {
+        "s_m": np.concatenate([run.s_m for run in runs]),
+        "t_s": np.concatenate([begin_s + run.t_s for begin_s, run in parts]),
+        "v_mps": np.concatenate([run.v_mps for run in runs]),
+    }
+    forces = {name: intervals(name, 0.0) for name in ("force_el_n", "force_friction_n")}
+    line = ("grade_ratio", "grade_and_curve_n", "tunnel_n_per_mps2", "limit_mps", "supply")
+    return Trajectory(**nodes, **forces, **{name: intervals(name, None) for name in line})

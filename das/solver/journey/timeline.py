@@ -1,0 +1,116 @@
+"""The timeline of a journey: all its events in order, and the legs between those that are tight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from das.domain.journey import Window, clock
+from das.solver import tolerances as tol
+from das.solver.journey.hops import Hop
+
+Tight = tuple[int, float]
+"""An event of the timeline and the time (s) it is held at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """A time of the journey: what happens then, and when it may."""
+
+    what: str
+    window: Window
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Between two events the train stands, at least so long."""
+
+    least_s: float
+
+
+@dataclass(frozen=True)
+class Way:
+    """Between two events the train runs from a place of a hop to the next place."""
+
+    hop: int
+    place: int
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Part of a hop, from one of its places to another."""
+
+    hop: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """What lies between two tight events: stretches and waits. `last_wait`: its link, or -1 where there is no wait."""
+
+    begin: Tight
+    end: Tight
+    stretches: tuple[Stretch, ...]
+    least_wait_s: float
+    last_wait: int
+
+    @property
+    def time_s(self) -> float:
+        return self.end[1] - self.begin[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timeline:
+    """All events of a journey in order, and what is between them: `links[i]` from event i to event i + 1.
+
+    The first event is the earliest departure, the last the latest arrival; the train may wait after the one and
+    before the other. `departures[i]` is the event with which hop i begins.
+    """
+
+    events: tuple[Event, ...]
+    links: tuple[Wait | Way, ...]
+    departures: tuple[int, ...]
+
+    @classmethod
+    def of(cls, hops: Sequence[Hop]) -> Timeline:
+        begin_s, end_s = hops[0].start.departure.earliest_s, hops[-1].end.arrival.latest_s
+        events = [Event(what="the earliest departure", window=Window(earliest_s=begin_s, latest_s=begin_s))]
+        links: list[Wait | Way] = []
+        departures = []
+        for i, hop in enumerate(hops):
+            links.append(Wait(hop.start.dwell_s))
+            departures.append(len(events))
+            events.append(Event(what=f"departure from {hop.start.name}", window=hop.start.departure))
+            events += [Event(what=f"passing {x.name}", window=x.window) for x in hop.passings]
+            events.append(Event(what=f"arrival at {hop.end.name}", window=hop.end.arrival))
+            links += [Way(i, place) for place in range(len(hop.places) - 1)]
+        links.append(Wait(0.0))
+        events.append(Event(what="the latest arrival", window=Window(earliest_s=end_s, latest_s=end_s)))
+        return cls(events=tuple(events), links=tuple(links), departures=tuple(departures))
+
+    def is_passing(self, event: int) -> bool:
+        """Whether the train is under way at an event."""
+        return all(isinstance(link, Way) for link in self.links[max(event - 1, 0) : event + 1])
+
+    def leg(self, begin: Tight, end: Tight) -> Leg:
+        """What lies between two tight events."""
+        links = dict(enumerate(self.links[begin[0] : end[0]], begin[0]))
+        waits = {i: link.least_s for i, link in links.items() if isinstance(link, Wait)}
+        places: dict[int, list[int]] = {}
+        for link in links.values():
+            if isinstance(link, Way):
+                places.setdefault(link.hop, []).append(link.place)
+        return Leg(
+            begin=begin,
+            end=end,
+            stretches=tuple(Stretch(hop, inside[0], inside[-1] + 1) for hop, inside in places.items()),
+            least_wait_s=sum(waits.values()),
+            last_wait=max(waits, default=-1),
+        )
+
+    def describe(self, tight: Tight) -> str:
+        """An event and the bound it is held at; the ends of the timeline are named by the stops there."""
+        index, time_s = tight
+        event = self.events[min(max(index, 1), len(self.events) - 2)]
+        return f"{event.what} ({event.window.held_at(time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"

@@ -1,0 +1,1 @@
+"""Baseline strategies: what trains drive without the optimum."""

@@ -1,0 +1,1 @@
+"""Calibration of the Re 460's loss chains to published figures."""

@@ -1,0 +1,336 @@
+"""What is published about the losses of the Re 460, as named targets, and how a vehicle's own figures are measured.
+
+Source of every target: Nold & Corman (2024), Railway Engineering Science. The measured maps are confidential; these
+figures are what a map of ours can be held against.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.loss_chain import LossChain
+from das.domain.losses import (
+    Level,
+    LossMap,
+    fit_error,
+    fit_mean_efficiency,
+    operating_points,
+)
+from das.domain.trajectory import Trajectory, consumed_j
+from das.domain.units import KMH, KW
+from das.domain.vehicle import Vehicle
+from das.solver.front import Front, solve_front
+from precompute.baselines import strategies as baselines
+from precompute.loss_maps.command import cruising_deviation_ratio
+from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, Case
+from precompute.study.printed import TABLE2_BUFFER_PERCENT, TABLE2_ROWS
+
+Floats = NDArray[np.float64]
+Figures = dict[str, float]
+"""Name of a target → what a vehicle reaches."""
+
+BUFFER_RATIO: Final = TABLE2_BUFFER_PERCENT / 100
+"""t+ of Table 2."""
+L0_TO_L2: Final = (Level.L0_NOREG, Level.L0_REG, Level.L1, Level.L2)
+COLUMNS: Final = (*L0_TO_L2, "l3-gto", "l3-igbt")
+"""Columns of Table 2: what the runs are evaluated at; the optimal runs of the same names are its rows."""
+
+NOT_PRINTED: Final = float("nan")
+TABLE_2: Final[Mapping[str, tuple[float, ...]]] = {
+    row: tuple(NOT_PRINTED if value is None else value for value in values) for row, values in TABLE2_ROWS.items()
+}
+"""Table 2: 6 km, t+ = 7 %, % of what the fastest run consumes at L3 GTO; rows as printed, columns as `COLUMNS`."""
+
+NORMALISER: Final = ("fastest", "l3-gto")
+"""The cell that is 100 % by definition."""
+CELL_TOLERANCE: Final[Mapping[str, float]] = {
+    **dict.fromkeys(map(str, L0_TO_L2), 0.07),
+    "l3-gto": 0.04,
+    "l3-igbt": 0.04,
+}
+"""Relative deviation of a cell from print that is accepted, by column."""
+EQUAL_ENERGY: Final = 5e-4
+"""Two energies this near (relative) count as equal where only their order is asked for."""
+
+ACCELERATION_BUFFERS: Final = (0.02, 0.15, 0.25, 0.40)
+DECELERATION_BUFFERS: Final = (0.02, 0.05, 0.10, 0.15, 0.30)
+LARGE_BUFFER: Final = 0.10
+"""Deceleration: what counts as a large buffer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A published figure and what is accepted for it: low <= reached <= high."""
+
+    name: str
+    printed: str
+    low: float
+    high: float
+    unit: str
+    source: str
+
+    def met(self, reached: float) -> bool:
+        return self.low <= reached <= self.high
+
+    def miss(self, reached: float, margin_ratio: float = 0.0) -> float:
+        """How far outside, in half-widths of the interval; the interval counts as smaller by the margin."""
+        if self.met(reached) and margin_ratio == 0:
+            return 0.0
+        low, high = self.low, self.high
+        half = 0.5 * (high - low) if np.isfinite(high - low) else max(abs(low if np.isinf(high) else high), 1e-9)
+        inner = margin_ratio * half
+        return max(low + inner - reached, reached - high + inner, 0.0) / half
+
+
+def _target(name: str, printed: str, low: float, high: float, unit: str, source: str) -> Target:
+    return Target(name=name, printed=printed, low=low, high=high, unit=unit, source=source)
+
+
+INF: Final = float("inf")
+MAP_TARGETS: Final = (
+    _target("L2 fit: mean efficiency", "0.89", 0.885, 0.895, "", "eq. 16"),
+    _target("L2 fit: idle part", "115", 110.0, 120.0, "kW", "eq. 16"),
+    _target("L1 fit: 1/efficiency − 1", "0.150", 0.142, 0.158, "", "implied by Table 2, column L1"),
+    _target("L2 fit error, mean to input", "< 3", 0.0, 3.0, "%", "section 4.2: over all operating points"),
+    _target("cruising: mean signed deviation of L2", "0.5", -1.0, 1.0, "%", "section 4.2, fig. 4"),
+    _target("loss at full power", "about 1000", 940.0, 1060.0, "kW", "section 2"),
+    _target("auxiliaries, largest", "up to 150", 0.0, 150.0, "kW", "section 2"),
+    _target("best efficiency: share of full power", "inside the map", 0.0, 0.9, "", "section 3.3, fig. 2b"),
+    _target("clock change: largest jump of efficiency", "visible", 0.5, 5.0, "%", "section 3.3, fig. 2b"),
+)
+"""What the map itself must show (vehicle with the GTO inverter)."""
+
+SAVING_TARGETS: Final = (
+    _target("acceleration, t+ 2 %: L3 saves", "2.5", 1.5, 3.5, "%", "section 4.3, fig. 6"),
+    _target("acceleration, t+ 15 %: L3 saves", "4", 3.0, 5.0, "%", "section 4.3, fig. 6"),
+    _target("acceleration, t+ 25 %: L3 saves", "4", 3.0, 5.0, "%", "section 4.3, fig. 6"),
+    _target("acceleration, t+ 40 %: L3 saves", "4", 3.0, 5.0, "%", "section 4.3, fig. 6"),
+    _target("deceleration, t+ 2 %: L3 saves", "about 0", -1.0, 1.0, "%", "section 4.4, fig. 8"),
+    _target("deceleration, t+ 5 %: L3 saves", "about 2", 1.0, 3.0, "%", "section 4.4, fig. 8"),
+    _target("deceleration, large t+: L3 saves at most", "4", 3.0, 5.0, "%", "section 4.4, fig. 8"),
+)
+"""Savings of the L3 run over that of L2, in % of what the fastest run consumes, all at L3."""
+
+TRIP_TARGETS: Final = (
+    _target("6 km: L3 GTO better than second best", "1.1", 1.0, 2.5, "%", "Table 2, column L3 GTO"),
+    _target("6 km: L3 GTO better than RMS", "4.9", 4.0, 6.5, "%", "Table 2, column L3 GTO"),
+    _target("6 km: L3 GTO, share of traction at 110 km/h", "reduced", 0.0, 0.95, "", "section 4.5, fig. 9"),
+    _target("6 km: L2, share of traction at 110 km/h", "full", 0.99, INF, "", "section 4.5, fig. 9"),
+    _target("Table 2: columns with the best run on the diagonal", "6 of 6", 6, 6, "", "Table 2"),
+    _target("Table 2: columns with the fastest run worst", "6 of 6", 6, 6, "", "Table 2"),
+    _target("Table 2: columns with RMS behind every optimum but L0 REG's", "5 of 5", 5, 5, "", "Table 2"),
+    _target("IGBT against GTO: mean power when driving", "gentler", 0.0, 0.999, "", "section 4.6, fig. 10"),
+    _target("IGBT against GTO: mean power when braking", "gentler", 0.0, 0.999, "", "section 4.6, fig. 10"),
+    _target("IGBT against GTO: duration of driving", "longer", 1.001, INF, "", "section 4.6, fig. 10"),
+    _target("IGBT against GTO: duration of braking", "longer", 1.001, INF, "", "section 4.6, fig. 10"),
+)
+
+
+def cell_name(row: str, column: str) -> str:
+    return f"Table 2: {row} at {column}"
+
+
+def _cell_targets() -> tuple[Target, ...]:
+    cells = [
+        (row, column, value)
+        for row, values in TABLE_2.items()
+        for column, value in zip(COLUMNS, values, strict=True)
+        if not np.isnan(value) and (row, column) != NORMALISER
+    ]
+    return tuple(
+        _target(
+            cell_name(row, column),
+            f"{value:.2f}",
+            value * (1 - CELL_TOLERANCE[column]),
+            value * (1 + CELL_TOLERANCE[column]),
+            "%",
+            "Table 2",
+        )
+        for row, column, value in cells
+    )
+
+
+CELL_TARGETS: Final = _cell_targets()
+TARGETS: Final = (*MAP_TARGETS, *SAVING_TARGETS, *TRIP_TARGETS, *CELL_TARGETS)
+
+
+def map_figures(chain: LossChain, vehicle: Vehicle) -> Figures:
+    """What a chain's map shows of `MAP_TARGETS`."""
+    loss_map, power_w = vehicle.loss_model(Level.L3), vehicle.traction.max_power_w
+    assert isinstance(loss_map, LossMap)
+    l1, l2 = (fit_mean_efficiency(loss_map, power_w, with_idle=with_idle) for with_idle in (False, True))
+    points = operating_points(loss_map, power_w, vehicle.traction.max_force_n)
+    driving = points.force_n > 0
+    best = np.where(driving, points.efficiency_ratio(), 0.0).argmax()
+    cruising = cruising_deviation_ratio(loss_map, l2, vehicle)
+    reached = (
+        1.0 / (1.0 + l2.traction_ratio),
+        l2.idle_w / KW,
+        l1.traction_ratio,
+        100 * fit_error(loss_map, l2, power_w).mean_to_input_ratio,
+        100 * cruising if cruising is not None else NOT_PRINTED,
+        full_power_loss_w(loss_map, vehicle) / KW,
+        float(chain.loss_by_component_w(points.force_n, points.speed_mps)["auxiliaries"].max()) / KW,
+        float(points.power_w[best] / power_w),
+        100 * largest_jump_ratio(loss_map, vehicle),
+    )
+    return dict(zip((target.name for target in MAP_TARGETS), reached, strict=True))
+
+
+def full_power_loss_w(loss_map: LossMap, vehicle: Vehicle) -> float:
+    """Mean loss (W) along the power hyperbola of traction, from where it begins to the top speed."""
+    traction = vehicle.traction
+    speed = np.arange(np.ceil(traction.max_power_w / traction.max_force_n / KMH), vehicle.max_speed_mps / KMH) * KMH
+    return float(loss_map.loss_w(traction.max_power_w / speed, speed).mean())
+
+
+def largest_jump_ratio(loss_map: LossMap, vehicle: Vehicle) -> float:
+    """Largest rise of the efficiency from one speed of the map to the next above it, at half the full power."""
+    power_w = 0.5 * vehicle.traction.max_power_w
+    speed = np.arange(50.0, vehicle.max_speed_mps / KMH) * KMH
+    efficiency = power_w / (power_w + loss_map.loss_w(power_w / speed, speed))
+    return float(np.diff(efficiency).max())
+
+
+SAVING_CASES: Final = ((ACCELERATION, ACCELERATION_BUFFERS), (DECELERATION, DECELERATION_BUFFERS))
+Runs = dict[str, Trajectory]
+"""Row of Table 2, or "<case> <buffer>", → run."""
+
+
+def _front(case: Case, vehicle: Vehicle, level: Level) -> Front:
+    return solve_front(case.section(vehicle, level), threads=1)
+
+
+def _fastest(case: Case, vehicle: Vehicle) -> Trajectory:
+    """The fastest run; it is the same at every level."""
+    return baselines.fastest(case.section(vehicle, Level.L0_REG)).trajectory
+
+
+def other_runs(vehicle: Vehicle) -> Runs:
+    """All runs that do not depend on the L3 map: fastest, RMS, the optima of L0 to L2, for all three cases."""
+    runs = {"fastest": _fastest(COMPLETE, vehicle)}
+    trip_s = runs["fastest"].time_s * (1 + BUFFER_RATIO)
+    runs["rms"] = baselines.reduced_maximum_speed(COMPLETE.section(vehicle, Level.L0_REG), trip_s).trajectory
+    for level in L0_TO_L2:
+        runs[level] = _front(COMPLETE, vehicle, level).trajectory(trip_s).trajectory
+    for case, buffers in SAVING_CASES:
+        runs[f"{case.name} fastest"] = _fastest(case, vehicle)
+        runs.update(_buffered(case, vehicle, Level.L2, buffers, runs[f"{case.name} fastest"].time_s))
+    return runs
+
+
+def l3_runs(vehicle: Vehicle, runs: Runs) -> Runs:
+    """The L3 optima of acceleration and deceleration; `runs` from `other_runs`."""
+    found: Runs = {}
+    for case, buffers in SAVING_CASES:
+        found.update(_buffered(case, vehicle, Level.L3, buffers, runs[f"{case.name} fastest"].time_s))
+    return found
+
+
+def _buffered(case: Case, vehicle: Vehicle, level: Level, buffers: tuple[float, ...], least_s: float) -> Runs:
+    front = _front(case, vehicle, level)
+    return {f"{case.name} {buffer} {level}": front.trajectory(least_s * (1 + buffer)).trajectory for buffer in buffers}
+
+
+def trip_run(vehicle: Vehicle, runs: Runs) -> Trajectory:
+    """The L3 optimum of the 6 km."""
+    return _front(COMPLETE, vehicle, Level.L3).trajectory(runs["fastest"].time_s * (1 + BUFFER_RATIO)).trajectory
+
+
+def saving_figures(vehicle: Vehicle, runs: Runs) -> Figures:
+    """What a vehicle reaches of `SAVING_TARGETS`; `runs` with both L2's and L3's."""
+    saved = {}
+    for case, buffers in SAVING_CASES:
+        whole_j = consumed_j(runs[f"{case.name} fastest"], vehicle, Level.L3)
+        for buffer in buffers:
+            l2, l3 = (
+                consumed_j(runs[f"{case.name} {buffer} {level}"], vehicle, Level.L3) for level in (Level.L2, Level.L3)
+            )
+            saved[case.name, buffer] = 100 * (l2 - l3) / whole_j
+    large = max(saved[DECELERATION.name, buffer] for buffer in DECELERATION_BUFFERS if buffer >= LARGE_BUFFER)
+    reached = [saved[ACCELERATION.name, buffer] for buffer in ACCELERATION_BUFFERS]
+    reached += [saved[DECELERATION.name, 0.02], saved[DECELERATION.name, 0.05], large]
+    return dict(zip((target.name for target in SAVING_TARGETS), reached, strict=True))
+
+
+def table_2(gto: Vehicle, igbt: Vehicle, runs: Runs) -> dict[str, tuple[float, ...]]:
+    """Table 2 as ours: rows of `runs` that it has, every column, in % of the fastest run at L3 GTO."""
+    whole_j = consumed_j(runs["fastest"], gto, Level.L3)
+    return {
+        row: tuple(
+            100 * consumed_j(runs[row], vehicle, level) / whole_j
+            for vehicle, level in (*((gto, level) for level in L0_TO_L2), (gto, Level.L3), (igbt, Level.L3))
+        )
+        for row in TABLE_2
+    }
+
+
+def trip_figures(gto: Vehicle, igbt: Vehicle, runs: Runs) -> Figures:
+    """What the two vehicles reach of `TRIP_TARGETS` and `CELL_TARGETS`; `runs` with all rows of Table 2."""
+    table = table_2(gto, igbt, runs)
+    column = {row: values[COLUMNS.index("l3-gto")] for row, values in table.items()}
+    best = column["l3-gto"]
+    second = min(column[level] for level in L0_TO_L2)
+    ours, theirs = runs["l3-gto"], runs["l3-igbt"]
+    reached = (
+        100 * (second / best - 1),
+        100 * (column["rms"] / best - 1),
+        traction_share_ratio(ours, gto, 110 * KMH),
+        traction_share_ratio(runs[Level.L2], gto, 110 * KMH),
+        *_orders(table),
+        _mean_power_w(theirs, 1) / _mean_power_w(ours, 1),
+        _mean_power_w(theirs, -1) / _mean_power_w(ours, -1),
+        _duration_s(theirs, 1) / _duration_s(ours, 1),
+        _duration_s(theirs, -1) / _duration_s(ours, -1),
+    )
+    figures = dict(zip((target.name for target in TRIP_TARGETS), reached, strict=True))
+    for row, values in table.items():
+        figures |= {cell_name(row, c): value for c, value in zip(COLUMNS, values, strict=True)}
+    return {target.name: figures[target.name] for target in (*TRIP_TARGETS, *CELL_TARGETS)}
+
+
+def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float]:
+    """In how many columns the diagonal is best, the fastest run worst, RMS behind all optima but L0 REG's."""
+
+    def count(holds: Callable[[dict[str, float], str], bool]) -> float:
+        columns = {c: {row: values[i] for row, values in table.items()} for i, c in enumerate(COLUMNS)}
+        return float(sum(holds(cells, c) for c, cells in columns.items()))
+
+    def rms_behind(cells: dict[str, float], name: str) -> bool:
+        optima = [value for row, value in cells.items() if row not in ("fastest", "rms", Level.L0_REG)]
+        return name != Level.L0_REG and cells["rms"] > max(optima)
+
+    return (
+        count(lambda cells, name: cells[name] <= min(cells.values()) * (1 + EQUAL_ENERGY)),
+        count(lambda cells, _: cells["fastest"] == max(cells.values())),
+        count(rms_behind),
+    )
+
+
+def traction_share_ratio(run: Trajectory, vehicle: Vehicle, speed_mps: float) -> float:
+    """Traction force over the largest possible one where the run first passes a speed."""
+    i = int(np.argmax(run.v_mps >= speed_mps))
+    return float(run.force_el_n[i - 1] / vehicle.traction.force_n(run.v_mps[i]))
+
+
+def _work_and_square(run: Trajectory, sign: int) -> tuple[float, float]:
+    """∫P dt (J) and ∫P² dt (W²s) of the motors when driving (+1) or braking (−1)."""
+    power_w = np.maximum(sign * run.force_el_n, 0.0) * run.mean_speed_mps()
+    return float(power_w @ run.interval_s()), float(power_w**2 @ run.interval_s())
+
+
+def _mean_power_w(run: Trajectory, sign: int) -> float:
+    """Mean wheel power weighted with the power itself, so that long stretches of almost no force do not count."""
+    work_j, square = _work_and_square(run, sign)
+    return square / work_j
+
+
+def _duration_s(run: Trajectory, sign: int) -> float:
+    """How long the motors would drive or brake with that mean power for the same work."""
+    work_j, square = _work_and_square(run, sign)
+    return work_j**2 / square

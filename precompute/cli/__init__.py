@@ -1,0 +1,1 @@
+"""The command line das-precompute: its commands, shared options and reports."""

@@ -1,0 +1,12 @@
+"""Where das-precompute starts: `python -m precompute.cli`."""
+
+from das.command_line.entry import start
+
+
+def main() -> None:
+    """Entry point of das-precompute."""
+    start("precompute.cli.commands")
+
+
+if __name__ == "__main__":
+    main()

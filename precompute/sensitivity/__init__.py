@@ -1,0 +1,1 @@
+"""How robust a plan is against a world that differs from it."""

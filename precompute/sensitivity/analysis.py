@@ -1,0 +1,193 @@
+"""Robustness of a plan: what its speed profile costs in a world that differs, and what a new plan would cost there.
+
+The driver follows the planned speeds over the way, v(s), as well as the changed train can: where its force is short
+the speed falls behind, and full traction brings it back to the planned one. Braking begins as early as the changed
+train needs: no speed is above the envelope integrated backwards with the changed mass, resistance and adhesion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.conditions import Conditions
+from das.domain.errors import DasError, InfeasibleError
+from das.domain.trajectory import Ledger, Trajectory
+from das.domain.units import KM, KMH, PERMILLE
+from das.solver import kernels, rollout_kernels
+from das.solver import tolerances as tol
+from das.solver.front import Solution, solve_front, trajectory_on
+from das.solver.section import LineProfile, Section
+from precompute.sensitivity.variations import Variation
+
+Floats = NDArray[np.float64]
+
+OFF_PLAN_MPS = 1.0 * KMH
+"""A speed farther than this from the planned one is off the plan."""
+REPLANNED_TOLERANCE_S = 2e-3
+"""A new plan hits its time to within this: a second of time costs more energy than some variations."""
+LEAST_ENERGY_J = 1.0
+"""A plan that needs less than this is no measure of energies."""
+
+World = Callable[[Conditions], Section]
+"""The section under given conditions; raises DasError where there is none."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Followed:
+    """A plan as driven in another world. `off_plan_ratio`: share of the way driven off the planned speed."""
+
+    trajectory: Trajectory
+    ledger: Ledger
+    off_plan_ratio: float
+
+    @property
+    def time_s(self) -> float:
+        return self.trajectory.time_s
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """What a variation does to a plan.
+
+    `followed`: the plan as driven. Beside it the optimum of the changed world, `on_time` for the planned time (or the
+    fastest, which is late) and `same_time` for the time that following took. None: there is no such run; `trouble`
+    says why, or what is wrong with the run that was followed. Ratios are to the plan's energy at the collector.
+    """
+
+    plan: Solution
+    variation: Variation
+    followed: Followed | None = None
+    on_time: Solution | None = None
+    same_time: Solution | None = None
+    trouble: str | None = None
+
+    @property
+    def late_s(self) -> float | None:
+        """Arrival after the plan's (early < 0)."""
+        return self.followed.time_s - self.plan.time_s if self.followed else None
+
+    @property
+    def extra_ratio(self) -> float | None:
+        """Energy above the plan's."""
+        return self._ratio(self.followed, self.plan)
+
+    @property
+    def on_time_late_s(self) -> float | None:
+        """Arrival after the plan's when planned anew for its time (early < 0: the least-energy run)."""
+        return self.on_time.time_s - self.plan.time_s if self.on_time else None
+
+    @property
+    def on_time_extra_ratio(self) -> float | None:
+        """Energy above the plan's when planned anew for its time."""
+        return self._ratio(self.on_time, self.plan)
+
+    @property
+    def saved_ratio(self) -> float | None:
+        """What planning anew saves of the energy of following, in the time that following takes."""
+        return self._ratio(self.followed, self.same_time)
+
+    def per_step(self, effect: float | None) -> float | None:
+        """An effect per unit of the variation."""
+        return effect / self.variation.step if effect is not None and self.variation.step else None
+
+    def _ratio(self, run: Followed | Solution | None, base: Solution | None) -> float | None:
+        planned_j = abs(self.plan.ledger.input)
+        if run is None or base is None or planned_j < LEAST_ENERGY_J:
+            return None
+        return (run.ledger.input - base.ledger.input) / planned_j
+
+
+def assess(plan: Solution, variation: Variation, world: World) -> Outcome:
+    """Drive a plan in another world, and plan anew there."""
+    outcome = Outcome(plan=plan, variation=variation)
+    try:
+        section = world(variation.conditions)
+        front = solve_front(section)
+        on_time = front.trajectory(plan.time_s, tolerance_s=REPLANNED_TOLERANCE_S)
+    except DasError as error:
+        # The changed train cannot climb or brake here, or its losses are not known.
+        return replace(outcome, trouble=f"no run at all: {error}")
+    try:
+        followed = follow(plan.trajectory, section)
+    except DasError as error:
+        return replace(outcome, on_time=on_time, trouble=f"following the plan {error}")
+    return replace(
+        outcome,
+        followed=followed,
+        on_time=on_time,
+        same_time=front.trajectory(followed.time_s, tolerance_s=REPLANNED_TOLERANCE_S),
+        trouble=_wrong_end(followed, section),
+    )
+
+
+def follow(plan: Trajectory, section: Section) -> Followed:
+    """Drive the speeds of a plan on a section that may differ from the plan's in all but its ends.
+
+    Raises InfeasibleError where the train stalls or cannot brake.
+    """
+    line = _on_both_grids(plan.s_m, section)
+    envelope = _envelope(line, section)
+    planned = np.sqrt(np.interp(line.node_m, plan.s_m, plan.v_mps**2))
+    speeds = np.full(len(planned), np.nan)
+    # Between the plan and itself lies the plan, cut to what the train can do.
+    time_s = rollout_kernels.blend_runs(1.0, planned, planned, *line.for_kernels, envelope, section.train, speeds)
+    if time_s < 0:
+        stalled = int(np.isnan(speeds).argmax()) - 1
+        raise InfeasibleError(f"the train stalls at {_place(line, stalled)}")
+    trajectory = trajectory_on(section, line, speeds)
+    off = np.abs(speeds - planned) > OFF_PLAN_MPS
+    return Followed(
+        trajectory=trajectory,
+        ledger=trajectory.ledger(section.vehicle, section.loss),
+        off_plan_ratio=float((off[:-1] | off[1:]) @ line.step_m / line.step_m.sum()),
+    )
+
+
+def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
+    """The line at the nodes of the plan and at those of the changed section, which suit the changed train."""
+    after = np.clip(np.searchsorted(planned_m, section.node_m), 1, len(planned_m) - 1)
+    apart = np.minimum(np.abs(section.node_m - planned_m[after - 1]), np.abs(section.node_m - planned_m[after]))
+    node_m = np.union1d(planned_m, section.node_m[apart > tol.MIN_STEP_M])
+    return LineProfile.on(section.route, section.vehicle, node_m, section.length_m)
+
+
+def _envelope(line: LineProfile, section: Section) -> Floats:
+    """Fastest speed at each node of a line from which the changed train keeps everything ahead."""
+    envelope, stuck = kernels.braking_envelope(*line.for_kernels, line.limit_mps, section.end_speed_mps, section.train)
+    if stuck >= 0:
+        raise InfeasibleError(f"the train cannot brake on the descent at {_place(line, stuck)}")
+    return np.asarray(envelope)
+
+
+def _place(line: LineProfile, i: int) -> str:
+    return f"km {line.node_m[i] / KM:.3f} ({line.grade_ratio[i] / PERMILLE:.1f} ‰)"
+
+
+def _wrong_end(followed: Followed, section: Section) -> str | None:
+    end_mps = followed.trajectory.v_mps[-1]
+    if abs(end_mps - section.end_speed_mps) <= tol.SPEED_TOLERANCE_MPS:
+        return None
+    return f"following the plan the train ends at {end_mps / KMH:.1f} km/h, not {section.end_speed_mps / KMH:.1f} km/h"
+
+
+def by_effect(outcomes: list[Outcome]) -> list[list[Outcome]]:
+    """Pairs of what is as far from the plan on either side, the one that moves the energy most first.
+
+    What cannot be driven comes before all.
+    """
+    pairs: dict[tuple[str, float], list[Outcome]] = {}
+    for outcome in sorted(outcomes, key=lambda x: x.variation.value):
+        variation = outcome.variation
+        pairs.setdefault((variation.parameter, round(abs(variation.step), 9)), []).append(outcome)
+    return sorted(pairs.values(), key=_effect_ratio, reverse=True)
+
+
+def _effect_ratio(pair: list[Outcome]) -> float:
+    if any(outcome.followed is None for outcome in pair):
+        return math.inf
+    return max(abs(outcome.extra_ratio or 0.0) for outcome in pair)

@@ -1,0 +1,1 @@
+"""The bundled recording: the train and the driver it was made with."""

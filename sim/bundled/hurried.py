@@ -1,0 +1,149 @@
+"""The train and the driver behind the bundled recording, kept as they were when it was made.
+
+New work uses `sim.plant` and `sim.drivers`; `das-sim make-trip` stays with these so that its command makes the
+bundled recording again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from das.domain.losses import LossModel
+from das.domain.route import Floats, Route, curve_resistance_mps2
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import Vehicle
+
+EFFORT_RATE_RATIO_PER_S = 0.25
+"""Effort builds up by this share of the largest force per second (assumption)."""
+TRAIN_SAMPLES = 11
+"""The gradient is averaged over this many points along the train."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantState:
+    """Time (s), position of the head (m), speed (m/s), wheel forces (N, brakes < 0), energy at the collector (J)."""
+
+    time_s: float
+    s_m: float
+    speed_mps: float
+    force_el_n: float = 0.0
+    force_friction_n: float = 0.0
+    energy_input_j: float = 0.0
+
+
+class Plant:
+    """Steps a train along a route under a wanted wheel force."""
+
+    def __init__(self, route: Route, vehicle: Vehicle, loss: LossModel, step_s: float = 0.05) -> None:
+        self.route, self.vehicle, self.loss, self.step_s = route, vehicle, loss, step_s
+        self._curve = curve_resistance_mps2(route.curvature_per_m.value)
+        self._offsets = np.linspace(-vehicle.length_m, 0.0, TRAIN_SAMPLES)
+
+    def step(self, state: PlantState, wanted_n: float) -> PlantState:
+        """One step of semi-implicit Euler: forces from the speed before, position from the mean speed."""
+        vehicle, v, dt = self.vehicle, state.speed_mps, self.step_s
+        total = self._built_up(state, self._within_envelope(wanted_n, v))
+        electric = max(total, -float(vehicle.electric_brake_effort_n(v))) if total < 0 else total
+        friction = total - electric
+        resisting = float(vehicle.resistance.force_n(v)) + self._line_force(state.s_m, v)
+        acceleration = (total - resisting) / vehicle.inertial_mass_kg
+        if v <= 0.0 and acceleration < 0.0:
+            acceleration = 0.0  # the brakes hold the train where it stands
+        after = max(v + acceleration * dt, 0.0)
+        mean = 0.5 * (v + after)
+        power = electric * mean + (float(self.loss.loss_w(electric, mean)) if mean > 0 else 0.0)
+        return replace(
+            state,
+            time_s=state.time_s + dt,
+            s_m=state.s_m + mean * dt,
+            speed_mps=after,
+            force_el_n=electric,
+            force_friction_n=friction,
+            energy_input_j=state.energy_input_j + power * dt,
+        )
+
+    def _within_envelope(self, wanted_n: float, v: float) -> float:
+        vehicle = self.vehicle
+        return min(max(wanted_n, -float(vehicle.brake_effort_n(v))), float(vehicle.traction_effort_n(v)))
+
+    def _built_up(self, state: PlantState, wanted_n: float) -> float:
+        before = state.force_el_n + state.force_friction_n
+        most = EFFORT_RATE_RATIO_PER_S * self.vehicle.traction.max_force_n * self.step_s
+        return before + math.copysign(min(abs(wanted_n - before), most), wanted_n - before)
+
+    def _line_force(self, s_m: float, v: float) -> float:
+        """Force of gradients, curves and tunnels on the train (N), gradient averaged over its length."""
+        places = s_m + self._offsets
+        grade = float(self.route.gradients_ratio.at(places).mean())
+        i = np.clip(np.searchsorted(self.route.curvature_per_m.start_m, places, side="right") - 1, 0, None)
+        tunnel = sum(
+            self.vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)
+            * float(np.mean((places >= t.start_m) & (places < t.start_m + t.length_m)))
+            for t in self.route.tunnels
+        )
+        return tunnel * v * v + self.vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + float(self._curve[i].mean()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriverStyle:
+    """How a driver drives; all figures are assumptions of a plausible size."""
+
+    below_limit_mps: float = 3.0 * KMH
+    """Keeps this much below the limit."""
+    braking_mps2: float = 0.45
+    """Plans braking with this deceleration."""
+    approach_mps2: float = 0.35
+    """Plans the last braking to the stop with this deceleration."""
+    full_effort_error_mps: float = 2.0
+    """Uses full effort when this much too slow or too fast."""
+    wander_mps: float = 2.0 * KMH
+    wander_s: float = 40.0
+    """The speed aimed at wanders by this (standard deviation) with this correlation time."""
+
+
+class HurriedDriver:
+    """Aims at a speed under the limits and the braking curves ahead, and steers force towards it."""
+
+    def __init__(self, route: Route, vehicle: Vehicle, end_m: float, seed: int, style: DriverStyle) -> None:
+        self.vehicle, self.end_m, self.style = vehicle, end_m, style
+        self._random = np.random.default_rng(seed)
+        self._wander = 0.0
+        self._at_m, self._limit = _limits_for_head(route, vehicle, end_m)
+
+    def wanted_force_n(self, s_m: float, speed_mps: float, step_s: float) -> float:
+        """Wheel force the driver sets now (N)."""
+        style = self.style
+        decay = math.exp(-step_s / style.wander_s)
+        self._wander = (
+            decay * self._wander + style.wander_mps * math.sqrt(1 - decay**2) * self._random.standard_normal()
+        )
+        error = self._aim(s_m) - speed_mps
+        share = min(max(error / style.full_effort_error_mps, -1.0), 1.0)
+        hold = float(self.vehicle.resistance.force_n(speed_mps))
+        if share >= 0:
+            return hold + share * (float(self.vehicle.traction_effort_n(speed_mps)) - hold)
+        return hold + share * self.vehicle.inertial_mass_kg * 2.0 * style.braking_mps2
+
+    def _aim(self, s_m: float) -> float:
+        """The speed to aim at: limit here and braking curves to what comes, less a margin; the stop exactly."""
+        style = self.style
+        way = np.maximum(self._at_m - s_m, 0.0)
+        ahead = self._at_m > s_m
+        curves = np.sqrt(self._limit[ahead] ** 2 + 2 * style.braking_mps2 * way[ahead])
+        here = self._limit[~ahead][-1]
+        limit = min(float(here), float(curves.min(initial=math.inf)))
+        stop = math.sqrt(2 * style.approach_mps2 * max(self.end_m - s_m, 0.0))
+        lower = style.below_limit_mps + max(self._wander, -style.below_limit_mps + 0.3)
+        return min(limit - lower, stop, self.vehicle.max_speed_mps)
+
+
+def _limits_for_head(route: Route, vehicle: Vehicle, end_m: float) -> tuple[Floats, Floats]:
+    """Limits as the head meets them: a lower one holds until the tail has left it."""
+    starts = route.limits_mps.start_m
+    places = np.unique(np.concatenate((starts, starts + vehicle.length_m)))
+    places = places[places < end_m]
+    limit = route.limits_mps.minimum(places - vehicle.length_m, places + 0.5)
+    return places, limit

@@ -1,0 +1,116 @@
+"""Make a trip by simulation: a driver without advice on a simulated train, seen through a GPS receiver, as MCAP."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+
+from das.bus import das_pb2
+from das.bus.recorder import RecordingFile
+from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
+from das.domain.errors import DasError
+from das.domain.losses import Level
+from das.domain.route import Route, Stop
+from das.domain.units import NS
+from das.domain.vehicle import Vehicle
+from sim.bundled.hurried import DriverStyle, HurriedDriver, Plant, PlantState
+
+POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
+SPEED_SIGMA_MPS = 0.08
+"""Noise of the receiver (assumptions of the size of a good GPS)."""
+FIX_EVERY_S = 1.0
+STANDING_S = 5
+"""Seconds of standing recorded before departure and after arrival."""
+LONGEST_S = 4 * 3600.0
+AT_STOP_M = 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class TripPlan:
+    """What trip to make: a section, its timetable and how late it leaves."""
+
+    route: Route
+    vehicle: Vehicle
+    level: Level
+    start: Stop
+    end: Stop
+    reversed: bool
+    departure_ns: int
+    running_time_s: float
+    delay_s: float
+    seed: int
+    train: str
+
+
+def drive(plan: TripPlan) -> list[PlantState]:
+    """The truth of the trip, once a second from departure to standstill at the stop."""
+    plant = Plant(plan.route, plan.vehicle, plan.vehicle.loss_model(plan.level))
+    driver = HurriedDriver(plan.route, plan.vehicle, plan.end.position_m, plan.seed, DriverStyle())
+    state = PlantState(time_s=0.0, s_m=plan.start.position_m, speed_mps=0.0)
+    states = [state]
+    per_fix = round(FIX_EVERY_S / plant.step_s)
+    while state.s_m < plan.end.position_m - AT_STOP_M or state.speed_mps > 0.0:
+        if state.s_m >= plan.end.position_m - AT_STOP_M and state.speed_mps < 0.2:
+            state = PlantState(time_s=state.time_s, s_m=state.s_m, speed_mps=0.0, energy_input_j=state.energy_input_j)
+            break
+        for _ in range(per_fix):
+            state = plant.step(state, driver.wanted_force_n(state.s_m, state.speed_mps, plant.step_s))
+        states.append(state)
+        if state.time_s > LONGEST_S:
+            raise DasError(f"the simulated train did not arrive within {LONGEST_S:.0f} s (at {state.s_m:.0f} m)")
+    return [*states, state]
+
+
+def write_trip(path: Path, plan: TripPlan, states: list[PlantState], command: str) -> None:
+    """Write what a receiver and the operator would have said of a trip as a recording of ours."""
+    random = np.random.default_rng(plan.seed + 1)
+    file = RecordingFile(path)
+    try:
+        file.add_metadata("run", {"kind": "simulated trip", "command": command, "seed": str(plan.seed)})
+        start_ns = plan.departure_ns + round(plan.delay_s / NS)
+        first_ns = start_ns - round(STANDING_S / NS)
+        file.add(JOURNEY, JOURNEY.key(plan.train), _journey(plan, first_ns), first_ns)
+        file.add(DELAY, DELAY.key(plan.train), das_pb2.Delay(time_ns=first_ns, delay_s=plan.delay_s), first_ns)
+        offset = 0.0
+        decay = math.exp(-FIX_EVERY_S / POSITION_CORRELATION_S)
+        standing = [states[0]] * STANDING_S
+        for i, state in enumerate([*standing, *states, *[states[-1]] * STANDING_S]):
+            time_ns = first_ns + round(i * FIX_EVERY_S / NS)
+            offset = decay * offset + POSITION_SIGMA_M * math.sqrt(1 - decay**2) * random.standard_normal()
+            moving = state.speed_mps > 0
+            speed = max(state.speed_mps + SPEED_SIGMA_MPS * random.standard_normal(), 0.0) if moving else 0.0
+            s_m = state.s_m + (offset if moving else 0.0)
+            position = das_pb2.Position(
+                time_ns=time_ns,
+                s_m=s_m,
+                speed_mps=speed,
+                uncertainty_m=POSITION_SIGMA_M,
+                quality=das_pb2.Position.QUALITY_GOOD,
+            )
+            file.add(POSITION, POSITION.key(plan.train), position, time_ns)
+            place = plan.route.location_deg(s_m)
+            if place is not None:
+                fix = LocationFix(latitude=float(place[0]), longitude=float(place[1]), frame_id="train")
+                fix.timestamp.FromNanoseconds(time_ns)
+                file.add(LOCATION, LOCATION.key(plan.train), fix, time_ns)
+    finally:
+        file.close()
+
+
+def _journey(plan: TripPlan, time_ns: int) -> das_pb2.Journey:
+    arrival_ns = plan.departure_ns + round(plan.running_time_s / NS)
+    return das_pb2.Journey(
+        time_ns=time_ns,
+        train=plan.train,
+        route_id=plan.route.id,
+        vehicle_id=plan.vehicle.id,
+        reversed=plan.reversed,
+        stops=[
+            das_pb2.Journey.Stop(name=plan.start.name, s_m=plan.start.position_m, departure_ns=plan.departure_ns),
+            das_pb2.Journey.Stop(name=plan.end.name, s_m=plan.end.position_m, arrival_ns=arrival_ns),
+        ],
+    )

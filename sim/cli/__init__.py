@@ -1,0 +1,1 @@
+"""The command line das-sim: its commands and shared options."""

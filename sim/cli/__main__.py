@@ -1,0 +1,12 @@
+"""Where das-sim starts: `python -m sim.cli`."""
+
+from das.command_line.entry import start
+
+
+def main() -> None:
+    """Entry point of das-sim."""
+    start("sim.cli.commands")
+
+
+if __name__ == "__main__":
+    main()

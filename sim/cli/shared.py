@@ -1,0 +1,90 @@
+"""What the commands of das-sim that take a while do alike: speed, progress, where the recording goes."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from das.command_line.running import err
+from das.domain.errors import DasError
+from das.domain.files.writing import new_file
+
+Kind = TypeVar("Kind", bound=StrEnum)
+BusOption = Annotated[
+    Path | None,
+    typer.Option("--bus", metavar="DIR", help="Folder of bus files (das-node tls-init) instead of this machine alone."),
+]
+InsecureBusOption = Annotated[
+    bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
+]
+SAID_EVERY_S = 2.0
+"""Without a terminal, progress is a line this often."""
+
+
+def chosen(kind: type[Kind], option: str, text: str) -> Kind:
+    """A member of an enumeration by name; DasError for anything else (so that a command need not import it at once)."""
+    if text not in list(kind):
+        raise DasError(f"{option} {text}: expected one of {', '.join(kind)}")
+    return kind(text)
+
+
+def speed_factor(text: str) -> float | None:
+    """Times real time (`real` is 1); None for as fast as it goes."""
+    if text == "max":
+        return None
+    try:
+        value = 1.0 if text == "real" else float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0.01 <= value <= 1e6:
+        raise DasError(f"--speed {text}: expected max, real or a number of times real time, 0.01 to 1000000")
+    return value
+
+
+def new_recording(kind: str) -> Path:
+    """A new file in ./recordings, named by its kind and the time."""
+    folder = Path("recordings")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
+    return new_file(folder / f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap")
+
+
+def typed_command() -> str:
+    """The command as it was typed."""
+    return shlex.join(["das-sim", *sys.argv[1:]])
+
+
+@contextmanager
+def progress_bar(title: str, first: str, unit: str) -> Iterator[Callable[[float, float], None]]:
+    """A bar on a terminal, a line every few seconds elsewhere; `first` is said until something is done.
+
+    Yields what to call with how much is done and the whole.
+    """
+    if not err.is_terminal:
+        said = time.monotonic()
+
+        def line(done: float, whole: float) -> None:
+            nonlocal said
+            if time.monotonic() - said > SAID_EVERY_S or done == whole:
+                print(f"{title}: {done:.0f} of {whole:.0f} {unit}", file=sys.stderr)
+                said = time.monotonic()
+
+        print(f"{title}: {first}", file=sys.stderr)
+        yield line
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(f"{title}: {first}", total=None)
+        yield lambda done, whole: bar.update(task, completed=done, total=whole, description=title)

@@ -1,0 +1,1 @@
+"""The simulated train, with physics of its own."""

@@ -1,0 +1,407 @@
+"""Numba kernels of the simulated train: one step, and many. They check nothing and share no code with the solver.
+
+Symbols: x state, u command, p the train's numbers, a its actuators, c its losses, line and supply arrays of the route,
+weather patches (see `sim.plant.plant`), s position of the head (m), v speed (m/s), dt step (s), f wheel force (N).
+Traction > 0, brakes < 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from das.domain.route import NEUTRAL
+from das.domain.units import STANDARD_GRAVITY_MPS2
+
+kernel = njit(cache=True, nogil=True, error_model="numpy")
+"""Compile once, release the GIL, divide as IEEE 754 does."""
+
+NO_LIMIT_N = 1e30
+"""A force no train reaches (finite, so that products stay defined)."""
+FORCE, LEVER, SPEED = 0, 1, 2
+"""Laws of a command."""
+
+
+class Command(NamedTuple):
+    """What the controller asks of the train until the next command; make one with `force`, `lever` or `speed`.
+
+    By `law`, `value` is FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all brakes
+    (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, changing by `rate_mps2`, with
+    `force_n` + `gain_per_s` × inertial mass × (wanted − actual speed). The force stays within `low_n` and `high_n`.
+    `friction_ratio` of a braking force is asked of the friction brake even where the electric brake could give it.
+    """
+
+    law: int
+    value: float
+    rate_mps2: float = 0.0
+    force_n: float = 0.0
+    gain_per_s: float = 0.0
+    low_n: float = -NO_LIMIT_N
+    high_n: float = NO_LIMIT_N
+    friction_ratio: float = 0.0
+
+
+class PlantState(NamedTuple):
+    """The train at a moment: time (s), position of the head (m), speed (m/s), acceleration (m/s²), wheel forces (N).
+
+    `…_waited_s`: how long traction, electric brake and friction brake have been asked for. Energies (J) since the
+    start: `input_j` and `unreturned_j` at the collector; where it went: `resistance_j` (running, tunnels, curves),
+    `component_loss_j`, `auxiliary_j`, `friction_brake_j`; `comfort_j` beside them.
+    """
+
+    time_s: float
+    s_m: float
+    speed_mps: float
+    acceleration_mps2: float = 0.0
+    force_el_n: float = 0.0
+    force_friction_n: float = 0.0
+    traction_waited_s: float = 0.0
+    electric_waited_s: float = 0.0
+    friction_waited_s: float = 0.0
+    input_j: float = 0.0
+    resistance_j: float = 0.0
+    component_loss_j: float = 0.0
+    auxiliary_j: float = 0.0
+    friction_brake_j: float = 0.0
+    unreturned_j: float = 0.0
+    comfort_j: float = 0.0
+
+
+class TrainNumbers(NamedTuple):
+    """A train as the kernels take it (SI; see `das.domain.vehicle.Vehicle`).
+
+    The adhesive forces are those of a dry rail per unit of the adhesion coefficient; `rail_ratio` is the rail's state.
+    """
+
+    mass_kg: float
+    inertial_mass_kg: float
+    length_m: float
+    max_speed_mps: float
+    c0_n: float
+    c1_n_per_mps: float
+    c2_n_per_mps2: float
+    traction_force_n: float
+    traction_power_w: float
+    electric_force_n: float
+    electric_power_w: float
+    friction_force_n: float
+    adhesive_force_n: float
+    braked_adhesive_force_n: float
+    rail_ratio: float
+    max_acceleration_mps2: float
+    max_deceleration_mps2: float
+    auxiliary_power_w: float
+    comfort_power_w: float
+
+
+class Actuators(NamedTuple):
+    """Dead times (s) and rates of the forces (N/s) as the kernels take them (see `sim.plant.plant.Dynamics`)."""
+
+    traction_dead_s: float
+    traction_rise_n_per_s: float
+    traction_fall_n_per_s: float
+    electric_dead_s: float
+    electric_rise_n_per_s: float
+    electric_fall_n_per_s: float
+    friction_dead_s: float
+    friction_rise_n_per_s: float
+    friction_fall_n_per_s: float
+
+
+class LossNumbers(NamedTuple):
+    """A loss model as the kernels take it; `table_w[i, j]` at speed i/steps_per_mps, force force0_n + j/steps_per_n."""
+
+    is_map: bool
+    traction_ratio: float
+    brake_ratio: float
+    idle_w: float
+    steps_per_mps: float
+    force0_n: float
+    steps_per_n: float
+    table_w: NDArray[np.float64]
+
+
+class LineNumbers(NamedTuple):
+    """A route under one train as the kernels take it.
+
+    `node_m` (n,) and `profile` (n, 9): for gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²), each averaged
+    over the train with its head at s, value and slope from the node on and the integral up to the node.
+    `supply_start_m`, `supply` (k,): see `das.domain.route.Route.supply`.
+    `weather` (w, 6): from and to (m), from and to (s), adhesion ratio, head wind (m/s).
+    """
+
+    node_m: NDArray[np.float64]
+    profile: NDArray[np.float64]
+    supply_start_m: NDArray[np.float64]
+    supply: NDArray[np.float64]
+    weather: NDArray[np.float64]
+
+
+@kernel
+def adhesion_coefficient(v):
+    """µ of a dry rail, Curtius & Kniffler 1944: 0.161 + 7.5/(V + 44), V in km/h."""
+    return 0.161 + 7.5 / (3.6 * v + 44.0)
+
+
+@kernel
+def _hyperbola(v, force, power):
+    return force if v * force <= power else power / v
+
+
+@kernel
+def traction_effort(v, rail, p):
+    """Largest traction force (N) at a speed on a rail in a state (1 = dry)."""
+    return min(
+        _hyperbola(v, p.traction_force_n, p.traction_power_w), rail * p.adhesive_force_n * adhesion_coefficient(v)
+    )
+
+
+@kernel
+def electric_effort(v, rail, p):
+    """Largest force of the electric brake (N)."""
+    return min(
+        _hyperbola(v, p.electric_force_n, p.electric_power_w), rail * p.adhesive_force_n * adhesion_coefficient(v)
+    )
+
+
+@kernel
+def brake_effort(v, rail, p):
+    """Largest force of both brakes together (N): the friction brake works on every axle."""
+    both = electric_effort(v, rail, p) + p.friction_force_n
+    return min(both, rail * p.braked_adhesive_force_n * adhesion_coefficient(v))
+
+
+@kernel
+def efforts(v, rail, p):
+    """Largest force (N) of traction, of the electric brake and of both brakes."""
+    return traction_effort(v, rail, p), electric_effort(v, rail, p), brake_effort(v, rail, p)
+
+
+@kernel
+def running_resistance(v, wind, tunnel, p):
+    """c0 + c1·v + c2·(v + w)·|v + w| + q·v²: a tail wind faster than the train pushes it; tunnels are without wind."""
+    air = v + wind
+    return p.c0_n + p.c1_n_per_mps * v + p.c2_n_per_mps2 * air * abs(air) + tunnel * v * v
+
+
+@kernel
+def loss_power(f, v, c):
+    """Loss of the traction chain (W) at wheel force f and speed v; 0 at a standstill. Bilinear in a map."""
+    if v <= 0.0:
+        return 0.0
+    if not c.is_map:
+        power = f * v
+        return c.idle_w + (c.traction_ratio * power if power >= 0.0 else -c.brake_ratio * power)
+    x = v * c.steps_per_mps
+    y = (f - c.force0_n) * c.steps_per_n
+    i = min(max(int(x), 0), c.table_w.shape[0] - 2)
+    j = min(max(int(y), 0), c.table_w.shape[1] - 2)
+    low = c.table_w[i, j] + (y - j) * (c.table_w[i, j + 1] - c.table_w[i, j])
+    high = c.table_w[i + 1, j] + (y - j) * (c.table_w[i + 1, j + 1] - c.table_w[i + 1, j])
+    return low + (x - i) * (high - low)
+
+
+@kernel
+def _segment(starts, s):
+    """Index of the last start not beyond s (0 before the first)."""
+    low = 0
+    high = starts.size
+    while high - low > 1:
+        middle = (low + high) // 2
+        if starts[middle] <= s:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def _integral(line, i, column, s):
+    d = s - line.node_m[i]
+    return line.profile[i, column + 2] + d * (line.profile[i, column] + 0.5 * d * line.profile[i, column + 1])
+
+
+@kernel
+def line_means(line, s, way):
+    """Gradient (ratio), curve (m/s²) and tunnel (N/(m/s)²) means over the train and over the next `way` metres."""
+    i = _segment(line.node_m, s)
+    if way <= 0.0:
+        d = s - line.node_m[i]
+        q = line.profile[i]
+        return q[0] + d * q[1], q[3] + d * q[4], q[6] + d * q[7]
+    j = i
+    while j + 1 < line.node_m.size and line.node_m[j + 1] <= s + way:
+        j += 1
+    end = s + way
+    return (
+        (_integral(line, j, 0, end) - _integral(line, i, 0, s)) / way,
+        (_integral(line, j, 3, end) - _integral(line, i, 3, s)) / way,
+        (_integral(line, j, 6, end) - _integral(line, i, 6, s)) / way,
+    )
+
+
+@kernel
+def weather_at(line, s, t, length):
+    """State of the rail (1 = dry) and head wind (m/s) on a train with its head at s: patches count by their share."""
+    rail = 1.0
+    wind = 0.0
+    for k in range(line.weather.shape[0]):
+        patch = line.weather[k]
+        if not patch[2] <= t < patch[3]:
+            continue
+        if length > 0.0:
+            share = max(min(s, patch[1]) - max(s - length, patch[0]), 0.0) / length
+        else:
+            share = 1.0 if patch[0] <= s < patch[1] else 0.0
+        rail *= 1.0 - share * (1.0 - patch[4])
+        wind += share * patch[5]
+    return rail, wind
+
+
+@kernel
+def supply_at(line, s, way):
+    """The least supply the head meets in the next `way` metres."""
+    i = _segment(line.supply_start_m, s)
+    least = line.supply[i]
+    while i + 1 < line.supply.size and line.supply_start_m[i + 1] < s + way:
+        i += 1
+        least = min(least, line.supply[i])
+    return least
+
+
+@kernel
+def demanded(u, into, v, p):
+    """Wheel force (N) a command asks for, `into` s after it was given, at a speed."""
+    if u.law == LEVER:
+        effort = traction_effort(v, 1.0, p) if u.value >= 0.0 else brake_effort(v, 1.0, p)
+        force = u.value * effort
+    elif u.law == SPEED:
+        wanted = max(u.value + u.rate_mps2 * into, 0.0)
+        force = u.force_n + u.gain_per_s * p.inertial_mass_kg * (wanted - v)
+    else:
+        force = u.value
+    return min(max(force, u.low_n), u.high_n)
+
+
+@kernel
+def _built_up(before, target, waited, dead, rise, fall, dt):
+    """A force's size after a step: it falls at once, and rises once it has been asked for longer than its dead time."""
+    if target <= before:
+        return max(target, before - fall * dt)
+    usable = dt if before > 0.0 else min(max(waited + dt - dead, 0.0), dt)
+    return min(target, before + rise * usable)
+
+
+@kernel
+def _shared(asked, friction_ratio, v, rail, supply, p):
+    """Traction, electric brake and friction brake (N, sizes) that an asked force comes to: electric first."""
+    pulls = min(max(asked, 0.0), 0.0 if supply == NEUTRAL else traction_effort(v, rail, p))
+    brakes = min(max(-asked, 0.0), brake_effort(v, rail, p))
+    electric = min((1.0 - friction_ratio) * brakes, electric_effort(v, rail, p) if supply >= 0.0 else 0.0)
+    return pulls, electric, min(brakes - electric, p.friction_force_n)
+
+
+@kernel
+def _waited(waited, target, dt):
+    return waited + dt if target > 0.0 else 0.0
+
+
+@kernel
+def step(x, u, began, into, dt, line, p, a, c):
+    """The state a step later, `into` s after the command was given at time `began`.
+
+    Midpoint rule (second order); the acceleration is constant within the step.
+    Line forces are exact means over train and way; supply and weather are taken where the step begins (a neutral
+    section from the step that reaches it). Braking energy is booked where it goes, so the ledger closes by itself.
+    """
+    v0 = x.speed_mps
+    rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)
+    rail *= p.rail_ratio
+    supply = supply_at(line, x.s_m, v0 * dt)
+
+    # Forces that can still be held at the start of the step, and where they would lead.
+    el0 = min(x.force_el_n, 0.0 if supply == NEUTRAL else traction_effort(v0, rail, p))
+    el0 = max(el0, -electric_effort(v0, rail, p) if supply >= 0.0 else 0.0)
+    fr0 = max(x.force_friction_n, min(-brake_effort(v0, rail, p) - el0, 0.0))
+    grade, curve, tunnel = line_means(line, x.s_m, v0 * dt)
+    pull0 = el0 + fr0 - running_resistance(v0, wind, tunnel, p) - p.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve)
+    a0 = pull0 / p.inertial_mass_kg
+    middle = max(v0 + 0.5 * a0 * dt, 0.0)
+    ahead = max(v0 + a0 * dt, 0.0)
+    grade, curve, tunnel = line_means(line, x.s_m, 0.5 * (v0 + ahead) * dt)
+    weight = p.mass_kg * STANDARD_GRAVITY_MPS2 * grade
+    resistance = running_resistance(middle, wind, tunnel, p) + p.mass_kg * curve
+
+    # What is asked at the end of the step, and how motors and friction brake share it.
+    asked = demanded(u, into + dt, ahead, p)
+    asked = min(asked, max(p.inertial_mass_kg * p.max_acceleration_mps2 + resistance + weight, 0.0))
+    asked = max(asked, min(-p.inertial_mass_kg * p.max_deceleration_mps2 + resistance + weight, 0.0))
+    pulls, electric, rubs = _shared(asked, u.friction_ratio, ahead, rail, supply, p)
+
+    # How far each has got: the motors pull or brake, never both.
+    pulled = _built_up(
+        max(el0, 0.0), pulls if el0 >= 0.0 else 0.0, x.traction_waited_s, a.traction_dead_s,
+        a.traction_rise_n_per_s, a.traction_fall_n_per_s, dt,
+    )  # fmt: skip
+    braked = _built_up(
+        max(-el0, 0.0), electric if el0 <= 0.0 else 0.0, x.electric_waited_s, a.electric_dead_s,
+        a.electric_rise_n_per_s, a.electric_fall_n_per_s, dt,
+    )  # fmt: skip
+    rubbed = _built_up(
+        -fr0, rubs, x.friction_waited_s, a.friction_dead_s, a.friction_rise_n_per_s, a.friction_fall_n_per_s, dt
+    )
+    el1 = pulled - braked
+    el = 0.5 * (el0 + el1)
+    el = min(el, traction_effort(middle, rail, p))
+    el = max(el, -electric_effort(middle, rail, p))
+    fr = max(0.5 * (fr0 - rubbed), min(-brake_effort(middle, rail, p) - el, 0.0))
+
+    # Motion. A standing train stays where it is until traction moves it.
+    rate = (el + fr - resistance - weight) / p.inertial_mass_kg
+    moving = dt
+    v1 = v0 + rate * dt
+    if v0 <= 0.0 and (el <= 0.0 or rate <= 0.0):
+        moving = 0.0
+        rate = 0.0
+        v1 = 0.0
+    elif v1 < 0.0:
+        moving = v0 / -rate
+        v1 = 0.0
+    way = 0.5 * (v0 + v1) * moving
+    if v1 <= 0.0:
+        el1 = pulled  # motors cannot brake at a standstill
+
+    loss_j = loss_power(el, 0.5 * (v0 + v1), c) * moving
+    auxiliary_j = p.auxiliary_power_w * dt
+    gross_j = el * way + loss_j + auxiliary_j
+    taken = 1.0 if gross_j > 0.0 else max(supply, 0.0)
+    return PlantState(
+        began + into + dt,
+        x.s_m + way,
+        v1,
+        rate,
+        el1,
+        0.0 - rubbed,
+        _waited(x.traction_waited_s, pulls, dt),
+        _waited(x.electric_waited_s, electric, dt),
+        _waited(x.friction_waited_s, rubs, dt),
+        x.input_j + taken * gross_j,
+        x.resistance_j + resistance * way,
+        x.component_loss_j + loss_j,
+        x.auxiliary_j + auxiliary_j,
+        x.friction_brake_j - fr * way,
+        x.unreturned_j - (1.0 - taken) * gross_j,
+        x.comfort_j + p.comfort_power_w * dt,
+    )
+
+
+@kernel
+def advance(x, u, steps, dt, line, p, a, c):
+    """The state after many steps under one command."""
+    began = x.time_s
+    for i in range(steps):
+        x = step(x, u, began, i * dt, dt, line, p, a, c)
+    return x

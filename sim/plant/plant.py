@@ -1,0 +1,329 @@
+"""A simulated train: its own physics over domain data, apart from the solver's, so that errors are not shared.
+
+m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/physics.md, and beyond it: forces take
+time (dead time, build-up, jerk), wheels transmit only what the rail's adhesion at this place and time allows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from das.domain.conditions import Conditions
+from das.domain.errors import DasError, InputError
+from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel, outside_map
+from das.domain.route import Floats, Route, Stretches, curve_resistance_mps2
+from das.domain.trajectory import Ledger
+from das.domain.units import STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import BrakePolicy, Vehicle
+from sim.plant import kernels
+from sim.plant.kernels import NO_LIMIT_N, Actuators, Command, LineNumbers, LossNumbers, PlantState, TrainNumbers
+
+__all__ = ["COAST", "Command", "Dynamics", "Patch", "Plant", "PlantState", "force", "lever", "speed", "train_numbers"]
+
+STEP_S = 0.05
+"""Step of the integration (20 Hz)."""
+SHORTEST_STEP_S, LONGEST_STEP_S = 0.02, 0.1
+NO_LIMIT_MPS2 = 1e6
+DRAWN_AT_MPS = 1.0
+"""A speed at which the train moves: what it draws on top of its chain's losses there are the auxiliaries."""
+
+
+def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
+    """Ask for a wheel force (N)."""
+    return Command(kernels.FORCE, force_n, friction_ratio=friction_ratio)
+
+
+def lever(ratio: float, *, friction_ratio: float = 0.0) -> Command:
+    """Set the controller: 1 = full traction, −1 = both brakes fully, of what they can at the present speed."""
+    return Command(kernels.LEVER, ratio, friction_ratio=friction_ratio)
+
+
+def speed(
+    speed_mps: float,
+    *,
+    rate_mps2: float = 0.0,
+    force_n: float = 0.0,
+    gain_per_s: float = 0.5,
+    low_n: float = -NO_LIMIT_N,
+    high_n: float = NO_LIMIT_N,
+) -> Command:
+    """Hold a speed that changes by `rate_mps2`; `force_n` is what holding it is thought to need."""
+    return Command(kernels.SPEED, speed_mps, rate_mps2, force_n, gain_per_s, low_n, high_n)
+
+
+COAST = force(0.0)
+"""No force; a standing train stays where it is, held by its brakes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dynamics:
+    """How fast forces come and go. Rise and fall: from nothing to the largest force and back; dead: until it begins.
+
+    The friction brake's rise and fall are those of the air brake in position P (UIC 540: 3 to 5 s and 15 to 20 s); the
+    others are assumptions of the size usual with electronically controlled traction. The jerk limit holds for every
+    force by itself.
+    """
+
+    traction_dead_s: float = 0.2
+    traction_rise_s: float = 1.0
+    traction_fall_s: float = 0.7
+    electric_dead_s: float = 0.2
+    electric_rise_s: float = 1.0
+    electric_fall_s: float = 0.7
+    friction_dead_s: float = 0.5
+    friction_rise_s: float = 4.0
+    friction_fall_s: float = 15.0
+    jerk_mps3: float = 0.8
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            low = 0.0 if item.name.endswith("dead_s") else 1e-3
+            if not low <= value <= 120.0:
+                raise InputError("plant", item.name, value, f"{low:g} to 120")
+
+    def actuators(self, train: TrainNumbers) -> Actuators:
+        """The rates for a train."""
+        jerk_n_per_s = self.jerk_mps3 * train.inertial_mass_kg
+
+        def rate(force_n: float, over_s: float) -> float:
+            return min(force_n / over_s, jerk_n_per_s)
+
+        return Actuators(
+            self.traction_dead_s,
+            rate(train.traction_force_n, self.traction_rise_s),
+            rate(train.traction_force_n, self.traction_fall_s),
+            self.electric_dead_s,
+            rate(train.electric_force_n, self.electric_rise_s),
+            rate(train.electric_force_n, self.electric_fall_s),
+            self.friction_dead_s,
+            rate(train.friction_force_n, self.friction_rise_s),
+            rate(train.friction_force_n, self.friction_fall_s),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """A stretch of line during a time on which the rail is in another state or a wind blows.
+
+    `adhesion_ratio` multiplies the adhesion, `head_wind_mps` adds to the wind, both by the share of the train on the
+    stretch (its axles are taken as spread evenly). Patches may overlap.
+    """
+
+    from_m: float = -math.inf
+    to_m: float = math.inf
+    from_s: float = -math.inf
+    to_s: float = math.inf
+    adhesion_ratio: float = 1.0
+    head_wind_mps: float = 0.0
+
+    def __post_init__(self) -> None:
+        for first, last in (("from_m", "to_m"), ("from_s", "to_s")):
+            if not getattr(self, first) < getattr(self, last):
+                raise InputError("patch", last, getattr(self, last), f"more than {first} = {getattr(self, first):g}")
+        # The ranges are those of conditions over the whole line.
+        Conditions(adhesion_ratio=self.adhesion_ratio, head_wind_mps=self.head_wind_mps)
+
+
+class Plant:
+    """A train on a route, stepped under commands.
+
+    `conditions` and `patches` are what differs from the files of route and vehicle: the truth, of which a plan need not
+    know. A wind belongs there and not into the vehicle's resistance. A train that brakes by policy FRICTION has its
+    whole braking force as friction brake; any other blends, electric first, friction for the rest.
+
+    Raises DasError for losses that do not cover what the train can do here, and for conditions it has no data of.
+    """
+
+    def __init__(
+        self,
+        route: Route,
+        vehicle: Vehicle,
+        *,
+        level: Level | None = None,
+        conditions: Conditions | None = None,
+        patches: Sequence[Patch] = (),
+        dynamics: Dynamics | None = None,
+        step_s: float = STEP_S,
+    ) -> None:
+        if not SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S:
+            raise DasError(f"plant: step_s = {step_s}: expected {SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g}")
+        conditions = conditions or Conditions()
+        self.route = conditions.line(route)
+        self.vehicle = replace(conditions, head_wind_mps=0.0).train(vehicle)
+        self.level = vehicle.default_level if level is None else level
+        self.step_s = step_s
+        self._train = train_numbers(self.vehicle, self.level)
+        self._actuators = (dynamics or Dynamics()).actuators(self._train)
+        if conditions.head_wind_mps:
+            patches = (Patch(head_wind_mps=conditions.head_wind_mps), *patches)
+        if any(p.adhesion_ratio != 1 for p in patches) and math.isinf(vehicle.adhesive_mass_kg):
+            raise DasError(f"{vehicle.source}: adhesion is missing: expected [adhesion] adhesive_mass_t in the file")
+        self._line = _line_numbers(self.route, self.vehicle, patches)
+        chain = replace(self.vehicle, auxiliary_power_w=0.0).loss_model(self.level)
+        _check_covered(chain, self.vehicle, self.route)
+        self._loss = _loss_numbers(chain)
+
+    def at(self, s_m: float, speed_mps: float = 0.0, time_s: float = 0.0) -> PlantState:
+        """A state to begin with, without forces."""
+        return PlantState(float(time_s), float(s_m), float(speed_mps))
+
+    def step(self, state: PlantState, command: Command) -> PlantState:
+        """The state one step later."""
+        after: PlantState = kernels.step(
+            state, command, state.time_s, 0.0, self.step_s, self._line, self._train, self._actuators, self._loss
+        )
+        return after
+
+    def advance(self, state: PlantState, command: Command, duration_s: float = 1.0) -> PlantState:
+        """The state after a time, a whole number of steps, under one command."""
+        steps = round(duration_s / self.step_s)
+        if steps < 1 or abs(steps * self.step_s - duration_s) > 1e-9:
+            raise DasError(f"plant: {duration_s} s is not a whole number of steps of {self.step_s} s")
+        after: PlantState = kernels.advance(
+            state, command, steps, self.step_s, self._line, self._train, self._actuators, self._loss
+        )
+        return after
+
+    def gradient_ratio(self, s_m: float) -> float:
+        """Gradient averaged over the train with its head at s."""
+        return float(kernels.line_means(self._line, float(s_m), 0.0)[0])
+
+    def weather(self, state: PlantState) -> tuple[float, float]:
+        """State of the rail under the train (1 = dry) and head wind on it (m/s)."""
+        rail, wind = kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.length_m)
+        return float(rail) * self._train.rail_ratio, float(wind)
+
+    def ledger(self, before: PlantState, after: PlantState) -> Ledger:
+        """Where the energy went between two states; kinetic and potential from the states alone, so it is a check."""
+        vehicle, weight_n = self.vehicle, self.vehicle.mass_kg * STANDARD_GRAVITY_MPS2
+
+        def used(name: str) -> float:
+            return float(getattr(after, name) - getattr(before, name))
+
+        return Ledger(
+            resistance=used("resistance_j"),
+            component_loss=used("component_loss_j") + used("auxiliary_j"),
+            friction_brake=used("friction_brake_j"),
+            unreturned=used("unreturned_j"),
+            kinetic=0.5 * vehicle.inertial_mass_kg * (after.speed_mps**2 - before.speed_mps**2),
+            potential=weight_n * (self._altitude_m(after.s_m) - self._altitude_m(before.s_m)),
+            input=used("input_j"),
+            comfort=used("comfort_j"),
+        )
+
+    def _altitude_m(self, s_m: float) -> float:
+        """Altitude averaged over the train with its head at s: exact, it is a parabola between changes of gradient."""
+        length = self.vehicle.length_m
+        if length == 0:
+            return float(self.route.altitude_m(s_m))
+        inside = self.route.gradients_ratio.start_m
+        edges = np.concatenate(([s_m - length], inside[(inside > s_m - length) & (inside < s_m)], [s_m]))
+        middle = 0.5 * (edges[:-1] + edges[1:])
+        simpson = (
+            self.route.altitude_m(edges[:-1]) + 4 * self.route.altitude_m(middle) + self.route.altitude_m(edges[1:])
+        )
+        return float(simpson @ np.diff(edges) / (6 * length))
+
+
+def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
+    """A train as the kernels take it, at a level of losses (default: the vehicle's)."""
+    level = vehicle.default_level if level is None else level
+    electric, friction_n = vehicle.electric_brake, vehicle.friction_brake_force_n
+    if vehicle.brakes_at(level) is BrakePolicy.FRICTION:
+        friction_n += electric.max_force_n
+        electric = replace(electric, max_force_n=0.0)
+    dry = replace(vehicle, adhesion_ratio=1.0)
+    bare = replace(vehicle, auxiliary_power_w=0.0).loss_model(level)
+    drawn_w = vehicle.loss_model(level).loss_w(0.0, DRAWN_AT_MPS) - bare.loss_w(0.0, DRAWN_AT_MPS)
+    numbers = TrainNumbers(
+        vehicle.mass_kg,
+        vehicle.inertial_mass_kg,
+        vehicle.length_m,
+        vehicle.max_speed_mps,
+        vehicle.resistance.c0_n,
+        vehicle.resistance.c1_n_per_mps,
+        vehicle.resistance.c2_n_per_mps2,
+        vehicle.traction.max_force_n,
+        vehicle.traction.max_power_w,
+        electric.max_force_n,
+        electric.max_power_w,
+        friction_n,
+        min(dry.adhesive_force_n, NO_LIMIT_N),
+        min(dry.braked_adhesive_force_n, NO_LIMIT_N),
+        vehicle.adhesion_ratio,
+        min(vehicle.max_acceleration_mps2, NO_LIMIT_MPS2),
+        min(vehicle.max_deceleration_mps2, NO_LIMIT_MPS2),
+        float(drawn_w),
+        vehicle.comfort_power_w,
+    )
+    return TrainNumbers(*map(float, numbers))
+
+
+def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> LineNumbers:
+    quantities = (
+        route.gradients_ratio,
+        Stretches(start_m=route.curvature_per_m.start_m, value=curve_resistance_mps2(route.curvature_per_m.value)),
+        _tunnel_coefficient(route, vehicle),
+    )
+    breaks = np.concatenate([q.start_m for q in quantities])
+    node_m = np.unique(np.concatenate((breaks, breaks + vehicle.length_m)))
+    supply = route.supply()
+    weather = [[p.from_m, p.to_m, p.from_s, p.to_s, p.adhesion_ratio, p.head_wind_mps] for p in patches]
+    return LineNumbers(
+        node_m=node_m,
+        profile=np.ascontiguousarray(np.hstack([_under_train(q, node_m, vehicle.length_m) for q in quantities])),
+        supply_start_m=supply.start_m.copy(),
+        supply=supply.value.copy(),
+        weather=np.array(weather, dtype=float).reshape(-1, 6),
+    )
+
+
+def _under_train(quantity: Stretches, node_m: Floats, length_m: float) -> Floats:
+    """Value, slope and integral at each node (n, 3) of the mean over a train with its head there.
+
+    A mean over a fixed length of something piecewise constant is linear between the breaks and the breaks + length.
+    """
+    if length_m == 0:
+        value, slope = quantity.at(node_m), np.zeros(len(node_m))
+    else:
+        value = quantity.mean(node_m - length_m, node_m)
+        slope = np.append(np.diff(value) / np.diff(node_m), 0.0)
+    step = np.diff(node_m)
+    upto = np.concatenate(([0.0], np.cumsum(step * (value[:-1] + 0.5 * slope[:-1] * step))))
+    return np.stack([value, slope, upto], axis=1)
+
+
+def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
+    """The additional v² coefficient along the line (tunnels lie apart and in order)."""
+    ends = [
+        (t.start_m, t.start_m + t.length_m, vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)) for t in route.tunnels
+    ]
+    start_m = np.unique(np.array([0.0, *(x for a, b, _ in ends for x in (a, b))]))
+    value = np.array([sum(q for a, b, q in ends if a <= x < b) for x in start_m], dtype=float)
+    return Stretches(start_m=start_m, value=value)
+
+
+def _loss_numbers(loss: LossModel) -> LossNumbers:
+    if isinstance(loss, EfficiencyLoss):
+        ratios = (float(loss.traction_ratio), float(loss.brake_ratio), float(loss.idle_w))
+        return LossNumbers(False, *ratios, 1.0, 0.0, 1.0, np.zeros((2, 2)))
+    steps = (1.0 / loss.speed_step_mps, float(loss.force_n[0]), 1.0 / loss.force_step_n)
+    # A writable copy: numba compiles anew for read-only arrays.
+    return LossNumbers(True, 0.0, 0.0, 0.0, *steps, np.array(loss.filled_w))
+
+
+def _check_covered(loss: LossModel, vehicle: Vehicle, route: Route) -> None:
+    """A map must cover all the train can do up to the highest speed it may have here (beyond, it is continued)."""
+    if not isinstance(loss, LossMap):
+        return
+    top_mps = min(float(route.limits_mps.value.max()), vehicle.max_speed_mps)
+    speeds = np.linspace(0.0, top_mps, 2 + int(2 * top_mps / loss.speed_step_mps))
+    for effort in (vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)):
+        outside = np.flatnonzero(~loss.covers(effort, speeds))
+        if len(outside):
+            raise outside_map(loss, float(effort[outside[0]]), float(speeds[outside[0]]))

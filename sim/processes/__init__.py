@@ -1,0 +1,1 @@
+"""The node and the recorder as processes, in lockstep with a simulation."""

@@ -1,0 +1,1 @@
+"""Replay of a recorded trip against a live node."""

@@ -1,0 +1,188 @@
+"""From options to a replay ready to run: everything is read, checked and solved before a process starts."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from das import __version__
+from das.advice.advisor import warm_up
+from das.bus.config import bus_folder
+from das.bus.topics import check_train_name
+from das.domain.errors import DasError
+from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
+from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.units import NS
+from das.solver.front import solve_front
+from das.solver.section import Section, build_section
+from sim.cli.options import ReplayOptions
+from sim.recording.reading import extract_attachments
+from sim.replay.replay import Job, plan_timing
+from sim.trips.estimate import estimate_run
+from sim.trips.reading import Reading, RecordedJourney, read_trip
+from sim.trips.trip import Trip, Whereabouts, load_trip
+
+
+def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) -> Job:
+    """Read trip, route and vehicle, solve the section, estimate the run as driven; DasError for anything unusable."""
+    check_train_name(options.train)
+    for name, value in (("--arrival", options.arrival_s), ("--delay", options.delay_s)):
+        if value is not None and not 0 <= value < 86400:
+            raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
+    if options.arrival_s is not None and options.arrival_s <= 0:
+        raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
+    if out.resolve() == trip_path.resolve():
+        raise DasError(f"{out}: the recording to write is the trip to read")
+    bus = bus_folder(options.bus, options.insecure_bus, options.train)
+    folder = tempfile.TemporaryDirectory(prefix="das-replay-")
+    options, trip = open_trip(trip_path, options, Path(folder.name))
+    section = trip_section(trip, options)
+    warm_up()
+    front = solve_front(section)
+    timing = plan_timing(trip, options.arrival_s, options.delay_s)
+    run = trip.run
+    return Job(
+        train=options.train,
+        trip=trip,
+        front=front,
+        timing=timing,
+        reference=front.trajectory((timing.arrival_ns - timing.departure_ns) * NS),
+        driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
+        names=(trip.start.name, trip.end.name),
+        reversed=trip.reversed,
+        delay_given=options.delay_s is not None,
+        node_arguments=_node_arguments(options, trip.start.name, trip.end.name),
+        out=out,
+        files_kept=folder,
+        speed=options.speed,
+        metadata=_metadata(trip, section, options, command),
+        attachments=tuple(_attachments(options)),
+        bus=bus,
+    )
+
+
+def open_trip(trip_path: Path, options: ReplayOptions, folder: Path) -> tuple[ReplayOptions, Trip]:
+    """Read, clean and match a trip; the options with what the recording or the trip's own direction says.
+
+    Files a recording brings along are put into `folder`. Raises DasError for anything unusable.
+    """
+    reading = read_trip(trip_path)
+    options = _completed(trip_path, reading, options, folder)
+    if options.route is None:
+        raise DasError(f"{trip_path}: a trip without a journey needs --route")
+    said = Whereabouts(
+        reverse=options.reverse,
+        from_stop=options.from_stop,
+        to_stop=options.to_stop,
+        line=options.line,
+        strict=options.strict,
+    )
+    trip = load_trip(trip_path, reading, load_route(options.route), said)
+    return replace(options, reverse=trip.reversed, line=None if trip.line_not_used else options.line), trip
+
+
+def _completed(trip_path: Path, reading: Reading, options: ReplayOptions, folder: Path) -> ReplayOptions:
+    """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
+    journey = RecordedJourney.of(reading)
+    if journey is None:
+        return options
+    if options.reverse is not None:
+        raise DasError("--reverse: the recording says itself in which direction it drives")
+    attached = extract_attachments(trip_path, folder)
+    route = options.route or _recorded(journey.route_id, "routes", attached)
+    same_route = load_route(route).id == journey.route_id
+    return replace(
+        options,
+        route=route,
+        vehicle=options.vehicle or _recorded(journey.vehicle_id, "vehicles", attached),
+        reverse=journey.reversed,
+        from_stop=options.from_stop or (journey.from_stop if same_route else None),
+        to_stop=options.to_stop or (journey.to_stop if same_route else None),
+    )
+
+
+def _recorded(identity: str, kind: str, attached: list[Path]) -> str:
+    """The bundled route or vehicle of this identity, else the attached file that has it, else the identity itself."""
+    if identity in catalogue(kind):
+        return identity
+    for path in attached:
+        try:
+            found = load_route(str(path)).id if kind == "routes" else load_vehicle(str(path)).id
+        except DasError:
+            continue
+        if found == identity:
+            return str(path)
+    return identity
+
+
+def trip_section(trip: Trip, options: ReplayOptions) -> Section:
+    """The section of a trip with the chosen vehicle; DasError where none is chosen or it cannot run there."""
+    if options.vehicle is None:
+        raise DasError(f"{trip.path}: a trip without a journey needs --vehicle")
+    vehicle = load_vehicle(options.vehicle)
+    if options.loss_map is not None:
+        vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
+    return build_section(
+        trip.route,
+        vehicle,
+        level=options.level,
+        start_m=trip.start.position_m,
+        end_m=trip.end.position_m,
+        point_mass=options.point_mass,
+    )
+
+
+def _node_arguments(options: ReplayOptions, start: str, end: str) -> tuple[str, ...]:
+    arguments = ["--route", str(options.route), "--vehicle", str(options.vehicle), "--from", start, "--to", end]
+    if options.reverse:
+        arguments.append("--reverse")
+    if options.level is not None:
+        arguments += ["--level", str(options.level)]
+    if options.loss_map is not None:
+        arguments += ["--loss-map", str(options.loss_map)]
+    if options.point_mass:
+        arguments.append("--point-mass")
+    return tuple(arguments)
+
+
+def _attachments(options: ReplayOptions) -> list[Path]:
+    """The files a replay was made from, besides the trip."""
+    paths = [locate_route(str(options.route)), locate_vehicle(str(options.vehicle))]
+    return paths + [path for path in (options.loss_map, options.line) if path is not None]
+
+
+def _metadata(trip: Trip, section: Section, options: ReplayOptions, command: str) -> dict[str, str]:
+    report = trip.matched.report
+    return {
+        "kind": "replay",
+        "command": command,
+        "version": __version__,
+        "train": options.train,
+        "trip": trip.path.name,
+        "trip_sha256": _sha256(trip.path),
+        "route": section.route.name,
+        "route_sha256": _sha256(locate_route(str(options.route))),
+        "vehicle": section.vehicle.name,
+        "vehicle_sha256": _sha256(locate_vehicle(str(options.vehicle))),
+        "level": str(section.level),
+        "map_anchor": report.anchor,
+        "map_scale": f"{report.scale:.6f}",
+        "map_offset_m": f"{report.offset_m:.1f}",
+        "map_median_cross_track_m": _metres(report.median_cross_track_m),
+        "map_p95_cross_track_m": _metres(report.p95_cross_track_m),
+        "map_max_cross_track_m": _metres(report.max_cross_track_m),
+        "gps_dropout_points": str(np.count_nonzero(trip.matched.dropout)),
+        "cleaning": report.cleaning.summary,
+    }
+
+
+def _metres(distance_m: float | None) -> str:
+    return "no line" if distance_m is None else f"{distance_m:.1f}"
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

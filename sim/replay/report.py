@@ -1,0 +1,193 @@
+"""What came out of a replay, as an object and as a table."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from das.command_line.running import print_table, typed
+from das.domain.units import NS, kwh
+from das.solver.front import Fit
+from sim.replay.replay import TICK_S, Job, Outcome
+from sim.trips.estimate import EnergyRange, energy_range
+from sim.trips.findings import Kind
+from sim.trips.report import FOREIGN_RATIO, direction_by_posts, line_not_used, unknowns
+from sim.trips.saving import saving_range
+
+LEAST_CERTAIN_RATIO = 0.01
+"""Less of the energy is within what inverse dynamics is off: who drove the optimum would have saved 0.5 % by it."""
+
+
+def result(job: Job, outcome: Outcome) -> dict[str, Any]:
+    """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
+
+    `energy_optimum_kwh` is the least energy for the same arrival as driven (of the fastest run, where the train cannot
+    arrive so early; nothing is said to be saved then). `saved_*` are None where trip and optimum cannot be compared; no
+    saving can be claimed unless `saving_certain`. `timetable_*` are for the arrival the timetable wants.
+    """
+    run, timing = job.trip.run, job.timing
+    trip_s = float(run.time_s[-1])
+    optimum = job.front.trajectory(trip_s)
+    left_s = (timing.arrival_ns - run.start_time_ns) * NS
+    wanted = job.front.trajectory(max(left_s, 1e-3))
+    driven_kwh, optimum_kwh = kwh(job.driven.ledger.input), kwh(optimum.ledger.input)
+    matched, spread = job.trip.matched, energy_range(job.front.section, job.trip.matched)
+    on_the_way = list(job.trip.stops_on_the_way)
+    comparable = optimum.fit is not Fit.LATE and job.trip.whole and job.trip.direction_known and not on_the_way
+    saved_kwh = driven_kwh - optimum_kwh if comparable else None
+    saved = saving_range(job.front, matched, trip_s) if comparable else None
+    report = matched.report
+    traffic = outcome.traffic
+    replayed_s = traffic.ticks * TICK_S
+    return {
+        "from": job.names[0],
+        "to": job.names[1],
+        "trip_time_s": trip_s,
+        "whole_section": job.trip.whole,
+        "direction_known": job.trip.direction_known,
+        "direction_note": None if job.trip.direction_known else direction_by_posts(job.trip),
+        "line_not_used": line_not_used(job.trip),
+        "better_stops": job.trip.better_stops,
+        "stops_on_the_way": on_the_way,
+        "min_time_s": optimum.least_time_s,
+        "advices": traffic.ticks,
+        "advices_given": traffic.advices_given,
+        "advices_withdrawn": traffic.advices_withdrawn,
+        "advices_above_limit": traffic.above_limit,
+        "energy_driven_kwh": driven_kwh,
+        "energy_driven_low_kwh": kwh(spread.low_j),
+        "energy_driven_high_kwh": kwh(spread.high_j),
+        "energy_driven_unknowns": unknowns(spread),
+        "energy_optimum_kwh": optimum_kwh,
+        "optimum_time_s": optimum.time_s,
+        "optimum_fit": str(optimum.fit),
+        "saved_kwh": saved_kwh,
+        "saved_ratio": saved_kwh / driven_kwh if saved_kwh is not None and driven_kwh > 0 else None,
+        "saved_low_kwh": None if saved is None else kwh(saved.low_j),
+        "saved_high_kwh": None if saved is None else kwh(saved.high_j),
+        "saving_certain": saved is not None and saving_certain(saved, job.driven.ledger.input),
+        "saved_unknowns": [] if saved is None else unknowns(saved),
+        "saved_cases_left_out": 0 if saved is None else saved.left_out,
+        "beyond_vehicle_ratio": job.driven.beyond_ratio,
+        "timetable_time_left_s": left_s,
+        "timetable_fit": str(wanted.fit),
+        "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
+        "timetable_energy_kwh": kwh(wanted.ledger.input),
+        "driven_late_s": trip_s - left_s,
+        "messages_sent": sum(traffic.sent.values()),
+        "messages_recorded": sum(traffic.recorded.values()),
+        "messages_lost": traffic.lost,
+        "start_s": traffic.start_s,
+        "replay_s": outcome.replay_s,
+        "real_time_factor": replayed_s / outcome.replay_s if outcome.replay_s > 0 else None,
+        "map_anchor": report.anchor,
+        "map_stand_uncertainty_m": report.stand_uncertainty_m,
+        "map_scale": report.scale,
+        "map_median_cross_track_m": report.median_cross_track_m,
+        "map_p95_cross_track_m": report.p95_cross_track_m,
+        "map_max_cross_track_m": report.max_cross_track_m,
+        "gps_dropout_points": int(np.count_nonzero(matched.dropout)),
+        "cleaning": report.cleaning.as_object(),
+        "cleaning_summary": report.cleaning.summary,
+        "gps_speed_lag_s": run.speed_lag_s,
+        "position_rms_m": run.position_rms_m,
+        "file": str(job.out),
+    }
+
+
+def saving_certain(saved: EnergyRange, driven_j: float) -> bool:
+    """Whether something would have been saved whatever the unknowns are."""
+    return saved.low_j > LEAST_CERTAIN_RATIO * driven_j
+
+
+def print_result(found: dict[str, Any]) -> None:
+    """The table at the end of a replay, with what should be known about its figures."""
+    table = Table(title="replay", title_justify="left", show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    for name, value in _rows(found):
+        table.add_row(name, value)
+    print_table(table)
+    for note in _notes(found):
+        print(f"note: {note}")
+    print(f"written: {found['file']}")
+    print(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}")
+
+
+def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    late = found["optimum_fit"] == Fit.LATE
+    return [
+        ("trip time", f"{found['trip_time_s']:.0f} s"),
+        ("least possible time", f"{found['min_time_s']:.0f} s"),
+        ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
+        ("energy as driven (estimated)", f"{found['energy_driven_kwh']:.1f} kWh"),
+        ("  it may have been", f"{found['energy_driven_low_kwh']:.0f} to {found['energy_driven_high_kwh']:.0f} kWh"),
+        (
+            f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
+            f"{found['energy_optimum_kwh']:.1f} kWh",
+        ),
+        *_saving(found),
+        ("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh"),
+        ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
+        ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
+    ]
+
+
+def _saving(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """What is said of the saving: a figure only where it is one whatever the unknowns are."""
+    what = "advice would have saved"
+    if found["saved_kwh"] is None:
+        return [(what, "not comparable" if found["direction_known"] else "not stated")]
+    ratio = "" if found["saved_ratio"] is None else f" ({100 * found['saved_ratio']:.0f} %)"
+    certain = f"{found['saved_kwh']:.1f} kWh{ratio}" if found["saving_certain"] else "perhaps nothing"
+    return [
+        (what, certain),
+        ("  it may have been", f"{found['saved_low_kwh']:z.0f} to {found['saved_high_kwh']:z.0f} kWh"),
+    ]
+
+
+def _notes(found: dict[str, Any]) -> list[str]:
+    notes = []
+    if found["optimum_fit"] == Fit.LATE:
+        late = found["optimum_time_s"] - found["trip_time_s"]
+        notes.append(
+            f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {late:.1f} s later"
+        )
+    if found["timetable_fit"] == Fit.LATE:
+        late = found["timetable_late_s"]
+        notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")
+    if not found["whole_section"]:
+        better = f" (try {found['better_stops']})" if found["better_stops"] else ""
+        notes.append(
+            f"the trip does not run from standstill to standstill at the stops{better}: no saving can be stated"
+        )
+    if found["stops_on_the_way"]:
+        names = ", ".join(found["stops_on_the_way"])
+        notes.append(f"the train stood at {names} on the way, the optimum does not: no saving can be stated")
+    if found["beyond_vehicle_ratio"] > FOREIGN_RATIO:
+        share = 100 * found["beyond_vehicle_ratio"]
+        notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
+    if found["saved_kwh"] is not None and not found["saving_certain"]:
+        notes.append("what the saving may have been reaches down to 0, or all but: no saving is claimed")
+    if found["direction_note"]:
+        notes.append(f"{found['direction_note']}: no saving is stated before that is known")
+    if found["saved_cases_left_out"]:
+        notes.append("a train heavier or more resisted could not have driven so: the saving's range is without it")
+    if found["line_not_used"]:
+        notes.append(found["line_not_used"])
+    if found["map_stand_uncertainty_m"] > 0:
+        beyond_m = found["map_stand_uncertainty_m"]
+        notes.append(f"positions alone tell that it stood at the record's ends: up to {beyond_m:.1f} m beyond them")
+    if found["map_anchor"] in ("start", "end"):
+        notes.append(f"the kilometrage is anchored at the {found['map_anchor']} only (lengths differ by over 1 %)")
+    for finding in found["cleaning"]["findings"]:
+        if finding["kind"] == Kind.OTHER_WAY:
+            notes.append(f"the trip runs the other way, and was driven so: {finding['detail']}")
+    if found["cleaning"]["findings"]:
+        notes.append(f"the trip was cleaned: {found['cleaning_summary']}")
+    if found["advices_above_limit"]:
+        notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
+    return notes

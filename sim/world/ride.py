@@ -1,0 +1,94 @@
+"""A run in closed loop within one process: a driver on a simulated train, with or without an advisor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from das.advice.advisor import Advisor
+from das.domain.errors import DasError
+from das.domain.units import NS
+from das.estimate.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix
+from sim.drivers.cab import AT_STOP_M, AdviceView, Cab, Driver, Presentation, present
+from sim.drivers.knowledge import LineKnowledge
+from sim.plant.plant import Plant, PlantState
+
+LOOK_S = 0.2
+"""A driver looks and acts this often."""
+ADVICE_EVERY_S = 1.0
+LONGEST_RATIO, LONGEST_S = 5.0, 1800.0
+"""A run may last so many times its timetable, and this much more."""
+
+Advise = Callable[[PlantState], AdviceView | None]
+"""What the display shows, asked once a second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """From where to where (m), and when (s on the run's clock)."""
+
+    start_m: float
+    stop_m: float
+    departure_s: float
+    arrival_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ride:
+    """The states of a run, one a second; in the last the train stands at the stop, or beyond it."""
+
+    states: tuple[PlantState, ...]
+
+    @property
+    def arrival_s(self) -> float:
+        return self.states[-1].time_s
+
+
+def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Advise | None = None) -> Ride:
+    """Drive a leg from standstill to standstill at the stop; DasError where the train does not get there."""
+    latest_s = leg.departure_s + LONGEST_S + LONGEST_RATIO * (leg.arrival_s - leg.departure_s)
+    looks = round(ADVICE_EVERY_S / LOOK_S)
+    state = plant.at(leg.start_m)
+    states = [state]
+    while not _arrived(state, leg):
+        view = advise(state) if advise is not None else None
+        for _ in range(looks):
+            cab = Cab(
+                time_s=state.time_s,
+                s_m=state.s_m,
+                speed_mps=state.speed_mps,
+                limit_mps=float(line.limits_mps.at(state.s_m)),
+                stop_m=leg.stop_m,
+                departure_s=leg.departure_s,
+                arrival_s=leg.arrival_s,
+                advice=view,
+            )
+            state = plant.advance(state, driver.command(cab), LOOK_S)
+            if _arrived(state, leg):
+                break
+        states.append(state)
+        if state.time_s > latest_s:
+            raise DasError(f"the simulated train did not arrive within {latest_s:.0f} s (it is at {state.s_m:.0f} m)")
+    return Ride(states=tuple(states))
+
+
+def advised_by(advisor: Advisor, presentation: Presentation, line: LineKnowledge) -> Advise:
+    """What the display shows of an advisor that knows the train's true position; the advisor has its timetable."""
+
+    def advise(state: PlantState) -> AdviceView | None:
+        now_ns = round(state.time_s / NS)
+        fix = PositionFix(
+            time_ns=now_ns,
+            s_m=state.s_m,
+            speed_mps=state.speed_mps,
+            uncertainty_m=LEAST_SD_M,
+            speed_uncertainty_mps=LEAST_SD_MPS,
+        )
+        advisor.set_position(fix)
+        return present(advisor.update(now_ns), presentation, line.train)
+
+    return advise
+
+
+def _arrived(state: PlantState, leg: Leg) -> bool:
+    return state.speed_mps <= 0 and leg.stop_m - state.s_m <= AT_STOP_M

@@ -1,0 +1,121 @@
+"""Days on a flat line: who arrives, who never does, and what nearly went unnoticed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.advice.advisor import Advice
+from das.domain.errors import DasError
+from sim.drivers.cab import AT_STOP_M, Presentation
+from sim.drivers.registry import DriverKind
+from sim.world.day import make_day
+from sim.world.in_process import InProcess
+from sim.world.link import Heard
+from sim.world.loop import World
+from sim.world.scenario import read_scenario
+from sim.world.service import Service, prepare_service
+from tests.support.flat_days import FLAT, run_of, signal_at, standing_m, states_of
+
+
+@pytest.mark.parametrize("advice", list(Presentation))
+def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[str], Path], advice: str) -> None:
+    path = flat()
+    first = states_of(path, "human", advice, 5)
+    assert first == states_of(path, "human", advice, 5)
+    assert first != states_of(path, "human", advice, 6)
+
+
+@pytest.mark.parametrize("driver", list(DriverKind))
+def test_every_driver_arrives_on_a_flat_line(flat: Callable[[str], Path], driver: str) -> None:
+    states = states_of(flat(), driver, "vector", 2)
+    assert abs(states[-1].s_m - 6000) < 10
+    assert states[-1].speed_mps == 0
+
+
+def test_a_driver_who_never_gets_there_ends_the_run(flat: Callable[[str], Path]) -> None:
+    """A signal that never clears."""
+    path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86400")
+    with pytest.raises(DasError, match=r"did not arrive within .* s \(it is at 30\d\d m|at 299\d m"):
+        states_of(path, "perfect", "vector", 1)
+
+
+def test_the_follower_drives_on_after_a_signal_short_of_the_stop(flat: Callable[[str], Path]) -> None:
+    """The advice takes a train 15 m before its stop for one that brakes there."""
+    first, last = standing_m(run_of(flat(signal_at(5985, 1500)), "perfect"))
+    assert first == pytest.approx(5985, abs=0.5)
+    assert last == pytest.approx(6000, abs=0.5)
+
+
+def test_a_signal_seen_too_late_stops_the_train_beyond_it(flat: Callable[[str], Path]) -> None:
+    """In sight for less than a second: it is not passed unnoticed."""
+    first, _ = standing_m(run_of(flat(signal_at(3000, 10)), "perfect"))
+    assert 3000 < first < 4000
+
+
+def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) -> None:
+    service = prepare_service(read_scenario(flat(signal_at(3000, 1500))))
+    for seed in range(4):
+        driver = make_day(service, seed).driver(DriverKind.HUMAN)
+        run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
+        assert 2985 < standing_m(run)[0] < 3000.5
+
+
+def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str], Path]) -> None:
+    """At the greatest error he may have, one mark in ten is more than 10 m off: all but the first of these."""
+    service = prepare_service(read_scenario(flat("[human]\nstop_error_m = 8\n")))
+    missed = []
+    for seed in (0, 10, 19, 23):
+        day = make_day(service, seed)
+        run = World(day, day.driver(DriverKind.HUMAN), Presentation.NONE, InProcess(service)).run()
+        missed.append(run.calls[-1].missed_m)
+    assert max(map(abs, missed)) < AT_STOP_M
+    assert np.min(missed) < -7
+
+
+def test_a_human_does_not_brake_every_few_seconds_downhill(flat: Callable[..., Path]) -> None:
+    """On 12 permille down to Zug (3.5 min) he brakes as often as the speed has risen again, not 30 to 50 times."""
+    down = 'route = "zurich-luzern"\nfrom = "Thalwil"\nto = "Zug"'
+    service = prepare_service(read_scenario(flat(base=FLAT.replace('route = "flat-6km"', down))))
+    for shown in (Presentation.NONE, Presentation.RMS):
+        day = make_day(service, 0)
+        states = World(day, day.driver(DriverKind.HUMAN), shown, InProcess(service)).run().states
+        brakes = [x.force_el_n + x.force_friction_n < -20e3 for x in states if 20_000 < x.s_m < 27_000]
+        assert 1 <= sum(after and not before for before, after in pairwise(brakes)) <= 14
+
+
+class Hears(InProcess):
+    """A link that keeps the delays the node is told."""
+
+    def __init__(self, service: Service) -> None:
+        super().__init__(service)
+        self.delays_s: list[float] = []
+
+    def exchange(self, heard: Heard) -> Advice:
+        if heard.delay_s is not None:
+            self.delays_s.append(heard.delay_s)
+        return super().exchange(heard)
+
+
+def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Path]) -> None:
+    service = prepare_service(
+        read_scenario(flat("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 60"))
+    )
+    for seed in range(3):
+        day, link = make_day(service, seed), Hears(service)
+        run = World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, link).run()
+        assert link.delays_s[-1] == pytest.approx(run.late_s, abs=1e-6)
+
+
+def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:
+    slippery = "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 4\nto_km = 6.5\nadhesion_ratio = 0.1\n"
+    run = run_of(flat(f"[truth]\nadhesive_mass_t = 84\n{slippery}"), "perfect")
+    assert run.calls[-1].missed_m > 100
+
+
+def test_a_train_that_resists_far_more_than_known_comes_to_a_stand(flat: Callable[[str], Path]) -> None:
+    assert abs(run_of(flat("[truth]\nresistance_ratio = 10\n"), "fast", "none").calls[-1].missed_m) < 1

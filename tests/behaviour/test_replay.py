@@ -1,0 +1,360 @@
+"""Whole replays with real processes: what a user runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, STATUS, TRUTH
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.solver.front import solve_front
+from das.solver.section import build_section
+from sim.bundled.hurried import DriverStyle, HurriedDriver, Plant, PlantState
+from sim.cli.commands import bundled_recording
+from sim.recording.reading import read_recording
+from sim.trips.estimate import estimate_run
+from tests.support.making import das_sim, in_a_process
+
+
+def kolback(shared: Path, name: str) -> list[str]:
+    return [
+        str(shared / "trips" / f"kolback_vasteras_{name}.csv"),
+        *("--route", str(shared / "ttobench" / "tracks" / "SE_Vasteras_Kolback.json")),
+        *("--vehicle", str(shared / "ttobench" / "trains" / "CH_Stadler_KISS_SBB.json")),
+        *("--reverse", "--line", str(shared / "trips" / "kolback_vasteras_kmposts.csv")),
+    ]
+
+
+@pytest.fixture(scope="module")
+def default_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("default")
+    return in_a_process("sim.cli", cwd=folder), folder
+
+
+def test_das_sim_alone_replays_the_bundled_recording(
+    default_run: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    done, folder = default_run
+    assert done.returncode == 0, done.stderr
+    files = list((folder / "recordings").glob("*.mcap"))
+    assert len(files) == 1
+    assert f"das-sim view recordings/{files[0].name}" in done.stdout
+    assert "advice would have saved" in done.stdout
+    assert "/ 0" in next(line for line in done.stdout.splitlines() if "recorded / lost" in line)
+
+
+def test_the_recording_holds_every_topic_and_its_inputs(
+    default_run: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    _, folder = default_run
+    recording = read_recording(next((folder / "recordings").glob("*.mcap")))
+    assert recording.complete
+    for topic in (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION, LOG):
+        assert recording.of(topic), topic.name
+    run = recording.metadata["run"]
+    assert run["kind"] == "replay"
+    assert len(run["trip_sha256"]) == len(run["route_sha256"]) == len(run["vehicle_sha256"]) == 64
+    assert {"zurich-luzern.toml", "re460-ic.toml"} <= set(recording.attachments)
+    advices = [m.message for m in recording.of(ADVICE)]
+    assert [a.tick for a in advices] == list(range(1, len(advices) + 1))
+    assert (np.diff([a.time_ns for a in advices]) == 10**9).all()
+    given = [a for a in advices if a.mode]
+    assert len(given) > 0.99 * len(advices)
+    assert all(a.advised_speed_mps <= a.limit_mps + 1e-6 for a in given)
+
+
+def test_replay_is_open_loop_and_repeatable(
+    default_run: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
+) -> None:
+    """The same recording through the node twice: the same advice, field by field."""
+    done = das_sim("replay", str(bundled_recording()), "--out", "again.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    files = next((default_run[1] / "recordings").glob("*.mcap")), tmp_path / "again.mcap"
+    first, second = ([m.message.SerializeToString() for m in read_recording(file).of(ADVICE)] for file in files)
+    assert first == second
+
+
+@pytest.fixture(scope="module")
+def real_runs(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[dict[str, Any], Path]]:
+    """The two real trips replayed: what `--json` printed, and the folder with run.mcap."""
+    runs = {}
+    for name in ("clean", "dropouts"):
+        folder = tmp_path_factory.mktemp(name)
+        done = das_sim("replay", *kolback(shared, name), "--out", "run.mcap", "--json", cwd=folder)
+        assert done.returncode == 0, done.stderr
+        runs[name] = json.loads(done.stdout), folder
+    return runs
+
+
+@pytest.mark.parametrize("name", ["clean", "dropouts"])
+def test_real_trips_replay_without_loss(real_runs: dict[str, tuple[dict[str, Any], Path]], name: str) -> None:
+    found, folder = real_runs[name]
+    assert found["messages_lost"] == 0
+    assert found["advices_above_limit"] == 0
+    assert found["advices"] > 500
+    assert found["advices_withdrawn"] < 10
+    assert 540 < found["trip_time_s"] < 570
+    assert 0.05 < found["saved_ratio"] < 0.4
+    assert found["optimum_time_s"] == pytest.approx(found["trip_time_s"], abs=0.1)
+    assert found["map_scale"] == pytest.approx(1.0, abs=0.003)
+    positions = [m.message for m in read_recording(folder / "run.mcap").of(POSITION)]
+    assert len(positions) == (346 if name == "clean" else 589)  # of a stand at the end 30 s are kept
+    assert sum(p.quality == 2 for p in positions) == found["gps_dropout_points"]
+    viewed = in_a_process("sim.cli", "view", "run.mcap", "--save", "run.rrd", cwd=folder)
+    assert viewed.returncode == 0, viewed.stderr
+    assert (folder / "run.rrd").stat().st_size > 100_000
+
+
+def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(shared: Path, tmp_path: Path) -> None:
+    done = das_sim(
+        "replay",
+        *kolback(shared, "clean"),
+        "--arrival",
+        "400",
+        "--delay",
+        "20",
+        "--out",
+        "run.mcap",
+        "--json",
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["timetable_fit"] == "late"
+    assert found["timetable_time_left_s"] == pytest.approx(380.0)
+    assert found["timetable_late_s"] == pytest.approx(found["min_time_s"] - 380.0, abs=0.1)
+    advice = read_recording(tmp_path / "run.mcap").of(ADVICE)[60].message
+    assert advice.reason.startswith("fastest, ")
+    assert advice.reason.endswith(" s late")
+
+
+@pytest.fixture(scope="module")
+def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A made-up trip of four minutes."""
+    folder = tmp_path_factory.mktemp("short")
+    made = das_sim("make-trip", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "made.mcap", cwd=folder)
+    assert made.returncode == 0, made.stderr
+    return folder / "made.mcap"
+
+
+def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
+    """So slow that the wall clock tells it from a replay that does not wait."""
+    began = time.monotonic()
+    done = das_sim("replay", str(short_trip), "--speed", "40", "--out", "run.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["real_time_factor"] <= 40.4
+    assert time.monotonic() - began > found["advices"] / 40.4
+
+
+def advices_so_far(path: Path) -> int:
+    """Advices in a recording under way; 0 while there is nothing to read yet."""
+    try:
+        return len(read_recording(path).of(ADVICE))
+    except DasError:
+        return 0
+
+
+def test_ctrl_c_ends_cleanly_with_a_whole_recording(short_trip: Path, tmp_path: Path) -> None:
+    child = subprocess.Popen(
+        [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--speed", "5", "--out", "run.mcap"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    out = tmp_path / "run.mcap"
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and advices_so_far(out) < 20:
+        time.sleep(0.2)
+    child.send_signal(signal.SIGINT)
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert "recorded so far: run.mcap" in said
+    assert "Traceback" not in said
+    recording = read_recording(out)
+    assert recording.complete
+    assert len(recording.of(ADVICE)) >= 20
+
+
+def test_terminated_das_sim_leaves_no_process_behind(short_trip: Path, tmp_path: Path) -> None:
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        child = subprocess.Popen(
+            [sys.executable, "-m", "sim.cli", "replay", str(short_trip), "--speed", "5", "--out", "run.mcap"],
+            cwd=tmp_path,
+            stderr=subprocess.DEVNULL,
+        )
+        out = tmp_path / "run.mcap"
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline and advices_so_far(out) < 5:
+            time.sleep(0.2)
+        children = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+        assert len(children) >= 2
+        child.send_signal(number)
+        child.wait(30)
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline and any(Path(f"/proc/{pid}").exists() for pid in children):
+            time.sleep(0.2)
+        assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
+        assert read_recording(out).complete
+        out.unlink()
+
+
+def test_a_recorded_trip_of_another_section_is_refused(tmp_path: Path) -> None:
+    done = das_sim("replay", str(bundled_recording()), "--to", "Thalwil", "--out", "x.mcap", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "beyond Thalwil" in done.stderr
+
+
+def test_quality_of_positions_survives_a_replay_of_a_replay(
+    real_runs: dict[str, tuple[dict[str, Any], Path]],
+) -> None:
+    _, folder = real_runs["dropouts"]
+    # Route, vehicle and direction come from the recording itself.
+    again = das_sim("replay", "run.mcap", "--out", "again.mcap", "--json", cwd=folder)
+    assert again.returncode == 0, again.stderr
+    assert json.loads(again.stdout)["messages_lost"] == 0
+    a, b = (
+        read_recording(folder / name).columns(POSITION, "quality", "uncertainty_m")
+        for name in ("run.mcap", "again.mcap")
+    )
+    assert (a["quality"] == b["quality"]).all()
+    assert np.allclose(a["uncertainty_m"], b["uncertainty_m"])
+    assert (a["quality"] == 2).sum() == 6
+
+
+BAD = [
+    (["view", "junk.mcap", "--save", "junk.mcap"], "is the recording to read"),
+    (["replay", "nothing.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nothing.csv"),
+    (["replay", "empty.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "empty.csv"),
+    (["replay", "nan.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nan.csv.*line 2"),
+    (
+        ["replay", "back.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv", "--strict"],
+        "back.csv: line 3: time running back",
+    ),
+    (["replay", "far.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "far.csv.*line 1"),
+    (["replay", "good.csv", "--vehicle", "re460-ic"], "good.csv: a trip without a journey needs --route"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic"], "no geometry.*--line"),
+    (["replay", "good.csv", "--route", "unit.json", "--vehicle", "re460-ic"], "unit.json: stops.unit = 'miles'"),
+    (["replay", "good.csv", "--route", "down.json", "--vehicle", "re460-ic"], "down.json: gradients"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--speed", "fast"], "--speed fast"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--arrival", "-5"], "--arrival -5"),
+    (["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--delay", "nan"], "--delay nan"),
+    (
+        ["replay", "good.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "no/where.mcap"],
+        "no such folder",
+    ),
+    (["replay", "junk.mcap"], "junk.mcap"),
+    (["view", "junk.mcap", "--save", "x.rrd"], "junk.mcap"),
+    (["view", "nothing.mcap", "--save", "x.rrd"], "nothing.mcap"),
+    (["make-trip", "--route", "flat-6km", "--vehicle", "re460-ic", "--out", "x.mcap", "--departure", "soon"], "soon"),
+]
+
+
+@pytest.fixture(scope="module")
+def bad_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bad")
+    posts = "\n".join(f"47.0,{8 + 0.0131 * k:.6f},{3490000 + k}" for k in range(7)) + "\n"
+    (folder / "posts.csv").write_text(posts)
+    good = [
+        f"47.0,{8 + 0.0131 * 6 * i / 60:.6f},{0 if i in (0, 60) else 90},{1_600_000_000_000 + 4000 * i}"
+        for i in range(61)
+    ]
+    (folder / "good.csv").write_text("\n".join(good) + "\n")
+    (folder / "empty.csv").write_text("")
+    (folder / "nan.csv").write_text("\n".join([good[0], good[1].replace(",90,", ",nan,"), *good[2:]]))
+    (folder / "back.csv").write_text("\n".join([good[0], good[2], good[1], *good[3:]]))
+    (folder / "far.csv").write_text("\n".join(line.replace("47.0,", "48.0,") for line in good))
+    track: dict[str, Any] = {
+        "metadata": {"id": "x"},
+        "stops": {"unit": "miles", "values": [0, 6000]},
+        "speed limits": {"units": {"position": "m", "velocity": "km/h"}, "values": [[0, 100]]},
+        "gradients": {"units": {"position": "m", "slope": "permil"}, "values": [[0, 1], [500, 2], [400, 3]]},
+    }
+    (folder / "unit.json").write_text(json.dumps(track))
+    track["stops"]["unit"] = "m"
+    (folder / "down.json").write_text(json.dumps(track))
+    (folder / "junk.mcap").write_bytes(os.urandom(500))
+    return folder
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD, ids=lambda x: x if isinstance(x, str) else None)
+def test_bad_input_is_one_line_and_exit_code_2(bad_folder: Path, arguments: list[str], message: str) -> None:
+    done = das_sim(*arguments, cwd=bad_folder)
+    assert done.returncode == 2, done.stdout + done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("error: ")
+    assert re.search(message, lines[0]), lines[0]
+    assert not list(bad_folder.glob("**/*.rrd"))
+
+
+# --- the parts of a replay ---------------------------------------------------------------------------------------
+
+
+def test_estimate_of_an_optimal_run_finds_its_energy() -> None:
+    """Inverse dynamics of a solved run sampled each second: the energy comes back within 0.5 %."""
+    section = build_section(load_route("zurich-luzern"), load_vehicle("re460-ic"), end_m=29_000.0)
+    solution = solve_front(section).trajectory(1_250.0)
+    run = solution.trajectory
+    t = np.arange(0.0, run.time_s, 1.0)
+    s = np.interp(t, run.t_s, run.s_m)
+    v = np.interp(t, run.t_s, run.v_mps)
+    estimate = estimate_run(section, t, s, v)
+    assert estimate.ledger.input == pytest.approx(solution.ledger.input, rel=5e-3)
+    assert estimate.beyond_ratio < 0.01
+
+
+def test_halving_the_plants_step_changes_its_energy_little() -> None:
+    route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")
+    energies = []
+    for step_s in (0.1, 0.05):
+        plant = Plant(route, vehicle, vehicle.loss_model(vehicle.default_level), step_s)
+        driver = HurriedDriver(route, vehicle, 12_000.0, 0, DriverStyle(wander_mps=0.0))
+        state = PlantState(time_s=0.0, s_m=0.0, speed_mps=0.0)
+        while state.s_m < 8_000.0:
+            state = plant.step(state, driver.wanted_force_n(state.s_m, state.speed_mps, step_s))
+        energies.append(state.energy_input_j)
+    assert energies[0] == pytest.approx(energies[1], rel=2e-3)
+
+
+def test_plant_runs_down_to_a_standstill_by_resistance_alone() -> None:
+    """Coasting on the level: the way to standstill against ∫ m·v/R(v) dv, by quadrature."""
+    vehicle = load_vehicle("re460-ic")
+    plant = Plant(load_route("flat-6km"), vehicle, vehicle.loss_model(vehicle.default_level))
+    state = PlantState(time_s=0.0, s_m=0.0, speed_mps=8.0)
+    while state.speed_mps > 0:
+        state = plant.step(state, 0.0)
+    v = np.linspace(0.0, 8.0, 20_001)
+    way = np.trapezoid(vehicle.inertial_mass_kg * v / vehicle.resistance.force_n(v), v)
+    assert state.s_m == pytest.approx(way, rel=2e-3)
+
+
+def test_make_trip_makes_the_bundled_recording_again(tmp_path: Path) -> None:
+    done = in_a_process(
+        "sim.cli",
+        *("make-trip", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--from", "Zürich HB", "--to", "Zug"),
+        *("--delay", "90", "--seed", "1", "--out", "again.mcap"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    ours, bundled = read_recording(tmp_path / "again.mcap"), read_recording(bundled_recording())
+    for topic in (JOURNEY, POSITION, DELAY, LOCATION):
+        a = [m.message for m in ours.of(topic)]
+        b = [m.message for m in bundled.of(topic)]
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            for field in x.DESCRIPTOR.fields:
+                left, right = getattr(x, field.name), getattr(y, field.name)
+                assert left == (pytest.approx(right, abs=1e-3) if isinstance(right, float) else right)

@@ -1,0 +1,374 @@
+"""What every bundled scenario is about, driven with the advisor in this process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.advice.advisor import VALID_FOR_S, Advice
+from das.advice.plan import Mode
+from das.domain.conditions import Conditions
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.estimate.localisation import STALE_AFTER_S
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind, make_driver
+from sim.plant.kernels import adhesion_coefficient
+from sim.plant.plant import Plant
+from sim.world.day import Day, make_day
+from sim.world.disturbances import (
+    BusOutage,
+    DelayOnTheWay,
+    HeadWind,
+    NodeRestart,
+    Restriction,
+    SensorFault,
+    SensorOutage,
+    SignalStop,
+    SlipperyRail,
+    TrainAhead,
+)
+from sim.world.in_process import InProcess
+from sim.world.link import Heard, Told
+from sim.world.loop import Run, World
+from sim.world.outcome import outcome
+from sim.world.scenario import Drawn, bundled_scenarios, load_scenario
+from sim.world.service import Service, prepare_service
+from tests.support.flat_days import service_of
+
+SEED = 1
+TRACKING_MPS = 0.4
+"""A driver holds a speed to this."""
+FASTEST_S = 6.0
+"""A real train, whose forces build up, is behind the plan's fastest run by less than this a section."""
+
+
+class Witness(InProcess):
+    """The advisor in this process, and everything that goes to and fro."""
+
+    def __init__(self, service: Service) -> None:
+        super().__init__(service)
+        self.heard: list[Heard] = []
+        self.advices: list[Advice] = []
+        self.told: list[Told] = []
+
+    def exchange(self, heard: Heard) -> Advice:
+        self.heard.append(heard)
+        self.advices.append(super().exchange(heard))
+        return self.advices[-1]
+
+    def tell(self, now_ns: int, told: Told) -> None:
+        self.told.append(told)
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A day, its run, and what was said on the way."""
+
+    day: Day
+    run: Run
+    said: Witness
+    figures: dict[str, Any] = field(default_factory=dict)
+
+    def one(self, kind: type[Any]) -> Any:
+        (found,) = self.day.of(kind)
+        return found
+
+    def array(self, name: str) -> np.ndarray:
+        return np.array([getattr(state, name) for state in self.run.states])
+
+    def late_s(self) -> list[float]:
+        return [call.late_s for call in self.run.calls]
+
+    def events(self) -> list[str]:
+        return [event for told in self.said.told for event in told.events]
+
+
+@cache
+def planned() -> Service:
+    """All bundled scenarios have the same line, train and timetable."""
+    return prepare_service(load_scenario("clear-day"))
+
+
+@cache
+def drive(name: str, driver: str = "perfect", advice: str = "vector", seed: int = SEED) -> Driven:
+    service = planned().on(load_scenario(name))
+    day = make_day(service, seed)
+    said = Witness(service)
+    run = World(day, make_driver(DriverKind(driver), service.line, seed=seed), Presentation(advice), said).run()
+    return Driven(day, run, said, outcome(day, run))
+
+
+def fastest_late_s(driven: Driven, section: int) -> float:
+    """How late the section's fastest run would arrive after the departure as it was."""
+    service, left_s = driven.day.service, driven.run.calls[section].departed_s
+    return left_s + service.fronts[section].fastest().time_s - driven.run.calls[section + 1].due_s
+
+
+def test_all_bundled_scenarios_share_what_the_tests_solve_once() -> None:
+    assert len(bundled_scenarios()) == 12
+    for name in bundled_scenarios():
+        one = load_scenario(name)
+        assert one.id == name
+        assert planned().plans(one)
+    assert not planned().plans(replace(load_scenario("clear-day"), dwell_s=61.0))
+
+
+# --- what every bundled scenario is about ------------------------------------------------------------------------
+
+
+def test_clear_day_goes_as_planned() -> None:
+    """The follower's train against the plan: arrivals within 2 s, energy within 0.5 %."""
+    driven = drive("clear-day")
+    assert np.abs(driven.late_s()).max() <= 2.0
+    assert driven.figures["energy_kwh"] == pytest.approx(driven.figures["energy_planned_kwh"], rel=5e-3)
+    assert max(abs(call.missed_m) for call in driven.run.calls) < 1.0
+    assert driven.figures["ledger_residual_ratio"] < 1e-6
+    assert driven.run.counts.withdrawn == driven.run.counts.unheard == driven.run.counts.above_limit == 0
+    limits = np.array([told.cab.limit_mps for told in driven.said.told])
+    assert (driven.array("speed_mps")[:-1] <= limits + TRACKING_MPS).all()
+
+
+def test_half_the_step_changes_the_energy_little() -> None:
+    service = planned()
+    halved = Plant(service.route, service.vehicle, level=service.level, step_s=0.025)
+    day = replace(make_day(service, SEED), plant=halved)
+    run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(service)).run()
+    assert outcome(day, run)["energy_kwh"] == pytest.approx(drive("clear-day").figures["energy_kwh"], rel=5e-4)
+
+
+def test_departure_delay_is_made_up_as_far_as_possible() -> None:
+    driven = drive("departure-delay")
+    late_s = driven.late_s()
+    assert 60 <= late_s[0] <= 181
+    for section in range(2):
+        # As soon as it can: the fastest run, until the delay is gone.
+        assert max(fastest_late_s(driven, section), 0.0) - 2.0 <= late_s[section + 1]
+        assert late_s[section + 1] <= max(fastest_late_s(driven, section), 0.0) + FASTEST_S
+    assert late_s[1] > 10
+    assert abs(late_s[-1]) <= 2.0
+    assert driven.figures["energy_kwh"] > drive("clear-day").figures["energy_kwh"]
+
+
+def test_delay_on_the_way_is_known_to_the_driver_alone_and_made_up() -> None:
+    driven = drive("delay-on-the-way")
+    slow = driven.one(DelayOnTheWay)
+    s_m, speed_mps = driven.array("s_m"), driven.array("speed_mps")
+    within = (s_m >= slow.from_m) & (s_m <= slow.to_m + driven.day.service.vehicle.length_m)
+    assert speed_mps[within].max() <= slow.speed_mps + TRACKING_MPS
+    assert speed_mps[within].mean() > 0.9 * slow.speed_mps
+    assert all(not heard.restrictions for heard in driven.said.heard)
+    advised = [a.advised_speed_mps for a in driven.said.advices if slow.from_m < a.s_m < slow.to_m]
+    assert max(advised) > slow.speed_mps
+    late_s = driven.late_s()
+    assert late_s[2] > 20
+    assert abs(late_s[3]) <= 2.0
+
+
+def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
+    driven = drive("restriction-ahead")
+    one = driven.one(Restriction)
+    s_m, speed_mps = driven.array("s_m"), driven.array("speed_mps")
+    end_m = one.to_m + driven.day.service.vehicle.length_m
+    within = (s_m >= one.from_m) & (s_m <= end_m)
+    assert speed_mps[within].max() <= one.speed_mps + TRACKING_MPS
+    assert speed_mps[s_m < one.from_m - 2_000].max() > one.speed_mps + 5
+    told = [(heard.restrictions, driven.run.states[heard.tick - 1].s_m) for heard in driven.said.heard]
+    (first, begun_m), (last, over_m) = [entry for entry in told if entry[0] is not None]
+    assert first is not None
+    assert [tuple(x) for x in first] == [(one.from_m, one.to_m, one.speed_mps)]
+    assert last == ()
+    way_m = 60.0  # in a second
+    assert one.from_m - one.announced_m <= begun_m <= one.from_m - one.announced_m + way_m
+    assert end_m <= over_m <= end_m + way_m
+    clear = drive("clear-day")
+    assert driven.figures["energy_kwh"] > clear.figures["energy_kwh"]
+
+
+def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
+    """The line's limit under the train and the temporary one, as this test reads them, above every advised speed."""
+    driven = drive("restriction-ahead")
+    one, service = driven.one(Restriction), driven.day.service
+    told_ns = next(heard.now_ns for heard in driven.said.heard if heard.restrictions)
+    advices = [a for a in driven.said.advices if a.time_ns >= told_ns and a.s_m <= one.to_m + service.vehicle.length_m]
+    assert advices[0].time_ns == told_ns
+    assert any(a.s_m > one.to_m for a in advices)
+    for advice in advices:
+        assert advice.mode is not Mode.NONE
+        s_m, before_mps = advice.s_m, advice.advised_speed_mps
+        for after_mps in advice.horizon_speed_mps:
+            s_m, before_mps = s_m + 0.5 * (before_mps + after_mps), after_mps
+            if one.from_m + 1 < s_m < one.to_m + service.vehicle.length_m - 1:
+                assert after_mps <= one.speed_mps + 1e-6
+        if advice.s_m > one.from_m:
+            assert advice.advised_speed_mps <= advice.limit_mps <= one.speed_mps
+    # Reduced in time: never is the train told that it is much too fast.
+    assert all(advice.speed_mps <= advice.advised_speed_mps + 1.5 for advice in advices)
+
+
+def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stopping() -> None:
+    driven = drive("train-ahead")
+    ahead, service = driven.one(TrainAhead), driven.day.service
+    s_m, speed_mps, time_s = (driven.array(name) for name in ("s_m", "speed_mps", "time_s"))
+    in_sight_s = time_s[np.argmax(s_m >= ahead.at_m - ahead.seen_m)]
+    assert ahead.clears_s <= in_sight_s <= ahead.clears_s + 6
+    assert speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min() > 10
+    assert not any("danger" in event for event in driven.events())
+    # The same signal, and nobody told of it: the train stops.
+    scenario = load_scenario("train-ahead")
+    (planned_one,) = scenario.disturbances
+    near = {"low": ahead.seen_m + 1, "high": ahead.seen_m + 1}
+    figures = {
+        **planned_one.figures,
+        "told_m": Drawn(**near),
+        "clears_s": Drawn(low=ahead.clears_s, high=ahead.clears_s),
+    }
+    untold = replace(scenario, disturbances=(replace(planned_one, figures=figures),))
+    day = make_day(service.on(untold), SEED)
+    run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(day.service)).run()
+    slowest = min(state.speed_mps for state in run.states if 31_000 < state.s_m < ahead.at_m)
+    assert slowest < 5 < speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min()
+    assert outcome(day, run)["energy_kwh"] > driven.figures["energy_kwh"]
+    assert run.calls[-1].late_s > driven.late_s()[-1] - 1.0
+
+
+@pytest.mark.parametrize("driver", ["perfect", "human"])
+def test_signal_stop_stops_the_train_until_it_clears(driver: str) -> None:
+    driven = drive("signal-stop", driver)
+    signal = driven.one(SignalStop)
+    s_m, speed_mps, time_s = (driven.array(name) for name in ("s_m", "speed_mps", "time_s"))
+    stands = (speed_mps <= 0) & (np.abs(s_m - signal.at_m) < 20)
+    assert stands.sum() > 5
+    assert (s_m[stands] <= signal.at_m + 10).all()
+    seen_s = time_s[np.argmax(s_m >= signal.at_m - signal.seen_m)]
+    passed_s = time_s[np.argmax(s_m > signal.at_m + 15)]
+    assert time_s[stands][-1] >= seen_s + signal.clears_after_s - 1
+    assert seen_s + signal.clears_after_s < passed_s < seen_s + signal.clears_after_s + 40
+    assert [event for event in driven.events() if "signal" in event] == [
+        "signal at km 42.0 at danger",
+        "signal at km 42.0 clear",
+    ]
+    late_s = driven.late_s()[-1]
+    assert max(fastest_late_s(driven, 2), 0.0) < late_s < signal.clears_after_s + 60
+
+
+def test_dwell_overrun_is_made_up_as_far_as_possible() -> None:
+    driven = drive("dwell-overrun")
+    zug = driven.run.calls[2]
+    late_s = zug.departed_s - zug.due_s - driven.day.service.scenario.dwell_s
+    assert 40 <= late_s <= 121
+    assert driven.late_s()[-1] <= max(fastest_late_s(driven, 2), 0.0) + 2.0
+    assert abs(driven.late_s()[2]) <= 2.0
+
+
+def time_to(driven: Driven, speed_mps: float) -> float:
+    return float(driven.array("time_s")[np.argmax(driven.array("speed_mps") >= speed_mps)])
+
+
+def test_slippery_rail_lengthens_the_run_up() -> None:
+    driven, clear = drive("slippery-rail"), drive("clear-day")
+    rail = driven.one(SlipperyRail)
+    assert time_to(driven, 35 * KMH) > 2.0 * time_to(clear, 35 * KMH) > 5
+    s_m, speed_mps, force_n = (driven.array(name) for name in ("s_m", "speed_mps", "force_el_n"))
+    length_m = driven.day.service.vehicle.length_m
+    whole = (s_m > rail.from_m + length_m) & (s_m < rail.to_m - 50)
+    most_n = rail.adhesion_ratio * 84e3 * STANDARD_GRAVITY_MPS2 * np.array([adhesion_coefficient(v) for v in speed_mps])
+    assert (force_n[whole] <= 1.001 * most_n[whole]).all()
+    assert force_n[whole].max() > 0.9 * most_n[whole].min()
+    assert driven.figures["energy_kwh"] > clear.figures["energy_kwh"]
+
+
+def test_head_wind_costs_its_work() -> None:
+    """∫ c2·((v + w)² − v²) ds over the windy stretch is what the resistance takes more."""
+    driven, clear = drive("head-wind"), drive("clear-day")
+    wind = driven.one(HeadWind)
+    state = driven.array("s_m"), driven.array("speed_mps")
+    way_m, mean_mps = np.diff(state[0]), 0.5 * (state[1][:-1] + state[1][1:])
+    windy = state[0][:-1] > wind.from_m
+    c2 = driven.day.service.vehicle.resistance.c2_n_per_mps2
+    work_j = float((c2 * (2 * mean_mps + wind.wind_mps) * wind.wind_mps * way_m)[windy].sum())
+    more_j = driven.run.states[-1].resistance_j - clear.run.states[-1].resistance_j
+    assert work_j > 0.05 * clear.run.states[-1].resistance_j
+    assert more_j == pytest.approx(work_j, rel=0.05)
+    assert driven.run.states[-1].input_j - clear.run.states[-1].input_j > 0.8 * work_j
+
+
+def test_gps_dropouts_withdraw_the_advice_with_the_reason() -> None:
+    driven = drive("gps-dropouts")
+    clock_s = driven.day.service.clock_s
+    faults = driven.day.of(SensorOutage)
+    withdrawn = [a for a in driven.said.advices if a.mode is Mode.NONE]
+    for fault in faults:
+        inside = [a for a in withdrawn if fault.from_s <= clock_s(a.time_ns) <= fault.from_s + fault.for_s + 1]
+        if fault.fault is SensorFault.DROPOUT:
+            assert len(inside) >= fault.for_s - STALE_AFTER_S - 2
+            assert all("s old" in a.reason for a in inside)
+        if fault.fault is SensorFault.JUMP:  # too short to matter: the estimate is carried on
+            assert not inside
+        if fault.fault is SensorFault.FROZEN:
+            assert len(inside) >= fault.for_s - STALE_AFTER_S - 1
+            assert all("frozen" in a.reason for a in inside)
+    true_m = {state.time_s: state.s_m for state in driven.run.states}
+    off_m = [abs(a.s_m - true_m[round(clock_s(a.time_ns))]) for a in driven.said.advices if a.mode is not Mode.NONE]
+    assert max(off_m) < 20.0
+    begun = [fault.from_s for fault in faults]
+    assert all(any(0 <= clock_s(a.time_ns) - b <= 70 for b in begun) for a in withdrawn)
+    # Nothing is shown while nothing is known, and the run goes on.
+    for told in driven.said.told:
+        for fault in faults:
+            if fault.fault is SensorFault.DROPOUT:
+                into_s = told.state.time_s - fault.from_s
+                assert not (STALE_AFTER_S + 1 < into_s < fault.for_s and told.cab.shown is not None)
+    assert abs(driven.late_s()[-1]) <= 5.0
+    assert driven.run.counts.above_limit == 0
+
+
+def test_bus_outage_shows_no_advice_and_the_run_arrives() -> None:
+    driven = drive("bus-outage", "human")
+    outages = driven.day.of(BusOutage)
+    assert driven.run.counts.unheard == sum(x.for_s for x in outages) == 60
+    for outage in outages:
+        for told in driven.said.told:
+            into_s = told.state.time_s - outage.from_s
+            assert not (VALID_FOR_S <= into_s < outage.for_s and told.cab.shown is not None)
+        # What was heard is out of date at once when it is over, and advice is back.
+        back = next(a for a in driven.said.advices if driven.day.service.clock_s(a.time_ns) >= outage.from_s + 30)
+        assert back.mode is not Mode.NONE
+    assert driven.events().count("bus outage, 30 s") == 2
+    assert -5 <= driven.late_s()[-1] < 60
+
+
+def test_node_restart_leaves_the_driver_without_advice_for_seconds() -> None:
+    driven = drive("node-restart")
+    restart = driven.one(NodeRestart)
+    assert driven.run.counts.unheard == 2
+    clock_s = driven.day.service.clock_s
+    times = np.array([clock_s(a.time_ns) for a in driven.said.advices])
+    gap = times[:-1][np.diff(times) > 1.5]
+    assert gap.tolist() == pytest.approx([restart.at_s - 1])
+    after = driven.said.advices[int(np.argmax(times > restart.at_s))]
+    assert after.mode is not Mode.NONE
+    assert "the node is killed and started anew" in driven.events()
+    assert abs(driven.late_s()[-1]) <= 2.0
+
+
+def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Path) -> None:
+    """With the forces measured the node plans with the mass it finds; without, with that of the file."""
+    source = load_scenario("clear-day").source.read_text(encoding="utf-8")
+    truth = "\n[truth]\nmass_ratio = 1.15\nresistance_ratio = 1.25\n"
+    found = []
+    for name, sensors in (("told", "[sensors]\nforce_noise_percent = 2\n"), ("untold", "")):
+        (tmp_path / f"{name}.toml").write_text(source + truth + sensors, encoding="utf-8")
+        service = service_of(tmp_path / f"{name}.toml")
+        link = InProcess(service)
+        driver = make_driver(DriverKind.PERFECT, service.line, seed=SEED)
+        run = World(make_day(service, SEED), driver, Presentation.VECTOR, link).run()
+        assert abs(run.late_s) <= 5
+        found.append(link._trip._situation.conditions)
+    assert found[0].mass_ratio == pytest.approx(1.15, abs=0.03)
+    assert found[0].resistance_ratio == pytest.approx(1.25, abs=0.08)
+    assert found[1] == Conditions()

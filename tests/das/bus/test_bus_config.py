@@ -1,0 +1,323 @@
+"""Bus files: what is refused and why, what a file may change, what tls-init makes; inbox, guard and moderation."""
+
+from __future__ import annotations
+
+import json
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from das.bus import das_pb2
+from das.bus.acl import Role, access_control, keys_of
+from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
+from das.bus.inbox import CONTROL_FACTOR, Inbox
+from das.bus.session import Received, decoded
+from das.bus.tls import LISTENERS, write_bus_folder
+from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Topic
+from das.cab.guard import LONGEST_TEXT, MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers
+from das.cab.moderation import MOST_A_SECOND, Moderation
+from das.domain.errors import DasError, InputError
+from das.node.tls_command import tls_app
+
+S = 10**9
+NOW_NS = 1_800_000_000 * S
+PORTS = {role: 7447 + i for i, role in enumerate(LISTENERS)}
+
+
+def written(folder: Path, text: str) -> BusFile:
+    path = folder / "site.json5"
+    path.write_text(text)
+    return BusFile(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{mode: 'peer'", "not a Zenoh configuration: line 1, column 8: expected"),
+        ("[" * 20_000, "not a Zenoh configuration: brackets are nested more than 64 deep"),
+        ("{nonsense: 1}", "not a Zenoh configuration: unknown field `nonsense`"),
+        ("{listen: {endpoints: ['x']}}", "Endpoints must be of the form"),
+        ("{metadata: {das: {train: 'T2'}}}", "metadata.das.train = 'T2': expected 'T1', the train of this process"),
+        (
+            "{transport: {link: {tls: {root_ca_certificate: 'no.pem'}}}}",
+            "transport.link.tls.root_ca_certificate = 'no.pem': expected a file that is there",
+        ),
+        (
+            "{listen: {endpoints: ['tcp/0.0.0.0:7447']}}",
+            "listen.endpoints = 'tcp/0.0.0.0:7447': expected an endpoint of this machine, or tls with",
+        ),
+        ("{connect: {endpoints: {peer: ['udp/10.0.0.1:1']}}}", "connect.endpoints = 'udp/10.0.0.1:1': expected"),
+        ("{connect: {endpoints: ['tls/10.0.0.1:1']}}", "connect.endpoints = 'tls/10.0.0.1:1': expected"),
+        ("{connect: {endpoints: ['tcp/localhost.evil.org:1']}}", "expected an endpoint of this machine"),
+        ("{listen: {endpoints: ['tcp/127.0.0.1:1#iface=eth0', 'ws/[::]:2']}}", "'ws/[::]:2': expected"),
+        ("{scouting: {multicast: {enabled: true}}}", "scouting.multicast.enabled = True: expected false, or"),
+        ("{scouting: {gossip: {enabled: true}}}", "scouting.gossip.enabled = True: expected false, or"),
+    ],
+)
+def test_a_bus_file_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text: str, said: str) -> None:
+    file = written(tmp_path, text)
+    with pytest.raises(DasError) as error:
+        file.config("T1")
+    assert str(error.value).startswith(f"{file.path}: ")
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "/.cargo/" not in str(error.value)
+
+
+def test_a_missing_file_or_folder_is_said(tmp_path: Path) -> None:
+    with pytest.raises(DasError, match="cannot be read"):
+        BusFile(tmp_path / "none.json5").config("T1")
+    with pytest.raises(DasError, match=r"simulator\.json5: not there; expected a folder as das-node tls-init makes it"):
+        bus_folder(tmp_path, False, "T1")
+
+
+def test_options_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DasError, match="--insecure-bus: expected with --bus"):
+        bus_options(None, True, None, None)
+    with pytest.raises(DasError, match="--listen: with --bus the file says so"):
+        bus_options(tmp_path / "x", False, "tcp/127.0.0.1:7447", None)
+    with pytest.raises(DasError, match="--connect: with --bus the file says so"):
+        bus_options(tmp_path / "x", False, None, ["tcp/127.0.0.1:7447"])
+    assert bus_options(None, False, "tcp/127.0.0.1:7447", []) is None
+
+
+def test_an_empty_file_stays_as_closed_as_no_file(tmp_path: Path) -> None:
+    config = written(tmp_path, "{}").config("T1")
+    expected: dict[str, Any] = {
+        "mode": "peer",
+        "listen/endpoints": [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "timestamping/enabled": True,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": 2000,
+    }
+    assert {key: json.loads(config.get_json(key)) for key in expected} == expected
+
+
+def test_what_a_file_says_stays_but_for_what_we_need(tmp_path: Path) -> None:
+    text = "{timestamping: {enabled: false}, transport: {link: {tx: {lease: 4000}}}, mode: 'client'}"
+    config = written(tmp_path, text).config("T1")
+    assert json.loads(config.get_json("timestamping/enabled")) is True
+    assert json.loads(config.get_json("transport/link/tx/lease")) == 4000
+    assert json.loads(config.get_json("mode")) == "client"
+
+
+def test_the_network_needs_mutual_tls_or_the_users_word(tmp_path: Path) -> None:
+    write_bus_folder(tmp_path / "bus", "T1", PORTS, days=1.0)
+    path = tmp_path / "bus" / "node.json5"
+    text = path.read_text().replace("tls/127.0.0.1:7447", "tls/0.0.0.0:7447")
+    path.write_text(text)
+    BusFile(path).config("T1")
+    path.write_text(text.replace("tls/0.0.0.0:7447", "tls/0.0.0.0:7447#enable_mtls=false"))
+    with pytest.raises(InputError, match=r"listen\.endpoints"):
+        BusFile(path).config("T1")
+    path.write_text(text.replace('"enable_mtls": true', '"enable_mtls": false'))
+    with pytest.raises(InputError, match=r"enable_mtls"):
+        BusFile(path).config("T1")
+    BusFile(path, insecure=True).config("T1")
+
+
+def test_tls_init_makes_a_folder_that_can_be_used_and_never_overwrites(tmp_path: Path) -> None:
+    folder = tmp_path / "bus"
+    done = CliRunner().invoke(tls_app, ["tls-init", str(folder), "--train", "T1", "--port", "8000"])
+    assert done.exit_code == 0
+    assert "not a public-key infrastructure" in done.output
+    assert "valid until" in done.output
+    for role in Role:
+        assert stat.S_IMODE((folder / f"{role}.key").stat().st_mode) == 0o600
+        BusFolder(folder).file(role).config("T1")
+    before = (folder / "ca.pem").read_bytes()
+    again = CliRunner().invoke(tls_app, ["tls-init", str(folder)])
+    assert "exists already" in str(again.exception)
+    assert (folder / "ca.pem").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--days", "0"], "--days 0: expected more than 0"),
+        (["--port", "65534"], "--port 65534: expected at most 65533"),
+        (["--train", "a/b"], "train name 'a/b'"),
+        (["--train", "a" * 43], "expected at most 42 letters, for the names in certificates"),
+    ],
+)
+def test_tls_init_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str], said: str) -> None:
+    done = CliRunner().invoke(tls_app, ["tls-init", str(tmp_path / "bus"), *arguments])
+    assert said in str(done.exception)
+    assert not (tmp_path / "bus").exists()
+
+
+def test_every_topic_has_one_role_that_may_say_it() -> None:
+    for topic in TOPICS:
+        may = [role for role in Role if topic.key("T1") in keys_of(role, "T1")]
+        assert len(may) == 1, topic.name
+    assert keys_of(Role.CAB, "T1") == []
+    assert keys_of(Role.NODE, "T1") == [
+        f"das/T1/{name}" for name in ("advice", "plan", "estimate", "status", "status/@adv/**", "event")
+    ]
+
+
+def test_access_control_allows_no_wildcard_and_no_deletion() -> None:
+    for own in Role:
+        rules = access_control(own, "T1")["rules"]
+        saying = [rule for rule in rules if "put" in rule["messages"]]
+        assert all(key.split("/@adv")[0].count("*") == 0 for rule in saying for key in rule["key_exprs"])
+        assert all("delete" not in rule["messages"] for rule in rules)
+
+
+def received(topic: Topic, number: int = 0, source: str = "") -> Received:
+    message = topic.message()
+    message.time_ns = number
+    return Received(topic, topic.key("T1"), message, source)
+
+
+def numbers_of(inbox: Inbox) -> list[tuple[str, int]]:
+    left = []
+    while (one := inbox.get(0.0)) is not None:
+        left.append((one.topic.name, one.message.time_ns))
+    return left
+
+
+def test_a_flood_of_positions_costs_the_oldest_of_them_and_no_journey_or_control() -> None:
+    inbox = Inbox(capacity=100)
+    inbox.put(received(JOURNEY, 1))
+    inbox.put(received(CONTROL, 2))
+    for i in range(10_000):
+        inbox.put(received(POSITION, i))
+    inbox.put(received(CONTROL, 3))
+    left = numbers_of(inbox)
+    assert left[:2] == [("journey", 1), ("control", 2)]
+    assert left[2:-1] == [("position", i) for i in range(10_000 - 97, 10_000)]
+    assert left[-1] == ("control", 3)
+    assert inbox.dropped == 10_000 - 97
+
+
+def test_a_flood_of_journeys_leaves_the_newest_and_one_of_controls_is_bounded() -> None:
+    inbox = Inbox(capacity=10)
+    for i in range(10):
+        inbox.put(received(CONTROL, i))
+    for i in range(1_000):
+        inbox.put(received(JOURNEY, i))
+    assert numbers_of(inbox) == [*(("control", i) for i in range(10)), ("journey", 999)]
+    for i in range(1_000):
+        inbox.put(received(CONTROL, i))
+    assert len(inbox) == CONTROL_FACTOR * 10
+
+
+def test_a_flood_of_large_journeys_does_not_fill_the_memory() -> None:
+    inbox = Inbox(capacity=1_000)
+    for i in range(1_000):
+        message = das_pb2.Journey(time_ns=i)
+        inbox.put(Received(JOURNEY, JOURNEY.key("T1"), message, size=1_000_000))
+    assert len(inbox) < 10
+    assert numbers_of(inbox)[-1] == ("journey", 999)
+
+
+@given(st.lists(st.one_of(st.none(), st.sampled_from([POSITION, JOURNEY, CONTROL, RESTRICTION])), max_size=200))
+def test_the_inbox_keeps_order_and_stays_bounded(steps: list[Topic | None]) -> None:
+    inbox, taken, put = Inbox(capacity=5), 0, 0
+    last = -1
+    for number, topic in enumerate(steps):
+        if topic is not None:
+            inbox.put(received(topic, number))
+            put += 1
+        elif (one := inbox.get(0.0)) is not None:
+            assert one.message.time_ns > last
+            last, taken = one.message.time_ns, taken + 1
+        assert len(inbox) <= CONTROL_FACTOR * 5
+        assert put == taken + len(inbox) + inbox.dropped
+
+
+def test_moderation_lets_few_through_and_says_how_many_it_held_back() -> None:
+    moderation = Moderation()
+    assert sum(moderation.allows(NOW_NS + i) for i in range(1_000)) == MOST_A_SECOND
+    assert moderation.unsaid(NOW_NS + 2_000) == 0
+    assert moderation.unsaid(NOW_NS + 2 * S) == 1_000 - MOST_A_SECOND
+    assert moderation.unsaid(NOW_NS + 2 * S) == 0
+    assert moderation.allows(NOW_NS - 100 * S)  # the clock was put back
+
+
+def test_a_second_publisher_of_the_position_is_not_heard_until_the_first_is_silent() -> None:
+    publishers = Publishers()
+    assert publishers.is_heard("a", NOW_NS)
+    assert publishers.contested(NOW_NS) == ""
+    assert not publishers.is_heard("b", NOW_NS + S)
+    assert publishers.is_heard("a", NOW_NS + 2 * S)
+    assert publishers.contested(NOW_NS + 2 * S) == "two publishers of the position: a and b"
+    assert publishers.contested(NOW_NS + 4 * S + 1) == ""  # the rival has gone
+    assert not publishers.is_heard("b", NOW_NS + 5 * S)  # the first was heard at 2 s
+    assert publishers.is_heard("b", NOW_NS + 5 * S + 1)  # now it has gone
+    assert publishers.contested(NOW_NS + 5 * S + 1) == ""
+
+
+def journey(time_ns: int, stops: int = 2, name: str = "A") -> Received:
+    message = das_pb2.Journey(time_ns=time_ns, stops=[das_pb2.Journey.Stop(name=name)] * stops)
+    return decoded(JOURNEY, JOURNEY.key("T1"), message.SerializeToString())
+
+
+def test_replayed_future_and_oversized_journeys_are_ignored_with_the_reason() -> None:
+    guard = Guard()
+    assert guard.problem(journey(NOW_NS), NOW_NS) == ""
+    assert guard.problem(journey(NOW_NS), NOW_NS) == ""  # the bus gives it again to whoever comes back
+    assert "10 s older than the last was ignored" in guard.problem(journey(NOW_NS - 10 * S), NOW_NS)
+    assert "ahead of the clock was ignored" in guard.problem(journey(2**63 - 1), NOW_NS)
+    assert "100000 stops" in guard.problem(journey(NOW_NS + S, stops=100_000), NOW_NS)
+    assert "a name of 1000000 letters" in guard.problem(journey(NOW_NS + S, name="x" * 10**6), NOW_NS)
+    assert guard.problem(journey(NOW_NS + S, MOST_STOPS, "x" * LONGEST_TEXT), NOW_NS) == ""
+
+
+def test_what_came_from_ahead_of_a_wrong_clock_is_taken_when_the_clock_is_right() -> None:
+    guard, wrong_ns = Guard(), NOW_NS - 3600 * S
+    told = [journey(NOW_NS), restrictions(NOW_NS, (0.0, 1.0, 5.0))]
+    assert all("3600 s ahead of the clock" in guard.problem(one, wrong_ns) for one in told)
+    assert guard.due(wrong_ns) == []
+    assert "3600 s ahead" in guard.distrust(wrong_ns)
+    assert guard.due(NOW_NS) == told
+    assert [guard.problem(one, NOW_NS) for one in told] == ["", ""]
+    assert guard.distrust(NOW_NS) == ""
+    assert guard.due(NOW_NS) == []
+    guard.problem(journey(NOW_NS + 3600 * S), NOW_NS)
+    guard.problem(journey(NOW_NS + S), NOW_NS)  # the last word counts
+    assert guard.due(NOW_NS + 3600 * S) == []
+
+
+def test_restrictions_older_than_the_last_are_a_replay_or_an_operator_whose_clock_went_back() -> None:
+    """Nobody can tell which: what says the same is left alone, what says otherwise withdraws the advice."""
+    guard, here, there = Guard(), (0.0, 1.0, 5.0), (2.0, 3.0, 5.0)
+    assert guard.problem(restrictions(NOW_NS, here), NOW_NS) == ""
+    assert "10 s older than the last" in guard.problem(restrictions(NOW_NS - 10 * S, here), NOW_NS)
+    assert guard.distrust(NOW_NS) == ""
+    assert guard.problem(restrictions(NOW_NS - 10 * S, here, there), NOW_NS)
+    assert "one 10 s older than the last, which said otherwise" in guard.distrust(NOW_NS)
+    assert guard.problem(restrictions(NOW_NS + S, there), NOW_NS) == ""
+    assert guard.distrust(NOW_NS) == ""
+
+
+def restrictions(time_ns: int, *numbers: tuple[float, float, float]) -> Received:
+    them = [das_pb2.Restrictions.Restriction(start_m=a, end_m=b, limit_mps=v) for a, b, v in numbers]
+    payload = das_pb2.Restrictions(time_ns=time_ns, restrictions=them).SerializeToString()
+    return decoded(RESTRICTION, RESTRICTION.key("T1"), payload)
+
+
+def test_restrictions_nobody_can_heed_withdraw_the_advice_until_there_are_others() -> None:
+    guard, nan = Guard(), float("nan")
+    assert guard.problem(restrictions(NOW_NS, (0.0, 1.0, 5.0)), NOW_NS) == ""
+    assert guard.distrust(NOW_NS) == ""
+    for wrong in ((0.0, 1.0, nan), (0.0, nan, 5.0), (1.0, 0.0, 5.0), (0.0, 1.0, 0.0), (0.0, float("inf"), 1.0)):
+        assert guard.problem(restrictions(NOW_NS, wrong), NOW_NS)
+        assert "restrictions that cannot be heeded: one of" in guard.distrust(NOW_NS)
+    many = [(0.0, 1.0, 5.0)] * (MOST_RESTRICTIONS + 1)
+    said = guard.problem(restrictions(NOW_NS, *many), NOW_NS)
+    assert f"{MOST_RESTRICTIONS + 1} of them, more than {MOST_RESTRICTIONS}" in said
+    assert guard.problem(restrictions(NOW_NS - S, *many[:3]), NOW_NS)  # a replay does not lift the distrust
+    assert guard.distrust(NOW_NS)
+    assert guard.problem(restrictions(NOW_NS + S, *many[:3]), NOW_NS) == ""
+    assert guard.distrust(NOW_NS) == ""
+    assert guard.problem(restrictions(NOW_NS + 3600 * S), NOW_NS)
+    assert "3600 s ahead of the clock" in guard.distrust(NOW_NS)

@@ -1,0 +1,116 @@
+"""Tables on board: used where they are of the section and whole, else solved."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.advice.advisor import Source
+from das.cab.fronts import Fronts, loaded_front
+from das.domain.errors import DasError
+from das.domain.route import Restriction
+from das.solver.section import build_section
+from das.table.table import TableSettings, make_table, write_table
+from tests.support.small_trips import LINE, TRAIN, at, train, trip
+
+
+@pytest.fixture(scope="module")
+def made_tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tables")
+    settings = TableSettings(buffers_percent=(0.0, 10.0))
+    write_table(folder / "a-b", make_table(build_section(LINE, TRAIN, end_m=5000.0), settings))
+    return folder
+
+
+@pytest.fixture
+def tables(made_tables: Path, tmp_path: Path) -> Path:
+    shutil.copytree(made_tables, tmp_path / "tables")
+    return tmp_path / "tables"
+
+
+def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
+    made = trip(Fronts(tables, threads=1))
+    by_table, solved = at(made, 60, 1500.0, 24.0), at(trip(), 60, 1500.0, 24.0)
+    assert by_table.source is Source.TABLE
+    assert by_table.energy_to_go_j == pytest.approx(solved.energy_to_go_j, rel=5e-3)
+    assert at(made, 400, 6000.0, 24.0).source is Source.SOLVED
+    assert {news.text for news in made.take_news()} == {"A – B: from a table", "B – C: solved"}
+    # A restriction makes another section of it; lifted, the table serves again.
+    made = trip(Fronts(tables, threads=1))
+    made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
+    assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
+    assert any("other line; solved instead" in news.text for news in made.take_news())
+    made.set_restrictions([])
+    assert at(made, 61, 1524.0, 24.0).source is Source.TABLE
+
+
+def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) -> None:
+    settings = TableSettings(buffers_percent=(0.0,))
+    heavy = replace(train(1.3e5), id="heavy")
+    write_table(tables / "a-b-heavy", make_table(build_section(LINE, heavy, end_m=5000.0), settings))
+    made = trip(Fronts(tables, threads=1))
+    made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
+    at(made, 60, 1500.0, 24.0)
+    (said,) = (news.text for news in made.take_news() if news.bad)
+    assert said == f"{tables / 'a-b'}: not the table of {made.advisor.current.section.name}: other line; solved instead"
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-8])
+
+
+def alter(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[-100] ^= 1
+    path.write_bytes(bytes(content))
+
+
+def other_schema(path: Path) -> None:
+    path.write_text(path.read_text().replace('"schema_version": 1', '"schema_version": 99'))
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "said"),
+    [
+        ("value_j.npy", cut, "was it cut?; not used"),
+        ("value_j.npy", alter, "was altered since it was written; solved instead"),
+        ("grid.npy", alter, "grid.npy: was altered since it was written; solved instead"),
+        ("manifest.json", alter, "altered since it was written; not used"),
+        ("manifest.json", other_schema, "schema_version = 99: expected 1; not used"),
+        ("run_s_m.npy", Path.unlink, "is missing; not used"),
+    ],
+)
+def test_a_table_that_cannot_be_trusted_is_refused_and_solved_instead(
+    tables: Path, name: str, damage: Any, said: str
+) -> None:
+    damage(tables / "a-b" / name)
+    made = trip(Fronts(tables, threads=1))
+    assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
+    assert any(news.bad and said in news.text for news in made.take_news())
+
+
+def test_a_table_damaged_while_in_use_cannot_reach_the_advice(tables: Path) -> None:
+    front = loaded_front(tables / "a-b", build_section(LINE, TRAIN, end_m=5000.0))
+    before = front.trajectory(300.0).ledger.input
+    for path in (tables / "a-b").glob("*.npy"):
+        with path.open("r+b") as file:
+            file.truncate(100)
+    assert front.trajectory(300.0).ledger.input == before
+
+
+def test_fronts_are_kept_up_to_a_size_the_last_one_always() -> None:
+    fronts = Fronts(threads=1, kept_bytes=1)
+    sections = [build_section(LINE, TRAIN, end_m=end_m) for end_m in (5000.0, 4000.0)]
+    first = fronts.find(sections[0])
+    assert fronts.find(build_section(LINE, TRAIN, end_m=5000.0)) is first
+    fronts.find(sections[1])
+    assert fronts.find(sections[0]) is not first
+
+
+def test_no_folder_of_tables_is_an_error() -> None:
+    with pytest.raises(DasError, match="no such folder of tables"):
+        Fronts(Path("/nowhere"))

@@ -1,0 +1,171 @@
+"""Targets of traffic management: arrivals that are shifted, points with a window."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+
+from das.advice.passing import PassingFronts, PassingTarget, time_at
+from das.cab.fronts import onboard_ladder
+from das.cab.trip import Target, Trip
+from das.domain.errors import DasError
+from das.domain.journey import Call, Journey, Passing, Window
+from das.domain.units import NS
+from das.solver.front import solve_front
+from das.solver.journey.plan import JourneyPlanner
+from das.solver.section import build_section
+from tests.support.small_trips import LINE, T0, TRAIN, at, follow, ns, trip
+
+
+def test_an_arrival_shifted_by_traffic_management_is_kept() -> None:
+    for shift_s in (-20.0, 60.0):
+        made = trip()
+        made.set_targets([Target(stop="b", arrival_ns=ns(300 + shift_s), reason="platform")])
+        advices = list(follow(made))
+        at_b = next(a for a in advices if a.s_m > 4970 and a.speed_mps < 0.3)
+        assert (at_b.time_ns - T0) * NS == pytest.approx(300 + shift_s, abs=8)
+        assert advices[5].predicted_deviation_s == pytest.approx(0, abs=1)
+
+
+def test_a_target_lifted_gives_the_timetable_back() -> None:
+    made = trip()
+    before = at(made, 60, 1500.0, 20.0)
+    made.set_targets([Target(stop="B", arrival_ns=ns(320))])
+    assert at(made, 60, 1500.0, 20.0).advised_speed_mps <= before.advised_speed_mps
+    assert at(made, 60, 1500.0, 20.0).predicted_arrival_ns == pytest.approx(ns(320), abs=1e9)
+    made.set_targets([])
+    assert at(made, 60, 1500.0, 20.0).predicted_arrival_ns == pytest.approx(ns(300), abs=1e9)
+
+
+@pytest.mark.parametrize("earliest_s", [205.0, 230.0, 280.0])
+def test_a_point_is_never_passed_before_its_time(earliest_s: float) -> None:
+    made = trip()
+    made.set_targets([Target(s_m=3500.0, earliest_ns=ns(earliest_s), reason="signal")])
+    advices = list(follow(made))
+    passed = next(a for a in advices if a.s_m >= 3500.0)
+    assert earliest_s <= (passed.time_ns - T0) * NS <= earliest_s + 8
+    assert min(a.speed_mps for a in advices if 500 < a.s_m < 3500) > 5
+    assert any("pass km 3.5 in" in a.reason and "signal" in a.reason for a in advices)
+    at_b = next(a for a in advices if a.s_m > 4970 and a.speed_mps < 0.3)
+    assert (at_b.time_ns - T0) * NS >= 298
+
+
+def test_two_points_one_after_the_other_and_one_that_is_moved() -> None:
+    made = trip()
+
+    def tell(second: int, _: float) -> None:
+        if second == 20:
+            made.set_targets([Target(s_m=2000.0, earliest_ns=ns(160)), Target(s_m=4000.0, earliest_ns=ns(270))])
+        if second == 60:
+            made.set_targets([Target(s_m=2500.0, earliest_ns=ns(170)), Target(s_m=4000.0, earliest_ns=ns(270))])
+
+    advices = list(follow(made, tell=tell))
+    for at_m, earliest_s in ((2500.0, 170.0), (4000.0, 270.0)):
+        passed = next(a for a in advices if a.s_m >= at_m)
+        assert earliest_s <= (passed.time_ns - T0) * NS <= earliest_s + 8
+
+
+def test_a_point_with_time_to_spare_changes_nothing() -> None:
+    made, plain = trip(), trip()
+    made.set_targets([Target(s_m=3500.0, earliest_ns=ns(60), latest_ns=ns(290))])
+    assert [a.advised_speed_mps for a in follow(made)] == [a.advised_speed_mps for a in follow(plain)]
+
+
+def test_a_point_to_pass_sooner_is_passed_sooner() -> None:
+    made, plain = trip(), trip()
+    made.set_targets([Target(s_m=2500.0, latest_ns=ns(115))])
+
+    def passes(which: Trip) -> float:
+        return (next(a for a in follow(which) if a.s_m >= 2500.0).time_ns - T0) * NS
+
+    assert passes(plain) > 125
+    assert passes(made) <= 118
+
+
+def test_a_window_that_cannot_be_kept_is_said() -> None:
+    made = trip()
+    made.set_targets([Target(s_m=2500.0, latest_ns=ns(80), reason="crossing")])
+    advices = list(follow(made))
+    passed_s = (next(a for a in advices if a.s_m >= 2500.0).time_ns - T0) * NS
+    said = r"pass km 2\.5 as soon as possible, (\d+) s too late \(crossing\), .*"
+    first = re.fullmatch(said, advices[1].reason)
+    assert first is not None
+    assert float(first[1]) == pytest.approx(passed_s - 80, abs=3)
+    assert next(a for a in advices if a.s_m >= 2500.0).reason.startswith("least energy")
+
+
+def test_a_train_told_far_too_late_to_be_slow_brakes_for_the_point() -> None:
+    """400 m before it, at speed, with a minute and a half to spend: slower than any run of least energy."""
+    made = trip()
+    at(made, 100, 3000.0, 24.0)
+    made.set_targets([Target(s_m=3400.0, earliest_ns=ns(190))])
+    advices = list(follow(made, start_s=100, s_m=3000.0, v_mps=24.0))
+    passed = next(a for a in advices if a.s_m >= 3400.0)
+    assert 190 <= (passed.time_ns - T0) * NS <= 200
+
+
+def test_targets_that_are_kept_to_are_said_once() -> None:
+    made = trip()
+    named = [Target(stop="B", arrival_ns=T0 + 300 * 10**9), Target(s_m=2500.0, earliest_ns=ns(80), reason="crossing")]
+    many = [Target(s_m=2000.0 + i, latest_ns=ns(200)) for i in range(5)]
+    for targets, said in (
+        (named, ["targets: B at 08:05:00; km 2.5 not before 08:01:20 (crossing)"]),
+        (named, []),
+        (
+            [*named, Target(stop="nowhere", arrival_ns=ns(300))],
+            ["target ignored: nowhere is not on the way to a stop of this journey"],
+        ),
+        (many, ["targets: km 2.0 not after 08:03:20; km 2.0 not after 08:03:20; km 2.0 not after 08:03:20; 2 more"]),
+        ([], ["targets: none any more"]),
+    ):
+        made.set_targets(targets)
+        assert [news.text for news in made.take_news() if "target" in news.text] == said
+
+
+def test_targets_off_the_journey_are_ignored_and_said() -> None:
+    made = trip()
+    made.take_news()
+    bad = [
+        Target(stop="Q", arrival_ns=ns(1)),
+        Target(stop="B"),
+        Target(s_m=-3.0, earliest_ns=ns(1)),
+        Target(s_m=math.nan, earliest_ns=ns(1)),
+        Target(s_m=800.0, earliest_ns=ns(9), latest_ns=ns(1)),
+    ]
+    made.set_targets(bad)
+    said = [news.text for news in made.take_news() if news.bad]
+    assert len(said) == len(bad)
+    assert all(text.startswith("target ignored: ") for text in said)
+    assert at(made, 60, 1500.0, 24.0).reason == "least energy on time"
+    with pytest.raises(DasError, match="at most 100"):
+        made.set_targets([Target()] * 101)
+
+
+def test_a_passing_costs_what_the_planner_of_whole_journeys_says() -> None:
+    """Second witness: das.solver.journey.plan plans the same window from the start of the section."""
+    section = build_section(LINE, TRAIN, end_m=5000.0)
+    least_s = solve_front(section).fastest().time_s
+    total_s, to_point_s = 1.35 * least_s, 0.63 * 1.35 * least_s
+    fronts = PassingFronts.solve(
+        section, 3000.0, onboard_ladder(section), to_point_s=to_point_s, total_s=total_s, s_m=0.0, v_mps=0.0
+    )
+    ours = fronts.trajectory(to_point_s, total_s, 0.0, 0.0, 0.02)
+    points = (
+        Call(name="A", position_m=0.0, departure=Window(earliest_s=0.0, latest_s=0.0)),
+        Passing(name="P", position_m=3000.0, window=Window(earliest_s=to_point_s)),
+        Call(name="B", position_m=5000.0, arrival=Window(latest_s=total_s)),
+    )
+    journey = Journey(id="j", name="j", source="j", points=points)
+    theirs = JourneyPlanner(journey, LINE, TRAIN).plan()
+    assert ours.feasible
+    assert time_at(ours.trajectory, 3000.0) == pytest.approx(to_point_s, abs=0.05)
+    assert ours.time_s == pytest.approx(total_s, abs=0.05)
+    assert ours.ledger.input == pytest.approx(theirs.input_j, rel=2e-3)
+    assert ours.ledger.residual_ratio < 1e-6
+
+
+def test_a_window_that_ends_before_it_begins_is_refused() -> None:
+    with pytest.raises(DasError, match="latest time is before"):
+        PassingTarget(s_m=1.0, earliest_ns=2, latest_ns=1)

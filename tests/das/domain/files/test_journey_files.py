@@ -1,0 +1,353 @@
+"""Journey files: what good ones give, a table of bad ones with their messages, the bundled one planned as a command."""
+
+from __future__ import annotations
+
+import copy
+import csv
+import json
+import math
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.domain.errors import DasError, InputError
+from das.domain.files.load import catalogue, load_journey, load_route
+from das.domain.journey import Call, Journey, Passing, Window, clock
+from das.domain.route import Route, Stop
+from precompute.journey.command import journey_command
+from tests.support.making import das_precompute, in_a_process, make_route
+
+NATIVE = """schema_version = 1
+[journey]
+id = "j"
+name = "J"
+source = "made for this test"
+route = "test"
+[[stops]]
+stop = "a"
+departure = "07:10"
+departure_latest = "07:10:30.5"
+[[passings]]
+name = "Junction"
+position_km = 2.5
+earliest_s = 26000
+latest = "07:14:00"
+lowest_speed_kmh = 36
+highest_speed_mps = 20.0
+[[stops]]
+name = "Halt"
+position_m = 4000
+arrival_earliest = "07:15:00"
+arrival = "07:16:00"
+departure_min = 437
+dwell_s = 45
+[[stops]]
+stop = "2"
+arrival = "25:00:00"
+"""
+ROUTE = make_route(10_000.0, [(0.0, 30.0)])
+
+
+def native(tmp_path: Path, text: str = NATIVE, route: Route = ROUTE) -> Journey:
+    path = tmp_path / "journey.toml"
+    path.write_text(text)
+    return load_journey(str(path), route)
+
+
+def test_a_native_journey_is_read(tmp_path: Path) -> None:
+    journey = native(tmp_path)
+    assert (journey.id, journey.name, journey.source) == ("j", "J", str(tmp_path / "journey.toml"))
+    first, passing, halt, last = journey.points
+    assert first == Call(name="A", position_m=0.0, departure=Window(earliest_s=25_800.0, latest_s=25_830.5))
+    assert passing == Passing(
+        name="Junction",
+        position_m=2_500.0,
+        window=Window(earliest_s=26_000.0, latest_s=26_040.0),
+        lowest_mps=pytest.approx(10.0),
+        highest_mps=20.0,
+    )
+    assert halt == Call(
+        name="Halt",
+        position_m=4_000.0,
+        arrival=Window(earliest_s=26_100.0, latest_s=26_160.0),
+        departure=Window(earliest_s=26_220.0),
+        dwell_s=45.0,
+    )
+    assert last == Call(name="B", position_m=10_000.0, arrival=Window(latest_s=90_000.0))
+    assert journey.calls == (first, halt, last)
+
+
+BAD_NATIVE = [
+    ("schema_version = 1", "schema_version = 2", r"schema_version = 2: expected 1"),
+    ('route = "test"', 'route = "other"', r"journey\.route = 'other': expected test, the route it is planned on"),
+    ("dwell_s = 45", "dwel_s = 45", r"stops\[1\]\.dwel_s = 45: expected one of the keys arrival,"),
+    ("dwell_s = 45", "dwell_s = -1", r"dwell of Halt = -1\.0: expected a finite number >= 0"),
+    ("dwell_s = 45", "dwell_s = inf", r"dwell of Halt = inf: expected a finite number >= 0"),
+    ('stop = "a"', 'stop = "Bern"', r"stops\[0\]\.stop = 'Bern': expected a stop of the route \(test: no stop 'Bern';"),
+    ('stop = "a"', 'stop = "a"\nname = "A"', r"stops\[0\]\.name = 'A': expected none beside stop"),
+    ('stop = "a"', 'stop = "a"\nposition_m = 0', r"stops\[0\]\.position_m = 0: expected none beside stop"),
+    ('stop = "a"', "stop = true", r"stops\[0\]\.stop = True: expected name or number of a stop of the route"),
+    ('stop = "a"', "stop = 9", r"stops\[0\]\.stop = 9: expected a stop of the route \(test: no stop '9';"),
+    ('name = "Halt"', "", r"stops\[1\]\.name is missing: expected a text"),
+    ("position_m = 4000", "", r"stops\[1\]\.position is missing: expected position_m or position_km"),
+    ("position_m = 4000", "position_m = 2500.5", r"position of Halt = '2500\.5 m': expected at least 1 m after Juncti"),
+    ('stop = "2"', 'name = "Halt 2"\nposition_m = 10001', r"position of Halt 2 = '10001 m': expected a position"),
+    ('arrival = "07:16:00"', 'arrival = "7.16"', r"stops\[1\]\.arrival = '7\.16': expected a time in quotes like"),
+    ('arrival = "07:16:00"', "arrival = 07:16:00", r"stops\[1\]\.arrival = datetime.*: expected a time in quotes like"),
+    ('arrival = "07:16:00"', 'arrival = "07:60:00"', r"stops\[1\]\.arrival = '07:60:00': expected a time in quotes li"),
+    ('arrival = "07:16:00"', 'arrival = "07:16"\narrival_s = 1', r"stops\[1\]\.arrival_s = 1: expected only one of ar"),
+    ('arrival = "07:16:00"', 'arrival = "07:14:59"', r"times of Halt = '26100 … 26099 s': expected an earliest time n"),
+    ("departure_min = 437", "departure_min = nan", r"stops\[1\]\.departure_min = nan: expected a number"),
+    ("departure_min = 437", "departure_latest_s = 26144", r"departure of Halt, latest = '26144 s': expected at least "),
+    ("earliest_s = 26000", "earliest_s = inf", r"times of Junction = 'inf … 26040 s': expected an earliest time not"),
+    ("earliest_s = 26000", 'earliest = "07:14:01"', r"times of Junction = '26041 … 26040 s': expected an earliest tim"),
+    ("lowest_speed_kmh = 36", "lowest_speed_kmh = 73", r"speeds of Junction = '73 … 72 km/h': expected a lowest speed"),
+    ("lowest_speed_kmh = 36", "lowest_speed_kmh = -1", r"speeds of Junction = '-1 … 72 km/h': expected a lowest speed"),
+    ("highest_speed_mps = 20.0", "highest_speed_mps = 0", r"speeds of Junction = '36 … 0 km/h': expected a lowest spe"),
+    ('departure = "07:10"', "", r"departure of A is missing: expected an earliest time: the journey begins there"),
+    ('arrival = "25:00:00"', "", r"arrival at B is missing: expected a latest time: the journey ends by then"),
+    ('arrival = "25:00:00"', 'arrival = "07:16:59"', r"arrival at B, latest = '26219 s': expected at least 26220 s, f"),
+    ('arrival = "25:00:00"', 'arrival = "25:00"\ndwell_s = 5', r"departure or dwell of B = 'given': expected none at "),
+    ('departure = "07:10"', 'departure = "07:10"\narrival_s = 5', r"arrival or dwell of A = 'given': expected none at"),
+    ('[[stops]]\nstop = "2"\narrival', "[[passings]]\nstop = '2'\nlatest", r"last point = 'B': expected a stop"),
+    ('[[passings]]', "[passings]", r"passings = \{.*\}: expected a list of \[\[passings\]\]"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"), BAD_NATIVE, ids=[case[1][:40] or f"no {case[0]}" for case in BAD_NATIVE]
+)
+def test_a_bad_native_journey_is_refused_in_one_line(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    assert NATIVE.count(old) == 1
+    with pytest.raises(DasError, match=f"^{re.escape(str(tmp_path / 'journey.toml'))}: {expected}") as caught:
+        native(tmp_path, NATIVE.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+TTOBENCH: dict[str, Any] = {
+    "metadata": {"id": "T1"},
+    "timing points": {
+        "units": {
+            "position": "km",
+            "lower time constraint": "min",
+            "upper time constraint": "s",
+            "lower speed constraint": "km/h",
+            "upper speed constraint": "m/s",
+        },
+        "values": [
+            [0, 1, 60, 0, 0],
+            [1.5, None, 200, 36, None],
+            [3, 5, 320, 0, 0],
+            [3, 6, None, 0, 0],
+            [4, None, None, 0, 0],
+            [10, None, 1000, 0, 0],
+        ],
+    },
+}
+
+
+def ttobench(tmp_path: Path, data: Any) -> Journey:
+    path = tmp_path / "journey.json"
+    path.write_text(json.dumps(data))
+    return load_journey(str(path), ROUTE)
+
+
+def test_a_ttobench_journey_is_read(tmp_path: Path) -> None:
+    journey = ttobench(tmp_path, TTOBENCH)
+    assert journey.id == "T1"
+    assert journey.points == (
+        Call(name="0 m", position_m=0.0, departure=Window(earliest_s=60.0, latest_s=60.0)),
+        Passing(name="1500 m", position_m=1_500.0, window=Window(latest_s=200.0), lowest_mps=pytest.approx(10.0)),
+        Call(
+            name="3000 m",
+            position_m=3_000.0,
+            arrival=Window(earliest_s=300.0, latest_s=320.0),
+            departure=Window(earliest_s=360.0),
+        ),
+        Call(name="4000 m", position_m=4_000.0),
+        Call(name="10000 m", position_m=10_000.0, arrival=Window(latest_s=1_000.0)),
+    )
+
+
+BAD_TTOBENCH: list[tuple[int, Any, str]] = [
+    (
+        1,
+        [1.5, None, 200, 36],
+        r"timing points\.values\[1\] = \[1\.5, None, 200, 36\]: expected 5 numbers: position, lower",
+    ),
+    (1, [None, None, 200, 36, None], r"timing points\.values\[1\]\.position = None: expected a number"),
+    (1, [1.5, "5", 200, 36, None], r"timing points\.values\[1\]\.lower time constraint = '5': expected a number"),
+    (1, [1.5, None, 200, 36, 9], r"speeds of 1500 m = '36 … 32\.4 km/h': expected a lowest speed >= 0 not above"),
+    (1, [1.5, None, 200, 36, 0], r"timing points at 1500 m = '1 rows': expected one, or two with speeds 0: a stop"),
+    (1, [3, None, 200, 0, 0], r"timing points at 3000 m = '3 rows': expected one, or two with speeds 0: a stop"),
+    (2, [3, 5, 320, 0, 5], r"timing points at 3000 m = '2 rows': expected one, or two with speeds 0: a stop"),
+    (1, [0, None, 200, 0, 0], r"timing points at 0 m = '2 rows': expected one row at an end of the journey"),
+    (0, [0, 1, 60, 0, None], r"first point = '0 m': expected a stop \(a journey has at least two\)"),
+    (1, [5, None, 200, 36, None], r"position of 3000 m = '3000 m': expected at least 1 m after 5000 m \(5000 m\)"),
+    (5, [10, None, None, 0, 0], r"arrival at 10000 m is missing: expected a latest time: the journey ends by then"),
+    (5, [11, None, 1000, 0, 0], r"position of 11000 m = '11000 m': expected a position on test, 0 … 10000 m"),
+]
+
+
+@pytest.mark.parametrize(("index", "row", "expected"), BAD_TTOBENCH, ids=[str(case[1]) for case in BAD_TTOBENCH])
+def test_a_bad_ttobench_journey_is_refused_in_one_line(tmp_path: Path, index: int, row: Any, expected: str) -> None:
+    data = copy.deepcopy(TTOBENCH)
+    data["timing points"]["values"][index] = row
+    with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path / 'journey.json'))}: {expected}"):
+        ttobench(tmp_path, data)
+
+
+def test_the_journey_of_the_library_is_read(shared: Path) -> None:
+    route = load_route(str(shared / "ttobench" / "tracks" / "CH_StGallen_Wil.json"))
+    journey = load_journey(str(shared / "ttobench" / "journeys" / "CH_StGallen_Wil_Journey_01.json"), route)
+    assert [point.position_m for point in journey.points] == [0.0, 12_500.0, 15_000.0, 20_000.0, 29_556.1]
+    assert [call.position_m for call in journey.calls] == [0.0, 15_000.0, 29_556.1]
+    assert journey.points[2] == Call(
+        name="15000 m",
+        position_m=15_000.0,
+        arrival=Window(earliest_s=620.0, latest_s=680.0),
+        departure=Window(earliest_s=800.0, latest_s=840.0),
+    )
+
+
+def test_every_bundled_journey_fits_its_route() -> None:
+    for name in catalogue("journeys"):
+        journey = load_journey(name, load_route(name))
+        assert journey.id == name
+        assert all(math.isfinite(call.departure.earliest_s) for call in journey.calls[:-1])
+    with pytest.raises(
+        DasError, match=r"^nix: not a bundled journey \(zurich-luzern\) and not a \.toml or \.json file$"
+    ):
+        load_journey("nix", ROUTE)
+
+
+def test_a_journey_over_stops_is_free_but_for_its_ends() -> None:
+    stops = [Stop(name=name, position_m=x) for name, x in (("A", 0.0), ("M", 4_000.0), ("B", 10_000.0))]
+    journey = Journey.over_stops(stops, time_s=600.0, dwell_s=40.0)
+    assert journey.points == (
+        Call(name="A", position_m=0.0, departure=Window(earliest_s=0.0, latest_s=0.0)),
+        Call(name="M", position_m=4_000.0, dwell_s=40.0),
+        Call(name="B", position_m=10_000.0, arrival=Window(latest_s=600.0)),
+    )
+    with pytest.raises(
+        InputError, match=r"^stops: arrival at B, latest = '39 s': expected at least 40 s, for departure"
+    ):
+        Journey.over_stops(stops, time_s=39.0, dwell_s=40.0)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "shown"),
+    [
+        (0.0, "0:00:00.0"),
+        (25_830.54, "7:10:30.5"),
+        (59.96, "0:01:00.0"),
+        (90_000.0, "25:00:00.0"),
+        (-61.0, "-0:01:01.0"),
+    ],
+)
+def test_times_are_shown_as_a_clock_shows_them(time_s: float, shown: str) -> None:
+    assert clock(time_s) == shown
+
+
+# --- the command ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """The bundled journey: what `--json` printed, and the folder with run.csv and run.png."""
+    folder = tmp_path_factory.mktemp("planned")
+    words = ("journey", "zurich-luzern", "zurich-luzern", "re460-ic", "--json", "--csv", "run.csv", "--plot", "run.png")
+    done = in_a_process("precompute.cli", *words, cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    return json.loads(done.stdout), folder
+
+
+def test_the_bundled_journey_keeps_its_windows(planned: tuple[dict[str, Any], Path]) -> None:
+    result, hops = planned[0], planned[0]["hops"]
+    assert [(hop["from"], hop["to"]) for hop in hops] == [
+        ("Zürich HB", "Thalwil"),
+        ("Thalwil", "Zug"),
+        ("Zug", "Luzern"),
+    ]
+    assert hops[0]["departure"] == {"time_s": 25_800.0, "held": "earliest"}
+    assert 26_400.0 <= hops[1]["departure"]["time_s"] <= 26_440.0
+    assert 27_090.0 <= hops[2]["departure"]["time_s"] <= 27_150.0
+    assert hops[2]["arrival"] == {"time_s": pytest.approx(28_170.0, abs=0.01), "held": "latest"}
+    (tunnel,) = hops[1]["passings"]
+    assert (tunnel["time_s"], tunnel["held"]) == (pytest.approx(26_760.0, abs=0.01), "earliest")
+    # One price of time up to the window that is held at its earliest, a higher one after it.
+    assert hops[0]["lambda_kw"][0] == hops[1]["lambda_kw"][0] < hops[1]["lambda_kw"][1] == hops[2]["lambda_kw"][0]
+    assert result["feasible"]
+    assert abs(result["gap_ratio"]) < 5e-3
+    assert result["energy_input_kwh"] == pytest.approx(sum(hop["energy_input_kwh"] for hop in hops))
+    assert result["energy_input_kwh"] < result["others_kwh"]["proportional"] < result["others_kwh"]["fastest"]
+    assert result["comfort_kwh"] == pytest.approx(250.0 * result["time_s"] / 3600.0)
+    assert 0.05 < sum(hop["time_s"] for hop in hops) / sum(hop["min_time_s"] for hop in hops) - 1 < 0.08
+
+
+def test_the_csv_is_the_whole_journey_on_its_clock(planned: tuple[dict[str, Any], Path]) -> None:
+    with (planned[1] / "run.csv").open() as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    assert (rows[0]["s_m"], rows[0]["t_s"], rows[-1]["s_m"]) == (0.0, 25_800.0, 57_000.0)
+    assert rows[-1]["t_s"] == pytest.approx(28_170.0, abs=0.01)
+    pairs = list(pairwise(rows))
+    assert all(a["s_m"] <= b["s_m"] and a["t_s"] < b["t_s"] for a, b in pairs)
+    dwells = [(a["s_m"], b["t_s"] - a["t_s"]) for a, b in pairs if a["s_m"] == b["s_m"]]
+    assert dwells == [(12_000.0, pytest.approx(45.0, abs=0.01)), (29_000.0, pytest.approx(60.0, abs=0.01))]
+    assert (planned[1] / "run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_all_stops_are_a_journey_and_the_table_says_what_it_saves(capsys: pytest.CaptureFixture[str]) -> None:
+    journey_command("stops", "zurich-luzern", "re460-ic", buffer_percent=7.0, dwell_s=60.0)
+    printed = capsys.readouterr().out
+    # 1.07 × (528.9 + 592.0 + 997.6) s and two dwells
+    found = re.search(r"in all 0:39:46\.\d, ([\d.]+) kWh, gap to the lower bound -?0\.\d+ %", printed)
+    assert found, printed
+    assert re.search(r"Zug – Luzern .* ≤ 0:39:46\.\d", printed)
+    other = re.search(r"with the same buffer everywhere: ([\d.]+) kWh, the plan saves ([\d.]+) %", printed)
+    assert other, printed
+    assert float(other[2]) == pytest.approx(100 * (1 - float(found[1]) / float(other[1])), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("journey", "route", "options", "expected"),
+    [
+        ("stops", "flat-6km", {}, r"stops: give either --time \(s\) or --buffer \(%\)$"),
+        ("stops", "flat-6km", {"time_s": 9.0, "buffer_percent": 9.0}, r"stops: give either --time \(s\) or --buffer"),
+        ("stops", "flat-6km", {"buffer_percent": -1.0}, r"--buffer -1\.0 %: expected a number from 0 to 10000$"),
+        (
+            "stops",
+            "flat-6km",
+            {"time_s": 100.0},
+            r"stops: arrival at B \(latest 0:01:40\.0\) is [\d.]+ s too tight: aft",
+        ),
+        (
+            "zurich-luzern",
+            "zurich-luzern",
+            {"dwell_s": 9.0},
+            r"--time, --buffer and --dwell belong to 'stops': zurich-",
+        ),
+        (
+            "zurich-luzern",
+            "flat-6km",
+            {},
+            r".*zurich-luzern\.toml: journey\.route = 'zurich-luzern': expected flat-6km",
+        ),
+        ("stops", "flat-6km", {"time_s": 300.0, "csv": Path("no/x")}, r"no/x: no such folder no$"),
+        ("stops", "flat-6km", {"csv": Path("x"), "plot": Path("x")}, r"x: --csv and --plot name the same file$"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(journey: str, route: str, options: dict[str, Any], expected: str) -> None:
+    with pytest.raises(DasError, match=f"^{expected}"):
+        journey_command(journey, route, "re460-ic", **options)
+
+
+def test_a_refusal_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
+    done = das_precompute(tmp_path, "journey", "nix", "flat-6km", "re460-ic", "--csv", "x.csv")
+    assert (done.returncode, done.stdout) == (2, "")
+    expected = r"error: nix: not a bundled journey \(zurich-luzern\) and not a \.toml or \.json file\n"
+    assert re.fullmatch(expected, done.stderr)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,314 @@
+"""The project's own TOML files: what a good one gives, a table of bad ones with their messages, writing files whole."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.files.native import read_loss_chain, read_route, read_vehicle
+from das.domain.files.writing import check_writable, write_whole
+from das.domain.losses import EfficiencyLoss, Level, LossMap
+from das.domain.vehicle import BrakePolicy
+from tests.support.making import CHAIN
+
+VEHICLE = """schema_version = 1
+[vehicle]
+id = "t"
+name = "T"
+mass_t = 100.0
+rotating_mass_ratio = 0.08
+length_m = 0.0
+max_speed_kmh = 144.0
+max_deceleration_mps2 = 0.9
+[resistance]
+c0_kn = 2.0
+c1_kn_per_kmh = 0.01
+c2_n_per_mps2 = 5.0
+[traction]
+max_force_kn = 100.0
+max_power_kw = 2000.0
+[electric_brake]
+max_force_n = 90000
+max_power_kw = 1500.0
+[friction_brake]
+max_force_kn = 50.0
+[brakes]
+policy = "blended"
+[losses]
+default = "l2"
+[losses.own]
+traction_efficiency_ratio = 0.9
+brake_efficiency_ratio = 0.8
+[losses.l2]
+mean_efficiency_ratio = 0.85
+idle_kw = 20.0
+[losses.l3]
+kind = "components"
+[losses.l3.auxiliaries]
+base_kw = 10.0
+fan_kw = 8.0
+rated_heat_w = 100e3
+[losses.l3.transformer]
+no_load_kw = 5.0
+copper_kw = 40.0
+rated_power_kw = 2000.0
+[losses.l3.converter]
+fixed_kw = 4.0
+line_ratio = 0.02
+line_brake_percent = 3.0
+conduction_kw = 12.0
+switching_kw = 6.0
+snubber_kw = 3.0
+asynchronous_hz = 200.0
+stator_hz_per_mps = 1.8
+clock_speeds_kmh = [36.0, 72.0]
+clock_pulses = [7, 1]
+[losses.l3.motors]
+base_speed_kmh = 72.0
+rated_force_kn = 90.0
+magnetising_ratio = 0.25
+pull_out_ratio = 2.0
+brake_current_ratio = 1.1
+copper_kw = 20.0
+iron_kw = 6.0
+[losses.l3.gear]
+mesh_ratio = 0.03
+churning_kw = 2.0
+churning_speed_kmh = 144.0
+"""
+ROUTE = """schema_version = 1
+[route]
+id = "r"
+name = "R"
+length_km = 3.0
+[[stops]]
+name = "A"
+position_km = 0.0
+altitude_m = 400.0
+[[stops]]
+name = "B"
+position_m = 3000.0
+[speed_limits]
+columns = ["position_km", "limit_kmh"]
+rows = [[0.0, 72.0], [1.5, 90]]
+[gradients]
+columns = ["position_m", "gradient_permille"]
+rows = [[0.0, 0.0], [800, -8.0]]
+[curves]
+columns = ["position_km", "radius_start_m", "radius_end_m"]
+rows = [[0.0, inf, inf], [0.3, inf, -400], [0.4, -400, -400]]
+[tunnels]
+columns = ["position_km", "length_km", "cross_section_m2"]
+rows = [[1.0, 0.5, 42.0], [2.0, 0.5, 42.0]]
+"""
+
+
+def test_a_good_vehicle(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(VEHICLE)
+    train = load_vehicle(str(path))
+    assert (train.mass_kg, train.inertial_mass_kg) == pytest.approx((100e3, 108e3))
+    assert (train.max_speed_mps, train.max_deceleration_mps2, train.max_acceleration_mps2) == (40, 0.9, np.inf)
+    assert float(train.resistance.force_n(10)) == pytest.approx(2000 + 360 + 500)
+    assert (train.traction.max_force_n, train.traction.max_power_w) == (100e3, 2e6)
+    assert (train.electric_brake.max_force_n, train.electric_brake.max_power_w) == (90e3, 1.5e6)
+    assert (train.friction_brake_force_n, train.brake_policy) == (50e3, BrakePolicy.BLENDED)
+    assert train.default_level is Level.L2
+    assert train.losses[Level.OWN] == EfficiencyLoss.from_efficiencies(0.9, 0.8)
+    assert train.losses[Level.L2] == EfficiencyLoss.symmetric(0.85, 20e3)
+    assert read_loss_chain(path) == CHAIN
+    loss_map = train.losses[Level.L3]
+    assert isinstance(loss_map, LossMap)
+    assert loss_map.speed_mps[-1] >= train.max_speed_mps
+    force, speed = np.array([50e3, -40e3, 0.0]), np.array([20.0, 30.0, 35.0])
+    assert loss_map.loss_w(force, speed) == pytest.approx(CHAIN.loss_w(force, speed), rel=1e-9)
+
+
+def test_a_loss_chain_is_read_only_where_there_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(VEHICLE[: VEHICLE.index("[losses.l3]")] + '[losses.l3]\nkind = "csv"\npath = "map.csv"\n')
+    with pytest.raises(DasError, match=r"t\.toml: losses\.l3\.kind = 'csv': expected components$"):
+        read_loss_chain(path)
+
+
+def test_a_good_route(tmp_path: Path) -> None:
+    path = tmp_path / "r.toml"
+    path.write_text(ROUTE)
+    route = load_route(str(path))
+    assert [(s.name, s.position_m) for s in route.stops] == [("A", 0), ("B", 3000)]
+    assert route.limits_mps.at([1499, 1500]) == pytest.approx([20, 25])
+    assert route.gradients_ratio.at([799, 800]) == pytest.approx([0, -0.008])
+    assert route.curvature_per_m.at([0, 300, 400, 2999]) == pytest.approx([0, 1 / 800, 1 / 400, 1 / 400])
+    assert [(t.start_m, t.length_m, t.area_m2) for t in route.tunnels] == [(1000, 500, 42), (2000, 500, 42)]
+    assert route.location_deg(0) is None
+
+
+BAD_VEHICLES = [
+    ("schema_version = 1", "schema_version = 2", r"schema_version = 2: expected 1"),
+    ("schema_version = 1\n", "", r"schema_version is missing: expected 1"),
+    ("schema_version = 1", "schema_version = true", r"schema_version = True: expected 1"),
+    ("schema_version = 1", "schema_version = 1\n[paint]", r"paint = \{\}: expected one of the keys .*losses"),
+    ("mass_t = 100.0", "mass_lb = 100.0", r"vehicle\.mass_lb = 100\.0: expected one of the keys .*mass_kg.*mass_t"),
+    (
+        "mass_t = 100.0",
+        "mass_t = 100.0\nmass_kg = 1e5",
+        r"vehicle\.mass_t = 100\.0: expected only one of mass_kg and mass_t",
+    ),
+    ("mass_t = 100.0", "", r"vehicle\.mass is missing: expected mass_kg or mass_t"),
+    ("mass_t = 100.0", 'mass_t = "heavy"', r"vehicle\.mass_t = 'heavy': expected a number"),
+    ("mass_t = 100.0", "mass_t = nan", r"vehicle\.mass_t = nan: expected a number"),
+    ("mass_t = 100.0", "mass_t = -1", r"mass.* = -1000\.0: expected a finite number > 0"),
+    ("mass_t = 100.0", f"mass_t = 1{'0' * 400}", r"vehicle\.mass_t = '1.*: expected a number that fits"),
+    ('id = "t"', "id = 5", r"vehicle\.id = 5: expected a text"),
+    ("[resistance]", "[resistence]", r"resistence = .*: expected one of the keys .*resistance"),
+    ("[traction]\nmax_force_kn = 100.0\nmax_power_kw = 2000.0\n", "", r"traction is missing: expected a table"),
+    ("max_power_kw = 2000.0", "max_power_hp = 2000.0", r"traction\.max_power_hp = 2000\.0: expected one of the keys"),
+    ('policy = "blended"', 'policy = "magnetic"', r"brakes\.policy = 'magnetic': expected one of electric, blended, f"),
+    ('policy = "blended"', "", r"brakes\.policy is missing: expected a text"),
+    ('default = "l2"', 'default = "l9"', r"losses\.default = 'l9': expected one of l0-noreg, l0-reg, l1, l2, l3, own"),
+    ('default = "l2"', 'default = "l1"', r"default.* = 'l1': expected a level this vehicle has"),
+    ("mean_efficiency_ratio = 0.85", "mean_efficiency_ratio = 85", r"losses\.l2\.mean_efficiency_ratio = 85\.0: expec"),
+    ("brake_efficiency_ratio = 0.8", "brake_efficiency_ratio = 0", r"losses\.own\.brake_efficiency_ratio = 0\.0: expe"),
+    ('kind = "components"', 'kind = "magic"', r"losses\.l3\.kind = 'magic': expected components or csv"),
+    ("line_ratio = 0.02\n", "", r"losses\.l3\.converter\.line is missing: expected line_ratio or line_percent"),
+    ("[losses.l3.gear]", "[losses.l3.gears]", r"losses\.l3\.gears = .*: expected one of the keys auxiliaries, .*gear"),
+    (
+        "iron_kw = 6.0",
+        "iron_kw = 6.0\niron_w = 6e3",
+        r"losses\.l3\.motors\.iron_kw = 6\.0: expected only one of iron_w",
+    ),
+    ("iron_kw = 6.0", "iron_kw = -6.0", r"losses\.l3\.motors\.iron_w = -6000\.0: expected a finite number >= 0"),
+    ("base_speed_kmh = 72.0", "base_speed_kmh = 0", r"losses\.l3\.motors\.base_speed_mps = 0\.0: expected .* > 0"),
+    ("fan_kw = 8.0", "fan_kw = inf", r"losses\.l3\.auxiliaries\.fan_w = inf: expected a finite number >= 0"),
+    (
+        "clock_speeds_kmh = [36.0, 72.0]",
+        "clock_speeds_kmh = 30",
+        r"losses\.l3\.converter\.clock_speeds_kmh = 30: expec",
+    ),
+    ("[36.0, 72.0]", "[36.0, true]", r"losses\.l3\.converter\.clock_speeds_kmh\[1\] = True: expected a number"),
+    ("[36.0, 72.0]", "[72.0, 36.0]", r"losses\.l3\.converter\.clock_speeds_mps = .*: expected increasing speeds"),
+    (
+        "clock_pulses = [7, 1]",
+        "clock_pulses = [7]",
+        r"losses\.l3\.converter\.clock_pulses = .*: expected one number for",
+    ),
+    ("mass_t = 100.0", "mass_t = = 100", r"not valid TOML \("),
+    ("mass_t = 100.0", f"mass_t = {'[' * 100_000}", r"not valid TOML \("),
+    ("mass_t = 100.0", f"mass_t = {'1' * 5000}", r"not valid TOML \("),
+]
+BAD_ROUTES = [
+    ("schema_version = 1", "schema_version = 9", r"schema_version = 9: expected 1"),
+    ("length_km = 3.0", "length_km = 3.0\nlength_m = 1", r"route\.length_km = 3\.0: expected only one of length_m and"),
+    ("length_km = 3.0", "length_mile = 3.0", r"route\.length_mile = 3\.0: expected one of the keys"),
+    ("length_km = 3.0", "length_km = inf", r"length = inf: expected a length > 0 m"),
+    ("length_km = 3.0", "length_km = 2.9", r"stops\[1\] position = '3000 m': expected at most 2900 m"),
+    ("length_km = 3.0", 'length_km = 3.0\nillustrative = "yes"', r"route\.illustrative = 'yes': expected true or fals"),
+    ('name = "B"', 'nom = "B"', r"stops\[1\]\.nom = 'B': expected one of the keys"),
+    ("position_m = 3000.0", "", r"stops\[1\]\.position is missing: expected position_m or position_km"),
+    ("altitude_m = 400.0", 'altitude_m = "high"', r"stops\[0\]\.altitude_m = 'high': expected a number"),
+    ("[gradients]", "[gradient]", r"gradient = .*: expected one of the keys .*gradients"),
+    ('"limit_kmh"]', '"limit_mph"]', r"speed_limits\.columns = 'limit_mph': expected limit_mps or limit_kmh"),
+    ('["position_km", "limit_kmh"]', '["limit_kmh", "position_km"]', r"speed_limits\.columns = 'limit_kmh': expected "),
+    ('["position_km", "limit_kmh"]', '["position_km"]', r"speed_limits\.columns = .*: expected 2 names: position, lim"),
+    ("[[0.0, 72.0], [1.5, 90]]", "[]", r"speed_limits\.rows = \[\]: expected a list of rows"),
+    ("[[0.0, 72.0], [1.5, 90]]", "[[0.0]]", r"speed_limits\.rows\[0\] = \[0\.0\]: expected a row with a value for eve"),
+    ("[1.5, 90]", "[1.5, 90, 7]", r"speed_limits\.rows\[1\] = \[1\.5, 90, 7\]: expected a row"),
+    ("[1.5, 90]", "[1.5, nan]", r"speed_limits\.rows\[1\]\.limit = nan: expected a number"),
+    ("[1.5, 90]", "[1.5, 0]", r"speed.limits.*\[1\].* = 0\.0: expected a speed > 0"),
+    ("[1.5, 90]", "[0, 90]", r"speed limits\[1\] position = '0 m': expected more than 0 m"),
+    ("[[0.0, 0.0], [800", "[[1.0, 0.0], [800", r"gradients\[0\] position = '1 m': expected 0 m"),
+    ("[0.4, -400, -400]", "[0.4, -40, -400]", r"curves\[2\] radius = -40\.0: expected a radius of at least 60 m"),
+    ("[2.0, 0.5, 42.0]", "[1.4, 0.5, 42.0]", r"tunnels\[1\] position = '1400 m': expected at least 1500 m"),
+    ("[2.0, 0.5, 42.0]", "[2.0, 0.0, 42.0]", r"tunnels\[1\] length_m = 0\.0: expected a finite number > 0"),
+    ("[2.0, 0.5, 42.0]", "[2.0, inf, 42.0]", r"tunnels\[1\].* = .*inf.*: expected"),
+    ("[1.0, 0.5, 42.0]", "[-0.1, 0.5, 42.0]", r"tunnels\[0\].* = .*-100.*: expected"),
+]
+CASES = [(read_vehicle, VEHICLE, *c) for c in BAD_VEHICLES] + [(read_route, ROUTE, *c) for c in BAD_ROUTES]
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "old", "new", "expected"), CASES, ids=[repr(c[3][:40] or f"no {c[2][:30]}") for c in CASES]
+)
+def test_a_bad_file_is_refused_in_one_line(
+    tmp_path: Path, read: Callable[[Path], object], text: str, old: str, new: str, expected: str
+) -> None:
+    assert text.count(old) == 1
+    path = tmp_path / "bad.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(DasError, match=f"^{re.escape(str(path))}: {expected}") as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+    assert "np." not in str(caught.value), "a number is shown with its Python type"
+
+
+def test_a_loss_map_is_found_beside_the_vehicle(tmp_path: Path) -> None:
+    start = VEHICLE.index("[losses.l3]")
+    path = tmp_path / "t.toml"
+    path.write_text(VEHICLE[:start] + '[losses.l3]\nkind = "csv"\npath = "map.csv"\n')
+    with pytest.raises(DasError, match=r"map\.csv: cannot be read \(No such file"):
+        read_vehicle(path)
+    (tmp_path / "map.csv").write_text("speed_kmh,force_n,loss_w\n0,0,1\n0,9,2\n9,0,3\n9,9,4\n")
+    assert isinstance(read_vehicle(path).losses[Level.L3], LossMap)
+
+
+@pytest.mark.parametrize("load", [load_vehicle, load_route])
+def test_a_name_that_is_not_there_is_refused_with_those_there_are(load: Callable[[str], object]) -> None:
+    with pytest.raises(
+        DasError,
+        match=r"^nix: not a bundled (vehicle \(re460-ic-igbt, re460-ic|route \(flat-6km, zurich-luzern)\) and not",
+    ):
+        load("nix")
+    with pytest.raises(DasError, match=r"^nix\.toml: no such file$"):
+        load("nix.toml")
+
+
+def test_a_file_is_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    for content in (b"first, longer", b"second"):
+        write_whole(path, content)
+        assert path.read_bytes() == content
+        assert os.listdir(tmp_path) == ["out.csv"]
+    assert path.stat().st_mode & 0o111 == 0
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "out.csv"
+    path.write_bytes(b"old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(DasError, match=rf"^{re.escape(str(path))}: cannot be written \(No space left on device\)$"):
+        write_whole(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["out.csv"]
+
+
+@pytest.mark.parametrize("check", [check_writable, lambda path: write_whole(path, b"x")], ids=["check", "write"])
+@pytest.mark.parametrize("place", ["a-file/out.csv", "no-folder/out.csv", "a-folder"])
+def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path, check: Callable[[Path], None], place: str) -> None:
+    (tmp_path / "a-file").write_text("")
+    (tmp_path / "a-folder").mkdir()
+    before = sorted(os.listdir(tmp_path))
+    with pytest.raises(
+        DasError, match=rf"^{re.escape(str(tmp_path / place))}: (is a folder|no such folder|cannot be wr)"
+    ):
+        check(tmp_path / place)
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_folder_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(DasError, match=r"cannot be written \(Permission denied\)"):
+        check_writable(tmp_path / "out.csv")

@@ -1,0 +1,133 @@
+"""The filter against matrices and closed forms, and its uncertainty against the truth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_discrete_are
+
+from das.domain.units import NS
+from das.estimate import track_filter
+from das.estimate.localisation import (
+    Localisation,
+)
+from das.estimate.track_filter import WANDER_S, Track
+from tests.support.fixes import SD_M, SD_MPS, T0, TRAIN, fixes, truth
+
+
+def covariance(x: Track) -> np.ndarray:
+    upper = np.zeros((4, 4))
+    upper[np.triu_indices(4)] = x[4:]
+    return upper + np.triu(upper, 1).T
+
+
+def model(dt: float, jerk_psd: float, wander_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Transition and noise of the continuous model over `dt` by Van Loan's matrix exponential (1978)."""
+    a, w = np.zeros((4, 4)), np.zeros((4, 4))
+    a[0, 1] = a[1, 2] = 1.0
+    a[3, 3] = -1.0 / WANDER_S
+    w[2, 2], w[3, 3] = jerk_psd, 2.0 * wander_m**2 / WANDER_S
+    both = expm(np.block([[-a, w], [np.zeros((4, 4)), a.T]]) * dt)
+    f = both[4:, 4:].T
+    return f, f @ both[:4, 4:]
+
+
+H_POSITION, H_SPEED = np.array([[1.0, 0, 0, 1.0]]), np.array([[0, 1.0, 0, 0]])
+
+
+def test_prediction_and_correction_are_those_of_the_matrices() -> None:
+    x = track_filter.begin(100.0, 3.0, 20.0, 0.1, 0.4)
+    x = track_filter.with_speed(track_filter.predict(x, 1.0, 0.01, 3.0), 20.3, 0.01)
+    for dt in (0.05, 1.0, 5.0):
+        f, q = model(dt, 0.01, 3.0)
+        y = track_filter.predict(x, dt, 0.01, 3.0)
+        assert y[:4] == pytest.approx(f @ np.array(x[:4]))
+        assert covariance(y) == pytest.approx(f @ covariance(x) @ f.T + q, rel=1e-9, abs=1e-12)
+        for h, z, r, corrected in (
+            (H_POSITION, y.s + 4.0, 9.0, track_filter.with_position(y, y.s + 4.0, 9.0)),
+            (H_SPEED, y.v - 0.2, 0.01, track_filter.with_speed(y, y.v - 0.2, 0.01)),
+        ):
+            p = covariance(y)
+            k = p @ h.T / (h @ p @ h.T + r)
+            assert corrected[:4] == pytest.approx(np.array(y[:4]) + (k * (z - h @ np.array(y[:4]))).ravel())
+            assert covariance(corrected) == pytest.approx((np.eye(4) - k @ h) @ p, rel=1e-9, abs=1e-12)
+
+
+def test_the_gain_settles_at_the_closed_form() -> None:
+    """Speeds alone, at a high rate: K_v/dt → √2·(q/r)^¼ and K_a/dt → √(q/r), r = R·dt (Kalman & Bucy 1961)."""
+    dt, q, variance = 0.002, 0.01, 0.04
+    x = track_filter.begin(0.0, 3.0, 20.0, 0.2, 0.4)
+    for _ in range(20_000):
+        x = track_filter.with_speed(track_filter.predict(x, dt, q, 3.0), 20.0, variance)
+    ratio = q / (variance * dt)
+    assert x.vv / variance / dt == pytest.approx(math.sqrt(2.0) * ratio**0.25, rel=0.01)
+    assert x.va / variance / dt == pytest.approx(math.sqrt(ratio), rel=0.01)
+
+
+def test_the_covariance_settles_at_the_riccati_equation() -> None:
+    dt, q, wander_m = 1.0, 0.008, 3.0
+    x = track_filter.begin(0.0, 3.0, 20.0, 0.2, 0.4)
+    for _ in range(3_000):
+        x = track_filter.predict(x, dt, q, wander_m)
+        settled = covariance(x)
+        x = track_filter.with_position(track_filter.with_speed(x, 20.0, SD_MPS**2), x.s, SD_M**2)
+    f, noise = model(dt, q, wander_m)
+    h = np.vstack([H_SPEED, H_POSITION])
+    expected = solve_discrete_are(f.T, h.T, noise, np.diag([SD_MPS**2, SD_M**2]))
+    assert settled == pytest.approx(expected, rel=1e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize(("dt", "steps"), [(1.0, 60), (0.2, 60)])
+def test_errors_are_as_large_as_stated(dt: float, steps: int) -> None:
+    """200 runs of the model: χ² of the 4 errors at the end (NEES), and of all innovations (NIS), within 4 sd."""
+    random, runs, q = np.random.default_rng(7), 200, 0.005
+    f, noise = model(dt, q, SD_M)
+    root = np.linalg.cholesky(noise)
+    nees, nis, products = [], [], []
+    for _ in range(runs):
+        wander = SD_M * random.standard_normal()
+        speed = 400.0 + SD_MPS * random.standard_normal()
+        x = track_filter.begin(wander, SD_M, speed, SD_MPS, 0.3)
+        true = np.array([0.0, 400.0, 0.3 * random.standard_normal(), wander])
+        last = 0.0
+        for _ in range(steps):
+            true = f @ true + root @ random.standard_normal(4)
+            x = track_filter.predict(x, dt, q, SD_M)
+            said_mps = true[1] + SD_MPS * random.standard_normal()
+            variance = x.vv + SD_MPS**2
+            off = (said_mps - x.v) / math.sqrt(variance)
+            x = track_filter.with_speed(x, said_mps, SD_MPS**2)
+            said_m = true[0] + true[3] + SD_M * random.standard_normal()
+            nis += [off**2, (said_m - x.s - x.b) ** 2 / (track_filter.position_variance(x) + SD_M**2)]
+            products.append(last * off)
+            last = off
+            x = track_filter.with_position(x, said_m, SD_M**2)
+        error = true - np.array(x[:4])
+        nees.append(error @ np.linalg.solve(covariance(x), error))
+    assert np.mean(nees) == pytest.approx(4.0, abs=4 * math.sqrt(8.0 / runs))
+    assert np.mean(nis) == pytest.approx(1.0, abs=4 * math.sqrt(2.0 / len(nis)))
+    assert np.mean(products) == pytest.approx(0.0, abs=4 / math.sqrt(len(products)))
+
+
+@pytest.mark.parametrize("hz", [1.0, 2.0])
+def test_a_real_run_is_within_what_is_stated(hz: float) -> None:
+    """A train that gains, runs and brakes is no random walk: mean squared errors near the stated, better than raw."""
+    off, raw, stated = [], [], []
+    for seed in range(round(80 / hz)):
+        localisation = Localisation(TRAIN)
+        for fix in fixes(165.0, hz=hz, seed=seed):
+            localisation.take(fix)
+            found = localisation.at(fix.time_ns)
+            s_m, speed_mps = truth((fix.time_ns - T0) * NS)
+            if 15.0 / NS < fix.time_ns - T0 < 155.0 / NS:
+                off.append((found.s_m - s_m, found.speed_mps - speed_mps))
+                raw.append((fix.s_m - s_m, fix.speed_mps - speed_mps))
+                stated.append((found.position_sd_m, found.speed_sd_mps))
+        assert found.usable
+    squares, truly, claimed = (np.mean(np.square(x), axis=0) for x in (off, raw, stated))
+    assert np.all(squares < 1.25 * claimed)
+    assert np.all(squares > 0.4 * claimed)
+    assert squares[0] < 0.6 * truly[0]
+    assert squares[1] < truly[1]

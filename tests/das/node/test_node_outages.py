@@ -1,0 +1,204 @@
+"""The node while the processes around it are killed, frozen and come back; and told by a clock that jumps."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.bus import das_pb2
+from das.bus.recorder import RecordingFile
+from das.bus.session import Bus, Received, decoded, endpoint, free_ports
+from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS
+from das.cab.moderation import MOST_A_SECOND
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from sim.processes.process import Process
+from tests.das.node.test_node import until
+from tests.property.test_fuzz import Sink, make_node
+
+TRAIN = "T1"
+S = 10**9
+TIMEOUT_S = 120.0
+LONGER_THAN_THE_LEASE_S = 2.5
+FLAT = ("--route", "flat-6km", "--vehicle", "re460-ic")
+SIMULATOR = """
+import sys, time
+from das.bus import das_pb2
+from das.bus.session import Bus
+from das.bus.topics import JOURNEY, POSITION
+with Bus("T1", listen=sys.argv[1], connect=sys.argv[2:]) as bus:
+    stops = [
+        das_pb2.Journey.Stop(name="A", s_m=0.0, departure_ns=time.time_ns() - 60 * 10**9),
+        das_pb2.Journey.Stop(name="B", s_m=6_000.0, arrival_ns=time.time_ns() + 300 * 10**9),
+    ]
+    train = dict(route_id="flat-6km", vehicle_id="re460-ic")
+    bus.publish(JOURNEY, das_pb2.Journey(time_ns=time.time_ns(), stops=stops, **train))
+    while True:
+        bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=2_600.0, speed_mps=0.0))
+        time.sleep(0.2)
+"""
+
+
+@contextmanager
+def python(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process whose log is on a full disk."""
+    with open("/dev/full", "wb") as full:
+        child = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.DEVNULL, stderr=full)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+
+
+def given(received: Received) -> bool:
+    return received.topic is ADVICE and received.message.mode != das_pb2.MODE_NONE
+
+
+def withdrawn(received: Received) -> bool:
+    return received.topic is ADVICE and received.message.mode == das_pb2.MODE_NONE
+
+
+def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -> None:
+    """Every process in turn, the log of all of them on a full disk."""
+    node_at, simulator_at, recorder_at, cab_at = (endpoint(port) for port in free_ports(4))
+    others = [word for at in (simulator_at, recorder_at, cab_at) for word in ("--connect", at)]
+    of_node = ("-m", "das.node", *FLAT, "--train", TRAIN, "--rate", "5", "--listen", node_at, *others)
+    of_simulator = ("-c", SIMULATOR, simulator_at, node_at)
+    of_recorder = ("--train", TRAIN, "--listen", recorder_at, "--connect", node_at, "--out", str(tmp_path / "run.mcap"))
+    with (
+        Bus(TRAIN, listen=cab_at, connect=[node_at, recorder_at], hear=(ADVICE, RECORDER)) as bus,
+        python(*of_node) as node,
+        python("-m", "das.bus.recorder", *of_recorder) as recorder,
+        python(*of_simulator) as simulator,
+    ):
+        until(bus, given)
+        until(bus, lambda r: r.topic is RECORDER and r.message.messages > 0)
+        recorder.kill()
+        later_ns = time.time_ns() + S
+        until(bus, lambda r: given(r) and r.message.time_ns > later_ns)
+
+        simulator.send_signal(signal.SIGSTOP)
+        assert "s old" in until(bus, withdrawn).reason
+        simulator.send_signal(signal.SIGCONT)
+        until(bus, given)
+        simulator.kill()
+        assert "s old" in until(bus, withdrawn).reason
+        with python(*of_simulator):
+            until(bus, given)
+            node.send_signal(signal.SIGSTOP)
+            time.sleep(LONGER_THAN_THE_LEASE_S)
+            one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
+            bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=time.time_ns(), restrictions=[one]))
+            node.send_signal(signal.SIGCONT)
+            assert until(bus, lambda r: given(r) and r.message.limit_mps == 15.0).advised_speed_mps <= 15.0
+        node.send_signal(signal.SIGTERM)
+        assert node.wait(20) == 0
+
+
+def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: Path) -> None:
+    """The recorder may write as many bytes as one message takes, but not what makes the file whole."""
+    resource = pytest.importorskip("resource")
+    ours, theirs = (endpoint(port) for port in free_ports(2))
+    status, key, out = das_pb2.Status(time_ns=S), STATUS.key(TRAIN), tmp_path / "run.mcap"
+    unfinished = RecordingFile(tmp_path / "unfinished.mcap")
+    unfinished.add(STATUS, key, status, S)
+    unfinished.flush()
+    taken = (tmp_path / "unfinished.mcap").stat().st_size
+    unfinished.close()
+    room = (taken + (tmp_path / "unfinished.mcap").stat().st_size) // 2
+    of_recorder = ("--train", TRAIN, "--listen", theirs, "--connect", ours, "--out", str(out))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))  # who is started inherits it
+    try:
+        recorder = Process("recorder", "das.bus.recorder", of_recorder)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with recorder, Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
+        bus.publish(STATUS, status)
+        until(bus, lambda r: r.topic is RECORDER and r.message.messages == 1)
+        deadline = time.monotonic() + TIMEOUT_S
+        while out.stat().st_size < 0.8 * taken and time.monotonic() < deadline:  # till the message is on the disk
+            recorder.check()
+            time.sleep(0.05)
+        with pytest.raises(DasError, match=r"the recorder ended: .*run\.mcap: cannot be written \(File too large\)"):
+            recorder.finish()
+
+
+def test_a_node_that_is_stopped_while_it_compiles_ends_at_once(tmp_path: Path) -> None:
+    ours, theirs = (endpoint(port) for port in free_ports(2))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-m", "das.node", *FLAT, "--train", TRAIN, "--listen", theirs, "--connect", ours]
+    with Bus(TRAIN, listen=ours, connect=[theirs], hear=(STATUS,)) as bus:
+        child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        assert bus.receive(TIMEOUT_S) is not None  # starting
+        child.send_signal(signal.SIGTERM)
+        said = child.communicate(timeout=TIMEOUT_S)[1]
+    assert (child.returncode, said) == (130, "stopped\n")
+
+
+def heard(topic: Any, message: Any) -> Received:
+    return decoded(topic, topic.key(TRAIN), message.SerializeToString(), "simulator")
+
+
+def journey(now_ns: int) -> das_pb2.Journey:
+    stops = [
+        das_pb2.Journey.Stop(name="A", s_m=0.0, departure_ns=now_ns),
+        das_pb2.Journey.Stop(name="B", s_m=6_000.0, arrival_ns=now_ns + 300 * S),
+    ]
+    return das_pb2.Journey(time_ns=now_ns, route_id="flat-6km", vehicle_id="re460-ic", stops=stops)
+
+
+def test_a_node_whose_clock_was_wrong_when_it_was_told_knows_it_when_the_clock_is_right() -> None:
+    sink, now_ns = Sink(), 1_800_000_000 * S
+    node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
+    node._control_ns = now_ns - 3600 * S
+    one = das_pb2.Restrictions.Restriction(start_m=500.0, end_m=3_500.0, limit_mps=15.0)
+    node.take(heard(JOURNEY, journey(now_ns)))
+    node.take(heard(RESTRICTION, das_pb2.Restrictions(time_ns=now_ns, restrictions=[one])))
+    node.tick(now_ns - 3600 * S)
+    assert "3600 s ahead of the clock" in sink.said[-1][1].reason
+    node._control_ns = now_ns + S
+    node.take(heard(POSITION, das_pb2.Position(time_ns=now_ns + S, s_m=1_000.0, speed_mps=10.0)))
+    node.tick(now_ns + S)
+    advice = sink.said[-1][1]
+    assert advice.mode != das_pb2.MODE_NONE
+    assert advice.limit_mps == 15.0
+
+
+def test_a_clock_set_back_does_not_hold_back_the_plan() -> None:
+    sink, now_ns = Sink(), 1_800_000_000 * S
+    node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
+    node.take(heard(JOURNEY, journey(now_ns)))
+    for moment_ns, plans in ((now_ns, 1), (now_ns + S, 1), (now_ns - 3600 * S, 2)):
+        node._bus_clock_ns = moment_ns
+        node.take(heard(POSITION, das_pb2.Position(time_ns=moment_ns, s_m=1_000.0, speed_mps=10.0)))
+        node.tick(moment_ns)
+        if moment_ns < now_ns:  # the state from ahead of the clock was forgotten
+            node.take(heard(POSITION, das_pb2.Position(time_ns=moment_ns + S, s_m=1_010.0, speed_mps=10.0)))
+            node.tick(moment_ns + S)
+        assert sum(topic is PLAN for topic, _ in sink.said) == plans
+
+
+def test_what_a_flood_costs_and_what_is_refused_is_said_in_moderation() -> None:
+    sink, now_ns = Sink(), 1_800_000_000 * S
+    node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
+    for i in range(40):
+        sink.dropped += 10
+        node._bus_clock_ns = now_ns + i * S // 20
+        node.tick(node._bus_clock_ns)
+        node.take(heard(JOURNEY, das_pb2.Journey(time_ns=now_ns, route_id=f"elsewhere {i}")))
+    refused = sum("journey refused" in message.message for topic, message in sink.said if topic is EVENT)
+    assert refused <= 2 * MOST_A_SECOND
+    node.tick(now_ns + 3 * S)
+    said = [message.message for topic, message in sink.said if topic is EVENT and "dropped" in message.message]
+    assert said == [f"{n} messages were dropped: too many at once" for n in (10, 200, 190)]

@@ -1,0 +1,366 @@
+"""The study of the paper: detection of reduced effort, tables and pictures, and how near its figures we come."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.losses import LOSSLESS, EfficiencyLoss, Level
+from das.domain.trajectory import Trajectory, mean_resistance_n
+from das.domain.units import KMH
+from das.domain.vehicle import Vehicle
+from das.solver.section import build_section
+from precompute.baselines import strategies as baselines
+from precompute.study import (
+    beyond,
+    effort,
+    energy_shares,
+    figures_cruising,
+    figures_levels,
+    figures_savings,
+    figures_vehicles,
+    printed,
+    table2,
+)
+from precompute.study.cases import ALL_VARIANTS, COMPLETE, DECELERATION, L0_NOREG, L0_REG, L1, L2, L3, L3_IGBT
+from precompute.study.command import ITEMS, chosen, make
+from precompute.study.output import Output
+from precompute.study.runs import Workbench, lowest_running_speed_mps
+from tests.support.making import das_precompute, in_a_process
+
+STEP_M = 10.0
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("re460-ic")
+
+
+@pytest.fixture(scope="module")
+def bench() -> Workbench:
+    return Workbench()
+
+
+@pytest.fixture(scope="module")
+def cells(bench: Workbench) -> list[table2.Cell]:
+    return table2.cells(bench)
+
+
+def as_run(v2: np.ndarray, vehicle: Vehicle) -> Trajectory:
+    """The run with these squared speeds every STEP_M on the level: forces from Newton's law and eq. 15."""
+    speeds, n = np.sqrt(v2), len(v2) - 1
+    zeros = np.zeros(n)
+    force = vehicle.inertial_mass_kg * np.diff(v2) / (2 * STEP_M) + mean_resistance_n(vehicle.resistance, speeds, zeros)
+    return Trajectory(
+        s_m=STEP_M * np.arange(n + 1),
+        t_s=np.concatenate(([0.0], np.cumsum(2 * STEP_M / (speeds[:-1] + speeds[1:])))),
+        v_mps=speeds,
+        force_el_n=force,
+        force_friction_n=zeros,
+        grade_ratio=zeros,
+        grade_and_curve_n=zeros,
+        tunnel_n_per_mps2=zeros,
+        limit_mps=np.full(n, 45.0),
+        supply=np.ones(n),
+    )
+
+
+def driven(
+    vehicle: Vehicle, ratio: Callable[[float, float], float | None], start_mps: float, length_m: float
+) -> Trajectory:
+    """Integrate a run from the share of the available force at (position, speed); None holds the speed."""
+    v2 = [start_mps**2]
+    for k in range(round(length_m / STEP_M)):
+        v = v2[-1] ** 0.5
+        share = ratio(k * STEP_M, v)
+        if share is None:
+            v2.append(v2[-1])
+            continue
+        after = v2[-1]
+        for _ in range(30):  # the power limit holds at the faster end of the step
+            faster = max(after, v2[-1]) ** 0.5
+            force = share * float(vehicle.traction.force_n(faster))
+            running = float(vehicle.resistance.force_n(0.5 * (v + after**0.5)))
+            after = v2[-1] + 2 * STEP_M * (force - running) / vehicle.inertial_mass_kg
+        v2.append(after)
+    return as_run(np.array(v2), vehicle)
+
+
+def test_full_effort_cruising_and_coasting_are_not_reduced(vehicle: Vehicle) -> None:
+    def modes(s: float, _v: float) -> float | None:
+        return 1.0 if s < 1500 else None if s < 2500 else 0.0 if s < 3500 else -1.0
+
+    run = driven(vehicle, modes, 1.0, 4500)
+    found = effort.effort(run, vehicle)
+    assert not found.acceleration.used
+    assert not found.braking.used
+    seen = effort.driving_modes(run, vehicle)
+    order = [effort.Mode.FULL, effort.Mode.CRUISING, effort.Mode.COASTING, effort.Mode.FULL]
+    assert [int(seen[i]) for i in (50, 200, 300, 400)] == [int(mode) for mode in order]
+
+
+def test_reduced_acceleration_is_found_where_it_is(vehicle: Vehicle) -> None:
+    run = driven(vehicle, lambda _s, v: 1.0 if v < 100 * KMH else 0.6, 1.0, 3000)
+    found = effort.effort(run, vehicle).acceleration
+    first = int(np.argmax(run.v_mps >= 100 * KMH))
+    assert found.used
+    assert found.stretches_m == ((run.s_m[first], 3000.0),)
+    assert found.mean_force_ratio == pytest.approx(0.6, abs=0.005)
+    assert found.lowest_mps == pytest.approx(run.v_mps[first])
+    assert found.highest_mps == pytest.approx(run.v_mps[-1])
+    assert found.way_ratio == pytest.approx(1 - run.s_m[first] / 3000)
+    assert found.time_ratio == pytest.approx(1 - run.t_s[first] / run.time_s)
+    assert not effort.effort(run, vehicle).braking.used
+
+
+def test_reduced_braking_is_found(vehicle: Vehicle) -> None:
+    run = driven(vehicle, lambda s, _v: -0.5 if s >= 1000 else None, 40.0, 2500)
+    found = effort.effort(run, vehicle)
+    assert found.braking.stretches_m == ((1000.0, 2500.0),)
+    assert found.braking.mean_force_ratio == pytest.approx(0.5, abs=0.005)
+    assert not found.acceleration.used
+
+
+@pytest.mark.parametrize("ratio", [0.97, 1.0])
+def test_effort_from_the_threshold_on_is_full(vehicle: Vehicle, ratio: float) -> None:
+    run = driven(vehicle, lambda _s, _v: ratio + 0.002 * (ratio < 1), 1.0, 2000)
+    assert not effort.effort(run, vehicle).acceleration.used
+
+
+def test_a_blended_step_is_not_reduced_effort(vehicle: Vehicle) -> None:
+    def blended(s: float, _v: float) -> float | None:
+        return 1.0 if s < 1500 else 0.5 if s < 1700 else None
+
+    assert not effort.effort(driven(vehicle, blended, 1.0, 3000), vehicle).acceleration.used
+
+
+def test_a_friction_brake_counts_as_brake(vehicle: Vehicle) -> None:
+    run = driven(vehicle, lambda _s, _v: -1.0, 40.0, 800)
+    friction = replace(run, force_el_n=np.zeros(len(run.force_el_n)), force_friction_n=run.force_el_n)
+    assert (effort.driving_modes(friction, vehicle) == effort.Mode.FULL).all()
+
+
+def test_four_modes_are_not_called_reduced_and_l3_is(bench: Workbench) -> None:
+    vehicle = bench.vehicle(L3)
+    run = baselines.four_modes(bench.section(COMPLETE, L1), bench.time_s(COMPLETE, 7)).trajectory
+    four = effort.effort(run, vehicle)
+    assert (four.acceleration.used, four.braking.used) == (False, False)
+    for variant in (L0_NOREG, L1, L2):
+        for buffer in (2.0, 7.0, 15.0):
+            optimum = bench.run(COMPLETE, variant, buffer)
+            assert optimum is not None
+            found = effort.effort(optimum, vehicle)
+            assert (found.acceleration.used, found.braking.used) == (False, False), (variant.name, buffer)
+    for buffer in (7.0, 15.0):
+        optimum = bench.run(COMPLETE, L3, buffer)
+        assert optimum is not None
+        found = effort.effort(optimum, vehicle)
+        assert (found.acceleration.used, found.braking.used) == (True, True), buffer
+
+
+def test_cheapest_cruising_speed_is_that_of_the_closed_form(bench: Workbench) -> None:
+    data = figures_cruising.cruising(bench)
+    vehicle = bench.vehicle(L2)
+    loss = vehicle.loss_model(Level.L2)
+    assert isinstance(loss, EfficiencyLoss)
+    # Eq. 14: d/dv [(1/η)(c1 + c2 v + c3 v²) + c0/v] = 0
+    c = vehicle.resistance
+    roots = np.roots([2 * c.c2_n_per_mps2, c.c1_n_per_mps, 0.0, -loss.idle_w / (1 + loss.traction_ratio)])
+    least = float(roots[np.isreal(roots) & (roots.real > 0)].real[0])
+    assert data.cheapest_kmh("l2") == pytest.approx(least / KMH, abs=figures_cruising.STEP_KMH)
+    assert data.cheapest_kmh("l0") is None
+    assert data.cheapest_kmh("l1") is None
+    assert abs(least / KMH - printed.CRUISING_MINIMUM_KMH) < 3.0
+
+
+def test_jerk_and_peak_power_of_a_step_of_force(vehicle: Vehicle) -> None:
+    """Constant acceleration 0.3 m/s² and, from 100 m on, 0.1 m/s²: one jerk of −0.2 m/s² in the build-up time."""
+    steps = 40
+    accelerations = np.where(np.arange(steps) * STEP_M < 100, 0.3, 0.1)
+    run = as_run(np.concatenate(([100.0], 100.0 + np.cumsum(2 * STEP_M * accelerations))), vehicle)
+    found = beyond.figures(run, LOSSLESS)
+    assert found.peak_jerk_mps3 == pytest.approx(0.2 / beyond.BUILD_UP_S, rel=1e-3)
+    assert found.rms_jerk_mps3 == pytest.approx(0.2 * np.sqrt(1 / (beyond.BUILD_UP_S * run.time_s)), rel=0.01)
+    before = 0.5 * (run.v_mps[9] + run.v_mps[10])  # the last step of the harder acceleration is the peak
+    force_n = 0.3 * vehicle.inertial_mass_kg + 8200 + 38.8 * before + 8.6 * before**2
+    assert found.peak_w == pytest.approx(force_n * before, rel=1e-3)
+    assert found.sustained_w < found.peak_w
+    assert found.peak_returned_w == 0.0
+
+
+def test_energy_shares_close_and_follow_the_friction(vehicle: Vehicle) -> None:
+    section = build_section(load_route("flat-6km"), vehicle, level=Level.L3)
+    run = baselines.reduced_maximum_speed(section, 1.07 * baselines.fastest(section).time_s).trajectory
+    trip = energy_shares.Trip(vehicle=vehicle, runs=(run, run))
+    electric, friction = energy_shares.shares(trip, 0.0), energy_shares.shares(trip, 1.0)
+    assert electric.friction_brake == 0.0
+    assert friction.resistance == pytest.approx(electric.resistance)
+    brake_work = -2 * float(np.minimum(run.force_el_n, 0) @ np.diff(run.s_m))
+    assert friction.friction_brake == pytest.approx(brake_work)
+    assert friction.component_loss < electric.component_loss
+    assert electric.comfort == pytest.approx(vehicle.comfort_power_w * (2 * run.time_s + energy_shares.DWELL_S))
+    assert sum(electric.percent(name) for name in printed.ENERGY_SHARES_PERCENT) == pytest.approx(100)
+    ratio = energy_shares.friction_for(trip, 15.1)
+    assert ratio is not None
+    assert energy_shares.shares(trip, ratio).percent("friction_brake") == pytest.approx(15.1, abs=1e-6)
+    assert energy_shares.friction_for(trip, 99.0) is None
+
+
+def test_largest_buffers(bench: Workbench) -> None:
+    """Slow runs are dropped at L2 and L3; L0 and L1 go down to the paper's 20 km/h (sections 4.3, 4.5)."""
+    for variant in (L2, L3):
+        slowest = bench.slowest(COMPLETE, variant)
+        assert slowest.bound == "least energy"
+        later = bench.front(COMPLETE, variant).trajectory(1.1 * slowest.trajectory.time_s).trajectory
+        least_j = bench.energy_j(slowest.trajectory, variant)
+        assert bench.energy_j(later, variant) > least_j * (1 - 1e-3)
+        assert bench.run(COMPLETE, variant, slowest.buffer_percent + 1) is None
+    slowest = bench.slowest(COMPLETE, L1)
+    assert slowest.bound == "not below 20 km/h"
+    assert lowest_running_speed_mps(slowest.trajectory) / KMH == pytest.approx(20, abs=0.2)
+    assert bench.slowest(COMPLETE, L1).buffer_percent > bench.slowest(COMPLETE, L2).buffer_percent
+
+
+def test_table2_csv_has_every_cell(bench: Workbench, tmp_path: Path) -> None:
+    output = Output(tmp_path)
+    table2.table2(bench, output)
+    with (tmp_path / "table2.csv").open(encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["trajectory", "level", "printed", "ours", "deviation_ratio"]
+    names = ["fastest", "rms", "l0-noreg", "l0-reg", "l1", "l2", "l3-gto", "l3-igbt"]
+    assert [(row[0], row[1]) for row in rows] == [(a, b) for a in names for b in names[2:]]
+    for trajectory, level, value, ours, deviation in rows:
+        assert float(ours) > 0
+        if (trajectory, level) in {("l3-gto", "l3-igbt"), ("l3-igbt", "l3-gto")}:
+            assert (value, deviation) == ("", "")
+        else:
+            assert float(deviation) == pytest.approx(float(ours) / float(value) - 1, abs=1e-6)
+    assert [float(row[3]) for row in rows if row[:2] == ["fastest", "l3-gto"]] == [100.0]
+    assert (tmp_path / "table2.md").read_text(encoding="utf-8").count("\n| ") == len(names) + 1
+
+
+def test_only_takes_known_items() -> None:
+    assert chosen(None) == list(ITEMS)
+    assert chosen("table2, fig4,fig4") == ["fig4", "table2"]
+    for wrong in ("fig3", "", "fig4,,fig5", "FIG4"):
+        with pytest.raises(DasError, match="expected some of fig4, fig5"):
+            chosen(wrong)
+
+
+def test_an_item_end_to_end_and_again_with_the_same_bytes(tmp_path: Path) -> None:
+    """By the command as a process, and once more here."""
+    words = ("study", "-o", "new/folder", "--only", "fig4", "--json")
+    done = in_a_process("precompute.cli", *words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    folder = tmp_path / "new" / "folder"
+    files = ["fig4.csv", "fig4.png", "fig4.svg", "summary.json"]
+    assert sorted(p.name for p in folder.iterdir()) == files
+    summary = json.loads(done.stdout)
+    assert summary == json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert list(summary["items"]) == ["fig4"]
+    assert (folder / "fig4.png").read_bytes().startswith(b"\x89PNG")
+    make(["fig4"], Output(tmp_path / "again"))
+    for file in files:
+        assert (folder / file).read_bytes() == (tmp_path / "again" / file).read_bytes(), file
+
+
+def test_fig8_has_every_level_from_the_fastest_run_on(
+    bench: Workbench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures_levels, "CURVE_POINTS", 17)
+    figures_savings.fig8(bench, Output(tmp_path))
+    with (tmp_path / "fig8.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    first = [row for row in rows if float(row["buffer_percent"]) == 0]
+    assert [row["level"] for row in first] == ["l0-noreg", "l0-reg", "l1", "l2", "l3-gto"]
+    assert all(float(row["energy_l3_percent"]) == pytest.approx(100) for row in first)
+    l3 = np.array([float(row["energy_l3_percent"]) for row in rows if row["level"] == "l3-gto"])
+    assert len(l3) >= 13
+    assert (np.diff(l3) < 0.05).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("-o", "file"), "error: file: is a file, expected a folder to write to"),
+        (("-o", "file/sub"), "error: file/sub: is a file, expected a folder to write to"),
+        (("-o", "out", "--only", "fig11"), "error: --only fig11: no item 'fig11'; expected some of fig4, fig5"),
+        ((), "error: Missing option '-o'"),
+    ],
+)
+def test_refusals_are_one_line(tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    done = das_precompute(tmp_path, "study", *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith(said)
+    assert done.stderr.count("\n") == 1
+    assert (tmp_path / "file").read_text(encoding="utf-8") == "mine"
+    assert not (tmp_path / "out").exists()
+
+
+EQUAL = 5e-4
+"""Energies this near (relative) count as equal where only their order is asked for: print ties there as well."""
+
+
+def test_table2_cells_reach_print(cells: list[table2.Cell]) -> None:
+    tolerance = {"l3-gto": 0.04, "l3-igbt": 0.04}
+    off = {
+        f"{c.trajectory} at {c.level}: {100 * c.deviation_ratio:+.1f} %"
+        for c in cells
+        if c.deviation_ratio is not None and abs(c.deviation_ratio) > tolerance.get(c.level, 0.07)
+    }
+    assert not off
+
+
+def test_table2_has_its_minima_on_the_diagonal(cells: list[table2.Cell]) -> None:
+    ours = {(c.trajectory, c.level): c.ours for c in cells}
+    for variant in ALL_VARIANTS:
+        column = {trajectory: value for (trajectory, level), value in ours.items() if level == variant.name}
+        assert column[variant.name] <= min(column.values()) * (1 + EQUAL), variant.name
+        assert column["fastest"] == max(column.values())
+
+
+def test_table2_savings_of_l3(cells: list[table2.Cell]) -> None:
+    gain = table2.gains(cells, L3)
+    assert 0.01 <= gain["saves_against_second_best_ratio"] <= 0.025
+    assert 0.04 <= gain["saves_against_rms_ratio"] <= 0.065
+    assert table2.gains(cells, L3_IGBT)["saves_against_second_best_ratio"] >= 0.01
+
+
+@pytest.mark.parametrize("wanted", printed.SAVINGS, ids=lambda s: f"{s.case}-{s.buffer_percent:g}")
+def test_savings_at_the_named_buffers(bench: Workbench, wanted: printed.PrintedSaving) -> None:
+    found = figures_savings.saving(bench, wanted)
+    assert found.others, "no level to compare with"
+    assert found.ours_percent == pytest.approx(wanted.saving_percent, abs=1.0)
+
+
+def test_l0_reg_is_worst_when_braking(bench: Workbench) -> None:
+    """Section 4.4: L0 REG has the highest energy at L3."""
+    for buffer in (5.0, 15.0):
+        energy_j = {}
+        for variant in (L0_REG, L1, L2, L3):
+            run = bench.run(DECELERATION, variant, buffer)
+            assert run is not None
+            energy_j[variant.name] = bench.energy_j(run, L3)
+        assert max(energy_j, key=energy_j.__getitem__) == "l0-reg"
+        assert min(energy_j, key=energy_j.__getitem__) == "l3-gto"
+
+
+def test_igbt_drives_longer_and_more_gently(bench: Workbench, tmp_path: Path) -> None:
+    """Section 4.6, fig. 10."""
+    found = figures_vehicles.fig10(bench, Output(tmp_path))
+    assert found["igbt_longer"] == {"driving": True, "braking": True}
+    assert found["igbt_more_gently"] == {"driving": True, "braking": True}
+    durations = found["use"]["fastest"]
+    assert durations["driving"]["duration_s"] + durations["braking"]["duration_s"] == pytest.approx(
+        bench.time_s(COMPLETE, 0), rel=1e-3
+    )

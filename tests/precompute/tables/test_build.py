@@ -1,0 +1,473 @@
+"""Builds of many tables: plans, resuming, workers that die, and a cluster, with real processes."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import pickle
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from distributed import Client
+
+from das.domain.errors import DasError
+from das.domain.files.load import load_route
+from das.domain.losses import EfficiencyLoss, Level
+from das.domain.vehicle import Vehicle
+from das.table.table import Table, TableSettings
+from precompute.bench.synthetic import synthetic_routes
+from precompute.tables import cluster, pool
+from precompute.tables import environment as surroundings
+from precompute.tables.environment import differences, environment
+from precompute.tables.job import Job
+from precompute.tables.plan import read_plan
+from precompute.tables.pool import solve_locally
+from precompute.tables.store import Status, locked, table_folders
+from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
+
+SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8)
+HEAD = "schema_version = 1\n"
+ROUTE = '[[routes]]\nroute = "flat-6km"\n'
+TRAIN = '[[trains]]\nvehicle = "re460-ic"\n'
+QUICK = "[tables]\nbuffers_percent = [0, 10]\nmax = false\nmultipliers = 8\n"
+
+
+def small_train() -> Vehicle:
+    loss = EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.2, idle_w=30e3)
+    return make_train(resistance=(1500.0, 20.0, 5.0), power_w=1.5e6, loss=loss)
+
+
+def job(number: int, kind: type[Job] = Job) -> Job:
+    """A small section, longer by its number."""
+    length_m = 1000.0 + 50.0 * number
+    return kind.of(
+        f"job-{number}",
+        flat(length_m, 25.0),
+        small_train(),
+        level=Level.OWN,
+        start_m=0.0,
+        end_m=length_m,
+        settings=SMALL,
+    )
+
+
+class PoisonJob(Job):
+    """A job that takes its worker down."""
+
+    def solve(self) -> dict[str, bytes]:
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError("unreachable")
+
+
+class FaultyJob(Job):
+    """A job that meets a fault of the solver."""
+
+    def solve(self) -> dict[str, bytes]:
+        return {"manifest.json": bytes([1 // 0])}
+
+
+def plan_file(folder: Path, text: str) -> Path:
+    path = folder / "plan.toml"
+    path.write_text(text)
+    return path
+
+
+# Plans
+
+
+def test_a_plan_is_every_section_with_every_train(tmp_path: Path) -> None:
+    vehicle = (REPOSITORY / "das/domain/catalogue/vehicles/re460-ic.toml").read_text()
+    (tmp_path / "train.toml").write_text(f"{vehicle}\n[loads.full]\nmass_t = 500\n[loads.empty]\nmass_t = 400\n")
+    text = (
+        HEAD
+        + '[[routes]]\nroute = "zurich-luzern"\nreverse = "both"\nstops = ["Zürich HB", "Zug", "Luzern"]\n'
+        + ROUTE
+        + '[[trains]]\nvehicle = "train.toml"\nloads = ["empty", "full"]\nlevels = ["l3", "l1"]\n'
+        + TRAIN
+        + "[tables]\nbuffers_percent = {from = 0, to = 20, step = 2.5}\nmultipliers = 20\n"
+    )
+    plan = read_plan(plan_file(tmp_path, text))
+    assert len(plan.jobs) == (2 * 2 + 1) * (2 * 2 + 1)
+    labels = [job.label for job in plan.jobs]
+    assert "zurich-luzern_zurich-hb-zug_re460-ic-full_l1" in labels
+    assert "zurich-luzern_luzern-zug_re460-ic_l3" in labels
+    assert plan.settings == TableSettings(buffers_percent=tuple(np.arange(0, 20.1, 2.5)), multipliers=20)
+    back = plan.jobs[labels.index("zurich-luzern_luzern-zug_re460-ic_l3")]
+    stops = {stop.name: stop.position_m for stop in load_route("zurich-luzern").stops}
+    assert back.end_m - back.start_m == pytest.approx(stops["Luzern"] - stops["Zug"])
+    assert plan.jobs[labels.index("flat-6km_a-b_re460-ic-full_l3")].vehicle.mass_kg == 500e3
+
+
+def test_the_hash_changes_with_what_counts(tmp_path: Path) -> None:
+    def key(text: str) -> str:
+        return read_plan(plan_file(tmp_path, text)).jobs[0].key
+
+    base = key(HEAD + ROUTE + TRAIN)
+    vehicle = (REPOSITORY / "das/domain/catalogue/vehicles/re460-ic.toml").read_text()
+    (tmp_path / "same.toml").write_text(vehicle.replace('name = "Re 460', 'name = "Another Re 460'))
+    (tmp_path / "heavy.toml").write_text(vehicle.replace("mass_t = 440", "mass_t = 441"))
+    assert key(HEAD + ROUTE + TRAIN.replace("re460-ic", "same.toml")) == base
+    changed = [
+        key(HEAD + ROUTE + TRAIN.replace("re460-ic", "heavy.toml")),
+        key(HEAD + ROUTE + TRAIN + 'levels = ["l2"]\n'),
+        key(HEAD + ROUTE + TRAIN + "[tables]\nmultipliers = 27\n"),
+        key(HEAD + ROUTE + TRAIN + "[tables]\nmax = false\n"),
+        key(HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = [0, 5]\n"),
+    ]
+    assert len({base, *changed}) == 6
+
+
+BAD_PLANS: dict[str, tuple[str, str]] = {
+    "no schema": (ROUTE + TRAIN, "schema_version is missing: expected 1"),
+    "unknown key": (HEAD + ROUTE + TRAIN + "[table]\n", "table = {}: expected one of the keys"),
+    "no routes": (HEAD + TRAIN, "routes is missing: expected at least one"),
+    "no trains": (HEAD + ROUTE, "trains is missing: expected at least one"),
+    "routes is no list": (HEAD + "routes = 1\n" + TRAIN, r"routes = 1: expected \[\[routes\]\] tables"),
+    "unknown route": (HEAD + ROUTE.replace("flat-6km", "nowhere") + TRAIN, r"routes\[0\].route = 'nowhere': .*bundled"),
+    "missing file": (HEAD + ROUTE.replace("flat-6km", "a.toml") + TRAIN, r"routes\[0\].route = 'a.toml': .*no such"),
+    "route without name": (HEAD + "[[routes]]\n" + TRAIN, r"routes\[0\].route is missing: expected a text"),
+    "reverse": (HEAD + ROUTE + "reverse = 1\n" + TRAIN, r'routes\[0\].reverse = 1: expected true, false or "both"'),
+    "unknown stop": (HEAD + ROUTE + 'stops = ["A", "Q"]\n' + TRAIN, r"routes\[0\].stops = 'Q'"),
+    "one stop": (HEAD + ROUTE + 'stops = ["A"]\n' + TRAIN, "expected at least two stops"),
+    "stops backwards": (HEAD + ROUTE + 'stops = ["B", "A"]\n' + TRAIN, "stops = 'A': expected a stop after 'B'"),
+    "stop twice": (HEAD + ROUTE + 'stops = ["A", "A"]\n' + TRAIN, "expected a list of different texts"),
+    "unknown vehicle": (HEAD + ROUTE + TRAIN.replace("re460-ic", "x"), r"trains\[0\].vehicle = 'x'"),
+    "unknown load": (HEAD + ROUTE + TRAIN + 'loads = ["x"]\n', r"trains\[0\].loads = 'x': .*no load"),
+    "unknown level": (HEAD + ROUTE + TRAIN + 'levels = ["l9"]\n', r"trains\[0\].levels = 'l9': expected one of"),
+    "level without data": (HEAD + ROUTE + TRAIN + 'levels = ["own"]\n', r"levels = .*no data for level own"),
+    "missing loss map": (HEAD + ROUTE + TRAIN + 'loss_map = "x.csv"\n', r"loss_map = 'x.csv': .*cannot be read"),
+    "buffers fall": (HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = [5, 0]\n", "expected rising numbers"),
+    "no buffers": (HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = []\n", "expected rising numbers"),
+    "buffer below 0": (HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = [-1]\n", "expected rising numbers"),
+    "buffer text": (HEAD + ROUTE + TRAIN + '[tables]\nbuffers_percent = ["a"]\n', "expected a number"),
+    "step 0": (
+        HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = {from = 0, to = 5, step = 0}\n",
+        r"tables.buffers_percent.step = 0.0: expected a number > 0",
+    ),
+    "too many buffers": (
+        HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = {from = 0, to = 20, step = 1e-6}\n",
+        "at most 1000 buffers",
+    ),
+    "few multipliers": (HEAD + ROUTE + TRAIN + "[tables]\nmultipliers = 3\n", "multipliers = 3: expected a whole"),
+    "max": (HEAD + ROUTE + TRAIN + "[tables]\nmax = 1\n", "tables.max = 1: expected true or false"),
+    "no sections": (HEAD + TRAIN + "[synthetic]\nsections = 0\nseed = 1\n", "synthetic.sections = 0: expected"),
+    "no seed": (HEAD + TRAIN + "[synthetic]\nsections = 3\n", "synthetic.seed is missing"),
+    "twice the same": (HEAD + ROUTE + ROUTE + TRAIN, "expected every section and train once"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PLANS)
+def test_a_bad_plan_is_refused(tmp_path: Path, case: str) -> None:
+    text, said = BAD_PLANS[case]
+    with pytest.raises(DasError, match=said) as caught:
+        read_plan(plan_file(tmp_path, text))
+    assert str(caught.value).startswith(str(tmp_path / "plan.toml"))
+
+
+def test_synthetic_lines_come_from_their_seed() -> None:
+    routes, again, other = synthetic_routes(43, 7), synthetic_routes(43, 7), synthetic_routes(43, 8)
+    lengths = np.concatenate([np.diff([stop.position_m for stop in route.stops]) for route in routes])
+    assert len(lengths) == 43
+    assert 1000 <= lengths.min() < 3000
+    assert 15_000 < lengths.max() <= 40_000
+    for route, same in zip(routes, again, strict=True):
+        np.testing.assert_array_equal(route.gradients_ratio.value, same.gradients_ratio.value)
+        np.testing.assert_array_equal(route.limits_mps.start_m, same.limits_mps.start_m)
+    assert routes[0].length_m != other[0].length_m
+    assert np.concatenate([route.curvature_per_m.value for route in routes]).max() < 1 / 200
+
+
+# On this machine
+
+
+def solve_all(
+    jobs: Sequence[Job], folder: Path, hear: Callable[[int], None] = lambda _count: None
+) -> dict[str, object]:
+    """Outcomes of jobs on two workers by label; `hear` is called after each with how many there are."""
+    outcomes = {}
+    for outcome in solve_locally(jobs, folder, 2):
+        outcomes[outcome.name.rpartition("_")[0]] = outcome
+        hear(len(outcomes))
+    return outcomes
+
+
+def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path: Path) -> None:
+    jobs = [job(i) for i in range(12)]
+    jobs.insert(3, job(20, PoisonJob))
+    jobs.insert(5, job(21, FaultyJob))
+
+    def kill_one(count: int) -> None:
+        if count == 6:
+            os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGKILL)
+
+    outcomes = solve_all(jobs, tmp_path, kill_one)
+    assert {label for label, outcome in outcomes.items() if outcome.status is Status.BUILT} == {
+        f"job-{i}" for i in range(12)
+    }
+    poison, faulty = outcomes["job-20"], outcomes["job-21"]
+    assert (poison.status, poison.attempts) == (Status.POISON, pool.ATTEMPTS)
+    assert poison.reason == "its worker died 3 times, last by SIGKILL"
+    assert (faulty.status, faulty.attempts) == (Status.FAILED, 1)
+    assert "ZeroDivisionError" in faulty.reason
+    attempts = [outcomes[f"job-{i}"].attempts for i in range(12)]
+    assert sum(attempts) - 12 <= 1
+    for path in table_folders(tmp_path):
+        Table.open(path).verify()
+    assert len(table_folders(tmp_path)) == 12
+    assert not multiprocessing.active_children()
+
+
+def test_workers_that_cannot_start_are_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pool, "serve", os.abort)
+    with pytest.raises(DasError, match="workers cannot be started: 3 in a row ended at once"):
+        list(solve_locally([job(1)], tmp_path, 1))
+
+
+def test_two_builds_in_one_folder_are_refused(tmp_path: Path) -> None:
+    refused = pytest.raises(DasError, match=rf"another build is writing to it \(process {os.getpid()}\)")
+    with locked(tmp_path / "tables"), refused, locked(tmp_path / "tables"):
+        pass
+    with locked(tmp_path / "tables"):
+        pass
+
+
+def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
+    """One section cannot be driven; the others are built, kept, and built anew where an input has changed."""
+    route = (REPOSITORY / "das/domain/catalogue/routes/flat-6km.toml").read_text()
+    (tmp_path / "steep.toml").write_text(
+        route.replace('id = "flat-6km"', 'id = "steep"').replace(
+            "rows = [[0.0, 0.0]]", "rows = [[0.0, 0.0], [3.0, 100.0]]"
+        )
+    )
+    (tmp_path / "slow.toml").write_text(route.replace('id = "flat-6km"', 'id = "slow"'))
+    routes = ROUTE + '[[routes]]\nroute = "steep.toml"\n[[routes]]\nroute = "slow.toml"\n'
+    plan_file(tmp_path, HEAD + routes + TRAIN + QUICK)
+    first = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--json", "--workers", "1")
+    assert first.returncode == 1, first.stderr
+    report = json.loads(first.stdout)
+    assert report["counts"] == {"built": 2, "kept": 0, "failed": 1, "poison": 0, "pending": 0}
+    assert report == json.loads((tmp_path / "tables/build.json").read_text())
+    failed = next(section for section in report["sections"] if section["status"] == "failed")
+    assert failed["name"].startswith("steep_a-b_re460-ic_l3_")
+    assert "the train stalls at" in failed["reason"]
+    (tmp_path / "slow.toml").write_text(
+        route.replace('id = "flat-6km"', 'id = "slow"').replace("[0.0, 160.0]", "[0.0, 120.0]")
+    )
+    again = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--workers", "1")
+    assert again.returncode == 1
+    assert "1 built, 1 kept, 1 failed" in again.stdout
+    assert "removed 1 tables whose inputs have changed" in again.stdout
+    shown = json.loads(das_precompute(tmp_path, "show", "tables", "--json").stdout)["tables"]
+    assert [row["route"] for row in shown] == ["flat-6km", "slow"]
+    assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 10
+    printed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
+    assert printed.returncode == 0
+    assert re.search(r"slow +A – B +re460-ic +l3 +6.0 +", printed.stdout)
+    assert "2 tables, 3.1 MB" in printed.stdout
+    damaged = tmp_path / "tables" / shown[0]["name"] / "value_j.npy"
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    checked = in_a_process("precompute.cli", "verify", "tables", cwd=tmp_path)
+    assert checked.returncode == 1
+    assert "was it cut?" in checked.stdout
+    assert "1 of 2 tables are whole" in checked.stdout
+
+
+def test_a_bad_plan_on_the_command_line_is_one_line(tmp_path: Path) -> None:
+    plan_file(tmp_path, HEAD + ROUTE)
+    done = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.strip() == "error: plan.toml: trains is missing: expected at least one [[trains]]"
+    assert not (tmp_path / "tables").exists()
+
+
+MANY = HEAD + "[synthetic]\nsections = 16\nseed = 3\n" + TRAIN + QUICK
+
+
+def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
+    """A build of 16 sections in a process group of its own, on its way: so many tables are there."""
+    plan_file(folder, MANY)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "precompute.cli", "build", "plan.toml", "-o", "tables", "--workers", "2"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        start_new_session=True,
+    )
+    wait_for(lambda: len(list((folder / "tables").glob("synthetic*"))) >= tables)
+    return process
+
+
+def wait_for(done: Callable[[], bool], within_s: float = 120.0) -> None:
+    end = time.monotonic() + within_s
+    while not done():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def group_is_gone(process: subprocess.Popen[str]) -> bool:
+    try:
+        os.killpg(process.pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def tables_of(folder: Path) -> dict[str, int]:
+    """When each table of a folder was put there; all of them are whole."""
+    for path in table_folders(folder):
+        Table.open(path).verify()
+    return {path.name: path.stat().st_mtime_ns for path in table_folders(folder)}
+
+
+def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> None:
+    """No section is lost, none is solved twice, and no worker outlives the build."""
+    tables = tmp_path / "tables"
+    process = started_build(tmp_path, 3)
+    os.killpg(process.pid, signal.SIGINT)
+    said = process.communicate(timeout=30)[1]
+    assert (process.returncode, "Traceback" in said) == (130, False), said
+    wait_for(lambda: group_is_gone(process), within_s=10)
+    stopped = tables_of(tables)
+    assert json.loads((tables / "build.json").read_text())["counts"]["pending"] == 16 - len(stopped) > 0
+
+    process = started_build(tmp_path, len(stopped) + 3)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate(timeout=30)
+    wait_for(lambda: group_is_gone(process), within_s=10)
+    killed = tables_of(tables)
+    assert len(killed) < 16
+    assert {name: killed[name] for name in stopped} == stopped
+
+    resumed = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--json")
+    assert resumed.returncode == 0, resumed.stderr
+    report = json.loads(resumed.stdout)
+    assert (report["counts"]["kept"], report["counts"]["built"]) == (len(killed), 16 - len(killed))
+    after = tables_of(tables)
+    assert {name: after[name] for name in killed} == killed
+    assert set(after) == {section["name"] for section in report["sections"]}
+    assert not list(tables.glob(".unfinished-*"))
+
+
+# On a cluster
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A real scheduler with two real workers on the loopback."""
+    folder = tmp_path_factory.mktemp("cluster")
+    path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    env = {**os.environ, "PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
+    file = folder / "scheduler.json"
+    commands = [
+        ["scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file)],
+        [
+            "worker",
+            "--scheduler-file",
+            str(file),
+            "--nthreads",
+            "1",
+            "--nworkers",
+            "2",
+            "--local-directory",
+            str(folder),
+        ],
+    ]
+    running = []
+    try:
+        for name, *options in commands:
+            running.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", f"distributed.cli.dask_{name}", *options, "--no-dashboard"],
+                    env=env,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                )
+            )
+            wait_for(lambda: file.is_file() and bool(file.read_text()))
+        found = json.loads(file.read_text())["address"]
+        with Client(found, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+        yield found
+    finally:
+        for process in reversed(running):
+            process.terminate()
+            process.wait(30)
+
+
+def killed_a_worker(client: Client) -> bool:
+    """Kill one of the workers that answer; False where none does (the poison job may just have taken it down)."""
+    for pid in client.run(os.getpid, on_error="ignore").values():
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+            return True
+    return False
+
+
+def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_path: Path) -> None:
+    """A worker is killed in mid-build, a poison job kills others: all else is built, and nothing stays behind."""
+    jobs = [job(i) for i in range(8)]
+    jobs.insert(2, job(20, PoisonJob))
+    for name in ("far", "near"):
+        (tmp_path / name).mkdir()
+    outcomes = {}
+    with Client(address, set_as_default=False) as client:
+        for outcome in cluster.solve_on_cluster(jobs, tmp_path / "far", address):
+            outcomes[outcome.name.rpartition("_")[0]] = outcome
+            if len(outcomes) == 3:
+                wait_for(lambda: killed_a_worker(client))
+        assert {label for label, found in outcomes.items() if found.status is Status.BUILT} == {
+            f"job-{i}" for i in range(8)
+        }
+        assert outcomes["job-20"].status is Status.POISON
+        wait_for(lambda: not any(client.who_has().values()))
+    for outcome in solve_locally([job(4)], tmp_path / "near", 1):
+        near, far = tmp_path / "near" / outcome.name, tmp_path / "far" / outcome.name
+        for path in near.iterdir():
+            assert path.read_bytes() == (far / path.name).read_bytes()
+
+
+def test_a_cluster_that_differs_is_refused(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+        cluster.check_workers(client, address)
+    monkeypatch.setattr(surroundings, "_version", lambda _name: "0.1")
+    with pytest.raises(DasError, match=r"worker tcp://.*: numpy .*, here 0.1; numba .*, here 0.1"):
+        list(cluster.solve_on_cluster([job(1)], tmp_path, address))
+    monkeypatch.setattr(cluster, "check_workers", lambda *_: None)
+    with pytest.raises(DasError, match=r"a worker that joined later: numpy .*, here 0.1"):
+        list(cluster.solve_on_cluster([job(1)], tmp_path, address))
+
+
+def test_a_cluster_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "CONNECT_WITHIN_S", 0.5)
+    with pytest.raises(DasError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers"):
+        list(cluster.solve_on_cluster([job(1)], tmp_path, "tcp://127.0.0.1:9"))
+    with pytest.raises(DasError, match=r"--scheduler 127.0.0.1:9: expected an address like tcp://HOST:8786"):
+        list(cluster.solve_on_cluster([job(1)], tmp_path, "127.0.0.1:9"))
+
+
+def test_differences_are_named() -> None:
+    here = environment()
+    assert differences(here, here) == ""
+    assert differences(here, {**here, "numpy": "1.0"}) == f"numpy 1.0, here {here['numpy']}"
+    assert "source missing" in differences(here, {k: v for k, v in here.items() if k != "source"})
+
+
+def test_a_job_travels_to_another_process() -> None:
+    sent = job(1)
+    sent = replace(sent, vehicle=replace(sent.vehicle, losses=MappingProxyType(dict(sent.vehicle.losses))))
+    received = pickle.loads(pickle.dumps(sent))
+    assert (received.key, received.name) == (sent.key, sent.name)
+    assert received.vehicle.losses[Level.OWN] == sent.vehicle.losses[Level.OWN]

@@ -1,0 +1,563 @@
+"""Simulated drivers: whether they get there, keep to what is allowed, follow advice, and are as human as set."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.advice.advisor import Advice, Advisor, Timetable
+from das.advice.plan import Mode
+from das.bus import das_pb2
+from das.domain.errors import InputError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.trajectory import Trajectory
+from das.domain.units import KMH
+from das.solver.front import Front, Solution, solve_front
+from das.solver.section import build_section
+from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, Restriction, lever_ratio, present
+from sim.drivers.command import DRIVERS
+from sim.drivers.human import Event, HumanDriver
+from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
+from sim.drivers.parameters import HumanParameters, parameter_markdown
+from sim.drivers.registry import DriverKind, make_driver
+from sim.plant.kernels import LEVER
+from sim.plant.plant import Command, Plant, PlantState
+from sim.world.ride import Advise, Leg, Ride, advised_by, ride
+from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
+
+RE460 = load_vehicle("re460-ic")
+ZUG_M, LUZERN_M = 29_000.0, 57_000.0
+STEADY = HumanParameters(
+    reaction_median_s=0.2, reaction_log_sd=0.0, glance_mean_s=0.2, glance_least_s=0.2, speed_error_mps=0.0,
+    force_error_ratio=0.0, lapses_per_h=0.0, stop_error_m=0.0, lever_rate_per_s=10.0, friction_ratio=0.0,
+)  # fmt: skip
+"""A human without human weaknesses."""
+
+
+class Case:
+    """A solved section, its train and what its drivers know."""
+
+    def __init__(self, route: str, start_m: float, stop_m: float, buffer_ratio: float) -> None:
+        self.route = load_route(route)
+        self.line = LineKnowledge(route=self.route, vehicle=RE460)
+        self.front: Front = solve_front(build_section(self.route, RE460, start_m=start_m, end_m=stop_m))
+        self.time_s = (1 + buffer_ratio) * self.front.fastest().time_s
+        self.plan: Solution = self.front.trajectory(self.time_s)
+        self.plant = Plant(self.route, RE460)
+        self.leg = Leg(start_m=start_m, stop_m=stop_m, departure_s=0.0, arrival_s=self.time_s)
+
+    def advise(self, presentation: Presentation) -> Advise:
+        advisor = Advisor(self.front)
+        advisor.set_timetable(Timetable(departure_ns=0, arrival_ns=round(self.time_s * 1e9)))
+        return advised_by(advisor, presentation, self.line)
+
+    def ride(self, driver: Driver, advise: Advise | None = None) -> Ride:
+        return ride(self.plant, driver, self.line, self.leg, advise)
+
+    def input_ratio(self, run: Ride) -> float:
+        return self.plant.ledger(run.states[0], run.states[-1]).input / self.plan.ledger.input
+
+    def excess_mps(self, run: Ride) -> float:
+        """The most by which any state is above the limit over the train."""
+        return max(s.speed_mps - float(self.line.limits_mps.at(s.s_m)) for s in run.states)
+
+
+@pytest.fixture(scope="module")
+def short() -> Case:
+    return Case("flat-6km", 0.0, 6000.0, 0.1)
+
+
+@pytest.fixture(scope="module")
+def zug_luzern() -> Case:
+    return Case("zurich-luzern", ZUG_M, LUZERN_M, 0.1)
+
+
+def displayed(plan: Trajectory) -> Advise:
+    """A display that shows a plan as it stands, read at the train's place and never made anew."""
+    force_n = np.append(plan.force_el_n + plan.force_friction_n, 0.0)
+
+    def advise(state: PlantState) -> AdviceView:
+        speed_mps = math.sqrt(np.interp(state.s_m, plan.s_m, plan.v_mps**2))
+        i = int(np.clip(np.searchsorted(plan.s_m, state.s_m, side="right") - 1, 0, len(plan.s_m) - 2))
+        mean = 0.5 * (plan.v_mps[i] + speed_mps)
+        at_s = plan.t_s[i] + ((state.s_m - plan.s_m[i]) / mean if mean > 0 else 0.0) + np.arange(1.0, 31.0)
+        j = np.clip(np.searchsorted(plan.t_s, at_s, side="right") - 1, 0, len(force_n) - 1)
+        return AdviceView(
+            time_s=state.time_s,
+            valid_until_s=state.time_s + 3.0,
+            presentation=Presentation.VECTOR,
+            mode=das_pb2.MODE_CRUISE,
+            speed_mps=speed_mps,
+            force_n=float(force_n[i]),
+            horizon_speed_mps=tuple(np.interp(at_s, plan.t_s, plan.v_mps).tolist()),
+            horizon_force_n=tuple(force_n[j].tolist()),
+        )
+
+    return advise
+
+
+# --- followers and drivers by rule -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["short", "zug_luzern"])
+def test_the_perfect_follower_drives_the_plan(name: str, request: pytest.FixtureRequest) -> None:
+    """Plant against plan: the optimal run of das-precompute, on a train with dead times and build-up."""
+    case: Case = request.getfixturevalue(name)
+    run = case.ride(make_driver(DriverKind.PERFECT, case.line), displayed(case.plan.trajectory))
+    assert run.arrival_s == pytest.approx(case.time_s, abs=2.0)
+    assert case.input_ratio(run) == pytest.approx(1.0, abs=0.005)
+    assert run.states[-1].s_m == pytest.approx(case.leg.stop_m, abs=1.0)
+    assert case.excess_mps(run) < 0.3
+
+
+@pytest.mark.parametrize("name", ["short", "zug_luzern"])
+def test_the_perfect_follower_of_a_live_advisor_is_on_time(name: str, request: pytest.FixtureRequest) -> None:
+    """The advisor makes up for what dead times lose beyond the half second it is late for."""
+    case: Case = request.getfixturevalue(name)
+    run = case.ride(make_driver(DriverKind.PERFECT, case.line), case.advise(Presentation.VECTOR))
+    assert run.arrival_s == pytest.approx(case.time_s, abs=1.0)
+    assert -0.003 < case.input_ratio(run) - 1.0 < 0.005
+    assert run.states[-1].s_m == pytest.approx(case.leg.stop_m, abs=1.0)
+
+
+def test_each_driver_by_rule_is_what_it_is_called(zug_luzern: Case) -> None:
+    case = zug_luzern
+    runs = {kind: case.ride(make_driver(kind, case.line)) for kind in ("fast", "rms", "timetable")}
+    for run in runs.values():
+        assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=1.5)
+        assert case.excess_mps(run) < 0.1
+    least_s = case.front.fastest().time_s
+    assert least_s < runs["fast"].arrival_s < 1.02 * least_s
+    assert runs["rms"].arrival_s == pytest.approx(case.time_s, abs=10.0)
+    assert runs["timetable"].arrival_s == pytest.approx(case.time_s, abs=10.0)
+    assert case.input_ratio(runs["fast"]) > 1.3 > case.input_ratio(runs["rms"]) > 1.0
+    tops = {kind: max(s.speed_mps for s in run.states) for kind, run in runs.items()}
+    assert tops["rms"] < tops["fast"] - 2.0
+
+
+def test_rms_holds_the_speed_on_the_display(zug_luzern: Case) -> None:
+    def display(state: PlantState) -> AdviceView | None:
+        given = replace(
+            advice(Mode.CRUISE),
+            time_ns=round(1e9 * state.time_s),
+            valid_until_ns=round(1e9 * state.time_s + 3e9),
+            reduced_max_speed_mps=25.0,
+        )
+        return present(given, Presentation.RMS, zug_luzern.line.train)
+
+    run = zug_luzern.ride(make_driver(DriverKind.RMS, zug_luzern.line), display)
+    top = [s.speed_mps for s in run.states]
+    assert max(top) == pytest.approx(25.0, abs=0.3)
+    assert np.mean(np.abs(np.array(top) - 25.0) < 0.3) > 0.5
+
+
+@pytest.mark.parametrize("kind", list(DriverKind))
+def test_nobody_leaves_early_and_everyone_minds_restrictions_and_signals(kind: DriverKind) -> None:
+    """A restriction and a signal of which the advice knows nothing; the signal clears, the train goes on."""
+    route, train = flat(7000.0, 40.0), RE460
+    line, plant = LineKnowledge(route=route, vehicle=train), Plant(route, train)
+    driver = make_driver(kind, line, parameters=STEADY)
+    restriction = Restriction(start_m=1500.0, end_m=1800.0, limit_mps=14.0)
+    state, signal_m, stood_s = plant.at(0.0), 4500.0, math.inf
+    while state.time_s < 700.0:
+        view = fastest_view(state) if kind in (DriverKind.PERFECT, DriverKind.HUMAN) else None
+        cab = cab_of(state, stop_m=7000.0, signal_m=signal_m, restrictions=(restriction,), advice=view)
+        cab = cab._replace(departure_s=20.0, may_depart=state.time_s >= 25.0)
+        state = plant.advance(state, driver.command(cab), 0.2)
+        assert state.s_m == 0 or state.time_s > 25.0
+        if 1500.0 < state.s_m < 1800.0 + train.length_m:
+            assert state.speed_mps < 14.0 + 0.5
+        if math.isfinite(signal_m):
+            assert state.s_m < 4502.0
+            if state.speed_mps == 0 and state.s_m > 4000.0:
+                stood_s = min(stood_s, state.time_s)
+                if state.time_s > stood_s + 30.0:
+                    signal_m = math.inf
+    assert stood_s < math.inf
+    assert state.speed_mps == 0
+    assert state.s_m == pytest.approx(7000.0, abs=2.0)
+
+
+@pytest.mark.parametrize("kind", list(DriverKind))
+def test_a_limit_that_only_the_display_knows_is_kept(kind: DriverKind) -> None:
+    line, plant = LineKnowledge(route=flat(9000.0, 40.0), vehicle=RE460), Plant(flat(9000.0, 40.0), RE460)
+    driver, state = make_driver(kind, line, parameters=STEADY), plant.at(0.0)
+    while state.time_s < 120.0:
+        view = fastest_view(state) if kind in (DriverKind.PERFECT, DriverKind.HUMAN) else None
+        cab = cab_of(state, stop_m=9000.0, arrival_s=300.0, advice=view)._replace(limit_mps=20.0)
+        state = plant.advance(state, driver.command(cab), 0.2)
+        assert state.speed_mps < 20.5
+    assert state.speed_mps > 18.5
+
+
+def fastest_view(state: PlantState) -> AdviceView:
+    """Advice to go on as fast as it goes, whatever is ahead."""
+    v = state.speed_mps
+    return AdviceView(
+        time_s=state.time_s,
+        valid_until_s=state.time_s + 3.0,
+        presentation=Presentation.VECTOR,
+        mode=das_pb2.MODE_FULL_TRACTION,
+        speed_mps=v + 0.1,
+        lever_ratio=1.0,
+        force_n=3e5,
+        horizon_speed_mps=tuple(v + 0.4 * i for i in range(1, 31)),
+        horizon_force_n=(3e5,) * 30,
+    )
+
+
+def cab_of(
+    state: PlantState,
+    *,
+    stop_m: float,
+    arrival_s: float = 600.0,
+    signal_m: float = math.inf,
+    restrictions: tuple[Restriction, ...] = (),
+    advice: AdviceView | None = None,
+) -> Cab:
+    return Cab(
+        time_s=state.time_s,
+        s_m=state.s_m,
+        speed_mps=state.speed_mps,
+        limit_mps=40.0,
+        stop_m=stop_m,
+        departure_s=0.0,
+        arrival_s=arrival_s,
+        signal_m=signal_m,
+        restrictions=restrictions,
+        advice=advice,
+    )
+
+
+def test_a_ceiling_keeps_limits_over_the_whole_train_and_the_planned_braking() -> None:
+    route = make_route(5000.0, [(0.0, 30.0), (2000.0, 15.0), (2400.0, 25.0)])
+    train = replace(make_train(), length_m=150.0)
+    habit = Habit(braking_mps2=0.5, below_mps=0.0)
+    start = Plant(route, train).at(0.0)
+    outlook = Foresight(LineKnowledge(route=route, vehicle=train), habit).outlook(cab_of(start, stop_m=5000.0))
+    for s_m, limit in ((500.0, 30.0), (2100.0, 15.0), (2549.0, 15.0), (2556.0, 25.0)):
+        assert outlook.allowed_mps(s_m) == pytest.approx(limit)
+    for way_m in (1.0, 10.0, 100.0, 400.0):  # v² = 2·b·way to the stop, and from 15 m/s before the lower limit
+        assert outlook.allowed_mps(5000.0 - way_m) == pytest.approx(math.sqrt(way_m), rel=1e-6)
+        assert outlook.allowed_mps(2000.0 - way_m) == pytest.approx(math.sqrt(225.0 + way_m), rel=5e-3)
+    assert outlook.needed_braking_mps2(4000.0, 24.0, 1.0) == pytest.approx(24.0**2 / 2000.0, rel=1e-6)
+    assert outlook.needed_braking_mps2(1000.0, 28.0, 1.0) == pytest.approx((28.0**2 - 225.0) / 2000.0, rel=5e-3)
+    assert outlook.needed_braking_mps2(100.0, 14.0, 1.0) < 0.025
+
+
+# --- what the display shows --------------------------------------------------------------------------------------
+
+
+def advice(mode: Mode, force_n: float = 0.0, speed_mps: float = 20.0) -> Advice:
+    return Advice(
+        time_ns=7_000_000_000,
+        valid_until_ns=10_000_000_000,
+        mode=mode,
+        advised_speed_mps=speed_mps,
+        advised_force_n=force_n,
+        horizon_speed_mps=(20.5,) * 30,
+        horizon_force_n=(force_n,) * 30,
+        next_mode=Mode.REDUCED_BRAKE,
+        next_change_s=12.0,
+        reduced_max_speed_mps=27.0,
+        four_mode=mode,
+        next_four_mode=Mode.FULL_BRAKE,
+        next_four_change_s=13.0,
+    )
+
+
+def test_presentations_show_what_they_are_for_and_no_more() -> None:
+    train = LineKnowledge(route=flat(100.0), vehicle=RE460).train
+    given = advice(Mode.CRUISE, 5e4)
+    full = present(given, Presentation.VECTOR, train, clock_zero_ns=2_000_000_000)
+    assert full is not None
+    assert (full.time_s, full.valid_until_s, full.speed_mps, full.force_n) == (5.0, 8.0, 20.0, 5e4)
+    assert full.lever_ratio == pytest.approx(5e4 / float(RE460.traction_effort_n(20.0)))
+    modes = present(given, Presentation.FOUR_MODE, train)
+    assert modes is not None
+    assert (modes.mode, modes.speed_mps, modes.next_mode) == (das_pb2.MODE_CRUISE, 20.0, das_pb2.MODE_FULL_BRAKE)
+    assert modes.next_change_s == 13.0
+    assert math.isnan(modes.lever_ratio)
+    assert not modes.horizon_speed_mps
+    coasting = present(advice(Mode.COAST), Presentation.FOUR_MODE, train)
+    assert coasting is not None
+    assert math.isnan(coasting.speed_mps)
+    reduced = present(given, Presentation.RMS, train)
+    assert reduced is not None
+    assert (reduced.speed_mps, reduced.horizon_force_n) == (27.0, ())
+    assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.RMS, train) is None
+    assert present(given, Presentation.NONE, train) is None
+    assert present(advice(Mode.NONE), Presentation.VECTOR, train) is None
+    assert lever_ratio(-1e9, 20.0, train) == -1.0
+    assert lever_ratio(-3.5e5, 20.0, train) == pytest.approx(-0.5, rel=0.01)  # 700 kN of both brakes
+
+
+def test_advice_that_is_no_longer_valid_is_not_followed(short: Case) -> None:
+    view = present(advice(Mode.FULL_TRACTION, 3e5), Presentation.VECTOR, short.line.train)
+    cab = cab_of(short.plant.at(100.0, 20.0, 10.5), stop_m=6000.0, advice=view)
+    assert cab.shown is None
+    assert cab._replace(time_s=9.0).shown is view
+    alone = make_driver(DriverKind.TIMETABLE, short.line).command(cab._replace(advice=None))
+    assert make_driver(DriverKind.PERFECT, short.line).command(cab) == alone
+
+
+# --- the human ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("presentation", "notches"),
+    [(Presentation.NONE, 0), (Presentation.RMS, 8), (Presentation.FOUR_MODE, 0), (Presentation.VECTOR, 8)],
+)
+def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
+    zug_luzern: Case, presentation: Presentation, notches: int
+) -> None:
+    case = zug_luzern
+    human = HumanDriver(case.line, HumanParameters(notches=notches, lapses_per_h=0.0), seed=5)
+    run = case.ride(human, case.advise(presentation) if presentation is not Presentation.NONE else None)
+    assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=3 * human.parameters.stop_error_m)
+    assert case.excess_mps(run) < 1.0
+    assert run.arrival_s == pytest.approx(case.time_s, abs=60.0)
+    assert case.plant.ledger(run.states[0], run.states[-1]).residual_ratio < 1e-6
+
+
+def test_advice_helps_a_human_to_save_energy_and_be_on_time(zug_luzern: Case) -> None:
+    case = zug_luzern
+    advised = [case.ride(HumanDriver(case.line, seed=s), case.advise(Presentation.VECTOR)) for s in range(2)]
+    alone = [case.ride(HumanDriver(case.line, seed=s)) for s in range(2)]
+    assert np.mean([case.input_ratio(r) for r in advised]) < np.mean([case.input_ratio(r) for r in alone]) - 0.05
+    late = [np.mean([abs(r.arrival_s - case.time_s) for r in runs]) for runs in (advised, alone)]
+    assert late[0] < late[1]
+
+
+def drive_past(
+    human: HumanDriver, modes: list[int], each_s: float, look_s: float = 0.2, last_mps: float = 20.0
+) -> list[tuple[float, Command]]:
+    """Show one mode after another to a driver on an endless level line whose train stays at 20 m/s.
+
+    The speed to hold is 20 m/s, in the end `last_mps`.
+    """
+    commands = []
+    looks = round(each_s / look_s)
+    for i, mode in enumerate(modes):
+        for k in range(looks):
+            time_s = (i * looks + k) * look_s
+            view = AdviceView(
+                time_s=time_s,
+                valid_until_s=time_s + 3.0,
+                presentation=Presentation.FOUR_MODE,
+                mode=mode,
+                speed_mps=math.nan if mode != das_pb2.MODE_CRUISE else 20.0 if i < len(modes) - 1 else last_mps,
+            )
+            state = PlantState(time_s, 100.0, 20.0)
+            commands.append((time_s, human.command(cab_of(state, stop_m=50_000.0, arrival_s=1e7, advice=view))))
+    return commands
+
+
+def endless() -> LineKnowledge:
+    return LineKnowledge(route=flat(50_000.0, 40.0), vehicle=RE460)
+
+
+def values(events: list[Event], what: str) -> np.ndarray:
+    return np.array([e.value for e in events if e.what == what])
+
+
+MODES = [das_pb2.MODE_FULL_TRACTION, das_pb2.MODE_CRUISE, das_pb2.MODE_COAST, das_pb2.MODE_FULL_BRAKE]
+
+
+def test_reactions_are_lognormal_as_set_and_the_hand_moves_after_them() -> None:
+    human = HumanDriver(endless(), replace(STEADY, reaction_median_s=2.0, reaction_log_sd=0.4), seed=1)
+    for ratio in ("traction", "hold", "coast", "brake"):
+        human.parameters = replace(human.parameters, **{f"comply_{ratio}_ratio": 1.0})
+    commands = drive_past(human, MODES * 100, 12.0)
+    logs = np.log(values(human.events, "reaction"))
+    assert len(logs) == 400
+    assert logs.mean() == pytest.approx(math.log(2.0), abs=3 * 0.4 / math.sqrt(400))
+    assert logs.std() == pytest.approx(0.4, abs=3 * 0.4 / math.sqrt(800))
+    # Coasting was advised before, braking now: the lever leaves 0 at the first look after the reaction.
+    brakes = [e for e in human.events if e.what == "followed" and e.value == das_pb2.MODE_FULL_BRAKE]
+    reactions = {e.time_s: e.value for e in human.events if e.what == "reaction"}
+    for event in brakes:
+        moved_s = next(t for t, c in commands if t >= event.time_s and c.value < 0)
+        assert 0.0 <= moved_s - (event.time_s + reactions[event.time_s]) < 0.2 + 1e-9
+
+
+def test_advice_is_followed_with_the_probability_of_its_kind() -> None:
+    wanted = {"traction": 0.9, "hold": 0.7, "coast": 0.5, "brake": 0.3}
+    ratios = {f"comply_{kind}_ratio": p for kind, p in wanted.items()}
+    human = HumanDriver(endless(), replace(STEADY, **ratios), seed=2)
+    drive_past(human, MODES * 300, 1.0)
+    followed, refused = (Counter(values(human.events, what)) for what in ("followed", "refused"))
+    for mode, p in zip(MODES, wanted.values(), strict=True):
+        assert followed[mode] + refused[mode] == 300
+        assert followed[mode] / 300 == pytest.approx(p, abs=3.3 * math.sqrt(p * (1 - p) / 300))
+
+
+def test_glances_are_as_far_apart_as_set() -> None:
+    """New advice every look: each glance is an event."""
+    human = HumanDriver(endless(), replace(STEADY, glance_mean_s=5.0, glance_least_s=1.0), seed=3)
+    drive_past(human, MODES * 2500, 0.2)
+    glances = [e.time_s for e in human.events if e.what in ("followed", "refused")]
+    gaps = np.diff(glances)
+    assert gaps.min() >= 1.0
+    # Glances fall on looks, on average half of one late; a glance at the same mode as before is no event.
+    assert np.median(gaps) == pytest.approx(1.0 + 4.0 * math.log(2) + 0.1, rel=0.25)
+
+
+def test_lapses_come_as_often_and_last_as_long_as_set() -> None:
+    human = HumanDriver(endless(), replace(STEADY, lapses_per_h=60.0, lapse_mean_s=15.0), seed=4)
+    commands = drive_past(human, [das_pb2.MODE_COAST] * 300, 60.0, look_s=1.0)
+    lapses = [e for e in human.events if e.what == "lapse"]
+    hours = (commands[-1][0] - sum(e.value for e in lapses)) / 3600.0
+    assert len(lapses) == pytest.approx(60.0 * hours, abs=3 * math.sqrt(60.0 * hours))
+    assert np.mean([e.value for e in lapses]) == pytest.approx(15.0, abs=3 * 15.0 / math.sqrt(len(lapses)))
+
+
+def test_a_lapse_ends_when_the_train_warns_of_its_speed(short: Case) -> None:
+    human = HumanDriver(short.line, replace(STEADY, lapses_per_h=60.0, lapse_mean_s=120.0), seed=6)
+    run = short.ride(human)
+    assert values(human.events, "lapse").sum() > 60.0
+    assert run.states[-1].s_m < 6060.0
+    assert short.excess_mps(run) < 3.0
+
+
+def test_a_notched_controller_moves_notch_by_notch(short: Case) -> None:
+    human = HumanDriver(short.line, replace(STEADY, notches=6, notch_s=0.6), seed=7)
+    levers, times = [], []
+
+    class Watched:
+        def command(self, cab: Cab) -> Command:
+            command = human.command(cab)
+            if cab.speed_mps > 0:
+                levers.append(command.value)
+                times.append(cab.time_s)
+                assert command.law == LEVER
+            return command
+
+    short.ride(Watched())
+    notch = np.array(levers) * 6
+    assert notch == pytest.approx(np.round(notch), abs=1e-9)
+    changes = np.flatnonzero(np.diff(notch))
+    assert np.abs(np.diff(notch)).max() == pytest.approx(1.0)
+    assert np.diff(np.array(times)[changes]).min() >= 0.6 - 1e-9
+    assert set(np.round(notch)) >= {-1.0, 0.0, 1.0, 6.0}
+
+
+def test_speed_errors_within_the_dead_band_are_left() -> None:
+    holding = lever_ratio(float(RE460.resistance.force_n(20.0)), 20.0, endless().train)
+    for last_mps, corrects in ((20.0, False), (20.9, False), (21.1, True)):
+        human = HumanDriver(endless(), replace(STEADY, dead_band_mps=1.0, comply_hold_ratio=1.0))
+        lever = drive_past(human, [das_pb2.MODE_CRUISE] * 2, 20.0, last_mps=last_mps)[-1][1].value
+        assert lever > 2 * holding if corrects else lever == pytest.approx(holding)
+
+
+def control_actions(case: Case, human: HumanParameters) -> int:
+    driver = HumanDriver(case.line, human, seed=8)
+    case.ride(driver)
+    return len(values(driver.events, "lever"))
+
+
+def test_a_wider_dead_band_means_fewer_movements_of_the_controller(zug_luzern: Case) -> None:
+    erring = replace(STEADY, speed_error_mps=0.5)
+    narrow, wide = (control_actions(zug_luzern, replace(erring, dead_band_mps=b)) for b in (0.1, 1.5))
+    assert wide < 0.9 * narrow
+    assert control_actions(zug_luzern, replace(STEADY, lever_least_ratio=0.2)) < wide
+
+
+def test_early_braking_begins_earlier_and_a_mark_is_missed_by_as_much_as_set(short: Case) -> None:
+    def first_brake_m(early_s: float) -> float:
+        run = short.ride(HumanDriver(short.line, replace(STEADY, early_braking_s=early_s, haste_ratio=1.0), seed=9))
+        return next(s.s_m for s in run.states if s.s_m > 3000.0 and s.force_el_n < -1e5)
+
+    assert first_brake_m(0.0) - first_brake_m(6.0) == pytest.approx(6.0 * 41.0, rel=0.25)
+    off = []
+    for seed in range(12):
+        run = short.ride(HumanDriver(short.line, replace(STEADY, stop_error_m=3.0), seed=seed))
+        off.append(run.states[-1].s_m - 6000.0)
+    assert 1.5 < np.std(off) < 5.0
+    exact = short.ride(HumanDriver(short.line, STEADY, seed=0))
+    assert exact.states[-1].s_m == pytest.approx(6000.0, abs=0.5)
+
+
+def test_learning_improves_towards_what_is_left_of_it() -> None:
+    human = HumanParameters(learning_trips=10.0, learned_ratio=0.5)
+    assert human.after(0) == replace(human)
+    half = 0.5 + 0.5 * math.exp(-1.0)
+    after = human.after(10)
+    assert after.reaction_median_s == pytest.approx(2.0 * half)
+    assert after.speed_error_mps == pytest.approx(1.5 * KMH * half)
+    assert after.comply_coast_ratio == pytest.approx(1.0 - 0.15 * half)
+    assert human.after(1e6).stop_error_m == pytest.approx(0.5 * human.stop_error_m)
+    assert after.dead_band_mps == human.dead_band_mps
+
+
+RUN = """
+import hashlib, struct
+from das.domain.files.load import load_route, load_vehicle
+from sim.drivers.human import HumanDriver
+from sim.drivers.knowledge import LineKnowledge
+from sim.plant.plant import Plant
+from sim.world.ride import Leg, ride
+
+route, train = load_route("flat-6km"), load_vehicle("re460-ic")
+line = LineKnowledge(route=route, vehicle=train)
+leg = Leg(start_m=0.0, stop_m=6000.0, departure_s=0.0, arrival_s=230.0)
+for seed, stream in ((11, 0), (12, 0), (11, 1)):
+    run = ride(Plant(route, train), HumanDriver(line, seed=seed, stream=stream), line, leg)
+    print(hashlib.sha256(b"".join(struct.pack("16d", *s) for s in run.states)).hexdigest())
+"""
+
+
+def test_a_seed_and_a_stream_drive_the_same_to_the_last_bit_in_two_processes() -> None:
+    def digests(hash_seed: str) -> list[str]:
+        environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONHASHSEED": hash_seed}
+        command = [sys.executable, "-c", RUN]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=True)
+        return done.stdout.split()
+
+    first = digests("1")
+    assert first == digests("2")
+    assert len(set(first)) == 3
+
+
+BAD = [
+    ({"reaction_median_s": 0.0}, "reaction_median_s = 0.0: expected 0.2 to 20 s"),
+    ({"comply_hold_ratio": 1.1}, "comply_hold_ratio = 1.1: expected 0 to 1$"),
+    ({"notches": 2.5}, "notches = 2.5: expected a whole number, 0 to 32 notches"),
+    ({"lapses_per_h": math.nan}, "lapses_per_h = nan: expected 0 to 60 1/h"),
+    ({"glance_mean_s": 0.5}, "glance_mean_s = 0.5: expected at least glance_least_s"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), BAD)
+def test_parameters_out_of_range_are_refused_with_the_reason(changes: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        HumanParameters(**changes)
+    with pytest.raises(InputError, match="trips = -1"):
+        HumanParameters().after(-1)
+
+
+def test_every_parameter_is_documented_with_its_source() -> None:
+    for item in fields(HumanParameters):
+        assert item.metadata["low"] <= item.default <= item.metadata["high"]
+        assert item.metadata["source"]
+        assert item.metadata["meaning"]
+    page = (REPOSITORY / "docs" / "drivers.md").read_text(encoding="utf-8")
+    assert parameter_markdown() in page, "docs/drivers.md: put in what sim.drivers.parameters.parameter_markdown gives"
+
+
+def test_das_sim_lists_the_drivers(tmp_path: Path) -> None:
+    done = in_a_process("sim.cli", "drivers", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert set(said["drivers"]) == set(DRIVERS) == set(DriverKind)
+    assert set(said["human"]) == {f.name for f in fields(HumanParameters)}
+    assert said["human"]["reaction_median_s"]["default"] == 2.0

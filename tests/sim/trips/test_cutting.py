@@ -1,0 +1,234 @@
+"""Records longer, shorter or the other way round than the section: what is cut, turned and told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from das.domain.route import Floats, Stop
+from sim.trips.findings import Kind
+from sim.trips.reading import read_trip
+from sim.trips.standing import slowed_to
+from sim.trips.trip import Whereabouts, load_trip
+from tests.sim.trips.test_trips import motion, route
+from tests.support.dirt import (
+    LENGTH_M,
+    STOOD_S,
+    Point,
+    Points,
+    changed,
+    check_truth,
+    clean,
+    counts,
+    load,
+    long_posts,
+    write,
+)
+
+
+def beyond_both_ends() -> Points:
+    """From 3 km before A to 3 km beyond B, with stops of 40 s at both."""
+    first = clean(3000.0, start_m=-3000.0, stood_s=20)
+    second = clean(LENGTH_M, start_s=first[-1].t + 1, stood_s=20)
+    third = clean(3000.0, start_m=LENGTH_M, start_s=second[-1].t + 1, stood_s=20)
+    return first + second + third
+
+
+def test_points_before_and_after_the_section_are_cut(tmp_path: Path) -> None:
+    """Kilometre posts find the stops by their distance; 40 s of standing at each belong to both runs."""
+    points = beyond_both_ends()
+    trip = load(tmp_path, points)
+    run = motion(3000.0)[0]
+    one = len(run) + 20  # the way and the stand before it
+    assert counts(trip) == {
+        Kind.BEFORE_SECTION: one - 1,
+        Kind.AFTER_SECTION: one - 1,
+        Kind.LONG_STAND_AT_START: 42 - 31,
+        Kind.LONG_STAND_AT_END: 42 - 31,
+    }
+    assert trip.whole
+    check_truth(trip, points)
+    assert [stand.stop for stand in trip.stands] == ["A", "B"]
+
+
+def test_with_geometry_points_beyond_the_line_are_cut(tmp_path: Path) -> None:
+    """The line goes on straight beyond its ends; a point far off it is not on it, before and after."""
+    points = changed(beyond_both_ends(), range(30), east_m=700.0)
+    path = write(tmp_path, points)
+    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+    one = len(motion(3000.0)[0]) + 20
+    assert counts(trip)[Kind.OFF_LINE] == 30
+    assert counts(trip)[Kind.BEFORE_SECTION] == one - 1 - 30
+    assert trip.matched.report.anchor == "route"
+    check_truth(trip, points)
+
+
+def test_a_train_that_passes_the_stops_is_cut_there(tmp_path: Path) -> None:
+    points = clean(LENGTH_M + 6000, start_m=-3000.0)
+    path = write(tmp_path, points)
+    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+    before, after = sum(p.s_m < 0 for p in points), sum(p.s_m > LENGTH_M for p in points)
+    assert counts(trip) == {
+        Kind.BEFORE_SECTION: before,
+        Kind.AFTER_SECTION: after,
+        Kind.STARTS_MOVING: 1,
+        Kind.ENDS_MOVING: 1,
+    }
+    assert not trip.whole
+
+
+def test_there_and_back_is_the_way_there(tmp_path: Path) -> None:
+    there = clean()
+    back = [replace(p, t=p.t + there[-1].t + 1, s_m=LENGTH_M - p.s_m) for p in there]
+    trip = load(tmp_path, there + back)
+    assert counts(trip)[Kind.AFTER_SECTION] > 300
+    assert trip.whole
+    check_truth(trip, there)
+
+
+def test_a_signal_stop_does_not_bend_the_matching(tmp_path: Path) -> None:
+    """Standing 60 m before B, then at B: both are within 1 % of the section's length, the better one counts."""
+    first = clean(LENGTH_M - 60)
+    second = [Point(first[-1].t + 1 + t, first[-1].s_m + s, v) for t, s, v in zip(*motion(60.0, top=3.0), strict=True)]
+    rest = [replace(second[-1], t=second[-1].t + 1 + i) for i in range(20)]
+    trip = load(tmp_path, first + second + rest)
+    assert trip.matched.report.scale == pytest.approx(1.0, abs=1e-6)
+    assert trip.matched.s_m[-1] == pytest.approx(LENGTH_M, abs=0.01)
+    assert trip.whole
+
+
+def test_stops_on_the_way_give_the_schedule(tmp_path: Path) -> None:
+    first = clean(3000.0)
+    second = clean(5000.0, start_m=3000.0, start_s=first[-1].t + 31)
+    on = replace(route(), stops=(Stop(name="A", position_m=0), Stop(name="M", position_m=3040), route().stops[1]))
+    trip = load(tmp_path, first + second, on)
+    a, m, b = trip.stands
+    assert [x.stop for x in trip.stands] == ["A", "M", "B"]
+    assert [x.s_m for x in trip.stands] == pytest.approx([0, 3000, 8000], abs=0.01)
+    assert m.off_m == pytest.approx(-40, abs=0.1)
+    assert m.dwell_s == pytest.approx(2 * STOOD_S + 31, abs=1.0)
+    assert (a.arrival_ns, b.departure_ns) == (None, None)
+    assert (m.arrival_ns - a.departure_ns) * 1e-9 == pytest.approx(motion(3000.0)[0][-1], abs=1.0)  # type: ignore[operator]
+    assert (trip.stops_on_the_way, trip.better_stops) == (("M",), "")
+    part = load(tmp_path, first, on, to_stop="M")
+    assert part.whole
+    path = write(tmp_path, second)
+    mapped = replace(route(geometry=True), stops=on.stops)
+    assert load_trip(path, read_trip(path), mapped, Whereabouts()).better_stops == "--from M"
+
+
+def test_parts_far_apart_in_time_are_not_joined(tmp_path: Path) -> None:
+    """The clock of the first five points is a day behind; and a logger that slept while the train drove on."""
+    points = clean()
+    trip = load(tmp_path, changed(points, range(5), t=lambda q: q.t - 86400))
+    assert counts(trip) == {Kind.LONG_STAND_AT_START: 5}
+    later = [replace(p, t=p.t + 400) for p in points[200:]]
+    trip = load(tmp_path, points[:160] + later)
+    assert counts(trip) == {Kind.FAR_APART: len(later), Kind.ENDS_MOVING: 1}
+
+
+@pytest.mark.parametrize("kind", ["posts", "geometry", "positions"])
+def test_a_trip_the_other_way_is_driven_the_other_way(tmp_path: Path, kind: str) -> None:
+    """Clean, written from B to A, and not said to be reversed."""
+    back = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()]
+    path = write(tmp_path, back, on_route=kind == "positions")
+    said = Whereabouts(line=long_posts(tmp_path) if kind == "posts" else None)
+    trip = load_trip(path, read_trip(path), route(geometry=kind == "geometry"), said)
+    assert counts(trip) == {Kind.OTHER_WAY: 1}
+    (finding,) = trip.matched.report.cleaning.findings
+    posts = f", or turn the list {said.line} round" if said.line else ""
+    assert finding.detail == f"B to A: give --reverse{posts}"
+    assert (trip.reversed, trip.start.name, trip.end.name) == (True, "B", "A")
+    check_truth(trip, clean())
+    if kind != "posts":  # there the other direction turns the trip against the posts
+        told = load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, reverse=True))
+        assert counts(told) == {}
+        assert np.array_equal(told.matched.s_m, trip.matched.s_m)
+    with pytest.raises(DasError, match="line 2: trip runs the other way, B to A: give --reverse"):
+        load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, strict=True))
+    with pytest.raises(DasError, match=r"runs the other way.*give --reverse, and change --from and --to"):
+        load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, from_stop="A", to_stop="B"))
+
+
+def test_reverse_where_the_trip_is_not_is_left_out(tmp_path: Path) -> None:
+    path = write(tmp_path, clean())
+    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts(reverse=True))
+    assert not trip.reversed
+    (finding,) = trip.matched.report.cleaning.findings
+    assert finding.detail == "A to B: leave out --reverse"
+    check_truth(trip, clean())
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_a_record_without_speeds_need_not_stand_at_its_ends(tmp_path: Path, every: int) -> None:
+    """From the moment it starts to that it stops: positions, smooth run and running time are those of the motion."""
+    run = clean(stood_s=0)
+    trip = load(tmp_path, [*run[:-1:every], run[-1]], speeds=False)
+    check_truth(trip, run, speed_mps=1.0)
+    assert trip.whole
+    assert trip.matched.report.anchor == "start and end"
+    assert trip.run.time_s[-1] == pytest.approx(run[-1].t, abs=1.0)
+    assert counts(trip)[Kind.SLOWS_TO_STAND] == 2
+    assert 0 <= trip.matched.report.stand_uncertainty_m < 0.5  # it stands exactly there
+
+
+@pytest.mark.parametrize("cut", [2, 3])
+def test_how_far_the_stand_is_beyond_is_told(tmp_path: Path, cut: int) -> None:
+    """The record ends `cut` s before the train stops at 0.5 m/s²: a²t²/2 further, which must be within what is said."""
+    run = clean(stood_s=0)
+    trip = load(tmp_path, run[:-cut], speeds=False)
+    said_m = trip.matched.report.stand_uncertainty_m
+    assert run[-1].s_m - run[-1 - cut].s_m <= said_m < 5.0
+    (told,) = (f for f in trip.matched.report.cleaning.findings if f.kind == Kind.SLOWS_TO_STAND)
+    assert told.detail.startswith(f"the stand is up to {said_m:.1f} m and ")
+
+
+def test_a_record_between_stops_is_refused_with_what_would_do(tmp_path: Path) -> None:
+    with pytest.raises(
+        DasError, match="expected a record from its stand at A or to that at B, or a route with geometry"
+    ):
+        load(tmp_path, clean(stood_s=0)[20:-20], speeds=False)
+
+
+def test_only_who_slows_down_is_led_to_a_stand() -> None:
+    """Parabolas, whose speed at the end is known; slow but even, fast, few points, and a measured speed are none."""
+    t = np.arange(0.0, 31.0)
+    told = np.ones(len(t), dtype=bool)
+
+    def ends(speed_mps: float, change_mps2: float) -> Floats:
+        return -(speed_mps * (30 - t) + 0.5 * change_mps2 * (30 - t) ** 2)
+
+    assert slowed_to(t, ends(1.2, 0.4), told)[-1] == pytest.approx(1.2)
+    assert slowed_to(t, -ends(1.2, 0.4)[::-1], told)[0] == pytest.approx(1.2)
+    for along in (ends(1.2, 0.0), ends(2.5, 0.4), ends(1.2, -0.1)):
+        assert np.isnan(slowed_to(t, along, told)).all()
+    assert np.isnan(slowed_to(t[::6], ends(1.2, 0.4)[::6], told[::6])).all()
+    assert np.isnan(slowed_to(t, ends(1.2, 0.4), ~told)).all()
+
+
+@pytest.mark.parametrize(
+    ("said", "back", "known"),
+    [
+        ({}, False, False),
+        ({"reverse": False}, False, True),
+        ({"reverse": True}, False, True),
+        ({"from_stop": "A", "to_stop": "B"}, False, True),
+        ({"from_stop": "A"}, False, False),
+        ({}, True, False),  # against the posts: the list, or the direction
+        ({"reverse": True}, True, False),
+    ],
+)
+def test_posts_do_not_tell_the_direction(tmp_path: Path, said: dict[str, Any], back: bool, known: bool) -> None:
+    points = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()] if back else clean()
+    assert load(tmp_path, points, **said).direction_known == known
+
+
+def test_geometry_and_positions_tell_the_direction(tmp_path: Path) -> None:
+    for on_route in (True, False):
+        path = write(tmp_path, clean(), on_route=on_route)
+        assert load_trip(path, read_trip(path), route(geometry=True), Whereabouts()).direction_known

@@ -1,0 +1,340 @@
+"""Looking at a trip: energies with their ranges against closed forms, the command, and dirty files replayed whole."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.bus.topics import LOCATION
+from das.domain.errors import DasError
+from das.domain.route import Floats
+from das.domain.vehicle import BrakePolicy, Vehicle
+from das.solver.front import solve_front
+from das.solver.section import Section, build_section
+from sim.cli.options import ReplayOptions
+from sim.processes.lockstep import Traffic
+from sim.recording.reading import read_recording
+from sim.replay import report as replay_report
+from sim.replay.job import prepare
+from sim.replay.replay import Outcome
+from sim.trips import command as trip_command
+from sim.trips import picture as trip_picture
+from sim.trips.estimate import (
+    MASS_RATIO,
+    RESISTANCE_RATIO,
+    WIND_MPS,
+    EnergyRange,
+    energy_range,
+    estimate_run,
+    strongest_held_n,
+)
+from sim.trips.picture import FORCES_SHOWN_RATIO
+from sim.trips.reading import read_trip
+from sim.trips.saving import saving_range
+from sim.trips.trip import Trip, Whereabouts, load_trip
+from tests.behaviour.test_replay import kolback
+from tests.sim.trips.test_trips import north, posts_file
+from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, write
+from tests.support.making import das_sim, flat, in_a_process, make_train
+
+C0_N, C2, LIMIT_MPS = 2000.0, 8.0, 35.0
+ELECTRIC, FRICTION = BrakePolicy.ELECTRIC, BrakePolicy.FRICTION
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Section, EnergyRange]:
+    """The clean trip on a level line with a lossless train of 100 t that feeds back all it can."""
+    path = write(tmp_path_factory.mktemp("trip"), clean(), on_route=True)
+    section = build_section(flat(LENGTH_M, LIMIT_MPS), make_train(resistance=(C0_N, 0.0, C2)))
+    trip = load_trip(path, read_trip(path), section.route, Whereabouts())
+    return trip, section, energy_range(section, trip.matched)
+
+
+def test_without_losses_the_energy_is_that_of_the_resistance(driven: tuple[Trip, Section, EnergyRange]) -> None:
+    """From rest to rest: ∫(c0 + c2·v²)·v dt of the motion itself."""
+    _, _, found = driven
+    v = np.array([p.v for p in clean()], dtype=float)
+    assert found.estimate_j == pytest.approx(np.trapezoid((C0_N + C2 * v**2) * v), rel=0.01)
+
+
+def test_each_unknown_moves_the_energy_as_it_must(driven: tuple[Trip, Section, EnergyRange]) -> None:
+    """Closed forms over the smooth run: R·(1 ± 10 %); c0 grows with the mass; c2·((v ± w)² − v²); m·a + R < 0."""
+    trip, section, found = driven
+    run, unknown = trip.run, {u.name: u for u in found.unknowns}
+    v, t = run.speed_mps, run.time_s
+    middle, a = 0.5 * (v[1:] + v[:-1]), np.diff(v) / np.diff(t)
+    braked = np.minimum(section.vehicle.mass_kg * a + C0_N + C2 * middle**2, 0.0)
+    recovered = float(-(braked * np.diff(run.s_m)).sum())
+    wind = {sign: C2 * np.trapezoid((2 * sign * WIND_MPS * v + WIND_MPS**2) * v, t) for sign in (-1, 1)}
+    off = {
+        "mass": (-MASS_RATIO * C0_N * LENGTH_M, MASS_RATIO * C0_N * LENGTH_M),
+        "running resistance": (-RESISTANCE_RATIO * found.estimate_j, RESISTANCE_RATIO * found.estimate_j),
+        "wind along the line": (wind[-1], wind[1]),
+        "braking": (0.0, recovered),
+    }
+    for name, (low, high) in off.items():
+        assert unknown[name].low_j - found.estimate_j == pytest.approx(low, rel=0.01, abs=1.0), name
+        assert unknown[name].high_j - found.estimate_j == pytest.approx(high, rel=0.01, abs=1.0), name
+    smoothing = unknown["smoothing of the record"]
+    assert smoothing.low_j <= found.estimate_j <= smoothing.high_j
+    assert smoothing.high_j - smoothing.low_j < 0.02 * found.estimate_j  # a clean record
+    # All at once: braking alone, the ends of the others multiply where they are one.
+    assert found.low_j < min(u.low_j for u in found.unknowns)
+    assert found.high_j > max(u.high_j for u in found.unknowns)
+    assert found.high_j - found.estimate_j == pytest.approx(
+        sum(u.high_j - found.estimate_j for u in found.unknowns), rel=0.1
+    )
+
+
+def test_dirt_hardly_changes_the_energy(tmp_path: Path, driven: tuple[Trip, Section, EnergyRange]) -> None:
+    _, section, found = driven
+    path = write(tmp_path, all_together(clean()), on_route=False)
+    on = replace(section.route, **_meridian())
+    trip = load_trip(path, read_trip(path), on, Whereabouts())
+    run = trip.run
+    assert estimate_run(section, run.time_s, run.s_m, run.speed_mps).ledger.input == pytest.approx(
+        found.estimate_j, rel=0.01
+    )
+
+
+def _meridian() -> dict[str, Any]:
+    from tests.sim.trips.test_trips import route
+
+    with_geometry = route(LENGTH_M, geometry=True)
+    names = ("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg")
+    return {name: getattr(with_geometry, name) for name in names}
+
+
+def test_the_command_shows_writes_and_draws(shared: Path, tmp_path: Path) -> None:
+    files = ("--write", "cleaned.csv", "--plot", "trip.png")
+    done = in_a_process("sim.cli", "trip", *kolback(shared, "dropouts"), *files, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for told in (
+        "589 of 603 points kept",
+        "speed dropout",
+        "long stand at the end",
+        "median / 95 % / most",
+        "not known",
+    ):
+        assert told in done.stdout
+    assert (tmp_path / "trip.png").read_bytes().startswith(b"\x89PNG")
+    assert "running resistance" in done.stdout
+    assert "speed gained" not in done.stdout  # it rounds to 0
+    again = das_sim("trip", "cleaned.csv", *kolback(shared, "dropouts")[1:], "--json", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    found = json.loads(again.stdout)
+    assert found["cleaning"]["findings"] == []
+    assert "kmposts.csv is not used: cleaned.csv has positions on the route" in found["line_not_used"]
+    assert found["whole_section"]
+    assert found["trip_time_s"] == 559
+    energy = found["energy"]
+    assert energy["input_low_kwh"] < energy["input_kwh"] < energy["input_high_kwh"]
+    assert energy["input_kwh"] == pytest.approx(217.7, rel=0.02)
+    assert 180 < energy["strongest_braking_kn"] < 260  # the last two seconds of the stop alone ask 383
+
+
+def as_gpx(rows: list[list[str]]) -> str:
+    """A GPS record as GPX without speeds."""
+    points = "".join(
+        f'<trkpt lat="{a}" lon="{b}"><time>{np.datetime64(int(float(ms)), "ms")}Z</time></trkpt>\n'
+        for a, b, _, ms in rows
+    )
+    return f'<gpx xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>\n{points}</trkseg></trk></gpx>\n'
+
+
+def dirtied(rows: list[list[str]]) -> Iterator[list[str]]:
+    """A real record with points given twice, times back, jumps, and a hole of 14 s."""
+    for i, (latitude, longitude, speed, ms) in enumerate(rows):
+        if 300 <= i < 313:
+            continue
+        moved = float(latitude) + (0.02 if i in (100, 101, 250) else 0.0)
+        yield [f"{moved!r}", longitude, speed, f"{float(ms) - 3.3e3 * (i == 200)}"]
+        if i in (50, 51):
+            yield [latitude, longitude, speed, ms]
+
+
+def test_a_dirty_track_becomes_a_reviewed_recording(shared: Path, tmp_path: Path) -> None:
+    """The real record with planted defects, turned into GPX without speeds: replay, then view."""
+    rows = [line.split(",") for line in Path(kolback(shared, "dropouts")[0]).read_text().split()]
+    (tmp_path / "dirty.gpx").write_text(as_gpx(list(dirtied(rows))))
+    options = kolback(shared, "dropouts")[1:]
+    done = das_sim("replay", "dirty.gpx", *options, "--out", "run.mcap", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    counts = {f["kind"]: f["count"] for f in found["cleaning"]["findings"]}
+    planted = {"duplicate_time": 2, "time_back": 1, "position_jump": 3, "gap": 1}
+    assert {kind: counts[kind] for kind in planted} == planted
+    assert counts["speed_missing"] > 500
+    assert found["messages_lost"] == found["advices_above_limit"] == 0
+    assert found["whole_section"]
+    assert found["trip_time_s"] == pytest.approx(559, abs=4)
+    assert found["energy_driven_low_kwh"] < found["energy_driven_kwh"] < found["energy_driven_high_kwh"]
+    assert found["energy_driven_kwh"] == pytest.approx(217.7, rel=0.05)
+    recording = read_recording(tmp_path / "run.mcap")
+    assert recording.metadata["run"]["cleaning"] == found["cleaning_summary"]
+    assert "3 × position jump (dropped)" in found["cleaning_summary"]
+    viewed = das_sim("view", "run.mcap", "--save", "run.rrd", cwd=tmp_path)
+    assert viewed.returncode == 0, viewed.stderr
+
+
+def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> None:
+    """The plant integrates on its own: its true energy against that from a track without speeds, and the direction."""
+    made = das_sim(
+        *("make-trip", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--from", "Zug", "--to", "Zürich HB"),
+        *("--reverse", "--out", "made.mcap"),
+        cwd=tmp_path,
+    )
+    assert made.returncode == 0, made.stderr
+    said = re.search(r"energy of the simulated train ([\d.]+) kWh", made.stdout)
+    assert said is not None
+    fixes = [m.message for m in read_recording(tmp_path / "made.mcap").of(LOCATION)]
+    rows = [[f"{f.latitude:.6f}", f"{f.longitude:.6f}", "", str(f.timestamp.ToMilliseconds())] for f in fixes]
+    (tmp_path / "track.gpx").write_text(as_gpx(rows))
+    done = das_sim("trip", "track.gpx", "--route", "zurich-luzern", "--vehicle", "re460-ic", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["reversed"]
+    assert [stand["stop"] for stand in found["stands"]] == ["Zug", "Zürich HB"]
+    assert any("try --from Zug" in note for note in found["not_known"])
+    energy = found["energy"]
+    assert energy["input_kwh"] == pytest.approx(float(said[1]), rel=0.06)
+    assert energy["input_low_kwh"] < float(said[1]) < energy["input_high_kwh"]
+
+
+def _unwritable(points: Points, folder: Path) -> dict[str, tuple[dict[str, Any], str]]:
+    trip = write(folder, points, on_route=True)
+    return {
+        "itself": ({"write": trip}, "the file to write is the trip to read"),
+        "nowhere": ({"plot": folder / "no" / "x.png"}, "no such folder"),
+        "strict": ({"strict": True}, "line 43: time given twice"),
+        "stops": ({"from_stop": "nowhere"}, "no stop 'nowhere'"),
+        "no route": ({"route": None}, "a trip without a journey needs --route"),
+        "a train that is none": ({"vehicle": "none"}, "not a bundled vehicle"),
+    }
+
+
+@pytest.mark.parametrize("name", ["itself", "nowhere", "strict", "stops", "no route", "a train that is none"])
+def test_the_command_refuses_before_it_writes(tmp_path: Path, name: str) -> None:
+    dirty = [q for i, p in enumerate(clean(6000.0)) for q in ([p, p] if i == 40 else [p])]
+    changed, expected = _unwritable(dirty, tmp_path)[name]
+    arguments: dict[str, Any] = {"file": tmp_path / "trip.csv", "route": "flat-6km", "write": tmp_path / "out.csv"}
+    with pytest.raises(DasError, match=expected):
+        trip_command.trip(**{**arguments, **changed})
+    assert not (tmp_path / "out.csv").exists()
+
+
+def braked_hard_at_last() -> tuple[Floats, Floats, Floats]:
+    """t, s, v at 10 Hz: from rest 60 s at 0.5 m/s², 60 s of cruising, 57 s at −0.5 m/s², at last 1 s at −1.5 m/s²."""
+    t = np.arange(0.0, 178.01, 0.1)
+    v = np.interp(t, [0, 60, 120, 177, 178], [0, 30, 30, 1.5, 0])
+    return t, np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))), v
+
+
+def test_the_strongest_force_is_one_that_is_held(driven: tuple[Trip, Section, EnergyRange]) -> None:
+    """The least m·a + R of the best 8 s: those up to 30 m/s, of which the first is at 26 m/s, and those from 5 m/s."""
+    _, section, _ = driven
+    found = estimate_run(section, *braked_hard_at_last())
+    mass_kg = section.vehicle.inertial_mass_kg
+    traction_n, braking_n = strongest_held_n(found)
+    force_n = found.trajectory.force_el_n + found.trajectory.force_friction_n
+    assert -force_n.min() == pytest.approx(1.5 * mass_kg - C0_N, rel=0.02)  # of the last second alone
+    assert traction_n == pytest.approx(0.5 * mass_kg + C0_N + C2 * 26.0**2, rel=0.01)
+    assert braking_n == pytest.approx(0.5 * mass_kg - C0_N - C2 * 5.0**2, rel=0.01)
+
+
+def test_the_picture_is_scaled_to_forces_that_are_held(driven: tuple[Trip, Section, EnergyRange]) -> None:
+    from matplotlib.figure import Figure
+
+    axis = Figure().subplots()
+    found = estimate_run(driven[1], *braked_hard_at_last())
+    trip_picture._forces(axis, found)
+    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(found)) / 1e3
+    assert axis.get_ylim() == pytest.approx((-shown_kn, shown_kn))
+    assert axis.get_title() == "cut, as shorter than 8 s: -148 kN"
+
+
+def hand_made(mass: float, resistance: float, wind_mps: float) -> Vehicle:
+    """The train of the fixture with other figures: c0 grows with the mass, R(v) = c0 + c2·(v + w)²."""
+    c0, c2 = mass * resistance * C0_N, resistance * C2
+    return replace(make_train(resistance=(c0 + c2 * wind_mps**2, 2 * c2 * wind_mps, c2)), mass_kg=mass * 1e5)
+
+
+def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
+    driven: tuple[Trip, Section, EnergyRange],
+) -> None:
+    """By brute force: every corner solved anew, and ∫(m·a + R)ds, of it what is above 0 where friction alone brakes."""
+    trip, section, _ = driven
+    run, ends = trip.run, {}
+    trip_s = float(run.time_s[-1])
+    v, a = 0.5 * (run.speed_mps[1:] + run.speed_mps[:-1]), np.diff(run.speed_mps) / np.diff(run.time_s)
+    for mass, more, wind, brakes in product((0.95, 1.05), (0.9, 1.1), (-5.0, 5.0), (ELECTRIC, FRICTION)):
+        train = hand_made(mass, more, wind)
+        optimum = solve_front(build_section(section.route, train, brakes=brakes)).trajectory(trip_s)
+        force = train.mass_kg * a + mass * more * C0_N + more * C2 * (v + wind) ** 2
+        taken = np.maximum(force, 0.0) if brakes is FRICTION else force
+        ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.ledger.input
+    found = saving_range(solve_front(section), trip.matched, trip_s)
+    smoothing = next(u for u in found.unknowns if u.name.startswith("smoothing"))
+    unsure_j = smoothing.high_j - smoothing.low_j
+    scale_j = 0.01 * max(ends.values())
+    assert found.low_j == pytest.approx(min(ends.values()), abs=unsure_j + scale_j)
+    assert found.high_j == pytest.approx(max(ends.values()), abs=2 * unsure_j + scale_j)
+    assert 0 < found.low_j < found.estimate_j < found.high_j
+    assert found.left_out == 0
+
+
+def test_trains_that_could_not_have_arrived_are_left_out(driven: tuple[Trip, Section, EnergyRange]) -> None:
+    trip, section, _ = driven
+    front = solve_front(section)
+    found = saving_range(front, trip.matched, front.fastest().time_s + 0.2)
+    assert found.left_out > 0
+    assert found.low_j <= found.estimate_j <= found.high_j
+
+
+def test_who_drove_the_optimum_is_not_told_he_could_have_saved(tmp_path: Path) -> None:
+    """The optimum's own trajectory as a record once a second: nothing can be saved, and nothing is claimed."""
+    section = build_section(flat(LENGTH_M, LIMIT_MPS), make_train(resistance=(C0_N, 0.0, C2)))
+    front = solve_front(section)
+    best = front.trajectory(340.0).trajectory
+    t = np.arange(0.0, 341.0)
+    s, v = np.interp(t, best.t_s, best.s_m), np.interp(t, best.t_s, best.v_mps)
+    path = write(
+        tmp_path, [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)], on_route=True
+    )
+    trip = load_trip(path, read_trip(path), section.route, Whereabouts())
+    found = saving_range(front, trip.matched, float(trip.run.time_s[-1]))
+    least_j = best.ledger(section.vehicle, section.loss).input
+    assert abs(found.estimate_j) < 0.01 * least_j
+    assert not replay_report.saving_certain(found, least_j)
+    figures = {"saved_kwh": 1.0, "saved_ratio": 0.01, "direction_known": True}
+    told = replay_report._saving({**figures, "saving_certain": False, "saved_low_kwh": -0.8, "saved_high_kwh": 2.0})
+    assert told == [("advice would have saved", "perhaps nothing"), ("  it may have been", "-1 to 2 kWh")]
+    told = replay_report._saving({**figures, "saving_certain": True, "saved_low_kwh": 0.6, "saved_high_kwh": 2.0})
+    assert told == [("advice would have saved", "1.0 kWh (1 %)"), ("  it may have been", "1 to 2 kWh")]
+
+
+@pytest.mark.parametrize("reverse", [None, False])
+def test_no_saving_is_stated_before_the_direction_is_known(tmp_path: Path, reverse: bool | None) -> None:
+    """By kilometre posts, in the trip's own order, either direction may be right: the user must say."""
+    posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
+    trip = write(tmp_path, clean(6000.0), on_route=False)
+    options = ReplayOptions(route="flat-6km", vehicle="re460-ic", line=posts, reverse=reverse)
+    found = replay_report.result(
+        prepare(trip, options, tmp_path / "out.mcap", "test"), Outcome(traffic=Traffic(), replay_s=1.0)
+    )
+    assert found["direction_known"] == (reverse is not None)
+    assert (found["saved_kwh"] is None) == (reverse is None)
+    told = [note for note in replay_report._notes(found) if "which way the trip ran" in note]
+    assert len(told) == (reverse is None)
+    if reverse is not None:
+        assert found["saved_low_kwh"] < found["saved_kwh"] < found["saved_high_kwh"]
+    elif told:
+        assert "give --no-reverse if it is so, --reverse if not: no saving is stated" in told[0]

@@ -1,0 +1,439 @@
+"""Recorded trips: posts, matching, dropouts, the even run; synthetic ones with known answers, and real ones."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from das.domain.errors import DasError
+from das.domain.files.load import load_route
+from das.domain.route import Floats, Route, Stop, Stretches
+from das.domain.units import KMH
+from sim.trips.csv_record import read_csv
+from sim.trips.findings import Kind
+from sim.trips.line import EARTH_RADIUS_M, Line, read_kilometre_posts
+from sim.trips.matching import MatchedTrip, match_trip
+from sim.trips.profile import to_profile
+from sim.trips.record import Record
+from tests.support.making import REPOSITORY
+
+DATA = REPOSITORY.parent / "shared" / "data"
+ORIGIN = (59.5, 16.2)
+START_NS = 1_469_780_350_000_000_000
+
+
+def shared(*parts: str) -> Path:
+    """A file of the shared data: its absence fails the test where CI is set and skips it elsewhere."""
+    path = DATA.joinpath(*parts)
+    if not path.exists():
+        if os.environ.get("CI"):
+            pytest.fail(f"shared data missing: {path}")
+        pytest.skip(f"shared data missing: {path}")
+    return path
+
+
+def north(s_m: Floats, east_m: Floats | float = 0.0) -> tuple[Floats, Floats]:
+    """Points on a meridian: arc length s north of the origin is exactly R·Δφ; `east_m` beside it."""
+    latitude = ORIGIN[0] + np.degrees(s_m / EARTH_RADIUS_M)
+    return latitude, ORIGIN[1] + np.degrees(east_m / EARTH_RADIUS_M / np.cos(np.radians(latitude)))
+
+
+def arc(s_m: Floats, radius_m: float) -> tuple[Floats, Floats]:
+    """Points at arc length s along a circle that starts northwards from the origin."""
+    angle = s_m / radius_m
+    latitude = ORIGIN[0] + np.degrees(radius_m * np.sin(angle) / EARTH_RADIUS_M)
+    east = radius_m * (1 - np.cos(angle))
+    return latitude, ORIGIN[1] + np.degrees(east / EARTH_RADIUS_M / np.cos(np.radians(ORIGIN[0])))
+
+
+def posts_file(folder: Path, latitude: Floats, longitude: Floats, first: int = 3490130, step: int = -1) -> Path:
+    path = folder / "posts.csv"
+    rows = zip(latitude, longitude, strict=True)
+    path.write_text("".join(f"{a:.12f},{b:.12f},{first + step * i}\n" for i, (a, b) in enumerate(rows)))
+    return path
+
+
+def posts(folder: Path, length_m: float = 10_000.0) -> Line:
+    """Kilometre posts along the meridian; chainage 0 at the origin."""
+    return read_kilometre_posts(posts_file(folder, *north(np.arange(0, length_m + 1, 1000.0))))
+
+
+def route(length_m: float = 8000.0, *, geometry: bool = False) -> Route:
+    """A flat route; with geometry along the meridian, position 0 at the origin."""
+    position = np.arange(0, length_m + 1, 500.0) if geometry else np.array([])
+    latitude, longitude = north(position)
+    constant = Stretches(start_m=np.array([0.0]), value=np.array([0.0]))
+    return Route(
+        id="test",
+        name="test",
+        source="test.toml",
+        illustrative=True,
+        length_m=length_m,
+        stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=length_m)),
+        limits_mps=Stretches(start_m=np.array([0.0]), value=np.array([40.0])),
+        gradients_ratio=constant,
+        curvature_per_m=constant,
+        geometry_position_m=position,
+        geometry_latitude_deg=latitude,
+        geometry_longitude_deg=longitude,
+    )
+
+
+def motion(length_m: float = 8000.0, a: float = 0.5, top: float = 30.0) -> tuple[Floats, Floats, Floats]:
+    """t, s, v once a second of a run that accelerates at a, cruises, brakes at a; its whole time is whole seconds."""
+    ramp = top / a
+    cruise = (length_m - top * ramp) / top
+    t = np.append(np.arange(0.0, 2 * ramp + cruise), 2 * ramp + cruise)
+    late = np.maximum(t - ramp - cruise, 0.0)
+    v = np.minimum(a * t, top) - a * late
+    s = np.where(t < ramp, a * t**2 / 2, top * (t - ramp / 2)) - a * late**2 / 2
+    return t, s, v
+
+
+def record(t: Floats, s: Floats, v: Floats, *, from_m: float = 1500.0, east_m: Floats | float = 0.0) -> Record:
+    """A record of a motion along the meridian that starts `from_m` north of the origin."""
+    latitude, longitude = north(from_m + s, np.broadcast_to(east_m, s.shape))
+    return Record.of(
+        "trip.csv",
+        np.arange(len(t)) + 1,
+        START_NS + np.rint(t * 1e9).astype(np.int64),
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        speed_mps=v.copy(),
+    )
+
+
+def counts(trip: MatchedTrip) -> dict[Kind, int]:
+    return {finding.kind: finding.count for finding in trip.report.cleaning.findings}
+
+
+def matched(trip: Record, line: Line, on: Route) -> MatchedTrip:
+    return match_trip(trip, line, on, on.stops[0], on.stops[-1])
+
+
+def test_posts_may_rise_or_fall(tmp_path: Path) -> None:
+    points = north(np.arange(4) * 1000.0)
+    falling = read_kilometre_posts(posts_file(tmp_path, *points))
+    rising = read_kilometre_posts(posts_file(tmp_path, *points, first=120034, step=1))
+    assert falling.chainage_m.tolist() == rising.chainage_m.tolist() == [0, 1000, 2000, 3000]
+
+
+A, B, C = (f"{a:.7f},16.2" for a in north(np.array([0.0, 1000.0, 2000.0]))[0])
+POST_FILES = {
+    "empty": ("", "empty list of posts"),
+    "one": (f"{A},3490130", "list of posts of 1 line, expected at least 2 lines"),
+    "columns": (f"{A}\n{B},2", "line 1 = '59.5000000,16.2': expected 3 columns"),
+    "nan": (f"{A},1\n{B},nan", "line 2 kilometre = 'nan': expected a finite number"),
+    "equal": (f"{A},1\n{B},2\n{C},2", "line 3 kilometre = 2.0: expected kilometres that only rise or only fall"),
+    "turning": (f"{A},1\n{B},2\n{C},1", "line 3 kilometre = 1.0: expected kilometres that only rise or only fall"),
+    "first equal": (f"{A},1\n{B},1\n{C},2", "line 2 kilometre = 1.0: expected kilometres that only rise"),
+    "distance": (
+        f"{A},1\n{C},2",
+        "line 2 distance from the post before = '2000 m': expected 1000 m by the kilometres, within 30%",
+    ),
+    "latitude": (f"{A},1\n91,16.2,2", "line 2 latitude = 91.0: expected -90 to 90 deg"),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), POST_FILES.values(), ids=POST_FILES)
+def test_bad_posts_are_refused_in_one_line(tmp_path: Path, text: str, expected: str) -> None:
+    path = tmp_path / "posts.csv"
+    path.write_text(text)
+    with pytest.raises(DasError) as caught:
+        read_kilometre_posts(path)
+    assert str(caught.value).startswith(f"{path}: {expected}")
+    assert "\n" not in str(caught.value)
+
+
+@given(
+    s=st.lists(st.floats(-800, 10_800), min_size=1, max_size=20),
+    side=st.floats(-150, 150),
+)
+def test_a_straight_line_gives_back_chainage_and_distance(
+    tmp_path_factory: pytest.TempPathFactory, s: list[float], side: float
+) -> None:
+    line = posts(tmp_path_factory.mktemp("posts"))
+    chainage, distance = line.match(*north(np.array(s), side))
+    assert chainage == pytest.approx(s, abs=0.01)  # beyond the ends too
+    assert distance == pytest.approx(abs(side), abs=0.003 * abs(side) + 1e-6)
+
+
+def test_a_curve_between_posts_stays_near_its_arc_length(tmp_path: Path) -> None:
+    """Chord against arc at R = 2000 m: 62 m of sagitta, at most 4 m of chainage, none at the posts."""
+    line = read_kilometre_posts(posts_file(tmp_path, *arc(np.arange(5) * 1000.0, 2000.0)))
+    s = np.arange(0, 4001, 50.0)
+    chainage, distance = line.match(*arc(s, 2000.0))
+    assert chainage[::20] == pytest.approx(s[::20], abs=1.0)
+    assert np.abs(chainage - s).max() < 5.0
+    assert distance.max() == pytest.approx(2000 * (1 - np.cos(0.25)), abs=1.0)
+
+
+def test_a_dense_curve_is_matched_to_a_metre() -> None:
+    s = np.arange(0, 4001, 20.0)
+    latitude, longitude = arc(s, 800.0)
+    line = Line(source="x", chainage_m=s, latitude_deg=latitude, longitude_deg=longitude, on_route=True)
+    wanted = np.arange(5, 2300, 7.0)  # the circle comes round to its start later
+    chainage, distance = line.match(*arc(wanted, 800.0))
+    assert chainage == pytest.approx(wanted, abs=0.1)
+    assert distance.max() < 0.1
+
+
+def test_a_doubled_vertex_does_no_harm() -> None:
+    latitude, longitude = north(np.array([0.0, 500.0, 500.0, 1000.0]))
+    chainage_m = np.array([0.0, 500.0, 500.1, 1000.0])
+    line = Line(source="x", chainage_m=chainage_m, latitude_deg=latitude, longitude_deg=longitude, on_route=True)
+    chainage, _ = line.match(*north(np.array([250.0, 750.0])))
+    assert chainage == pytest.approx([250, 750.05], abs=0.1)
+
+
+def test_a_route_without_geometry_needs_posts() -> None:
+    with pytest.raises(
+        DasError, match=r"test\.toml: route 'test' has no geometry to match GPS to; give kilometre posts with --line"
+    ):
+        Line.from_route(route())
+
+
+def test_standstills_are_put_on_the_stops(tmp_path: Path) -> None:
+    """Posts 0.5 % too far apart for the route: both ends fit, the scale is reported."""
+    t, s, v = motion(8040.0)
+    result = matched(record(t, s, v, east_m=25.0), posts(tmp_path), route(8000.0))
+    assert result.report.anchor == "start and end"
+    assert result.report.scale == pytest.approx(8000 / 8040, rel=1e-6)
+    assert result.report.offset_m == pytest.approx(-1500 * 8000 / 8040, abs=0.01)
+    assert result.report.median_cross_track_m == pytest.approx(25, rel=0.005)
+    assert result.s_m == pytest.approx(s * 8000 / 8040, abs=0.01)
+    assert counts(result) == {}
+
+
+def test_one_standstill_gives_the_offset_alone(tmp_path: Path) -> None:
+    t, s, v = motion()
+    cut = t < 200
+    at_start = matched(record(t[cut], s[cut], v[cut]), posts(tmp_path), route())
+    at_end = matched(record(t[~cut], s[~cut], v[~cut]), posts(tmp_path), route())
+    assert (at_start.report.anchor, at_end.report.anchor) == ("start", "end")
+    assert at_start.report.scale == at_end.report.scale == 1
+    assert at_start.s_m == pytest.approx(s[cut], abs=0.01)
+    assert at_end.s_m == pytest.approx(s[~cut], abs=0.01)
+    middle = (t > 50) & (t < 200)
+    moving = record(t[middle], s[middle], v[middle])
+    with pytest.raises(DasError, match="stands neither at the first nor at the last line that fits"):
+        matched(moving, posts(tmp_path), route())
+
+
+def test_lengths_that_disagree_are_not_scaled_away(tmp_path: Path) -> None:
+    t, s, v = motion(7800.0)
+    result = matched(record(t, s, v), posts(tmp_path), route(8000.0))
+    assert (result.report.anchor, result.report.scale) == ("start", 1.0)
+    assert result.s_m[-1] == pytest.approx(7800, abs=0.01)
+
+
+def test_a_route_with_geometry_is_taken_as_it_is() -> None:
+    t, s, v = motion(7500.0)
+    on = route(8000.0, geometry=True)
+    result = matched(record(t, s, v, from_m=300.0), Line.from_route(on), on)
+    assert (result.report.anchor, result.report.offset_m, result.report.scale) == ("route", 0.0, 1.0)
+    assert result.s_m == pytest.approx(300 + s, abs=0.01)
+
+
+def test_small_backward_steps_are_made_flat_and_counted(tmp_path: Path) -> None:
+    t, s, v = motion()
+    noisy = s.copy()
+    noisy[100] -= 45  # 15 m behind the point before, at 30 m/s
+    result = matched(record(t, noisy, v), posts(tmp_path), route())
+    assert counts(result) == {Kind.STEP_BACK: 1}
+    assert result.s_m[100] == result.s_m[99]
+    assert np.diff(result.s_m).min() >= 0
+
+
+def test_fixes_that_wander_in_a_station_are_put_together(tmp_path: Path) -> None:
+    t, s, v = motion()
+    t = np.concatenate((np.arange(4.0), t + 4, t[-1] + 5 + np.arange(4.0)))
+    s, v = (np.concatenate((np.full(4, x[0]), x, np.full(4, x[-1]))) for x in (s, v))
+    wandering = s.copy()
+    wandering[:3] += [14, 9, 3]
+    wandering[-3:] += [-6, 5, 8]
+    result = matched(record(t, wandering, v), posts(tmp_path), route())
+    assert result.s_m == pytest.approx(s, abs=0.5)
+    run = to_profile(result)
+    assert run.start_time_ns == START_NS + 4 * 10**9
+    assert run.time_s[-1] == pytest.approx(motion()[0][-1], abs=1.0)
+
+
+BAD_TRIPS = {
+    "off the line": (
+        lambda t, s, v: record(t, s, v, east_m=np.where(t < 20, 0.0, 450.0)),
+        r"trip\.csv: trip not on the line .*posts\.csv: line 21 is 4[45]\d m away and \d+ of \d+ points",
+    ),
+    "turning back": (
+        lambda t, s, v: record(t, np.where(t > 250, s[250] - (t - 250) * 9, s), v),
+        r"position decreases by 36 m at line 255 \(wrong direction\? see --reverse\)",
+    ),
+    "standing": (lambda t, s, v: record(t, 0 * s, 0 * v), r"the train never moves"),
+}
+
+
+@pytest.mark.parametrize(("make", "expected"), BAD_TRIPS.values(), ids=BAD_TRIPS)
+def test_a_trip_that_does_not_fit_is_refused(tmp_path: Path, make, expected: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(DasError, match=expected) as caught:
+        matched(make(*motion()), posts(tmp_path), route())
+    assert "\n" not in str(caught.value)
+
+
+def test_stops_in_the_wrong_order_are_refused(tmp_path: Path) -> None:
+    on = route()
+    with pytest.raises(DasError, match="B does not lie before A on the route as driven"):
+        match_trip(record(*motion()), posts(tmp_path), on, on.stops[1], on.stops[0])
+
+
+@pytest.mark.parametrize("first", [30, 120, 150])
+@pytest.mark.parametrize("count", [1, 3, 12])
+def test_dropouts_are_found_and_bridged(tmp_path: Path, first: int, count: int) -> None:
+    t, s, v = motion()
+    reported = v.copy()
+    reported[first : first + count] *= 0.02
+    result = matched(record(t, s, reported), posts(tmp_path), route())
+    assert np.flatnonzero(result.dropout).tolist() == list(range(first, first + count))
+    assert counts(result) == {Kind.SPEED_DROPOUT: count}
+    assert result.speed_mps == pytest.approx(v, abs=1.0)
+    run = to_profile(result)
+    assert np.abs(run.acceleration_mps2).max() < 0.6
+    assert run.dropout[first : first + count].all()
+    assert run.s_m == pytest.approx(s, abs=1.5)
+
+
+def test_a_clean_run_is_given_back(tmp_path: Path) -> None:
+    t, s, v = motion()
+    run = to_profile(matched(record(t, s, v), posts(tmp_path), route()))
+    assert run.speed_lag_s == 0
+    assert run.s_m == pytest.approx(s, abs=1.0)
+    assert run.speed_mps == pytest.approx(v, abs=0.5)
+    inner = (t > 8) & (t < 52)
+    assert run.acceleration_mps2[inner] == pytest.approx(0.5, abs=0.05)
+    assert (run.s_m[0], run.speed_mps[0], run.speed_mps[-1]) == (0, 0, 0)
+    assert run.s_m[-1] == pytest.approx(8000, abs=1e-6)
+
+
+def test_a_late_speed_is_shifted_back(tmp_path: Path) -> None:
+    t, s, v = motion(8100.0)  # 330 s
+    seconds = np.arange(336.0)
+    late, there = np.interp(seconds - 2.5, t, v), np.interp(seconds, t, s)
+    run = to_profile(matched(record(seconds, there, late), posts(tmp_path), route(8100.0)))
+    assert run.speed_lag_s == pytest.approx(2.5, abs=0.25)
+    assert run.time_s[-1] == pytest.approx(330, abs=1)
+    at = run.time_s + (run.start_time_ns - START_NS) * 1e-9
+    assert run.s_m == pytest.approx(np.interp(at, t, s), abs=4.0)
+    assert run.speed_mps == pytest.approx(np.interp(at, t, v), abs=0.7)
+
+
+def test_an_even_speed_shows_no_lag(tmp_path: Path) -> None:
+    """Nothing to see a lag by: none is made up, though the reported speed is 1 % low."""
+    t = np.append(np.arange(5.0, 200.0), 200.0)
+    on = route(8000.0, geometry=True)
+    trip = record(t, 30 * t, np.full(len(t), 29.7), from_m=0.0)
+    run = to_profile(matched(trip, Line.from_route(on), on))
+    assert run.speed_lag_s == 0
+    assert run.s_m == pytest.approx(150 + 30 * run.time_s, abs=20)  # at an open end: 50 s (σ_s/σ_v) of 0.3 m/s
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_does_not_become_acceleration(tmp_path: Path, seed: int) -> None:
+    t, s, v = motion()
+    rng = np.random.default_rng(seed)
+    noisy_s = s + np.where(v > 1, rng.normal(0, 4, len(t)), 0)
+    noisy_v = np.abs(v + np.where(v > 1, rng.normal(0, 0.4, len(t)), 0))
+    result = matched(record(t, noisy_s, noisy_v), posts(tmp_path), route())
+    run = to_profile(result)
+    cruise = (t > 70) & (t < 255)
+    assert not result.dropout.any()
+    assert run.acceleration_mps2[cruise].std() < 0.1
+    assert np.abs(run.s_m - s).max() < 12
+    assert np.sum(run.speed_mps) == pytest.approx(run.s_m[-1] - run.s_m[0], abs=1.0)
+
+
+def test_a_run_that_does_not_end_standing_is_left_open(tmp_path: Path) -> None:
+    t, s, v = motion()
+    cut = t < 200.5
+    run = to_profile(matched(record(t[cut], s[cut], v[cut]), posts(tmp_path), route()))
+    assert run.time_s[-1] == 200
+    assert run.speed_mps[-1] == pytest.approx(30, abs=0.3)
+    assert run.s_m[-1] == pytest.approx(s[200], abs=1.5)
+
+
+def test_a_gap_in_the_record_is_bridged(tmp_path: Path) -> None:
+    t, s, v = motion()
+    keep = (t < 40) | (t > 54)
+    run = to_profile(matched(record(t[keep], s[keep], v[keep]), posts(tmp_path), route()))
+    assert run.speed_mps == pytest.approx(v, abs=0.7)
+    assert np.abs(run.acceleration_mps2).max() < 0.6
+
+
+def test_a_run_of_two_seconds_is_too_short() -> None:
+    t, s, v = (x[100:103] for x in motion())
+    on = route(geometry=True)
+    with pytest.raises(DasError, match="a run of 2 s is too short, expected at least 3 s"):
+        to_profile(matched(record(t, s, v, from_m=0.0), Line.from_route(on), on))
+
+
+def real(name: str) -> MatchedTrip:
+    on = load_route(shared("ttobench", "tracks", "SE_Vasteras_Kolback.json")).reversed()
+    line = read_kilometre_posts(shared("trips", "kolback_vasteras_kmposts.csv"))
+    return matched(read_csv(shared("trips", f"kolback_vasteras_{name}.csv")), line, on)
+
+
+@pytest.mark.parametrize("name", ["clean", "dropouts"])
+def test_a_real_trip_fits_the_line(name: str) -> None:
+    """By the posts the stations are 19 279 m apart, on the track 19 305 m: a scale of 1.0013 within GPS accuracy."""
+    result = real(name)
+    assert result.report.anchor == "start and end"
+    assert result.report.scale == pytest.approx(19305 / 19279, abs=0.0012)
+    assert result.report.offset_m == pytest.approx(133, abs=15)  # Kolbäck lies 133 m before the post km 130
+    assert result.report.median_cross_track_m < 15
+    assert result.report.max_cross_track_m < 100
+    assert (result.s_m[0], result.s_m[-1]) == pytest.approx((0, 19305.4))
+
+
+@pytest.mark.parametrize(("name", "duration_s"), [("clean", 551), ("dropouts", 559)])
+def test_the_run_of_a_real_trip_is_plausible(name: str, duration_s: float) -> None:
+    """The clean record stands after 553 s by a speed that comes 2.5 s late."""
+    run = to_profile(real(name))
+    assert run.time_s[-1] == duration_s
+    assert run.speed_lag_s == pytest.approx({"clean": 2.5, "dropouts": 0.75}[name], abs=0.3)
+    assert np.percentile(np.abs(run.acceleration_mps2), 99) < 1.0
+    assert np.abs(run.acceleration_mps2).max() < 1.5
+    assert run.speed_mps.min() == 0
+    assert 160 * KMH < run.speed_mps.max() < 167 * KMH
+    assert np.sum(run.speed_mps) == pytest.approx(19305.4, abs=1.0)
+    assert run.s_m[-1] == pytest.approx(19305.4, abs=1e-6)
+    assert run.position_rms_m < 10
+
+
+def test_the_dropouts_of_the_real_trip_are_found() -> None:
+    assert counts(real("clean")) == {Kind.GAP: 1}
+    result = real("dropouts")
+    assert (np.flatnonzero(result.dropout) + 1).tolist() == [42, 43, 44, 59, 62, 63]
+    run = to_profile(result)
+    around = slice(35, 75)  # accelerating all the time: no spike either way
+    assert run.acceleration_mps2[around].min() > 0
+    assert run.acceleration_mps2[around].max() < 1.0
+
+
+def test_a_real_trip_without_its_speeds_is_the_same_trip() -> None:
+    """It begins and ends with one point at a stand, which no slope of positions shows."""
+    on = load_route(shared("ttobench", "tracks", "SE_Vasteras_Kolback.json")).reversed()
+    line = read_kilometre_posts(shared("trips", "kolback_vasteras_kmposts.csv"))
+    whole = read_csv(shared("trips", "kolback_vasteras_clean.csv"))
+    bare = matched(replace(whole, speed_mps=np.full(len(whole), np.nan)), line, on)
+    known = real("clean")
+    assert bare.report.anchor == "start and end"
+    assert 0 < bare.report.stand_uncertainty_m < 5
+    assert bare.s_m == pytest.approx(known.s_m, abs=0.5)
+    run, with_speeds = to_profile(bare), to_profile(known)
+    assert run.time_s[-1] == pytest.approx(with_speeds.time_s[-1], abs=3)  # the speeds' lag is 2.5 s
+    off_mps = np.interp(with_speeds.time_s, run.time_s, run.speed_mps) - with_speeds.speed_mps
+    assert np.sqrt(np.mean(off_mps**2)) < 1.0

@@ -1,0 +1,156 @@
+"""Scenario files: what they may say, what a seed draws from them, and how they are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from sim.world.day import make_day
+from sim.world.disturbances import (
+    Restriction,
+    described,
+)
+from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
+from sim.world.service import prepare_service
+from tests.support.flat_days import FLAT
+
+RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 1\nto_km = 2\nspeed_kmh = 60\nannounced_m = 500\n"
+BAD = [
+    ("x = 1", "x = 1: expected one of the keys"),
+    ("[truth]\nmass_percent = 0", "mass_ratio"),
+    ("[truth]\nmas_percent = 100", "truth.mas_percent"),
+    ("[truth]\nadhesion_percent = 50", "truth.adhesive_mass_t is missing"),
+    ("[truth]\nadhesive_mass_t = -1", "truth.adhesive_mass_t = -1"),
+    ("[truth]\nmass_ratio = nan", r"toml: truth.mass_ratio = nan: expected a number$"),
+    ("[sensors]\nposition_noise_m = -1", "sensors.position_noise_m = -1"),
+    ("[sensors]\nposition_noise_m = nan", "sensors.position_noise_m"),
+    ("[sensors]\nforce_noise_percent = -2", "sensors.force_noise"),
+    ("[[disturbances]]\nkind = 'rain'", r"disturbances\[0\].kind = 'rain': expected one of departure-delay"),
+    ("[[disturbances]]\nstop = 'A'", r"disturbances\[0\].kind"),
+    ("[[disturbances]]\nkind = 'departure-delay'\ndelay_s = 9", r"disturbances\[0\].stop"),
+    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'", r"disturbances\[0\].delay"),
+    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'Z'\ndelay_s = 9", r"disturbances\[0\].stop = 'Z': .* A"),
+    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = -9", r"disturbances\[0\].delay_s = -9"),
+    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9, max = 3}", "in this order"),
+    (
+        "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9}",
+        r"disturbances\[0\].delay_s.max is missing",
+    ),
+    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 1, max = 2, mean = 3}", "mean"),
+    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 'long'", "long"),
+    ("[[disturbances]]\nkind = 'sensor-fault'\nfault = 'rust'\nfrom_s = 1\nfor_s = 1", "one of dropout"),
+    (
+        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'jump'\nfrom_s = 1\nfor_s = 1",
+        r"disturbances\[0\].size is missing",
+    ),
+    (
+        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'noise'\nfrom_s = 1\nfor_s = 1\nsize_m = 0",
+        r"disturbances\[0\].size_m = 0: expected a number from 1 to 1e\+07",
+    ),
+    (
+        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'frozen'\nfrom_s = 1\nfor_s = 1\nsize_m = 9",
+        r"disturbances\[0\].size_m = 9: expected one of the keys",
+    ),
+    (
+        "[[disturbances]]\nkind = 'node-restart'\nat_s = 1e300",
+        r"disturbances\[0\].at_s = 1e\+300: expected a number from 0 to 86400",
+    ),
+    (
+        RESTRICTED.replace("announced_m = 500", "announced_m = 1e300"),
+        r"disturbances\[0\].announced_m = 1e\+300: expected a number from 0 to 1e\+07",
+    ),
+    (
+        RESTRICTED.replace("to_km = 2", "to_km = 1"),
+        r"disturbances\[0\].to_km = 1: expected more than from = 1000 m",
+    ),
+    (
+        RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
+        "from is at km 7: expected on the way, km 0 to 6",
+    ),
+    (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a number from 3.6 to 720"),
+    (RESTRICTED.replace("speed_kmh", "speed_t"), r"disturbances\[0\].speed_t"),
+    (RESTRICTED + "speed_mps = 9", "only one of"),
+    (RESTRICTED.replace("_kmh = 60", "_kmh = {min = 50, max = 60}") + "speed_mps = 9", "only one of speed_mps and"),
+    ("[[disturbances]]\nkind = 'head-wind'\nfrom_km = 1\nto_km = 2\nwind_kmh = 300", "a number from -180 to 180"),
+    (
+        "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 1\nto_km = 2\nadhesion_ratio = 0.3",
+        "truth.adhesive_mass_t is missing: expected the mass on driven axles",
+    ),
+]
+
+
+@pytest.mark.parametrize(("more", "message"), BAD)
+def test_a_bad_scenario_is_refused_with_its_key(flat: Callable[..., Path], more: str, message: str) -> None:
+    path = flat(more, base=FLAT if more.startswith("[") else more + FLAT)
+    with pytest.raises(DasError, match=message) as error:
+        make_day(prepare_service(read_scenario(path)), 0)
+    assert "\n" not in str(error.value)
+
+
+BAD_HEADS = [
+    ("schema_version = 1", "schema_version = 2", "schema_version = 2: expected 1"),
+    ('title = "Flat"', "", "scenario.title"),
+    ('id = "flat"', 'id = "../flat"', "scenario.id = '../flat': expected 1 to 64 letters"),
+    ('route = "flat-6km"', 'route = "nowhere"', r"s\d+.toml: scenario: nowhere: not a bundled route"),
+    ('route = "flat-6km"', 'route = "nowhere.toml"', "nowhere.toml: no such file"),
+    ('vehicle = "re460-ic"', 'vehicle = "re460-ic"\nload = "full"', "no load 'full'"),
+    ('vehicle = "re460-ic"', 'vehicle = "re460-ic"\nto = "Q"', "Q"),
+    ("buffer_percent = 10", "buffer_percent = -1", "timetable.buffer_percent = -1: expected a number from 0 to 1000"),
+    ("buffer_percent = 10", "dwell_s = -1", "timetable.dwell_s = -1"),
+    ("buffer_percent = 10", "dwell_s = 1e300", r"timetable.dwell_s = 1e\+300: expected a number from 0 to 86400"),
+    ("buffer_percent = 10", "departure = '1960-01-01T00:00:00Z'", "a time in 1970 to 2199"),
+    ("buffer_percent = 10", "departure = '9999-12-31T00:00:00Z'", "a time in 1970 to 2199"),
+    ("buffer_percent = 10", "departure = 'noon'", "timetable.departure = 'noon': expected a time with its zone"),
+    ("buffer_percent = 10", "departure = '2026-11-21T08:04:00'", "a time with its zone"),
+    ("[scenario]", "[scenery]", "scenery"),
+    ("schema_version = 1", "schema_version = 1\ndisturbances = 3", "disturbances = 3: expected a list"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD_HEADS)
+def test_a_bad_head_is_refused_with_its_key(flat: Callable[..., Path], old: str, new: str, message: str) -> None:
+    with pytest.raises(DasError, match=message):
+        prepare_service(read_scenario(flat(base=FLAT.replace(old, new))))
+
+
+def test_a_scenario_without_a_file_is_refused() -> None:
+    with pytest.raises(DasError, match="not a bundled scenario"):
+        load_scenario("nothing")
+    with pytest.raises(DasError, match="no such file"):
+        load_scenario("nothing.toml")
+
+
+def test_units_defaults_and_files_beside_the_scenario(flat: Callable[..., Path]) -> None:
+    path = flat(RESTRICTED.replace("speed_kmh = 60", "speed_kmh = {min = 36, max = 72}"))
+    scenario = read_scenario(path)
+    assert scenario.dwell_s == 60
+    assert scenario.departure_ns == 1_795_248_240_000_000_000
+    (drawn,) = scenario.day(4)
+    assert isinstance(drawn, Restriction)
+    assert 10 <= drawn.speed_mps <= 20
+    assert (drawn.from_m, drawn.to_m, drawn.announced_m) == (1000, 2000, 500)
+    beside = read_scenario(flat(base=FLAT.replace('"flat-6km"', '"lines/here.toml"')))
+    assert beside.route == str(path.parent / "lines" / "here.toml")
+    assert load_scenario("clear-day").departure_ns == scenario.departure_ns
+
+
+def test_a_seed_is_a_day() -> None:
+    scenario = load_scenario("departure-delay")
+    assert scenario.day(3) == scenario.day(3)
+    drawn = [scenario.day(seed)[0].delay_s for seed in range(200)]  # type: ignore[union-attr]
+    assert len(set(drawn)) == 200
+    assert 60 <= min(drawn) < 66
+    assert 174 < max(drawn) <= 180
+    assert np.mean(drawn) == pytest.approx(120, abs=4 * 120 / np.sqrt(12 * 200))
+
+
+def test_what_happens_is_said_as_people_say_it() -> None:
+    said = described(load_scenario("restriction-ahead").day(0))
+    assert said == "restriction to 60 km/h from km 18.0 to 19.5, told 5000 m ahead"
+    assert described(load_scenario("clear-day").day(0)) == "nothing"
+    for name in bundled_scenarios():
+        assert described(load_scenario(name).day(0))

@@ -1,0 +1,225 @@
+"""A clean record of a trip, and every kind of dirt that can be planted in it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.route import Route
+from sim.trips.findings import Kind
+from sim.trips.line import EARTH_RADIUS_M
+from sim.trips.reading import read_trip
+from sim.trips.trip import Trip, Whereabouts, load_trip
+from tests.sim.trips.test_trips import motion, north, posts_file, route
+
+LENGTH_M = 8000.0
+EPOCH_S = 1_469_780_000.0
+STOOD_S = 10
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of a record before it is written: `s_m` along the meridian from stop A, `east_m` beside it."""
+
+    t: float
+    s_m: float
+    v: float | None
+    east_m: float = 0.0
+
+
+Points = list[Point]
+
+
+def clean(length_m: float = LENGTH_M, start_m: float = 0.0, start_s: float = 0.0, stood_s: int = STOOD_S) -> Points:
+    """A run once a second with 10 s of standing before and after: a = 0.5 m/s², 30 m/s, whole seconds."""
+    t, s, v = motion(length_m)
+    before = [Point(start_s + i, start_m, 0.0) for i in range(stood_s)]
+    run = [Point(start_s + stood_s + a, start_m + b, round(c, 9)) for a, b, c in zip(t, s, v, strict=True)]
+    after = [Point(run[-1].t + 1 + i, run[-1].s_m, 0.0) for i in range(stood_s)]
+    return before + run + after
+
+
+def changed(points: Points, at: Iterable[int], **by: float | Callable[[Point], float] | None) -> Points:
+    """Some points with other values."""
+    chosen = set(at)
+    return [
+        replace(p, **{k: f(p) if callable(f) else f for k, f in by.items()}) if i in chosen else p
+        for i, p in enumerate(points)
+    ]
+
+
+def write(folder: Path, points: Points, *, speeds: bool = True, on_route: bool = False) -> Path:
+    """A CSV with a header; a point without position is written without one."""
+    place = ["position_m"] if on_route else ["lat", "lon"]
+    rows = [",".join(["time_ms", *place, *(["speed_mps"] if speeds else [])])]
+    for p in points:
+        latitude, longitude = north(np.array([p.s_m]), p.east_m)
+        located = [f"{p.s_m!r}"] if on_route else [f"{latitude[0]!r}", f"{longitude[0]!r}"]
+        cells = ["" if np.isnan(p.s_m) else cell for cell in located]
+        rows.append(",".join([f"{(EPOCH_S + p.t) * 1e3:.3f}", *cells, *([f"{p.v!r}"] if speeds else [])]))
+    path = folder / "trip.csv"
+    path.write_text("\n".join(rows).replace("np.float64(", "").replace(")", "").replace("None", "") + "\n")
+    return path
+
+
+def long_posts(folder: Path) -> Path:
+    """Kilometre posts from 5 km before stop A to 5 km beyond B."""
+    return posts_file(folder, *north(np.arange(-5000.0, LENGTH_M + 5001.0, 1000.0)))
+
+
+def load(
+    folder: Path, points: Points, on: Route | None = None, *, speeds: bool = True, **said: bool | str | None
+) -> Trip:
+    path = write(folder, points, speeds=speeds)
+    return load_trip(path, read_trip(path), on or route(), Whereabouts(line=long_posts(folder), **said))  # type: ignore[arg-type]
+
+
+def counts(trip: Trip) -> dict[Kind, int]:
+    return {finding.kind: finding.count for finding in trip.matched.report.cleaning.findings}
+
+
+def check_truth(trip: Trip, points: Points, tolerance_m: float = 0.02, speed_mps: float = 0.6) -> None:
+    """Every point that is left is where the clean record has it; the smooth run is the motion."""
+    t = np.array([p.t for p in points])
+    at = (trip.matched.time_ns * 1e-9) - EPOCH_S
+    s, v = np.array([p.s_m for p in points]), np.array([p.v for p in points])
+    assert trip.matched.s_m == pytest.approx(np.interp(at, t, s), abs=tolerance_m)
+    measured = ~trip.matched.dropout
+    assert trip.matched.speed_mps[measured] == pytest.approx(np.interp(at, t, v)[measured], abs=1e-6)
+    assert trip.matched.speed_mps == pytest.approx(np.interp(at, t, v), abs=1.2)
+    grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
+    assert trip.run.speed_mps == pytest.approx(np.interp(grid, t, v), abs=speed_mps)
+    assert np.abs(trip.run.s_m - np.interp(grid, t, s)).max() < 6.0
+
+
+# Each plants one kind of defect; points 20 to 320 move.
+def duplicates(p: Points) -> Points:
+    return [x for i, q in enumerate(p) for x in ([q, replace(q, s_m=q.s_m + 3)] if i in (40, 41, 200, 300) else [q])]
+
+
+def repeated_block(p: Points) -> Points:
+    return p[:150] + p[130:150] + p[150:]
+
+
+def times_back(p: Points) -> Points:
+    return changed(p, (60, 61, 240), t=lambda q: q.t - 5.5)
+
+
+def clock_ahead(p: Points) -> Points:
+    return changed(p, (100,), t=lambda q: q.t + 3600.5)
+
+
+def jumps_along(p: Points) -> Points:
+    p = changed(p, (50, 165), s_m=lambda q: q.s_m + 300)
+    return changed(p, (120, 121, 122, 280), s_m=lambda q: q.s_m - 150)
+
+
+def jumps_aside(p: Points) -> Points:
+    return changed(changed(p, (70, 71), east_m=900.0), (250,), east_m=-4000.0, s_m=-9000.0)
+
+
+def block_jump(p: Points) -> Points:
+    return changed(p, range(200, 230), s_m=lambda q: q.s_m - 1500, east_m=60.0)
+
+
+def null_island(p: Points) -> Points:
+    return changed(p, (90, 91), s_m=-np.radians(59.5) * EARTH_RADIUS_M, east_m=-1e6)
+
+
+def frozen(p: Points) -> Points:
+    return changed(p, range(151, 159), s_m=p[150].s_m)
+
+
+def no_position(p: Points) -> Points:
+    return changed(p, (33, 34, 210), s_m=np.nan)
+
+
+def spikes(p: Points) -> Points:
+    return changed(p, (45, 46, 230, 315), v=355 / 3.6)
+
+
+def spike_while_standing(p: Points) -> Points:
+    return changed(p, (4, 343), v=355 / 3.6)
+
+
+def dropouts(p: Points) -> Points:
+    return changed(p, (55, 56, 57, 190), v=0.0)
+
+
+def no_speeds(p: Points) -> Points:
+    return changed(p, (80, 81, 260), v=None)
+
+
+def gap(p: Points) -> Points:
+    return p[:170] + p[183:]  # 14 s
+
+
+def gap_while_accelerating(p: Points) -> Points:
+    return p[:30] + p[43:]
+
+
+def newest_first(p: Points) -> Points:
+    return p[::-1]
+
+
+def late_end(p: Points) -> Points:
+    return p + [replace(p[-1], t=p[-1].t + 1 + i) for i in range(300)]
+
+
+def early_start(p: Points) -> Points:
+    return [replace(p[0], t=p[0].t - 200 + i) for i in range(200)] + p
+
+
+DEFECTS: dict[str, tuple[Callable[[Points], Points], dict[Kind, int]]] = {
+    "nothing": (lambda p: p, {}),
+    "duplicates": (duplicates, {Kind.DUPLICATE_TIME: 4}),
+    "repeated block": (repeated_block, {Kind.DUPLICATE_TIME: 20}),
+    "times back": (times_back, {Kind.TIME_BACK: 3}),
+    "clock ahead": (clock_ahead, {Kind.TIME_BACK: 1}),
+    "jumps along": (jumps_along, {Kind.POSITION_JUMP: 6}),
+    "jumps aside": (jumps_aside, {Kind.POSITION_JUMP: 3}),
+    "block jump": (block_jump, {Kind.POSITION_JUMP: 30}),
+    "null island": (null_island, {Kind.POSITION_JUMP: 2}),
+    "frozen": (frozen, {Kind.POSITION_FROZEN: 8}),
+    "no position": (no_position, {Kind.NO_POSITION: 3}),
+    "spikes": (spikes, {Kind.SPEED_SPIKE: 4}),
+    "spikes while standing": (spike_while_standing, {Kind.SPEED_SPIKE: 2}),
+    "dropouts": (dropouts, {Kind.SPEED_DROPOUT: 4}),
+    "no speeds": (no_speeds, {Kind.SPEED_MISSING: 3}),
+    "gap": (gap, {Kind.GAP: 1}),
+    "gap while accelerating": (gap_while_accelerating, {Kind.GAP: 1}),
+    "newest first": (newest_first, {Kind.NEWEST_FIRST: 1}),
+    "late end": (late_end, {Kind.LONG_STAND_AT_END: 280}),
+    "early start": (early_start, {Kind.LONG_STAND_AT_START: 180}),
+}
+
+
+TOGETHER = (
+    jumps_along,
+    jumps_aside,
+    no_position,
+    spikes,
+    dropouts,
+    no_speeds,
+    times_back,
+    duplicates,
+    gap,
+    early_start,
+    late_end,
+)
+
+
+def all_together(points: Points) -> Points:
+    for plant in TOGETHER:
+        points = plant(points)
+    return points
+
+
+TOGETHER_COUNTS: Counter[Kind] = sum(
+    (Counter(expected) for plant, expected in DEFECTS.values() if plant in TOGETHER), Counter()
+)

@@ -1,0 +1,64 @@
+"""A made-up run, and what a receiver says of it: for the tests of the filter and of the localisation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from das.domain.units import NS
+from das.estimate.localisation import (
+    Localisation,
+    PositionFix,
+)
+from das.estimate.track_filter import WANDER_S
+from tests.support.making import make_train
+
+T0 = 1_800_000_000_000_000_000
+TRAIN = make_train()
+SD_M, SD_MPS = 3.0, 0.05
+
+
+def ns(seconds: float) -> int:
+    return T0 + round(seconds / NS)
+
+
+def at(time_s: float, s_m: float, speed_mps: float, **more: object) -> PositionFix:
+    given = {"uncertainty_m": SD_M, "speed_uncertainty_mps": SD_MPS, **more}
+    return PositionFix(time_ns=ns(time_s), s_m=s_m, speed_mps=speed_mps, **given)  # type: ignore[arg-type]
+
+
+def truth(time_s: float) -> tuple[float, float]:
+    """Stands for 10 s, gains 0.6 m/s² for 50 s, runs at 30 m/s for 60 s, brakes at 0.75 m/s² for 40 s, stands."""
+    s_m = speed_mps = 0.0
+    for until_s, rate in ((10, 0.0), (60, 0.6), (120, 0.0), (160, -0.75), (math.inf, 0.0)):
+        begun_s = {10: 0, 60: 10, 120: 60, 160: 120}.get(until_s, 160)
+        span_s = min(time_s, until_s) - begun_s
+        if span_s <= 0:
+            break
+        s_m += speed_mps * span_s + 0.5 * rate * span_s**2
+        speed_mps += rate * span_s
+    return s_m, max(speed_mps, 0.0)
+
+
+def fixes(
+    until_s: float, *, from_s: float = 0.0, hz: float = 1.0, seed: int = 1, noise_m: float = SD_M
+) -> Iterator[PositionFix]:
+    """What a receiver says of `truth`: an error that wanders, and a noise of its own in the speed."""
+    random = np.random.default_rng(seed)
+    keep, off_m = math.exp(-1 / hz / WANDER_S), noise_m * random.standard_normal()
+    for i in range(round((until_s - from_s) * hz) + 1):
+        time_s = from_s + i / hz
+        s_m, speed_mps = truth(time_s)
+        off_m = keep * off_m + noise_m * math.sqrt(1 - keep**2) * random.standard_normal()
+        said_mps = max(speed_mps + SD_MPS * random.standard_normal(), 0.0) if speed_mps else 0.0
+        yield at(time_s, s_m + off_m, said_mps)
+
+
+def heard(until_s: float, **more: float) -> Localisation:
+    """A localisation that has heard good fixes up to a time."""
+    localisation = Localisation(TRAIN)
+    for fix in fixes(until_s, **more):  # type: ignore[arg-type]
+        localisation.take(fix)
+    return localisation

@@ -1,0 +1,59 @@
+"""Days on a flat line: scenario files made for a test, driven in this process."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind, make_driver
+from sim.plant.plant import PlantState
+from sim.world.day import make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
+from sim.world.scenario import read_scenario
+from sim.world.service import Service, prepare_service
+
+FLAT = """
+schema_version = 1
+[scenario]
+id = "flat"
+title = "Flat"
+route = "flat-6km"
+vehicle = "re460-ic"
+[timetable]
+buffer_percent = 10
+"""
+
+
+solved: list[Service] = []
+
+
+def service_of(path: Path) -> Service:
+    """The service of a scenario; the line is solved again only where it is planned otherwise than the last one."""
+    scenario = read_scenario(path)
+    if not solved or not solved[-1].plans(scenario):
+        solved.append(prepare_service(scenario))
+    return solved[-1].on(scenario)
+
+
+def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:
+    service = service_of(path)
+    day = make_day(service, seed)
+    made = make_driver(DriverKind(driver), service.line, seed=seed)
+    return World(day, made, Presentation(advice), InProcess(service)).run().states
+
+
+def run_of(path: Path, driver: str, advice: str = "vector") -> Run:
+    service = prepare_service(read_scenario(path))
+    made = make_driver(DriverKind(driver), service.line, seed=1)
+    return World(make_day(service, 1), made, Presentation(advice), InProcess(service)).run()
+
+
+def standing_m(run: Run) -> list[float]:
+    """Where the train came to stand."""
+    return [after.s_m for before, after in pairwise(run.states) if before.speed_mps > 0 >= after.speed_mps]
+
+
+def signal_at(at_m: float, seen_m: float) -> str:
+    return f"[[disturbances]]\nkind = 'signal-stop'\nat_m = {at_m}\nseen_m = {seen_m}\nclears_after_s = 120\n"

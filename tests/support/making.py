@@ -1,0 +1,160 @@
+"""What several tests make: routes, trains, a loss chain, and commands run here or as a process."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from pathlib import Path
+from types import MappingProxyType
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import precompute.cli.commands
+import sim.cli.commands
+from das.command_line.running import EXIT_INTERRUPTED, STOP_SIGNALS
+from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
+from das.domain.losses import LOSSLESS, Level, LossModel
+from das.domain.route import Route, Stop, Stretches
+from das.domain.trajectory import Trajectory
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+
+REPOSITORY = Path(__file__).parents[2]
+
+CHAIN = LossChain(
+    auxiliaries=Auxiliaries(base_w=10e3, fan_w=8e3, rated_heat_w=100e3),
+    transformer=Transformer(no_load_w=5e3, copper_w=40e3, rated_power_w=2e6),
+    converter=Converter(
+        fixed_w=4e3,
+        line_ratio=0.02,
+        line_brake_ratio=0.03,
+        conduction_w=12e3,
+        switching_w=6e3,
+        snubber_w=3e3,
+        asynchronous_hz=200.0,
+        stator_hz_per_mps=1.8,
+        clock_speeds_mps=(10.0, 20.0),
+        clock_pulses=(7.0, 1.0),
+    ),
+    motors=Motors(
+        base_speed_mps=20.0,
+        rated_force_n=90e3,
+        magnetising_ratio=0.25,
+        pull_out_ratio=2.0,
+        brake_current_ratio=1.1,
+        copper_w=20e3,
+        iron_w=6e3,
+    ),
+    gear=Gear(mesh_ratio=0.03, churning_w=2e3, churning_speed_mps=40.0),
+)
+"""A loss chain with round numbers."""
+
+
+def make_route(
+    length_m: float, limits: list[tuple[float, float]], grades: list[tuple[float, float]] | None = None
+) -> Route:
+    """A straight line from stop A to stop B: limits (m/s) and gradients (ratio; default: level) from positions (m)."""
+
+    def stretches(rows: list[tuple[float, float]]) -> Stretches:
+        return Stretches(start_m=np.array([r[0] for r in rows]), value=np.array([r[1] for r in rows]))
+
+    return Route(
+        id="test",
+        name="test",
+        source="test",
+        illustrative=True,
+        length_m=length_m,
+        stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=length_m)),
+        limits_mps=stretches(limits),
+        gradients_ratio=stretches(grades or [(0.0, 0.0)]),
+        curvature_per_m=stretches([(0.0, 0.0)]),
+        geometry_position_m=np.empty(0),
+        geometry_latitude_deg=np.empty(0),
+        geometry_longitude_deg=np.empty(0),
+    )
+
+
+def make_train(
+    *, resistance: tuple[float, float, float] = (0.0, 0.0, 0.0), power_w: float = 1e12, loss: LossModel = LOSSLESS
+) -> Vehicle:
+    """A point mass of 100 t with 100 kN both ways; R = c0 + c1·v + c2·v² (N, v in m/s)."""
+    effort = EffortEnvelope(max_force_n=1e5, max_power_w=power_w)
+    return Vehicle(
+        id="test",
+        name="test",
+        source="test",
+        mass_kg=1e5,
+        rotating_mass_ratio=0.0,
+        length_m=0.0,
+        max_speed_mps=60.0,
+        resistance=Resistance(c0_n=resistance[0], c1_n_per_mps=resistance[1], c2_n_per_mps2=resistance[2]),
+        traction=effort,
+        electric_brake=effort,
+        friction_brake_force_n=0.0,
+        brake_policy=BrakePolicy.ELECTRIC,
+        losses=MappingProxyType({Level.OWN: loss}),
+    )
+
+
+def flat(length_m: float, limit_mps: float = 60.0) -> Route:
+    """A level line with one limit."""
+    return make_route(length_m, [(0.0, limit_mps)])
+
+
+def csv_rows(run: Trajectory) -> NDArray[np.float64]:
+    """A trajectory as the rows of its CSV: (nodes, 7)."""
+    forces = [np.append(force, 0.0) for force in (run.force_el_n, run.force_friction_n)]
+    line = [np.append(value, value[-1]) for value in (run.grade_ratio, run.limit_mps)]
+    return np.column_stack([run.s_m, run.t_s, run.v_mps, *forces, *line])
+
+
+def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
+    """Run das-precompute in a folder, within this process (no imports, no kernels to load again)."""
+    return _run_here(precompute.cli.commands.main, precompute.cli.commands.__file__, args, folder)
+
+
+def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run das-sim in a folder, within this process; node, recorder and workers it starts are processes as ever."""
+    return _run_here(sim.cli.commands.main, sim.cli.commands.__file__, args, cwd)
+
+
+def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
+    """Run a command of this checkout as users do: for each command one test shows that it stands on its own feet."""
+    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.run(
+        [sys.executable, "-m", module, *args],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "utf-8"},
+        capture_output=True,
+        encoding="utf-8",
+        timeout=timeout_s,
+        check=False,
+    )
+
+
+def _run_here(
+    main: Callable[[], object], program: str, args: Sequence[str], cwd: Path
+) -> subprocess.CompletedProcess[str]:
+    """Call an entry point as a process would be: its arguments, folder and output; signals are as before afterwards."""
+    command = [program, *args]
+    output, errors = io.StringIO(), io.StringIO()
+    handlers = [(number, signal.getsignal(number)) for number in STOP_SIGNALS]
+    try:
+        with (
+            patch.object(sys, "argv", command), chdir(cwd), redirect_stdout(output), redirect_stderr(errors),
+            pytest.raises(SystemExit) as ended,
+        ):  # fmt: skip
+            main()
+    finally:
+        for number, handler in handlers:
+            signal.signal(number, handler)
+    if ended.value.code == EXIT_INTERRUPTED:
+        raise KeyboardInterrupt  # meant for pytest
+    return subprocess.CompletedProcess(command, int(ended.value.code or 0), output.getvalue(), errors.getvalue())

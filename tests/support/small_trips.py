@@ -1,0 +1,76 @@
+"""A trip on a small line, told what a node is told, and a follower of its advice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from das.advice.advisor import Advice, PositionFix, Timetable
+from das.cab.fronts import Fronts, Situation
+from das.cab.trip import Trip
+from das.domain.losses import EfficiencyLoss
+from das.domain.route import Route, Stop
+from das.domain.units import NS
+from das.domain.vehicle import Vehicle
+from tests.support.making import make_route, make_train
+
+T0 = 1_800_000_000_000_000_000
+LOSS = EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.15, idle_w=20e3)
+LENGTH_M = 100.0
+
+
+def ns(seconds: float) -> int:
+    return T0 + round(seconds / NS)
+
+
+def train(mass_kg: float = 1e5) -> Vehicle:
+    return replace(make_train(resistance=(1e3, 0.0, 5.0), power_w=2e6, loss=LOSS), length_m=LENGTH_M).with_mass(mass_kg)
+
+
+def line() -> Route:
+    stops = tuple(Stop(name=name, position_m=x) for name, x in (("A", 0.0), ("B", 5000.0), ("C", 9000.0)))
+    return replace(make_route(9000.0, [(0.0, 30.0), (3000.0, 25.0)]), stops=stops)
+
+
+LINE, TRAIN = line(), train()
+DUE = [Timetable(departure_ns=ns(0), arrival_ns=ns(300)), Timetable(departure_ns=ns(330), arrival_ns=ns(590))]
+FRONTS = Fronts(threads=1, kept_bytes=200_000_000)
+
+
+def trip(fronts: Fronts = FRONTS, *, background: bool = False, due: Sequence[Timetable] = DUE) -> Trip:
+    made = Trip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background)
+    made.begin(LINE.stops, due)
+    return made
+
+
+def at(made: Trip, second: float, s_m: float, v_mps: float) -> Advice:
+    made.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
+    return made.update(ns(second))
+
+
+def follow(made: Trip, *, start_s: int = 0, s_m: float = 0.0, v_mps: float = 0.0, tell: Any = None) -> Iterator[Advice]:
+    """A follower with exactly the advised speed after every second, to the last stop."""
+    for second in range(start_s, start_s + 2000):
+        if tell is not None:
+            tell(second, s_m)
+        advice = at(made, second, s_m, v_mps)
+        yield advice
+        if advice.reason.startswith("arrived") and s_m > LINE.length_m - 60:
+            return
+        after = advice.horizon_speed_mps[0]
+        s_m, v_mps = s_m + 0.5 * (v_mps + after), after
+
+
+def highest(advice: Advice) -> Iterator[tuple[float, float]]:
+    """Where the train is at the advised speeds, second by second, and those speeds."""
+    s_m, before = advice.s_m, advice.advised_speed_mps
+    yield s_m, before
+    for after in advice.horizon_speed_mps:
+        s_m, before = s_m + 0.5 * (before + after), after
+        yield s_m, after
+
+
+def broken(*_: Any, **__: Any) -> Any:
+    """Stands where something goes wrong that nobody foresaw."""
+    raise IndexError("nobody foresaw this")
