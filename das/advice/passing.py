@@ -8,27 +8,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.plan import LONGEST_RATIO
+from das.advice.settings import DEFAULT
 from das.domain.errors import DasError
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.trajectory import Trajectory
 from das.solver import tolerances as tol
+from das.solver.fastest import capped, fastest
 from das.solver.front import Fit, Front, Solution, solve_front
 from das.solver.journey.hops import build_hops
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
-
-SLOWING_MPS2 = 0.4
-"""A train that must be slower than any least-energy run to pass late enough brakes so."""
-CRAWL_MPS = 0.5
-SPEED_HALVINGS = 24
-PRICES_TRIED = 2
-
 
 @dataclass(frozen=True, kw_only=True)
 class PassingTarget:
@@ -44,6 +39,15 @@ class PassingTarget:
             raise DasError(f"target at {self.s_m:.0f} m: the latest time is before the earliest")
 
 
+class PassingRun(NamedTuple):
+    """The run that fronts are solved for: its state (m, m/s), the time to the point (s) and to the end (s)."""
+
+    s_m: float
+    v_mps: float
+    to_point_s: float
+    total_s: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PassingFronts:
     """Fronts of the way up to a point and from there on."""
@@ -56,18 +60,8 @@ class PassingFronts:
         return self.after.section.start_m
 
     @classmethod
-    def solve(
-        cls,
-        section: Section,
-        at_m: float,
-        ladder_w: Floats,
-        *,
-        to_point_s: float,
-        total_s: float,
-        s_m: float,
-        v_mps: float,
-    ) -> PassingFronts:
-        """Solve both parts for a run from a state that is at the point after `to_point_s`, at the end after `total_s`.
+    def solve(cls, section: Section, at_m: float, ladder_w: Floats, run: PassingRun) -> PassingFronts:
+        """Solve both parts for a run that passes the point `at_m` (m), with a ladder of multipliers (W).
 
         They answer for other times and states as well, a little off the optimum of these. Raises DasError for a point
         that is not on the way, InfeasibleError where the parts cannot be driven.
@@ -77,12 +71,12 @@ class PassingFronts:
         slow = -float(section.loss.loss_w(0.0, tol.CREEP_MPS)) * np.array(tol.LADDER_IDLE_RATIOS)
         ladder_w = np.unique(np.concatenate((slow, ladder_w)))
         speed, price = float(last.envelope_mps[0]), -1
-        for _ in range(PRICES_TRIED):
-            before_price, price = price, _price_index(after, speed, total_s - to_point_s)
+        for _ in range(DEFAULT.passing.prices_tried):
+            before_price, price = price, _price_index(after, speed, run.total_s - run.to_point_s)
             if price == before_price:
                 break
             before = solve_front(first, lambda_w=ladder_w, end_value_j=_value_ahead(first, after, price))
-            speed = float(before.trajectory(max(to_point_s, 1.0), s_m, v_mps).trajectory.v_mps[-1])
+            speed = float(before.trajectory(max(run.to_point_s, 1.0), run.s_m, run.v_mps).trajectory.v_mps[-1])
         return cls(before=before, after=after)
 
     def trajectory(self, to_point_s: float, total_s: float, s_m: float, v_mps: float, tolerance_s: float) -> Solution:
@@ -94,7 +88,7 @@ class PassingFronts:
         if first.fit is Fit.EARLY:
             first = self._slowed(first, to_point_s, s_m, v_mps)
         speed = float(first.trajectory.v_mps[-1])
-        longest_s = LONGEST_RATIO * self.after.fastest(self.at_m, speed).time_s
+        longest_s = DEFAULT.plan.longest_ratio * fastest(self.after.section, self.at_m, speed).time_s
         rest_s = min(max(total_s - first.time_s, 0.1), longest_s)
         last = self.after.trajectory(rest_s, self.at_m, speed, tolerance_s=tolerance_s)
         return replace(
@@ -110,9 +104,10 @@ class PassingFronts:
 
         The train brakes easily to it, or fully where that is too late; where even a crawl is too quick, it crawls.
         """
-        low, high = CRAWL_MPS, max(float(slowest.trajectory.v_mps.max()), 2 * CRAWL_MPS)
-        braking = next((x for x in (SLOWING_MPS2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf)
-        for _ in range(SPEED_HALVINGS):
+        low = DEFAULT.passing.crawl_mps
+        high = max(float(slowest.trajectory.v_mps.max()), 2 * low)
+        braking = next((x for x in (DEFAULT.passing.slowing_mps2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf)
+        for _ in range(DEFAULT.passing.halvings):
             top = 0.5 * (low + high)
             low, high = (top, high) if self._takes(wanted_s, top, braking, s_m, v_mps) else (low, top)
         return self._under(low, braking, s_m, v_mps) or slowest
@@ -127,9 +122,8 @@ class PassingFronts:
         way_m = np.maximum(section.node_m - s_m, 0.0)
         falling_w = v_mps**2 - 2 * braking_mps2 * way_m if math.isfinite(braking_mps2) else np.zeros(len(way_m))
         cap = np.sqrt(np.maximum(falling_w, top_mps**2))
-        cap = np.maximum(np.minimum(section.envelope_mps, cap), section.floor_mps)
         try:
-            return replace(self.before, section=replace(section, envelope_mps=cap)).fastest(s_m, v_mps)
+            return fastest(capped(section, cap), s_m, v_mps)
         except DasError:
             return None
 

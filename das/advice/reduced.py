@@ -6,50 +6,44 @@ import math
 
 import numpy as np
 
-from das.advice.plan import LONGEST_RATIO
-from das.domain.units import KMH, NS
+from das.advice.settings import DEFAULT, AdviceSettings
+from das.domain.units import NS
 from das.solver import kernels, rollout_kernels
 from das.solver.section import Section
 
-EASY_BRAKING_MPS2 = 0.5
-"""Comfortable service braking (assumption)."""
-JUDGED_EVERY_S = 30.0
-SLOWEST_MPS = 20.0 * KMH
-HALVINGS = 12
-BELOW_RATIO = 0.999
-"""A train faster than what easy braking allows is judged from so little below it."""
-
-
 class ReducedSpeed:
-    """That speed for a section; judged at the departure and then every while, so that it stands still in between."""
+    """The reduced maximum speed of a section, judged at the departure and then every while: it stands still between."""
 
-    def __init__(self, section: Section) -> None:
-        easy = section.train._replace(max_deceleration_mps2=min(EASY_BRAKING_MPS2, section.train.max_deceleration_mps2))
+    def __init__(self, section: Section, settings: AdviceSettings = DEFAULT) -> None:
+        self._settings, self._longest_ratio = settings.reduced, settings.plan.longest_ratio
+        easy_mps2 = min(settings.reduced.easy_braking_mps2, section.train.max_deceleration_mps2)
+        easy = section.train._replace(max_deceleration_mps2=easy_mps2)
         ceiling, _ = kernels.braking_envelope(*section.for_kernels, section.limit_mps, section.end_speed_mps, easy)
-        # Where a descent cannot be braked so easily, as it can be braked.
+        # Where a descent cannot be braked so easily, the envelope of the section holds.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
         self._judged_ns, self._for_ns, self._speed_mps = 0, 0, math.nan
 
     def at(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
-        """That speed (m/s) from a state."""
+        """The reduced maximum speed (m/s) from a state."""
         age_s = (now_ns - self._judged_ns) * NS
-        if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < JUDGED_EVERY_S:
+        if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < self._settings.judged_every_s:
             before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan
             self._judged_ns, self._for_ns = now_ns, arrival_ns
             self._speed_mps = self._judged(s_m, v_mps, (arrival_ns - now_ns) * NS, before_mps)
         return self._speed_mps
 
     def _judged(self, s_m: float, v_mps: float, left_s: float, before_mps: float) -> float:
-        low, high = SLOWEST_MPS, max(float(self._ceiling_mps.max()), SLOWEST_MPS)
+        low = self._settings.slowest_mps
+        high = max(float(self._ceiling_mps.max()), low)
         least_s = self.time_s(s_m, v_mps, high)
         if least_s >= left_s:
             return high
-        ample = left_s > LONGEST_RATIO * least_s
+        ample = left_s > self._longest_ratio * least_s
         if ample and not math.isnan(before_mps):
             return before_mps
-        left_s = LONGEST_RATIO * least_s if ample else left_s
-        for _ in range(HALVINGS):
+        left_s = self._longest_ratio * least_s if ample else left_s
+        for _ in range(self._settings.halvings):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.time_s(s_m, v_mps, middle) > left_s else (low, middle)
         return high
@@ -63,6 +57,6 @@ class ReducedSpeed:
         step, constant, tunnel, supply = (array[first:].copy() for array in section.for_kernels)
         step[0] = max(float(section.node_m[first + 1]) - s_m, 1e-3)
         speeds = np.empty(len(cap))
-        speeds[0] = min(v_mps, cap[0] / BELOW_RATIO)
+        speeds[0] = min(v_mps, cap[0] / self._settings.below_ratio)
         took_s = float(rollout_kernels.fastest_roll_out(step, constant, tunnel, supply, cap, section.train, speeds))
         return took_s if took_s >= 0 else math.inf

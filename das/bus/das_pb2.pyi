@@ -58,6 +58,90 @@ MODE_STOP: Mode.ValueType  # 8
 """standing at a stop"""
 Global___Mode: _TypeAlias = Mode  # noqa: Y015
 
+class _WithdrawalCause:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _WithdrawalCauseEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_WithdrawalCause.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    CAUSE_NONE: _WithdrawalCause.ValueType  # 0
+    """advice is given"""
+    CAUSE_TWO_PUBLISHERS: _WithdrawalCause.ValueType  # 1
+    """two publishers say where the train is"""
+    CAUSE_TWO_OPERATORS: _WithdrawalCause.ValueType  # 2
+    """two publishers say different restrictions"""
+    CAUSE_RESTRICTIONS_UNHEEDED: _WithdrawalCause.ValueType  # 3
+    """restrictions were told that cannot be heeded"""
+    CAUSE_JOURNEY_REFUSED: _WithdrawalCause.ValueType  # 4
+    """the last journey cannot be driven, or is not for this node"""
+    CAUSE_INTERNAL_ERROR: _WithdrawalCause.ValueType  # 5
+    """something went wrong in the program that nobody foresaw"""
+    CAUSE_NO_JOURNEY: _WithdrawalCause.ValueType  # 6
+    """no journey has been heard"""
+    CAUSE_RESTRICTIONS_UNTOLD: _WithdrawalCause.ValueType  # 7
+    """no list of restrictions has been heard, not even an empty one"""
+    CAUSE_SECTION_IMPOSSIBLE: _WithdrawalCause.ValueType  # 8
+    """the section cannot be driven, or could not be solved"""
+    CAUSE_NO_POSITION: _WithdrawalCause.ValueType  # 9
+    """no position has been heard"""
+    CAUSE_POSITION_REJECTED: _WithdrawalCause.ValueType  # 10
+    """what is heard of the position cannot be"""
+    CAUSE_POSITION_STALE: _WithdrawalCause.ValueType  # 11
+    """the last position is too old, or positions come too rarely"""
+    CAUSE_POSITION_AHEAD: _WithdrawalCause.ValueType  # 12
+    """the position is ahead of the clock"""
+    CAUSE_POSITION_UNCERTAIN: _WithdrawalCause.ValueType  # 13
+    """position or speed are too uncertain"""
+    CAUSE_OUTSIDE_SECTION: _WithdrawalCause.ValueType  # 14
+    """the train is not on the section"""
+    CAUSE_MOVING_UP: _WithdrawalCause.ValueType  # 15
+    """the train moves up to the stop where the section begins"""
+    CAUSE_PAST_STOP: _WithdrawalCause.ValueType  # 16
+    """the train has run past its stop"""
+    CAUSE_NO_PLAN: _WithdrawalCause.ValueType  # 17
+    """from this state the section cannot be finished"""
+
+class WithdrawalCause(_WithdrawalCause, metaclass=_WithdrawalCauseEnumTypeWrapper):
+    """Why there is no advice; in the order in which it is decided (das/cab/withdrawal.py)."""
+
+CAUSE_NONE: WithdrawalCause.ValueType  # 0
+"""advice is given"""
+CAUSE_TWO_PUBLISHERS: WithdrawalCause.ValueType  # 1
+"""two publishers say where the train is"""
+CAUSE_TWO_OPERATORS: WithdrawalCause.ValueType  # 2
+"""two publishers say different restrictions"""
+CAUSE_RESTRICTIONS_UNHEEDED: WithdrawalCause.ValueType  # 3
+"""restrictions were told that cannot be heeded"""
+CAUSE_JOURNEY_REFUSED: WithdrawalCause.ValueType  # 4
+"""the last journey cannot be driven, or is not for this node"""
+CAUSE_INTERNAL_ERROR: WithdrawalCause.ValueType  # 5
+"""something went wrong in the program that nobody foresaw"""
+CAUSE_NO_JOURNEY: WithdrawalCause.ValueType  # 6
+"""no journey has been heard"""
+CAUSE_RESTRICTIONS_UNTOLD: WithdrawalCause.ValueType  # 7
+"""no list of restrictions has been heard, not even an empty one"""
+CAUSE_SECTION_IMPOSSIBLE: WithdrawalCause.ValueType  # 8
+"""the section cannot be driven, or could not be solved"""
+CAUSE_NO_POSITION: WithdrawalCause.ValueType  # 9
+"""no position has been heard"""
+CAUSE_POSITION_REJECTED: WithdrawalCause.ValueType  # 10
+"""what is heard of the position cannot be"""
+CAUSE_POSITION_STALE: WithdrawalCause.ValueType  # 11
+"""the last position is too old, or positions come too rarely"""
+CAUSE_POSITION_AHEAD: WithdrawalCause.ValueType  # 12
+"""the position is ahead of the clock"""
+CAUSE_POSITION_UNCERTAIN: WithdrawalCause.ValueType  # 13
+"""position or speed are too uncertain"""
+CAUSE_OUTSIDE_SECTION: WithdrawalCause.ValueType  # 14
+"""the train is not on the section"""
+CAUSE_MOVING_UP: WithdrawalCause.ValueType  # 15
+"""the train moves up to the stop where the section begins"""
+CAUSE_PAST_STOP: WithdrawalCause.ValueType  # 16
+"""the train has run past its stop"""
+CAUSE_NO_PLAN: WithdrawalCause.ValueType  # 17
+"""from this state the section cannot be finished"""
+Global___WithdrawalCause: _TypeAlias = WithdrawalCause  # noqa: Y015
+
 @_typing.final
 class Position(_message.Message):
     """Where the train is, from its own localisation (das/<train>/position)."""
@@ -414,6 +498,7 @@ class Advice(_message.Message):
     FOUR_MODE_FIELD_NUMBER: _builtins.int
     NEXT_FOUR_MODE_FIELD_NUMBER: _builtins.int
     NEXT_FOUR_CHANGE_S_FIELD_NUMBER: _builtins.int
+    CAUSE_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     tick: _builtins.int
     """of the Control message answered; 0 with the wall clock"""
@@ -457,6 +542,8 @@ class Advice(_message.Message):
     """FULL_TRACTION, CRUISE, COAST, FULL_BRAKE (or STOP, NONE)"""
     next_four_mode: Global___Mode.ValueType
     next_four_change_s: _builtins.float
+    cause: Global___WithdrawalCause.ValueType
+    """why mode is NONE; the reason says it in words"""
     @_builtins.property
     def horizon_speed_mps(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """at 1 s steps, the first 1 s ahead"""
@@ -494,10 +581,11 @@ class Advice(_message.Message):
         four_mode: Global___Mode.ValueType = ...,
         next_four_mode: Global___Mode.ValueType = ...,
         next_four_change_s: _builtins.float = ...,
+        cause: Global___WithdrawalCause.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -632,6 +720,7 @@ class Status(_message.Message):
     SOLVE_S_FIELD_NUMBER: _builtins.int
     LAST_ADVICE_S_FIELD_NUMBER: _builtins.int
     ADVICES_FIELD_NUMBER: _builtins.int
+    CAUSE_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     state: Global___Status.State.ValueType
     reason: _builtins.str
@@ -642,6 +731,8 @@ class Status(_message.Message):
     last_advice_s: _builtins.float
     """time the last advice took to compute; with --clock bus 0"""
     advices: _builtins.int
+    cause: Global___WithdrawalCause.ValueType
+    """why there is no advice, where the state is WITHDRAWN or WAITING"""
     def __init__(
         self,
         *,
@@ -653,10 +744,11 @@ class Status(_message.Message):
         solve_s: _builtins.float = ...,
         last_advice_s: _builtins.float = ...,
         advices: _builtins.int = ...,
+        cause: Global___WithdrawalCause.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advices", b"advices", "last_advice_s", b"last_advice_s", "reason", b"reason", "section", b"section", "solve_s", b"solve_s", "state", b"state", "time_ns", b"time_ns", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advices", b"advices", "cause", b"cause", "last_advice_s", b"last_advice_s", "reason", b"reason", "section", b"section", "solve_s", b"solve_s", "state", b"state", "time_ns", b"time_ns", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -1,4 +1,4 @@
-"""What a front depends on, and where it comes from: a table on disk, one solved before, or solved now. No bus."""
+"""Where the front of a section comes from: a table on disk, one solved before, or one solved now."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.advisor import Source
-from das.domain.conditions import Conditions
+from das.advice.advice import Source
 from das.domain.errors import DasError
-from das.domain.losses import Level
-from das.domain.route import Restriction, Route
-from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.front import Front, default_ladder, solve_front
-from das.solver.section import Section, build_section
+from das.solver.section import Section
 from das.table.hashes import combined
 from das.table.table import MANIFEST, Table, TableError, hashes_of
 
-AS_PLANNED = Conditions()
 KEPT_BYTES = 60_000_000
 """Fronts found before are kept up to this size (30 km take 18 MB), the last one always."""
 EVERY_MULTIPLIER = 3
@@ -33,44 +28,6 @@ EVERY_MULTIPLIER = 3
 the energy in the mean, 0.15 % at worst (buffers of 0.5 to 40 %); the time is nearly the same."""
 SAME_ENDS_M = 1.0
 """A table whose ends are this near to those of a section was meant for it: why it cannot be used is said."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Situation:
-    """All that a front depends on but the section's ends: line, train, level, what is in force, what differs."""
-
-    route: Route
-    vehicle: Vehicle
-    level: Level | None = None
-    point_mass: bool = False
-    restrictions: tuple[Restriction, ...] = ()
-    conditions: Conditions = AS_PLANNED
-
-    def between(self, start_m: float, end_m: float) -> Situation:
-        """The same, with those restrictions alone that the train meets on a section: its tail counts."""
-        length_m = 0.0 if self.point_mass else self.vehicle.length_m
-        met = (x for x in self.restrictions if x.start_m < end_m and x.end_m > start_m - length_m)
-        return replace(self, restrictions=tuple(sorted(met, key=lambda x: (x.start_m, x.end_m, x.limit_mps))))
-
-    def is_like(self, other: Situation) -> bool:
-        """Whether both give the same sections."""
-        return (
-            self.route is other.route
-            and self.vehicle is other.vehicle
-            and (self.level, self.point_mass, self.restrictions, self.conditions)
-            == (other.level, other.point_mass, other.restrictions, other.conditions)
-        )
-
-    def section(self, start_m: float, end_m: float) -> Section:
-        """A section in this situation; raises as `build_section` does."""
-        return build_section(
-            self.conditions.line(self.route.with_restrictions(self.restrictions)),
-            self.conditions.train(self.vehicle),
-            level=self.level,
-            start_m=start_m,
-            end_m=end_m,
-            point_mass=self.point_mass,
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,8 +11,9 @@ from collections import deque
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from das.domain.units import KMH, NS
+from das.domain.units import NS
 from das.domain.vehicle import Vehicle
+from das.estimate.problems import Problem, ProblemKind
 from das.estimate import track_filter
 from das.estimate.track_filter import Track
 
@@ -96,10 +97,11 @@ class PositionFix:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """Where the train is at `time_ns`, and one standard deviation each; not `usable`: the reason says why.
+    """Where the train is at `time_ns`, with one standard deviation each.
 
-    `fix_time_ns`: of the last fix that went into it (0: none). Counts since the beginning: fixes rejected, with the
-    last reason, and restarts at another state than expected.
+    `fix_time_ns` is the time of the last fix that went into it (0: none). `problem` says why the estimate cannot be
+    used (None: it can). Since the beginning, `rejected` fixes were rejected, the last one because of `rejection`, and
+    the estimate was begun anew at another state `restarts` times.
     """
 
     time_ns: int
@@ -108,11 +110,15 @@ class Estimate:
     speed_mps: float = math.nan
     position_sd_m: float = math.nan
     speed_sd_mps: float = math.nan
-    usable: bool = False
-    reason: str = ""
+    problem: Problem | None = Problem(ProblemKind.NO_POSITION)
     rejected: int = 0
-    rejection: str = ""
+    rejection: Problem | None = None
     restarts: int = 0
+
+    @property
+    def usable(self) -> bool:
+        """Whether advice may rest on it."""
+        return self.problem is None
 
 
 class Standstill:
@@ -152,7 +158,8 @@ class Localisation:
         self._fastest_mps = OVERSPEED_RATIO * vehicle.max_speed_mps
         self._acceleration_sd_mps2 = 0.5 * max(min(start_mps2, vehicle.max_acceleration_mps2), HARD_MPS2)
         self._jerk_psd = 2.0 * self._acceleration_sd_mps2**2 / EFFORT_LASTS_S
-        self._rejected, self._restarts, self._rejection = 0, 0, ""
+        self._rejected, self._restarts = 0, 0
+        self._rejection: Problem | None = None
         self.heard = False
         """Whether anything was said of this train."""
         self._forget()
@@ -163,8 +170,8 @@ class Localisation:
         self._time_ns = 0
         self._intervals_s = (0.0, 0.0)
         """Between the last three fixes taken."""
-        self._problem = ""
-        """Why the newest fix was rejected; nothing: it was taken."""
+        self._problem: Problem | None = None
+        """Why the newest fix was rejected (None: it was taken)."""
         self._doubted: tuple[PositionFix, PositionFix, int] | None = None
         """Rejected fixes in a row that agree with each other: the first, the last, how many."""
         self._fresh: PositionFix | None = None
@@ -203,14 +210,14 @@ class Localisation:
         elif self._doubted is None or (fix.time_ns - self._doubted[1].time_ns) * NS > RESTART_AFTER_S:
             self._begin(fix)
         else:
-            self._reject(self._problem)
+            self._reject(self._problem or Problem(ProblemKind.NO_POSITION))
             self._doubt(fix)
 
     def at(self, now_ns: int) -> Estimate:
         """The estimate at a moment; a state from beyond the near future is forgotten: it shuts out the present."""
         x = self._track
         if x is None:
-            return self._estimate(now_ns, self._problem or "no position yet")
+            return self._estimate(now_ns, self._problem or Problem(ProblemKind.NO_POSITION))
         age_s = (now_ns - self._time_ns) * NS
         if not self._standstill.stands:
             x = track_filter.predict(x, min(max(age_s, 0.0), RESTART_AFTER_S), self._jerk_psd, 0.0)
@@ -219,10 +226,10 @@ class Localisation:
             self._forget()
         return found
 
-    def _estimate(self, now_ns: int, reason: str, x: Track | None = None) -> Estimate:
+    def _estimate(self, now_ns: int, problem: Problem | None, x: Track | None = None) -> Estimate:
         counted = Estimate(
             time_ns=now_ns,
-            reason=reason,
+            problem=problem,
             rejected=self._rejected,
             rejection=self._rejection,
             restarts=self._restarts,
@@ -236,27 +243,26 @@ class Localisation:
             speed_mps=min(x.v, self._fastest_mps),
             position_sd_m=math.sqrt(x.ss),
             speed_sd_mps=SLOW_MPS if self._standstill.stands else math.sqrt(x.vv),
-            usable=not reason,
         )
 
-    def _unusable(self, x: Track, age_s: float) -> str:
-        """Why a state cannot be used, or nothing; what was lost comes back for good or not at all."""
+    def _unusable(self, x: Track, age_s: float) -> Problem | None:
+        """Why a state cannot be used; what was lost comes back for good or not at all."""
         self._stale = age_s > STALE_AFTER_S or (self._stale and min(self._intervals_s) > STALE_AFTER_S)
         ratio = RECOVERED_RATIO if self._vague else 1.0
         position_sd_m, speed_sd_mps = math.sqrt(x.ss), math.sqrt(x.vv)
         off, fast = position_sd_m > ratio * POSITION_SD_MOST_M, speed_sd_mps > ratio * SPEED_SD_MOST_MPS
         self._vague = off or fast
         if age_s < -STALE_AFTER_S:
-            return f"the position is {-age_s:.1f} s ahead of the clock"
+            return Problem(ProblemKind.AHEAD_OF_CLOCK, -age_s)
         if self._stale:
             if self._problem:
                 return self._problem
             if age_s > STALE_AFTER_S:
-                return f"the position is {age_s:.1f} s old"
-            return f"positions come every {min(self._intervals_s):.1f} s only"
+                return Problem(ProblemKind.STALE, age_s)
+            return Problem(ProblemKind.RARE, min(self._intervals_s))
         if off:
-            return f"the position is uncertain by {position_sd_m:.0f} m"
-        return f"the speed is uncertain by {speed_sd_mps / KMH:.0f} km/h" if fast else ""
+            return Problem(ProblemKind.POSITION_UNCERTAIN, position_sd_m)
+        return Problem(ProblemKind.SPEED_UNCERTAIN, speed_sd_mps) if fast else None
 
     def _take_next(self, fix: PositionFix, x: Track, span_s: float) -> None:
         """A fix after others: is it what can be expected, does the train stand, and what follows."""
@@ -317,11 +323,11 @@ class Localisation:
         if self._fresh is None or not _says_the_same(fix, self._fresh):
             self._fresh = fix
         self._repeated_ns = fix.time_ns
-        self._track, self._time_ns, self._problem, self._doubted = state, fix.time_ns, "", None
+        self._track, self._time_ns, self._problem, self._doubted = state, fix.time_ns, None, None
 
-    def _reject(self, reason: str) -> None:
+    def _reject(self, problem: Problem) -> None:
         self._rejected += 1
-        self._problem = self._rejection = reason
+        self._problem = self._rejection = problem
 
     def _doubt(self, fix: PositionFix) -> None:
         """A fix that cannot follow from the state: where several agree, the state was wrong and begins anew there."""
@@ -341,18 +347,18 @@ class Localisation:
             return min(position_sd_m, self._wander_sd_m)
         return position_sd_m
 
-    def _frozen(self, fix: PositionFix) -> str:
-        """A position that stays while its speed says it must not."""
+    def _frozen(self, fix: PositionFix) -> Problem | None:
+        """A position that stays the same although its speed says that it must not."""
         first, silent_s = self._fresh, (fix.time_ns - self._repeated_ns) * NS
         if first is None or fix.s_m != first.s_m or silent_s > RESTART_AFTER_S:
             self._still_m = 0.0
-            return ""
+            return None
         self._repeated_ns = fix.time_ns
         position_sd_m, speed_sd_mps = _sds(fix)
         moves = fix.speed_mps > max(SLOW_MPS, SLOW_SDS * speed_sd_mps)
         self._still_m = self._still_m + fix.speed_mps * silent_s if moves else 0.0
         most_m = FROZEN_M if _says_the_same(fix, first) else max(FROZEN_M, FROZEN_SDS * position_sd_m)
-        return f"the position is frozen at {fix.s_m:.0f} m" if self._still_m > most_m else ""
+        return Problem(ProblemKind.FROZEN, fix.s_m) if self._still_m > most_m else None
 
 
 def _sds(fix: PositionFix) -> tuple[float, float]:
@@ -365,37 +371,37 @@ def _sds(fix: PositionFix) -> tuple[float, float]:
     return position_sd_m, speed_sd_mps
 
 
-def _impossible(fix: PositionFix, fastest_mps: float, *, has_state: bool) -> str:
-    """What is wrong with a fix by itself, or nothing."""
+def _impossible(fix: PositionFix, fastest_mps: float, *, has_state: bool) -> Problem | None:
+    """What is wrong with a fix by itself."""
     s_m, speed_mps = fix.s_m, fix.speed_mps
     if fix.quality is Quality.INVALID:
-        return "the position is marked unusable"
+        return Problem(ProblemKind.MARKED_UNUSABLE)
     nothing = math.isnan(s_m) and (math.isnan(speed_mps) or not has_state)
     if nothing or math.isinf(s_m) or math.isinf(speed_mps):
-        return "the position is not a number"
+        return Problem(ProblemKind.NOT_A_NUMBER)
     if not (math.isnan(speed_mps) or BACKWARDS_MPS <= speed_mps <= fastest_mps):
-        return f"a speed of {speed_mps / KMH:.4g} km/h cannot be"
+        return Problem(ProblemKind.SPEED_IMPOSSIBLE, speed_mps)
     if abs(s_m) > MOST_M:
-        return f"a position of {s_m:.4g} m cannot be"
+        return Problem(ProblemKind.POSITION_IMPOSSIBLE, s_m)
     if fix.uncertainty_m > STATED_SD_MOST_M:
-        return f"a position uncertain by {fix.uncertainty_m:.4g} m is of no use"
+        return Problem(ProblemKind.TOO_UNCERTAIN, fix.uncertainty_m)
     for stated in (fix.uncertainty_m, fix.speed_uncertainty_mps):
         if stated < 0 or stated > MOST_M:
-            return f"an uncertainty of {stated:.4g} cannot be"
-    return ""
+            return Problem(ProblemKind.UNCERTAINTY_IMPOSSIBLE, stated)
+    return None
 
 
-def _surprise(fix: PositionFix, sds: tuple[float, float], expected: Track, before: Track) -> str:
-    """How a fix is further off than noise and the train can make it, or nothing. No train rolls back."""
+def _surprise(fix: PositionFix, sds: tuple[float, float], expected: Track, before: Track) -> Problem | None:
+    """How a fix is further off than noise and the train can make it. No train rolls back."""
     off_mps = fix.speed_mps - expected.v
     if abs(off_mps) > max(GATE_SDS * math.sqrt(expected.vv + sds[1] ** 2), GATE_LEAST_MPS):
-        return f"the speed jumped by {off_mps / KMH:.0f} km/h"
+        return Problem(ProblemKind.SPEED_JUMPED, off_mps)
     off_m, back_m = fix.s_m - expected.s - expected.b, fix.s_m - before.s - before.b
     if off_m > _gate_m(expected, sds[0]):
-        return f"the position jumped by {off_m:.0f} m"
+        return Problem(ProblemKind.JUMPED, off_m)
     if off_m < -_gate_m(expected, sds[0]) or back_m < -_gate_m(before, sds[0]):
-        return f"the position jumped back by {-off_m:.0f} m"
-    return ""
+        return Problem(ProblemKind.JUMPED_BACK, -off_m)
+    return None
 
 
 def _gate_m(x: Track, sd_m: float) -> float:

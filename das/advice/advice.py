@@ -1,0 +1,67 @@
+"""Advice and its parts: plain frozen values, as the bus carries them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+from das.advice.cause import Cause
+from das.advice.modes import Mode
+from das.domain.errors import DasError
+
+
+class Source(IntEnum):
+    """Where advice comes from; the numbers are those of the bus message."""
+
+    NONE = 0
+    TABLE = 1
+    SOLVED = 2
+    FALLBACK = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timetable:
+    """Departure and arrival of the section's two stops (ns since 1970)."""
+
+    departure_ns: int
+    arrival_ns: int
+
+    def check(self) -> None:
+        """Raise DasError where it leaves no time."""
+        if self.arrival_ns <= self.departure_ns:
+            raise DasError("timetable: the arrival is not after the departure")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Advice:
+    """One advice; fields, units and signs are those of das.proto. Mode NONE: withdrawn, `cause` and `reason` say why."""
+
+    time_ns: int
+    position_time_ns: int = 0
+    s_m: float = math.nan
+    speed_mps: float = math.nan
+    mode: Mode = Mode.NONE
+    advised_speed_mps: float = math.nan
+    advised_force_n: float = math.nan
+    advised_force_ratio: float = math.nan
+    horizon_speed_mps: tuple[float, ...] = ()
+    horizon_force_n: tuple[float, ...] = ()
+    next_mode: Mode = Mode.NONE
+    next_change_m: float = math.nan
+    next_change_s: float = math.nan
+    predicted_arrival_ns: int = 0
+    predicted_deviation_s: float = math.nan
+    buffer_ratio: float = math.nan
+    energy_to_go_j: float = math.nan
+    source: Source = Source.NONE
+    reason: str = ""
+    valid_until_ns: int = 0
+    limit_mps: float = math.nan
+    position_sd_m: float = math.nan
+    display_speed_mps: float = math.nan
+    reduced_max_speed_mps: float = math.nan
+    four_mode: Mode = Mode.NONE
+    next_four_mode: Mode = Mode.NONE
+    next_four_change_s: float = math.nan
+    cause: Cause = Cause.NONE

@@ -1,0 +1,288 @@
+"""The display: from a plan, and from what was shown before, to the next advice. Here every advice is built."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from das.advice import wording
+from das.advice.advice import Advice, Source
+from das.advice.cause import Withdrawal
+from das.advice.modes import EFFORT_ORDER, Mode
+from das.advice.passing import PassingTarget, time_at
+from das.advice.plan import Place, Plan
+from das.advice.planner import Goal, Planner, State
+from das.advice.settings import DEFAULT, AdviceSettings
+from das.domain.units import NS
+from das.estimate.localisation import Estimate
+from das.solver import kernels
+from das.solver.front import Fit
+from das.solver.section import Section
+
+
+class Scene(NamedTuple):
+    """What an advice is about: the state on the section, the estimate behind it, the planner and the goal."""
+
+    state: State
+    here: Estimate
+    planner: Planner
+    goal: Goal
+
+
+class _Change(NamedTuple):
+    """The next mode, and the way (m) and time (s) to it."""
+
+    mode: Mode
+    way_m: float
+    time_s: float
+
+
+class Display:
+    """Builds the advice and remembers what it showed, so that modes and speeds stand still long enough to be read."""
+
+    def __init__(self, settings: AdviceSettings = DEFAULT) -> None:
+        self._settings = settings
+        self._mode, self._mode_since_ns, self._force_n = Mode.NONE, 0, 0.0
+        self._four_mode = Mode.NONE
+        self._shown_mps = math.nan
+
+    def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
+        """No advice, with its cause and the reason in words."""
+        self._show(Mode.NONE, here.time_ns)
+        return Advice(
+            time_ns=here.time_ns,
+            position_time_ns=here.fix_time_ns,
+            s_m=here.s_m,
+            speed_mps=here.speed_mps,
+            cause=why.cause,
+            reason=wording.withdrawal(why),
+            valid_until_ns=here.time_ns,
+            position_sd_m=here.position_sd_m,
+        )
+
+    def standing(self, scene: Scene, reason: str, reduced_max_speed_mps: float = math.nan) -> Advice:
+        """The train stands at a stop and stays there."""
+        state, here, planner, _ = scene
+        horizon_s = self._settings.display.horizon_s
+        self._show(Mode.STOP, state.now_ns)
+        return Advice(
+            time_ns=state.now_ns,
+            position_time_ns=here.fix_time_ns,
+            s_m=state.s_m,
+            speed_mps=here.speed_mps,
+            mode=Mode.STOP,
+            four_mode=Mode.STOP,
+            display_speed_mps=0.0,
+            advised_speed_mps=0.0,
+            advised_force_n=0.0,
+            advised_force_ratio=0.0,
+            horizon_speed_mps=(0.0,) * horizon_s,
+            horizon_force_n=(0.0,) * horizon_s,
+            reduced_max_speed_mps=reduced_max_speed_mps,
+            source=planner.policy.source,
+            reason=reason,
+            valid_until_ns=self._valid_until_ns(state),
+            limit_mps=planner.limit_mps(state.s_m),
+            position_sd_m=here.position_sd_m,
+        )
+
+    def waiting(self, scene: Scene) -> Advice:
+        """The train stands before its departure; what is known of the way is shown already."""
+        state, _, planner, goal = scene
+        reduced_mps = planner.reduced.at(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
+        return self.standing(scene, wording.departs_in((goal.departure_ns - state.now_ns) * NS), reduced_mps)
+
+    def braking(self, scene: Scene, reason: str) -> Advice:
+        """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
+        state, here, planner, _ = scene
+        train, v_mps = planner.section.train, state.v_mps
+        available_n = _available_n(planner.section, -1.0, v_mps)
+        most_n = min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg)
+        self._show(Mode.FRICTION_BRAKE if train.friction_force_n > 0 else Mode.FULL_BRAKE, state.now_ns)
+        allowed = planner.allowed_mps(state.s_m)
+        seconds = np.arange(1, self._settings.display.horizon_s + 1)
+        speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
+        return Advice(
+            time_ns=state.now_ns,
+            position_time_ns=here.fix_time_ns,
+            s_m=state.s_m,
+            speed_mps=v_mps,
+            mode=self._mode,
+            four_mode=Mode.FULL_BRAKE,
+            next_four_mode=Mode.STOP,
+            display_speed_mps=self._displayed(min(v_mps, allowed), allowed),
+            reduced_max_speed_mps=allowed,
+            advised_speed_mps=min(v_mps, allowed),
+            advised_force_n=-most_n,
+            advised_force_ratio=-most_n / available_n,
+            horizon_speed_mps=tuple(np.minimum(speeds, allowed).tolist()),
+            horizon_force_n=tuple(np.where(speeds > allowed, -most_n, 0.0).tolist()),
+            next_mode=Mode.STOP,
+            source=Source.FALLBACK,
+            reason=reason,
+            valid_until_ns=self._valid_until_ns(state),
+            limit_mps=planner.limit_mps(state.s_m),
+            position_sd_m=here.position_sd_m,
+        )
+
+    def following(self, scene: Scene, plan: Plan) -> Advice:
+        """The advice of a plan for where the train is."""
+        state, here, planner, goal = scene
+        place, allowed = plan.at(state.s_m), planner.allowed_mps(state.s_m)
+        excess_mps = state.v_mps - allowed
+        too_fast = excess_mps > self._settings.display.overspeed_named_mps
+        mode = self._follow_mode(plan, place, state.now_ns, too_fast=too_fast)
+        following = self._next_change(plan, mode, state, place)
+        four, next_four = self._next_four_mode(plan, mode, place, following)
+        if too_fast and mode is not Mode.CRUISE:  # A weak brake is not shown as coasting then.
+            four = self._four_mode = Mode.COAST if mode is Mode.COAST else Mode.FULL_BRAKE
+        advised = min(place.speed_mps, allowed)
+        horizon_s = self._settings.display.horizon_s
+        speeds, forces = plan.horizon(place.time_s, planner.section, planner.envelope_w, horizon_s)
+        arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
+        deviation_s = (arrival_ns - goal.arrival_ns) * NS
+        return Advice(
+            time_ns=state.now_ns,
+            position_time_ns=here.fix_time_ns,
+            s_m=state.s_m,
+            speed_mps=state.v_mps,
+            mode=mode,
+            advised_speed_mps=advised,
+            display_speed_mps=self._displayed(advised, allowed),
+            reduced_max_speed_mps=planner.reduced.at(state.s_m, state.v_mps, state.now_ns, goal.arrival_ns),
+            four_mode=four,
+            next_four_mode=next_four.mode,
+            next_four_change_s=next_four.time_s,
+            advised_force_n=self._force_n,
+            advised_force_ratio=self._force_n / _available_n(planner.section, self._force_n, place.speed_mps),
+            horizon_speed_mps=tuple(speeds.tolist()),
+            horizon_force_n=tuple(forces.tolist()),
+            next_mode=following.mode,
+            next_change_m=following.way_m,
+            next_change_s=following.time_s,
+            predicted_arrival_ns=arrival_ns,
+            predicted_deviation_s=deviation_s,
+            buffer_ratio=self._buffer_ratio(scene),
+            energy_to_go_j=plan.energy_to_go_j(place.interval, state.s_m),
+            source=planner.policy.source,
+            reason=self._reason(scene, plan, deviation_s, excess_mps),
+            valid_until_ns=self._valid_until_ns(state),
+            limit_mps=planner.limit_mps(state.s_m),
+            position_sd_m=here.position_sd_m,
+        )
+
+    def _valid_until_ns(self, state: State) -> int:
+        return state.now_ns + round(self._settings.display.valid_for_s / NS)
+
+    def _buffer_ratio(self, scene: Scene) -> float:
+        """The time left over the least possible, minus 1; NaN where hardly any driving time is left."""
+        state, _, planner, goal = scene
+        least_s = planner.least_time_s(state.s_m, state.v_mps)
+        enough = least_s > self._settings.display.least_for_buffer_s
+        return goal.left_s(state.now_ns) / least_s - 1.0 if enough else math.nan
+
+    def _show(self, mode: Mode, now_ns: int) -> None:
+        self._mode, self._mode_since_ns = mode, now_ns
+
+    def _follow_mode(self, plan: Plan, place: Place, now_ns: int, *, too_fast: bool) -> Mode:
+        """The mode to show, with the force that goes with it."""
+        shown_n = float(plan.shown_force_n[place.interval])
+        eased = too_fast and shown_n > 0  # The plan begins at the brake curve: above it there is no traction.
+        wanted = Mode.COAST if eased else Mode(int(plan.modes[place.interval]))
+        mode = self.held_mode(wanted, now_ns)
+        if mode is wanted:
+            self._force_n = 0.0 if eased else shown_n
+        return mode
+
+    def held_mode(self, wanted: Mode, now_ns: int) -> Mode:
+        """The mode to show: a new one only after the last was held a while, unless it asks for less effort."""
+        urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
+        held_s = (now_ns - self._mode_since_ns) * NS
+        settled = self._mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.modes.hold_s
+        if wanted is not self._mode and (urgent or settled):
+            self._show(wanted, now_ns)
+        return self._mode
+
+    def _next_change(self, plan: Plan, shown: Mode, state: State, place: Place) -> _Change:
+        """The mode after the shown one."""
+        run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
+        if shown != planned:  # The planned mode is held back for now.
+            wait_s = max(self._settings.modes.hold_s - (state.now_ns - self._mode_since_ns) * NS, 0.0)
+            return _Change(Mode(planned), wait_s * place.speed_mps, wait_s)
+        change = int(plan.next_change[place.interval])
+        mode = Mode(int(plan.modes[change])) if change < len(plan.modes) else Mode.STOP
+        return _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
+
+    def _next_four_mode(self, plan: Plan, shown: Mode, place: Place, following: _Change) -> tuple[Mode, _Change]:
+        """What a display of four modes shows: the mode now, and the next one."""
+        planned = int(plan.four_modes[place.interval])
+        if shown == plan.modes[place.interval]:
+            self._four_mode = Mode(planned)
+        if self._four_mode != planned:
+            return self._four_mode, following._replace(mode=Mode(planned))
+        change = int(plan.next_four_change[place.interval])
+        after = Mode(int(plan.four_modes[change])) if change < len(plan.modes) else Mode.STOP
+        run = plan.solution.trajectory
+        return self._four_mode, _Change(after, math.nan, float(run.t_s[change]) - place.time_s)
+
+    def _displayed(self, advised_mps: float, allowed_mps: float) -> float:
+        """The advised speed in whole steps, held within a band, never above what is allowed."""
+        step, band = self._settings.display.speed_step_mps, self._settings.display.speed_band_ratio
+        away = abs(advised_mps - self._shown_mps)
+        if not away <= band * step or self._shown_mps > allowed_mps:
+            steps = min(round(advised_mps / step), math.floor(allowed_mps / step + 1e-9))
+            self._shown_mps = steps * step
+        return self._shown_mps
+
+    def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> str:
+        """Why this advice, in words."""
+        state, _, planner, goal = scene
+        settings, policy, fit = self._settings.display, planner.policy, plan.solution.fit
+        if excess_mps > settings.overspeed_named_mps:
+            return wording.too_fast(excess_mps)
+        if policy.front is None:
+            return wording.meanwhile(policy.meanwhile, follows_plan=policy.before is not None)
+        window = self._window_said(scene, plan)
+        if window:
+            return f"{window}, {wording.deviation(deviation_s)}"
+        if fit is Fit.LATE:
+            return wording.fastest(deviation_s)
+        if deviation_s <= -settings.early_named_s:
+            return wording.wait_at(deviation_s, stop_name(planner.section, self._settings.stop.standstill_m))
+        if fit is Fit.EARLY or deviation_s >= settings.early_named_s:
+            return wording.least_energy(deviation_s)
+        return wording.on_time(goal.operator_delay_s)
+
+    def _window_said(self, scene: Scene, plan: Plan) -> str:
+        """What is to be said of a point ahead: how long to wait for it, or that its window is missed; else nothing."""
+        state, _, planner, goal = scene
+        point = goal.passing
+        if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:
+            return ""
+        if point.earliest_ns is not None and point.earliest_ns > state.now_ns:
+            return wording.wait_for_point(point, state.now_ns)
+        missed_s = _missed_s(point, plan)
+        return wording.point_missed(point, missed_s) if missed_s >= self._settings.display.missed_named_s else ""
+
+
+def stop_name(section: Section, near_m: float) -> str:
+    """The name of the stop where a section ends."""
+    near = (stop.name for stop in section.route.stops if abs(stop.position_m - section.end_m) <= near_m)
+    return next(near, "the stop")
+
+
+def _missed_s(point: PassingTarget, plan: Plan) -> float:
+    """How long after the end of its window (s) a plan passes a point (minus infinity: the window has no end)."""
+    if point.latest_ns is None:
+        return -math.inf
+    return (plan.made_ns - point.latest_ns) * NS + time_at(plan.solution.trajectory, point.s_m)
+
+
+def _available_n(section: Section, force_n: float, v_mps: float) -> float:
+    """The largest force in the direction of `force_n` (N, > 0)."""
+    train, v = section.train, max(v_mps, 0.1)
+    if force_n >= 0:
+        return float(kernels.traction_limit(v, train))
+    return max(float(kernels.brake_limit(v, train, train.friction_force_n)), 1.0)

@@ -1,0 +1,196 @@
+"""The planner of a section: from a state and what it has to keep to, to the plan. No bus, no clock, no randomness.
+
+A plan (the optimal continuation from a state) is kept while the train stays near it, so that the advice does not chase
+the driver; outside the band it is made anew from where the train is. The same inputs give the same plans, bit for bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from das.advice import plan_kernels
+from das.advice.advice import Source
+from das.advice.passing import PassingFronts, PassingTarget, time_at
+from das.advice.plan import Plan
+from das.advice.reduced import ReducedSpeed
+from das.advice.settings import DEFAULT, AdviceSettings
+from das.domain.errors import DasError
+from das.domain.units import NS
+from das.solver.fastest import capped, fastest, least_time_s
+from das.solver.front import Front, Solution
+from das.solver.section import Section
+
+
+class State(NamedTuple):
+    """A train at a moment: time (ns since 1970), position (m) and speed (m/s)."""
+
+    now_ns: int
+    s_m: float
+    v_mps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goal:
+    """What the train has to keep to on a section.
+
+    `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none), `target_ns` is the
+    arrival that traffic management wants (None: that of the timetable). `passing` is the next point to be passed in a
+    window of time, `operator_delay_s` the operator's word on the delay.
+    """
+
+    departure_ns: int = 0
+    due_ns: int = 0
+    target_ns: int | None = None
+    passing: PassingTarget | None = None
+    operator_delay_s: float | None = None
+
+    @property
+    def arrival_ns(self) -> int:
+        """When to arrive: as traffic management wants, else by the timetable."""
+        return self.target_ns if self.target_ns is not None else self.due_ns
+
+    def left_s(self, now_ns: int) -> float:
+        """The time that is left to the arrival."""
+        return (self.arrival_ns - now_ns) * NS
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Policy:
+    """What a section is planned with.
+
+    `front` is None while none is known; then the plan is the fastest safe run, nowhere faster than `before`, the plan
+    under which the train came so far. `passing` serves a point that is to be passed in a window of time, and
+    `meanwhile` says why no front is known yet.
+    """
+
+    section: Section
+    front: Front | None = None
+    source: Source = Source.FALLBACK
+    passing: PassingFronts | None = None
+    before: Plan | None = None
+    meanwhile: str = "solving"
+
+
+class Planner:
+    """Makes and keeps the plan of a section under one policy."""
+
+    def __init__(self, policy: Policy, settings: AdviceSettings = DEFAULT) -> None:
+        self.policy, self.section = policy, policy.section
+        self.envelope_w = self.section.envelope_mps**2
+        self.plan: Plan | None = None
+        """The plan that is being advised; None: the next state asks for a new one."""
+        self.reduced = ReducedSpeed(self.section)
+        """The one highest speed that keeps the time, for displays that show no more."""
+        self._settings = settings
+        self._braked_early = False
+
+    @property
+    def last_plan(self) -> Plan | None:
+        """The plan that was advised last, under this policy or the one before it."""
+        return self.plan or self.policy.before
+
+    def forget(self) -> None:
+        """The plan does not hold any more."""
+        self.plan = None
+
+    def plan_for(self, state: State, goal: Goal) -> Plan:
+        """The plan for a state: the one of before where the train follows it, else a new one.
+
+        Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
+        """
+        if self.plan is None or not self._follows(self.plan, state):
+            allowed, v_mps = self.allowed_mps(state.s_m), state.v_mps
+            eased = allowed < v_mps <= allowed + self._settings.plan.overspeed_eased_mps
+            at_least_s = self._settings.plan.braked_early_s if self._brakes_early(state) else 0.0
+            start = state._replace(v_mps=allowed) if eased else state
+            solution = self._solution(start, goal, at_least_s)
+            self.plan = Plan.of(solution, self.section, state.now_ns, self._settings.modes)
+        return self.plan
+
+    def allowed_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) from which limits and the stop can still be kept."""
+        section = self.section
+        return float(plan_kernels.allowed(section.node_m, self.envelope_w, section.limit_mps, s_m))
+
+    def limit_mps(self, s_m: float) -> float:
+        """The speed limit (m/s) over the train."""
+        return float(self.section.limit_mps[plan_kernels.interval(self.section.node_m, s_m)])
+
+    def least_time_s(self, s_m: float, v_mps: float) -> float:
+        """The time (s) of the fastest run from a state."""
+        return least_time_s(self.section, s_m, v_mps)
+
+    def fronts_of(self, point: PassingTarget | None) -> PassingFronts | None:
+        """The fronts that serve a point, where they are known and not those of a point before."""
+        fronts = self.policy.passing
+        if point is None or fronts is None or abs(fronts.at_m - point.s_m) > self._settings.plan.same_point_m:
+            return None
+        return fronts
+
+    def _follows(self, plan: Plan, state: State) -> bool:
+        settings, here = self._settings.plan, plan.at(state.s_m)
+        age_s = (state.now_ns - plan.made_ns) * NS
+        return (
+            0 <= age_s <= settings.longest_age_s
+            and -settings.slower_band_mps <= state.v_mps - here.speed_mps <= settings.faster_band_mps
+            and abs(age_s - here.time_s) <= settings.time_band_s
+        )
+
+    def _brakes_early(self, state: State) -> bool:
+        """Whether the train became slower than planned before what it has to brake for, until it is past it."""
+        _, s_m, v_mps = state
+        settings = self._settings.plan
+        slower = self.plan is not None and self.plan.at(s_m).speed_mps - v_mps > settings.slower_than_planned_mps
+        ahead = self.section.node_m > s_m + self._settings.stop.standstill_m
+        way_m = self.section.node_m[ahead] - s_m
+        falls = v_mps**2 - self.envelope_w[ahead] > 2.0 * settings.braking_ahead_mps2 * way_m
+        brakes = bool(np.any(falls))
+        self._braked_early = brakes and (slower or self._braked_early)
+        return self._braked_early
+
+    def _solution(self, state: State, goal: Goal, at_least_s: float) -> Solution:
+        """The run for the time that is left, or the most efficient one that is not absurdly slow.
+
+        It takes at least `at_least_s` more than the fastest run.
+        """
+        front, settings = self.policy.front, self._settings.plan
+        if front is None:
+            return self._cautious(state)
+        least_s = self.least_time_s(state.s_m, state.v_mps)
+        at_least = least_s + at_least_s if at_least_s else 1e-3
+        left_s = max(goal.left_s(state.now_ns) + settings.unhurried_s, at_least)
+        asked_s = min(left_s, settings.longest_ratio * least_s)
+        free = front.trajectory(asked_s, state.s_m, state.v_mps, tolerance_s=settings.tolerance_s)
+        to_point_s, fronts = self._time_to_point(free, state, goal.passing), self.fronts_of(goal.passing)
+        if to_point_s is None or fronts is None:
+            return free
+        return fronts.trajectory(to_point_s, left_s, state.s_m, state.v_mps, settings.tolerance_s)
+
+    def _time_to_point(self, free: Solution, state: State, point: PassingTarget | None) -> float | None:
+        """The time (s) in which the point is to be passed, where a run passes it outside its window."""
+        settings = self._settings.plan
+        if point is None or state.s_m >= point.s_m - settings.passed_m:
+            return None
+        free_s = time_at(free.trajectory, point.s_m)
+        if point.earliest_ns is not None:
+            # A driver may be this much ahead of the plan and still count as following it.
+            earliest_s = (point.earliest_ns - state.now_ns) * NS + settings.time_band_s
+            if free_s < earliest_s:
+                return earliest_s
+        if point.latest_ns is not None and free_s > (point.latest_ns - state.now_ns) * NS:
+            return (point.latest_ns - state.now_ns) * NS
+        return None
+
+    def _cautious(self, state: State) -> Solution:
+        """The run of the plan before, but nowhere faster than is safe now; without such a plan the fastest run."""
+        before = self.policy.before
+        if before is not None:
+            try:
+                return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)
+            except DasError:
+                pass  # There is a hill that cannot be climbed so slowly.
+        return fastest(self.section, state.s_m, state.v_mps)
+

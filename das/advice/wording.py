@@ -1,0 +1,133 @@
+"""All the words that go with advice, and with there being none. Programs go by causes and modes, never by these texts."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from das.advice.cause import Cause, Withdrawal
+from das.advice.passing import PassingTarget
+from das.domain.units import KM, KMH, NS
+from das.estimate.problems import Problem, ProblemKind
+
+RESTRICTIONS_UNTOLD: Final = (
+    "no list of restrictions has been heard yet (a site that has none says so: das-node --no-restrictions)"
+)
+
+
+def withdrawal(why: Withdrawal) -> str:
+    """Why there is no advice."""
+    if why.problem is not None:
+        return problem(why.problem)
+    texts = {
+        Cause.TWO_PUBLISHERS: f"two publishers of the position: {why.text}",
+        Cause.TWO_OPERATORS: f"two publishers of restrictions say different things: {why.text}",
+        Cause.RESTRICTIONS_UNHEEDED: f"restrictions that cannot be heeded: {why.text}",
+        Cause.RESTRICTIONS_UNTOLD: RESTRICTIONS_UNTOLD,
+        Cause.JOURNEY_REFUSED: f"journey refused: {why.text}",
+        Cause.NO_JOURNEY: "no journey yet",
+        Cause.OUTSIDE_SECTION: f"position {why.position_m:.0f} m is outside the section "
+        f"{why.section_m[0]:.0f} … {why.section_m[1]:.0f} m",
+        Cause.MOVING_UP: "moving up to the stop",
+        Cause.PAST_STOP: f"ran {why.position_m:.0f} m past the stop",
+    }
+    return texts.get(why.cause, why.text)
+
+
+def problem(what: Problem) -> str:
+    """What is wrong with a position."""
+    kind, value = what
+    texts = {
+        ProblemKind.NO_POSITION: "no position yet",
+        ProblemKind.MARKED_UNUSABLE: "the position is marked unusable",
+        ProblemKind.NOT_A_NUMBER: "the position is not a number",
+        ProblemKind.SPEED_IMPOSSIBLE: f"a speed of {value / KMH:.4g} km/h cannot be",
+        ProblemKind.POSITION_IMPOSSIBLE: f"a position of {value:.4g} m cannot be",
+        ProblemKind.TOO_UNCERTAIN: f"a position uncertain by {value:.4g} m is of no use",
+        ProblemKind.UNCERTAINTY_IMPOSSIBLE: f"an uncertainty of {value:.4g} cannot be",
+        ProblemKind.SPEED_JUMPED: f"the speed jumped by {value / KMH:.0f} km/h",
+        ProblemKind.JUMPED: f"the position jumped by {value:.0f} m",
+        ProblemKind.JUMPED_BACK: f"the position jumped back by {value:.0f} m",
+        ProblemKind.FROZEN: f"the position is frozen at {value:.0f} m",
+        ProblemKind.STALE: f"the position is {value:.1f} s old",
+        ProblemKind.RARE: f"positions come every {value:.1f} s only",
+        ProblemKind.AHEAD_OF_CLOCK: f"the position is {value:.1f} s ahead of the clock",
+        ProblemKind.POSITION_UNCERTAIN: f"the position is uncertain by {value:.0f} m",
+        ProblemKind.SPEED_UNCERTAIN: f"the speed is uncertain by {value / KMH:.0f} km/h",
+    }
+    return texts[kind]
+
+
+def deviation(late_s: float) -> str:
+    """How late (> 0) or early a train is."""
+    if abs(late_s) < 1.0:
+        return "on time"
+    return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
+
+
+def arrived(late_s: float) -> str:
+    """A train that stands at its stop."""
+    return f"arrived, {deviation(late_s)}"
+
+
+def departs_in(seconds: float) -> str:
+    """A train that waits for its departure."""
+    return f"depart in {seconds:.0f} s"
+
+
+STOP_HERE: Final = "stop here"
+
+
+def no_plan_too_fast(why: str) -> str:
+    """A train that is too fast for any plan, and must brake."""
+    return f"too fast; no plan from here ({why})"
+
+
+def too_fast(excess_mps: float) -> str:
+    """A train above what limits and the stop allow."""
+    return f"{excess_mps / KMH:.0f} km/h too fast"
+
+
+def meanwhile(why: str, *, follows_plan: bool) -> str:
+    """Advice without an optimum while one is looked for."""
+    how = "as before, no faster than is allowed now" if follows_plan else "the fastest safe run"
+    return f"{why}: {how}"
+
+
+def fastest(late_s: float) -> str:
+    """A train that cannot keep the time."""
+    return f"fastest, {deviation(late_s)}"
+
+
+def least_energy(late_s: float) -> str:
+    """A train that saves energy, and how late it arrives."""
+    return f"least energy, {deviation(late_s)}"
+
+
+def wait_at(late_s: float, stop: str) -> str:
+    """A train that arrives before its time and waits at the stop."""
+    return f"least energy, {deviation(late_s)}: wait at {stop}"
+
+
+def on_time(operator_delay_s: float | None) -> str:
+    """A train that keeps the time, with the operator's word on its delay where there is one."""
+    late = operator_delay_s is not None and operator_delay_s >= 1
+    return "least energy on time" + (f", operator says {deviation(operator_delay_s)}" if late else "")  # type: ignore[arg-type]
+
+
+def wait_for_point(point: PassingTarget, now_ns: int) -> str:
+    """A point of the line that must not be passed before a time."""
+    assert point.earliest_ns is not None
+    return f"{_pass(point)} in {(point.earliest_ns - now_ns) * NS:.0f} s or later{_because(point)}"
+
+
+def point_missed(point: PassingTarget, missed_s: float) -> str:
+    """A point of the line that is passed after its window."""
+    return f"{_pass(point)} as soon as possible, {missed_s:.0f} s too late{_because(point)}"
+
+
+def _pass(point: PassingTarget) -> str:
+    return f"pass km {point.s_m / KM:.1f}"
+
+
+def _because(point: PassingTarget) -> str:
+    return f" ({point.reason})" if point.reason else ""

@@ -1,0 +1,311 @@
+"""The cab: all of the on-board system except sockets and clocks. It hears frozen values and answers every tick."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from das.advice import wording
+from das.advice.advice import Advice
+from das.advice.cause import Cause, Withdrawal
+from das.advice.modes import Mode
+from das.advice.settings import AdviceSettings
+from das.cab.fronts import Fronts
+from das.cab.guard import Guard, GuardSettings
+from das.cab.heard import (
+    DelayHeard,
+    Heard,
+    JourneyHeard,
+    Kind,
+    PositionHeard,
+    PublisherSeen,
+    RestrictionsHeard,
+    TargetsHeard,
+    kind_of,
+)
+from das.cab.learning import Learning
+from das.cab.leg import NoPlanError
+from das.cab.legs import Legs
+from das.cab.orders import Post
+from das.cab.outputs import NodeState, Output, Severity, Status
+from das.cab.preparation import Preparation
+from das.cab.reporting import Reporting
+from das.cab.situation import Situation
+from das.cab.withdrawal import Trust, decide
+from das.domain.errors import DasError
+from das.domain.route import Restriction
+from das.domain.units import NS
+from das.estimate.calibration import Calibrator
+from das.estimate.localisation import Estimate, Localisation
+
+LONGEST_REASON = 80
+"""So many letters of a target's reason, or of an error's, are repeated with the advice."""
+
+
+def _no_stopwatch() -> float:
+    return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CabSettings:
+    """How a cab is set up."""
+
+    advice_period_s: float = 1.0
+    """The time between two advices; where it is long, each advice is valid until the next should have come."""
+    overdue_periods: float = 1.2
+    """An advice is valid for at least so many times the time to the next."""
+    no_restrictions: bool = False
+    """Whether the site has no temporary restrictions, so that no list of them needs to be heard."""
+    calibrate: bool = False
+    """Whether mass and running resistance are estimated from the measured efforts, and planned with."""
+    background: bool = False
+    """Whether fronts are looked for in a thread of their own; else each tick waits for what it needs."""
+    stopwatch: Callable[[], float] = _no_stopwatch
+    """Gives seconds for the durations in the status; by default none are measured, so that nothing depends on them."""
+    advice: AdviceSettings = field(default_factory=AdviceSettings)
+    guard: GuardSettings = field(default_factory=GuardSettings)
+
+
+WALL_STOPWATCH = time.perf_counter
+"""The stopwatch for a cab that runs in real time."""
+
+
+class Cab:
+    """One train's on-board system: tell it with `hear`, ask it with `tick`.
+
+    Both return what there is to say, in order. The same values in the same order give the same answers, bit for bit,
+    unless fronts are looked for in the background. Use `close` at the end.
+    """
+
+    def __init__(self, post: Post, situation: Situation, fronts: Fronts, settings: CabSettings | None = None) -> None:
+        settings = settings or CabSettings()
+        preparation = Preparation(fronts, settings.stopwatch, background=settings.background)
+        self.legs = Legs(situation, preparation, settings.advice)
+        """The legs of the journey under way."""
+        self.here = Estimate(time_ns=0)
+        """The state of the train behind the last advice."""
+        calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
+        self.learning = Learning(calibrator if settings.calibrate else None)
+        """What is learned of the train while driving."""
+        self._post, self._settings = post, settings
+        self._guard, self._reporting = Guard(settings.guard), Reporting()
+        self._localisation = Localisation(situation.vehicle)
+        self._trust = Trust(restrictions_told=settings.no_restrictions)
+        self._clock_ns = 0
+        self._news_pending, self._failing = False, False
+
+    @property
+    def urgent(self) -> bool:
+        """Whether the world has changed, or a front was found, since the last advice."""
+        return self._news_pending or (self.legs.preparation.has_answer and not self._failing)
+
+    @property
+    def searching(self) -> bool:
+        """Whether a front is being looked for."""
+        return self.legs.preparation.searching
+
+    @property
+    def has_journey(self) -> bool:
+        """Whether a journey was heard, for better or worse."""
+        return bool(self.legs.legs) or bool(self._trust.journey_refused)
+
+    def close(self) -> None:
+        """End the thread that looks for fronts."""
+        self.legs.preparation.close()
+
+    def hear(self, heard: Heard | PublisherSeen) -> list[Output]:
+        """Act on something that was told, or say why not.
+
+        Whatever else goes wrong is said as well, and the next advice is withdrawn: a cab that died could say nothing.
+        """
+        if isinstance(heard, PublisherSeen):
+            waiting = self._guard.see(heard)
+            return self.hear(waiting) if waiting is not None else []
+        self._clock_ns = heard.heard_ns or self._clock_ns
+        if isinstance(heard, JourneyHeard) and not heard.heard_ns:
+            self._clock_ns = max(self._clock_ns, heard.time_ns)
+        kind = kind_of(heard)
+        try:
+            if self._guard.heeds(heard):
+                problem = self._guard.problem(heard)
+                if problem:
+                    self._reporting.complain(self._clock_ns, problem)
+                else:
+                    self._act(heard)
+            for news in self._guard.take_news():
+                self._reporting.complain(self._clock_ns, news)
+        except (ArithmeticError, ValueError) as error:
+            self._ignore(kind, f"a message was ignored ({error})")
+        except Exception as error:
+            self._lose(kind, self._unforeseen(error))
+        self._news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
+        return self._reporting.take()
+
+    def tick(self, now_ns: int, *, dropped: int = 0) -> list[Output]:
+        """Say how we are and advise once, whatever goes wrong: where it does, no advice, and why.
+
+        `dropped` counts the messages that a flood has cost since the start. The advice is last: whoever has it has
+        heard all of this tick.
+        """
+        for heard in self._guard.due(now_ns):
+            for output in self.hear(dataclasses.replace(heard, heard_ns=now_ns)):
+                self._reporting.say(output)
+        self._clock_ns = now_ns
+        self._news_pending, self._failing = False, False
+        try:
+            self._answer(now_ns, dropped)
+        except Exception as error:  # It is said, and tried again at the next tick.
+            self._failing = True
+            self._reporting.forget_mode()
+            text = self._unforeseen(error)
+            self._reporting.say(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
+            self._reporting.say(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=text))
+        return self._reporting.take()
+
+    def _act(self, heard: Heard) -> None:
+        self.learning.hear(heard)
+        if isinstance(heard, JourneyHeard):
+            self._begin(heard)
+        elif isinstance(heard, PositionHeard):
+            self._localisation.take(heard.fix)
+            self.legs.place(self._localisation.moment)
+        elif isinstance(heard, DelayHeard):
+            self.legs.set_delay(heard.delay_s)
+        elif isinstance(heard, RestrictionsHeard):
+            self.legs.set_restrictions([Restriction(**one._asdict()) for one in heard.restrictions])
+            self._trust = dataclasses.replace(self._trust, restrictions_told=True)
+        elif isinstance(heard, TargetsHeard):
+            self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in heard.targets])
+
+    def _begin(self, journey: JourneyHeard) -> None:
+        """Take over a journey, or refuse it: then there is no journey, and no advice, until there is another."""
+        try:
+            order = self._post.accept(journey)
+            same = order.vehicle is self.legs.situation.vehicle
+            moment = self._localisation.moment if same else None
+            self.legs.begin(order.stops, order.timetables, vehicle=order.vehicle, level=order.level, moment=moment)
+        except DasError as error:
+            self._refuse(journey.time_ns, str(error))
+            return
+        if not same:
+            self._localisation = Localisation(order.vehicle)
+        self._trust = dataclasses.replace(self._trust, journey_refused="")
+        self.learning.set_vehicle(order.vehicle)
+        names = " – ".join(stop.name for stop in order.stops)
+        self._reporting.event(journey.time_ns, Severity.INFO, f"journey {names}")
+        self._reporting.say(self._status(journey.time_ns, NodeState.READY, f"ready for {names}"))
+
+    def _refuse(self, time_ns: int, why: str) -> None:
+        self._trust = dataclasses.replace(self._trust, journey_refused=why)
+        self.legs.end()
+        text = wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
+        self._reporting.complain(self._clock_ns, text, Severity.ERROR)
+        self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
+
+    def _ignore(self, kind: Kind, why: str) -> None:
+        """Say that something was ignored; while restrictions in force are not known, there is no advice."""
+        self._reporting.complain(self._clock_ns, f"{kind}: {why}")
+        if kind is Kind.RESTRICTION:
+            self._guard.lose_restrictions(why)
+
+    def _lose(self, kind: Kind, fault: str) -> None:
+        """Something went wrong that nobody foresaw while this was taken over: the next advice is withdrawn."""
+        self._trust = dataclasses.replace(self._trust, internal_error=fault)
+        if kind is Kind.JOURNEY:
+            self._refuse(self._clock_ns, fault)
+        elif kind is Kind.RESTRICTION:
+            self._guard.lose_restrictions(fault)
+
+    def _unforeseen(self, error: Exception) -> str:
+        """Say that something went wrong that nobody foresaw, and where; returns the text."""
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
+        text = f"internal error: {what} ({Path(place.filename).name}:{place.lineno})"
+        self._reporting.complain(self._clock_ns, text, Severity.ERROR)
+        return text
+
+    def _answer(self, now_ns: int, dropped: int) -> None:
+        began = self._settings.stopwatch()
+        conditions = self.learning.due(now_ns)
+        if conditions is not None:
+            self.legs.set_conditions(conditions)
+        advice = self._lasting(self._advise(now_ns))
+        took_s = self._settings.stopwatch() - began
+        self._trust = dataclasses.replace(self._trust, internal_error="")
+        reporting = self._reporting
+        reporting.losses(now_ns, dropped)
+        for text, bad in self.legs.take_news():
+            if bad:
+                reporting.complain(now_ns, text)
+            else:
+                reporting.event(now_ns, Severity.INFO, text)
+        reporting.changes(advice)
+        reporting.rejections(self.here)
+        leg = self.legs.current
+        reporting.plan(leg.planner.plan if leg is not None else None, now_ns)
+        estimated = self.learning.say(now_ns)
+        if estimated is not None:
+            reporting.say(estimated)
+        reporting.advices += 1
+        status = self._status(now_ns, self._state(advice), advice.reason, advice.cause)
+        reporting.say(dataclasses.replace(status, last_advice_s=took_s))
+        reporting.say(advice)
+
+    def _advise(self, now_ns: int) -> Advice:
+        """The advice for a moment, or why there is none."""
+        self.here = self._localisation.at(now_ns)
+        leg, facts = self.legs.current, None
+        if leg is not None:
+            leg.see(self.here)
+            self.legs.prepare(now_ns)
+            facts = leg.facts(self.legs.preparation.refusal(leg))
+        trust = dataclasses.replace(
+            self._trust,
+            two_publishers=self._guard.rivals(now_ns),
+            two_operators=self._guard.rival_operators(),
+            unheeded=self._guard.unheeded,
+        )
+        why = decide(self.here, trust, facts)
+        if leg is None:
+            assert why is not None
+            return Advice(time_ns=now_ns, cause=why.cause, reason=wording.withdrawal(why))
+        if why is None:
+            try:
+                return leg.advise(self.here)
+            except NoPlanError as error:
+                why = decide(self.here, trust, facts, no_plan=str(error))
+        assert why is not None
+        return leg.withdraw(self.here, why)
+
+    def _lasting(self, advice: Advice) -> Advice:
+        """The advice, valid until the next one should have come, however rare they are."""
+        period_s = self._settings.overdue_periods * self._settings.advice_period_s
+        least_ns = advice.time_ns + round(period_s / NS)
+        if advice.mode is Mode.NONE or advice.valid_until_ns >= least_ns:
+            return advice
+        return dataclasses.replace(advice, valid_until_ns=least_ns)
+
+    def _state(self, advice: Advice) -> NodeState:
+        if advice.mode is not Mode.NONE:
+            return NodeState.ADVISING
+        if self._trust.journey_refused:
+            return NodeState.WITHDRAWN
+        if self.legs.current is None:
+            return NodeState.WAITING
+        return NodeState.WITHDRAWN if self._localisation.heard else NodeState.READY
+
+    def _status(self, time_ns: int, state: NodeState, reason: str, cause: Cause = Cause.NONE) -> Status:
+        leg = self.legs.current
+        return Status(
+            time_ns=time_ns,
+            state=state,
+            reason=reason,
+            cause=cause,
+            section=leg.section.name if leg is not None else "",
+            solve_s=self.legs.preparation.solve_s,
+            advices=self._reporting.advices,
+        )

@@ -1,0 +1,149 @@
+"""What the cab can be told: one frozen value for each thing. The bus's codec makes them; a simulation may as well.
+
+`heard_ns` is the clock at the moment of hearing (ns since 1970; 0 while there is no clock yet). `source` names the
+session that said it, where that is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar, NamedTuple
+
+from das.estimate.calibration import Effort
+from das.estimate.localisation import PositionFix
+
+
+class Kind(StrEnum):
+    """The kinds of things that can be told; their names are those of the bus's topics."""
+
+    POSITION = "position"
+    DELAY = "delay"
+    EFFORT = "effort"
+    JOURNEY = "journey"
+    RESTRICTION = "restriction"
+    TARGET = "target"
+
+
+STATES = (Kind.JOURNEY, Kind.RESTRICTION, Kind.TARGET)
+"""What holds until the next of its kind is told: an older one must not undo a newer, and one publisher says it."""
+
+
+class OrderedStop(NamedTuple):
+    """A stop of a journey as ordered: its name, its position (m), and its times (ns since 1970; 0: none)."""
+
+    name: str
+    s_m: float
+    arrival_ns: int = 0
+    departure_ns: int = 0
+
+
+class ToldRestriction(NamedTuple):
+    """A temporary speed restriction as told, not yet judged: from where to where (m), and the limit (m/s)."""
+
+    start_m: float
+    end_m: float
+    limit_mps: float
+
+
+class Target(NamedTuple):
+    """What traffic management wants: a new arrival at a stop, or the window of a point (ns since 1970; 0: open)."""
+
+    stop: str = ""
+    s_m: float = 0.0
+    arrival_ns: int = 0
+    earliest_ns: int = 0
+    latest_ns: int = 0
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heard:
+    """Something that was told."""
+
+    kind: ClassVar[Kind]
+    heard_ns: int = 0
+    source: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionHeard(Heard):
+    """Where the train is, as its sensors say."""
+
+    kind: ClassVar[Kind] = Kind.POSITION
+    fix: PositionFix
+
+
+@dataclass(frozen=True, kw_only=True)
+class DelayHeard(Heard):
+    """The operator's word on the delay (s; late > 0)."""
+
+    kind: ClassVar[Kind] = Kind.DELAY
+    delay_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffortHeard(Heard):
+    """The wheel forces, as the train measures them."""
+
+    kind: ClassVar[Kind] = Kind.EFFORT
+    effort: Effort
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateHeard(Heard):
+    """Something that holds until the next of its kind; `time_ns` is when it was said."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class JourneyHeard(StateHeard):
+    """What the train is to do. Empty texts: as the cab was started."""
+
+    kind: ClassVar[Kind] = Kind.JOURNEY
+    route_id: str
+    vehicle_id: str
+    stops: tuple[OrderedStop, ...]
+    train: str = ""
+    reversed: bool = False
+    load: str = ""
+    level: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestrictionsHeard(StateHeard):
+    """All temporary restrictions in force; none of those told before holds any more."""
+
+    kind: ClassVar[Kind] = Kind.RESTRICTION
+    restrictions: tuple[ToldRestriction, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetsHeard(StateHeard):
+    """All targets of traffic management in force; none of those told before holds any more."""
+
+    kind: ClassVar[Kind] = Kind.TARGET
+    targets: tuple[Target, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unreadable(Heard):
+    """Something of a kind that could not be read; `why` in words (nothing: it is not of that kind at all)."""
+
+    told: Kind
+    why: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublisherSeen:
+    """A session has begun to publish a state (`there`), or can do so no more."""
+
+    kind: Kind
+    source: str
+    there: bool
+
+
+def kind_of(heard: Heard) -> Kind:
+    """What something that was told is about."""
+    return heard.told if isinstance(heard, Unreadable) else heard.kind

@@ -1,0 +1,66 @@
+"""What the cab learns of its train while driving: mass and running resistance, and when to plan with them."""
+
+from __future__ import annotations
+
+from das.cab.heard import EffortHeard, Heard, PositionHeard
+from das.cab.outputs import Estimated
+from das.domain.conditions import Conditions
+from das.domain.units import NS
+from das.domain.vehicle import Vehicle
+from das.estimate.calibration import Calibrator, Recalibration
+from das.estimate.localisation import Quality
+
+SAID_EVERY_S = 10.0
+"""What was found is said so often."""
+
+
+class Learning:
+    """Hears positions and efforts for a calibrator; without one it does nothing."""
+
+    def __init__(self, calibrator: Calibrator | None) -> None:
+        self.calibrator = calibrator
+        self._recalibration = Recalibration()
+        self._said_ns: int | None = None
+
+    def hear(self, heard: Heard) -> None:
+        """Take over a position or an effort."""
+        if self.calibrator is None:
+            return
+        if isinstance(heard, EffortHeard):
+            self.calibrator.set_effort(heard.effort)
+        elif isinstance(heard, PositionHeard):
+            fix = heard.fix
+            good = fix.quality in (Quality.UNKNOWN, Quality.GOOD)
+            self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=good)
+
+    def set_vehicle(self, vehicle: Vehicle) -> None:
+        """Another train begins a journey: nothing is known of it yet."""
+        if self.calibrator is not None and not self.calibrator.is_of(vehicle):
+            self.calibrator, self._recalibration = self.calibrator.anew(vehicle), Recalibration()
+
+    def due(self, now_ns: int) -> Conditions | None:
+        """Mass and resistance to plan with from now on, where they differ enough from what is planned with."""
+        if self.calibrator is None:
+            return None
+        return self._recalibration.due(self.calibrator.estimates, now_ns)
+
+    def say(self, now_ns: int) -> Estimated | None:
+        """What was found, every while (at once when the clock jumped)."""
+        if self.calibrator is None or is_fresh(self._said_ns, now_ns, SAID_EVERY_S):
+            return None
+        self._said_ns, found = now_ns, self.calibrator.estimates
+        return Estimated(
+            time_ns=now_ns,
+            mass_ratio=found.mass_ratio,
+            mass_sd_ratio=found.mass_sd,
+            resistance_ratio=found.resistance_ratio,
+            resistance_sd_ratio=found.resistance_sd,
+            samples=found.samples,
+            usable=found.usable,
+            differs=found.differs(self._recalibration.conditions),
+        )
+
+
+def is_fresh(said_ns: int | None, now_ns: int, every_s: float) -> bool:
+    """Whether something was said less than a while ago by a clock that may jump."""
+    return said_ns is not None and 0 <= (now_ns - said_ns) * NS < every_s

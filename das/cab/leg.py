@@ -1,0 +1,131 @@
+"""A leg: a section of the journey under way, with its timetable, the planner that serves it and what it shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from das.advice import wording
+from das.advice.advice import Advice, Timetable
+from das.advice.cause import Withdrawal
+from das.advice.display import Display, Scene
+from das.advice.passing import PassingTarget
+from das.advice.planner import Goal, Planner, Policy, State
+from das.advice.settings import DEFAULT, AdviceSettings
+from das.cab.withdrawal import LegFacts
+from das.domain.errors import DasError
+from das.domain.route import Stop
+from das.domain.units import NS
+from das.estimate.localisation import STANDSTILL_MPS, Estimate
+from das.solver.section import Section
+
+
+class NoPlanError(DasError):
+    """From this state the section cannot be finished."""
+
+
+class Leg:
+    """One section of the journey under way. It is told by attributes and methods, and advises for a known state."""
+
+    def __init__(self, start: Stop, end: Stop, section: Section, settings: AdviceSettings = DEFAULT) -> None:
+        self.start, self.end = start, end
+        self.planner, self.display = Planner(Policy(section=section), settings), Display(settings)
+        self.arrival_ns: int | None = None
+        """When to arrive, as traffic management says (None: by the timetable)."""
+        self.points: list[PassingTarget] = []
+        """The points to be passed in windows of time, in the order of the line."""
+        self.goal = Goal()
+        """What the train has to keep to now; `refresh_goal` brings it up to date."""
+        self.here: Estimate | None = None
+        """The last usable state seen on this leg; None where the last one seen was of no use."""
+        self._settings = settings
+        self._arrived_ns: int | None = None
+        self._reached_m = -math.inf
+
+    @property
+    def section(self) -> Section:
+        """The section, as it is planned now."""
+        return self.planner.section
+
+    def facts(self, refusal: str) -> LegFacts:
+        """What the decision on advice needs to know; `refusal` says why the section cannot be driven, if so."""
+        section = self.section
+        return LegFacts(
+            start_m=section.start_m, end_m=section.end_m, departure_ns=self.goal.departure_ns, refusal=refusal
+        )
+
+    def use(self, policy: Policy) -> None:
+        """Plan with another policy from now on."""
+        self.planner = Planner(policy, self._settings)
+
+    def use_meanwhile(self, section: Section, why: str) -> None:
+        """The world has changed and no front for it is known yet: the plan of before holds below what is safe now."""
+        self.use(Policy(section=section, before=self.planner.last_plan, meanwhile=why))
+
+    def set_timetable(self, timetable: Timetable) -> None:
+        """Take over a timetable; raises DasError where it leaves no time."""
+        timetable.check()
+        if (timetable.departure_ns, timetable.arrival_ns) != (self.goal.departure_ns, self.goal.due_ns):
+            self.planner.forget()
+        self.goal = replace(self.goal, departure_ns=timetable.departure_ns, due_ns=timetable.arrival_ns)
+
+    def set_delay(self, delay_s: float) -> None:
+        """Take over the operator's word on the delay (s): the reason repeats it, the time left is the timetable's."""
+        self.goal = replace(self.goal, operator_delay_s=delay_s if math.isfinite(delay_s) else None)
+
+    def see(self, here: Estimate) -> None:
+        """Take over the state of the train."""
+        self.here = here if here.usable else None
+
+    def refresh_goal(self) -> None:
+        """Bring the goal up to date: the arrival, and the next point ahead of where the train was seen last."""
+        if self.here is not None:
+            self._reached_m = self.here.s_m
+        passing = next((point for point in self.points if point.s_m > self._reached_m), None)
+        before = self.goal
+        behind = self._is_behind(passing)
+        if self.arrival_ns != before.target_ns or (passing != before.passing and not behind):
+            self.planner.forget()
+        self.goal = replace(before, target_ns=self.arrival_ns, passing=passing)
+
+    def _is_behind(self, passing: PassingTarget | None) -> bool:
+        """Whether the only change is that the train has passed its point: the plan that passed it goes on."""
+        before = self.goal.passing
+        return passing is None and before is not None and self.here is not None and self.here.s_m >= before.s_m
+
+    def advise(self, here: Estimate) -> Advice:
+        """The advice for a state that advice can rest on, at its time; NoPlanError where the section cannot be finished."""
+        stop, planner = self._settings.stop, self.planner
+        state = State(here.time_ns, max(here.s_m, self.section.start_m), here.speed_mps)
+        scene = Scene(state, here, planner, self.goal)
+        beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
+        if not stands or beyond_m < -stop.at_stop_m:
+            self._arrived_ns = None
+        if stands:
+            if beyond_m >= -stop.at_stop_m:
+                return self.display.standing(scene, wording.arrived(self._arrival_late_s(state.now_ns)))
+            if state.s_m <= self.section.start_m + stop.at_stop_m and state.now_ns < self.goal.departure_ns:
+                return self.display.waiting(scene)
+        if beyond_m >= -stop.standstill_m:
+            return self._braking(scene, wording.STOP_HERE)
+        try:
+            return self.display.following(scene, planner.plan_for(state, self.goal))
+        except DasError as error:
+            if state.v_mps > planner.allowed_mps(state.s_m):
+                return self._braking(scene, wording.no_plan_too_fast(str(error)))
+            raise NoPlanError(str(error)) from error
+
+    def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
+        """No advice: the plan does not hold any more."""
+        self.planner.forget()
+        return self.display.withdrawn(here, why)
+
+    def _braking(self, scene: Scene, reason: str) -> Advice:
+        self.planner.forget()
+        return self.display.braking(scene, reason)
+
+    def _arrival_late_s(self, now_ns: int) -> float:
+        """How late the train arrived; it is not later every second that it stands."""
+        self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
+        return (self._arrived_ns - self.goal.arrival_ns) * NS
+

@@ -1,0 +1,187 @@
+"""The legs of the journey under way: what has been told of it, and which leg the train is on. No bus, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from das.advice.advice import Timetable
+from das.advice.settings import DEFAULT, AdviceSettings, StopSettings
+from das.cab import targets as traffic
+from das.cab.heard import Target
+from das.cab.leg import Leg
+from das.cab.preparation import News, Preparation
+from das.cab.situation import AS_PLANNED, Situation
+from das.domain.conditions import Conditions
+from das.domain.errors import DasError
+from das.domain.losses import Level
+from das.domain.route import Restriction, Stop
+from das.domain.vehicle import Vehicle
+
+Moment = tuple[float, bool] | None
+"""Where the train is (m) and whether it stands there; None where nobody knows."""
+
+
+class Legs:
+    """Takes what is told of the journey, prepares the legs, and knows which one the train is on.
+
+    A leg ends when the train stands at its stop. A train heard for the first time is on the leg its position says.
+    """
+
+    def __init__(self, situation: Situation, preparation: Preparation, settings: AdviceSettings = DEFAULT) -> None:
+        self.situation, self.preparation = situation, preparation
+        self.legs: tuple[Leg, ...] = ()
+        self._started, self._settings = situation, settings
+        self._index: int | None = None
+        self._targets: tuple[Target, ...] = ()
+        self._agreed: tuple[Target, ...] = ()
+        self._agreed_said: tuple[Target, ...] = ()
+        self._now_ns = 0
+        self._told = False
+
+    @property
+    def index(self) -> int:
+        """Which leg the train is on (before the first position: the first)."""
+        return self._index or 0
+
+    @property
+    def current(self) -> Leg | None:
+        """The leg the train is on; None without a journey."""
+        return self.legs[self.index] if self.legs else None
+
+    def take_news(self) -> list[News]:
+        """What has happened since this was last asked."""
+        news = self.preparation.take_news()
+        if self._agreed != self._agreed_said:
+            self._agreed_said = self._agreed
+            news.append(News(f"targets: {traffic.in_words(self._agreed)}"))
+        return news
+
+    def check(self, stops_m: Sequence[float]) -> None:
+        """Look at the sections between stops before there is a journey; raises DasError where one cannot be driven."""
+        for a, b in pairwise(stops_m):
+            self.situation.between(a, b).section(a, b)
+
+    def rehearse(self, stops_m: Sequence[float]) -> None:
+        """Prepare the first section before there is a journey; raises DasError."""
+        first_m, second_m = stops_m[:2]
+        self.preparation.rehearse(self.situation.between(first_m, second_m).section(first_m, second_m))
+
+    def begin(
+        self,
+        stops: Sequence[Stop],
+        timetables: Sequence[Timetable],
+        *,
+        vehicle: Vehicle | None = None,
+        level: Level | None = None,
+        moment: Moment = None,
+    ) -> None:
+        """Take over a journey, by default with train and level of the start; `moment`: where the train is.
+
+        Raises DasError where the journey cannot be driven on this line; what was begun before goes on then.
+        """
+        started, before = self._started, self.situation
+        situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
+        if situation.vehicle is not before.vehicle:
+            # What was found of the train before says nothing of this one.
+            situation = replace(situation, conditions=AS_PLANNED)
+        known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
+        free = replace(situation, restrictions=())
+        legs = [known.get((a.position_m, b.position_m)) or self._new_leg(free, a, b) for a, b in pairwise(stops)]
+        _set_timetables(legs, timetables)
+        for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
+            leg.start, leg.end = start, end  # At the same places, perhaps by other names.
+        self.preparation.drop(leg for leg in self.legs if leg not in legs)
+        for leg in legs:
+            if leg not in self.legs:
+                self.preparation.add(leg, free)
+        self.situation, self.legs, self._index = situation, tuple(legs), None
+        self.place(moment)
+        self.set_targets(self._targets)
+
+    def end(self) -> None:
+        """There is no journey any more."""
+        self.preparation.drop(self.legs)
+        self.legs, self._index = (), None
+
+    def _new_leg(self, free: Situation, start: Stop, end: Stop) -> Leg:
+        """A leg that is not prepared yet. Raises DasError where it cannot be driven even without restrictions."""
+        return Leg(start, end, free.section(start.position_m, end.position_m), self._settings)
+
+    def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
+        """Take over all restrictions in force."""
+        self.situation = replace(self.situation, restrictions=tuple(restrictions))
+        self._heed()
+
+    def set_conditions(self, conditions: Conditions) -> None:
+        """Take over what differs from the files; where the train could not drive then, say so and go on as before."""
+        situation = replace(self.situation, conditions=conditions)
+        try:
+            for leg in self.legs[self.index : self.index + 2]:
+                start_m, end_m = leg.start.position_m, leg.end.position_m
+                situation.between(start_m, end_m).section(start_m, end_m)
+        except DasError as error:
+            self.preparation.say(News(f"calibration ignored: {error}", True))
+            return
+        self.situation = situation
+        self._heed()
+
+    def set_targets(self, targets: Sequence[Target]) -> None:
+        """Take over all targets in force; one that is not on this journey is ignored and said."""
+        self._targets = tuple(targets)
+        self._agreed, refused = traffic.assign(self._targets, self.legs)
+        for why in refused:
+            self.preparation.say(News(f"target ignored: {why}", True))
+        self._heed()
+
+    def set_delay(self, delay_s: float) -> None:
+        """Take over the operator's word on the delay (s)."""
+        for leg in self.legs:
+            leg.set_delay(delay_s)
+
+    def place(self, moment: Moment) -> None:
+        """Take over where the train is: the leg follows from it."""
+        if moment is not None and self.legs:
+            self._index = _leg_of(self.legs, self._index, moment, self._settings.stop)
+
+    def prepare(self, now_ns: int) -> None:
+        """Bring the legs that are near to the situation of now."""
+        self._now_ns = now_ns
+        told, self._told = self._told, False
+        self.preparation.prepare(self.legs, self.index, self.situation, now_ns, told=told)
+
+    def _heed(self) -> None:
+        """Something is new: look at once for what it needs; without a thread, when all is told and advice is due."""
+        self._told = True
+        if self.preparation.in_background and self.legs:
+            self.prepare(self._now_ns)
+
+
+def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> None:
+    """One timetable a leg; raises DasError where a leg has no time or begins before the last has ended."""
+    for i, (before, after) in enumerate(pairwise(timetables), 1):
+        if after.departure_ns < before.arrival_ns:
+            raise DasError(f"timetable: the departure from stop {i + 1} is before the arrival there")
+    for timetable in timetables:
+        timetable.check()
+    for leg, timetable in zip(legs, timetables, strict=True):
+        leg.set_timetable(timetable)
+
+
+def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool], settings: StopSettings) -> int:
+    """The leg by position; at a stop the leg that ends there until the train stands, then the one that begins there.
+
+    A train that runs through its stop stays on the leg it has not ended, until it stands or is far away; a train that
+    has begun a leg is not put back by a position that scatters.
+    """
+    s_m, stands = moment
+    ends_m = [leg.section.end_m for leg in legs[:-1]]
+    index = sum(s_m >= end_m - (settings.at_stop_m if stands else 0.0) for end_m in ends_m)
+    if before is None:
+        return index
+    if before == index + 1 and s_m >= ends_m[index] - settings.back_m:
+        return before
+    if not stands and before == index - 1 and s_m < ends_m[before] + settings.lost_beyond_m:
+        return before
+    return index

@@ -1,0 +1,120 @@
+"""Which session's word counts where two of them say what the train is to do: the first one's, until it is gone."""
+
+from __future__ import annotations
+
+from das.cab.heard import STATES, Heard, Kind, PublisherSeen, RestrictionsHeard, Unreadable, kind_of
+
+MOST_RIVALS, MOST_GONE = 20, 100
+"""At most so many sessions are remembered beside the one that counts, and of those that are gone; the newest stay."""
+
+
+class Operator:
+    """The publisher of one state.
+
+    The first session that is heard counts until its publisher is gone. The newest message of any other session that is
+    there waits until then. Where nobody tells who is there, every session is taken to be there.
+    """
+
+    def __init__(self) -> None:
+        self.source: str | None = None
+        """The session that counts."""
+        self._newest: Heard | None = None
+        self._rivals: dict[str, Heard] = {}
+        self._gone: dict[str, None] = {}
+
+    def heeds(self, heard: Heard) -> bool:
+        """Whether a message counts; one that does not is kept while its publisher is there.
+
+        A message that cannot be read makes nobody the publisher.
+        """
+        source = heard.source
+        if source != self.source and (self.source is None or self.source in self._gone):
+            if isinstance(heard, Unreadable):
+                return True
+            self._rivals.pop(source, None)
+            self.source = source
+        if source == self.source:
+            self._newest = heard
+            return True
+        if source not in self._gone:
+            if source not in self._rivals and len(self._rivals) >= MOST_RIVALS:
+                self._rivals.pop(next(iter(self._rivals)))
+            self._rivals[source] = heard
+        return False
+
+    def is_rival(self, source: str) -> bool:
+        """Whether this session has said something that waits."""
+        return source in self._rivals
+
+    def see(self, seen: PublisherSeen) -> Heard | None:
+        """Take note of a publisher that came or went; returns the message that counts in its place now, if any."""
+        source = seen.source
+        if seen.there:
+            self._gone.pop(source, None)
+            return None
+        self._gone[source] = None
+        if len(self._gone) > MOST_GONE:
+            self._gone.pop(next(one for one in self._gone if one != self.source))
+        self._rivals.pop(source, None)
+        return next(iter(self._rivals.values()), None) if source == self.source else None
+
+    def contradiction(self) -> str:
+        """The session that says other restrictions than the one that counts, or nothing."""
+        told = _places(self._newest)
+        return next((named(source) for source, rival in self._rivals.items() if _places(rival) != told), "")
+
+
+class Operators:
+    """The publishers of journey, restrictions and targets; feed it all messages and who comes and goes."""
+
+    def __init__(self) -> None:
+        self._of = {kind: Operator() for kind in STATES}
+        self._news: list[str] = []
+
+    def heeds(self, heard: Heard) -> bool:
+        """Whether a message counts; where it is the first of a second session that does not, that is news."""
+        kind = kind_of(heard)
+        operator = self._of.get(kind)
+        if operator is None:
+            return True
+        known, before = operator.is_rival(heard.source), operator.source
+        if operator.heeds(heard):
+            if before is not None and operator.source != before:
+                self._news.append(f"{kind}: {named(operator.source)} counts from now on, {named(before)} is gone")
+            return True
+        if not known and operator.is_rival(heard.source):
+            self._news.append(
+                f"{kind}: two publishers: what {named(heard.source)} says is not heeded while {named(before)} is there"
+            )
+        return False
+
+    def source(self, kind: Kind) -> str | None:
+        """The session that counts for a state, as far as one is known."""
+        operator = self._of.get(kind)
+        return operator.source if operator is not None else None
+
+    def see(self, seen: PublisherSeen) -> Heard | None:
+        """Take note of a publisher that came or went; returns the message to be taken again, for it counts now."""
+        operator = self._of.get(seen.kind)
+        return operator.see(seen) if operator is not None else None
+
+    def contested(self) -> str:
+        """The two publishers that say different restrictions, so that nobody can tell which hold; else nothing."""
+        operator = self._of[Kind.RESTRICTION]
+        other = operator.contradiction()
+        return f"{named(operator.source)} and {other}" if other else ""
+
+    def take_news(self) -> list[str]:
+        """What has happened since this was last asked, in words."""
+        news, self._news = self._news, []
+        return news
+
+
+def named(source: str | None) -> str:
+    """A session by its name."""
+    return source or "one without a name"
+
+
+def _places(heard: Heard | None) -> list[tuple[float, float, float]] | None:
+    """The restrictions of a message in an order of their own; None where it cannot be read."""
+    return sorted(heard.restrictions) if isinstance(heard, RestrictionsHeard) else None

@@ -1,0 +1,71 @@
+"""A journey as ordered: whether it is for this train and this line, and what the legs need of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from das.advice.advice import Timetable
+from das.cab.heard import JourneyHeard, OrderedStop
+from das.cab.trains import Trains
+from das.domain.errors import DasError
+from das.domain.losses import Level
+from das.domain.route import Route, Stop
+from das.domain.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Order:
+    """What the legs need of a journey: stops, a timetable for each leg, the train, and the level (None: the start's)."""
+
+    stops: tuple[Stop, ...]
+    timetables: tuple[Timetable, ...]
+    vehicle: Vehicle
+    level: Level | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Post:
+    """What this on-board system is for: the train by name, the route, its direction, and the trains it knows."""
+
+    train: str
+    route: Route
+    trains: Trains
+    reverse: bool = False
+
+    def accept(self, journey: JourneyHeard) -> Order:
+        """The journey as an order; DasError where it is not for this train or line, or has no sense."""
+        if journey.route_id != self.route.id:
+            raise DasError(f"it is for route {journey.route_id!r}, this node has {self.route.id!r}")
+        if journey.train and journey.train != self.train:
+            raise DasError(f"it is for train {journey.train!r}, this node is for {self.train!r}")
+        if journey.reversed != self.reverse:
+            way = ("forwards", "in reverse")
+            raise DasError(f"it drives the route {way[journey.reversed]}, this node has it {way[self.reverse]}")
+        if len(journey.stops) < 2:
+            raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
+        _check_times(journey.stops)
+        if journey.level and journey.level not in list(Level):
+            raise DasError(f"level {journey.level!r}: expected one of {', '.join(Level)}")
+        return Order(
+            stops=tuple(Stop(name=stop.name, position_m=stop.s_m) for stop in journey.stops),
+            timetables=tuple(
+                Timetable(departure_ns=start.departure_ns, arrival_ns=end.arrival_ns)
+                for start, end in pairwise(journey.stops)
+            ),
+            vehicle=self.trains.find(journey.vehicle_id, journey.load),
+            level=Level(journey.level) if journey.level else None,
+        )
+
+
+def _check_times(stops: Sequence[OrderedStop]) -> None:
+    """Times are none (0) or after 1970, the first stop has a departure and the last an arrival; DasError otherwise."""
+    for number, stop in enumerate(stops, 1):
+        for name, time_ns in (("arrival", stop.arrival_ns), ("departure", stop.departure_ns)):
+            if time_ns < 0:
+                raise DasError(f"stop {number} has the {name} {time_ns} ns, expected nanoseconds since 1970")
+    if not stops[0].departure_ns:
+        raise DasError("the first stop has no departure")
+    if not stops[-1].arrival_ns:
+        raise DasError("the last stop has no arrival")

@@ -1,0 +1,260 @@
+"""Fronts for the legs of a journey: looked up or solved when they are needed, in the background or at once.
+
+A leg whose situation changes (a restriction, another train, load or level, a new target) is advised on at once by the
+plan of before under the new limits. Its front is looked up or solved in a thread, or, where time stands still
+meanwhile, at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from das.advice.advice import Source
+from das.advice.passing import PassingFronts, PassingRun, PassingTarget
+from das.advice.planner import Policy
+from das.advice.settings import DEFAULT
+from das.cab.fronts import Found, Fronts, onboard_ladder
+from das.cab.leg import Leg
+from das.cab.situation import Situation, difference
+from das.cab.targets import LEAST_WAY_M
+from das.domain.errors import DasError
+from das.domain.units import NS
+from das.estimate.localisation import STANDSTILL_MPS
+from das.solver.section import Section
+
+TRY_AGAIN_S = 10.0
+"""A search that failed for a reason nobody foresaw is made again after so long, and whenever something is told."""
+
+
+class News(NamedTuple):
+    """Something that happened, for people to read; `bad`: something is not as it should be."""
+
+    text: str
+    bad: bool = False
+
+
+class _Answer(NamedTuple):
+    """What a search for a front came to; `refusal`: why there is none; `failed`: for a reason nobody foresaw."""
+
+    found: Found | None
+    passing: PassingFronts | None
+    refusal: str
+    failed: bool
+    took_s: float
+
+
+@dataclass(kw_only=True, eq=False)
+class _Prepared:
+    """What a leg was prepared for and why anew, the search under way, and why the leg cannot be driven."""
+
+    situation: Situation
+    refusal: str = ""
+    why: str = ""
+    served: PassingTarget | None = None
+    """The point that the front, or the search under way, serves."""
+    ready: bool = False
+    search: Future[_Answer] | None = None
+    failed_ns: int | None = None
+    """When the last search failed, if it did."""
+
+    def give_up(self) -> None:
+        """What was prepared or is looked for is not what is wanted any more."""
+        if self.search is not None:
+            self.search.cancel()
+        self.ready, self.search = False, None
+
+
+class Preparation:
+    """Keeps the legs that are near prepared for the situation of now.
+
+    `background`: searches go on in a thread of their own; else each is over when the call returns, so that what is
+    advised depends on what was told alone. `stopwatch` gives seconds; what it measures goes into `solve_s` only. Use
+    `close` at the end.
+    """
+
+    def __init__(self, fronts: Fronts, stopwatch: Callable[[], float], *, background: bool) -> None:
+        self._fronts, self._stopwatch = fronts, stopwatch
+        self._pool = ThreadPoolExecutor(1, "solve") if background else None
+        self._prepared: dict[Leg, _Prepared] = {}
+        self._news = [News(text, True) for text in fronts.notes]
+        self.solve_s = 0.0
+        """What the last search for a front took (s)."""
+
+    @property
+    def in_background(self) -> bool:
+        """Whether searches go on in a thread of their own."""
+        return self._pool is not None
+
+    @property
+    def searching(self) -> bool:
+        """Whether a front is being looked for."""
+        return any(one.search is not None for one in self._prepared.values())
+
+    @property
+    def has_answer(self) -> bool:
+        """Whether something has been found that the last advice did not know."""
+        return any(one.search is not None and one.search.done() for one in self._prepared.values())
+
+    def refusal(self, leg: Leg) -> str:
+        """Why a leg cannot be driven, or nothing."""
+        return self._prepared[leg].refusal
+
+    def say(self, news: News) -> None:
+        """Add something that happened."""
+        self._news.append(news)
+
+    def take_news(self) -> list[News]:
+        """What has happened since this was last asked."""
+        news, self._news = self._news, []
+        return news
+
+    def add(self, leg: Leg, situation: Situation) -> None:
+        """A leg is new; it is not prepared yet."""
+        self._prepared[leg] = _Prepared(situation=situation)
+
+    def drop(self, legs: Iterable[Leg]) -> None:
+        """Nobody waits any more for what is looked for on these legs."""
+        for leg in legs:
+            self._prepared.pop(leg).give_up()
+
+    def rehearse(self, section: Section) -> None:
+        """Look for the front of a section before there is a journey; raises DasError."""
+        began = self._stopwatch()
+        self._fronts.find(section)
+        self.solve_s = self._stopwatch() - began
+
+    def close(self) -> None:
+        """End the thread; what it is solving is given up."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def prepare(self, legs: Sequence[Leg], now: int, situation: Situation, now_ns: int, *, told: bool) -> None:
+        """Have fronts for leg number `now` and for the next one, and look for no others.
+
+        The leg before keeps what it has. Where something is `told`, a search that failed may go well now.
+        """
+        for i, leg in enumerate(legs):
+            leg.refresh_goal()
+            one = self._prepared[leg]
+            if now <= i <= now + 1:
+                if one.failed_ns is not None and (told or abs(now_ns - one.failed_ns) * NS >= TRY_AGAIN_S):
+                    one.ready = False
+                self._ensure(leg, one, situation, now_ns)
+            elif i != now - 1:
+                _release(leg, one)
+            elif one.search is not None:
+                one.give_up()
+
+    def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
+        """Bring a leg to the situation of now: at once what is safe, then its front."""
+        wanted = situation.between(leg.start.position_m, leg.end.position_m)
+        if not wanted.is_like(one.situation):
+            _heed(leg, one, wanted)
+        point = leg.goal.passing
+        if point is not None and point != one.served:
+            one.give_up()
+        if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
+            one.served = point
+            one.search = self._submit(leg)
+        if one.search is not None and one.search.done():
+            self._take(leg, one, one.search.result(), now_ns)
+
+    def _submit(self, leg: Leg) -> Future[_Answer]:
+        question = _Question.of(leg)
+        if self._pool is not None:
+            return self._pool.submit(_answered, self._fronts, question, self._stopwatch)
+        answer: Future[_Answer] = Future()
+        answer.set_result(_answered(self._fronts, question, self._stopwatch))
+        return answer
+
+    def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
+        """Use what a search has found; where it failed, for now."""
+        one.search, one.ready = None, True
+        one.failed_ns = now_ns if answer.failed else None
+        self.solve_s = answer.took_s
+        found = answer.found
+        if found is None:
+            one.refusal = answer.refusal
+            self._news.append(News(f"{leg.section.name}: no plan: {answer.refusal}", True))
+            return
+        one.refusal = ""
+        if answer.refusal:
+            self._news.append(News(f"target: {answer.refusal}", True))
+        self._news += [News(note, True) for note in found.notes]
+        leg.use(Policy(section=found.front.section, front=found.front, source=found.source, passing=answer.passing))
+        how = "from a table" if found.source is Source.TABLE else "solved"
+        why, one.why = f" ({one.why})" if one.why else "", ""
+        self._news.append(News(f"{leg.start.name} – {leg.end.name}: {how}{why}"))
+
+
+def _heed(leg: Leg, one: _Prepared, wanted: Situation) -> None:
+    """Another situation: what is safe in it holds at once."""
+    why, refusal = difference(one.situation, wanted), ""
+    one.give_up()
+    try:
+        leg.use_meanwhile(wanted.section(leg.start.position_m, leg.end.position_m), why)
+    except DasError as error:
+        refusal = f"{why}: {error}"
+    # Only now that the leg has it: whatever else goes wrong, it is not taken for prepared.
+    one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
+
+
+def _release(leg: Leg, one: _Prepared) -> None:
+    """Let go of the front of a leg that is far off."""
+    if one.ready:
+        leg.use(Policy(section=leg.section))
+    one.give_up()
+
+
+class _Question(NamedTuple):
+    """What a search is for, as it was when it began: a section, a point, and the state the point is planned from."""
+
+    section: Section
+    point: PassingTarget | None
+    now_ns: int
+    arrival_ns: int
+    s_m: float
+    v_mps: float
+
+    @classmethod
+    def of(cls, leg: Leg) -> _Question:
+        section, goal, here = leg.section, leg.goal, leg.here
+        if here is None or not section.start_m <= here.s_m < section.end_m - DEFAULT.stop.at_stop_m:
+            return cls(section, goal.passing, goal.departure_ns, goal.arrival_ns, section.start_m, 0.0)
+        now_ns = here.time_ns
+        if here.speed_mps < STANDSTILL_MPS:
+            now_ns = max(now_ns, goal.departure_ns)
+        return cls(section, goal.passing, now_ns, goal.arrival_ns, here.s_m, here.speed_mps)
+
+
+def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
+    """Look for a front, and for those of a point; whatever goes wrong is the answer."""
+    began = stopwatch()
+    found, passing, refusal, failed = None, None, "", False
+    try:
+        found = fronts.find(question.section)
+        passing = _passing(question)
+    except DasError as error:
+        refusal = str(error)
+    except Exception as error:  # No advice is better than a thread that died in silence.
+        refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
+    return _Answer(found, passing, refusal, failed, stopwatch() - began)
+
+
+def _passing(question: _Question) -> PassingFronts | None:
+    point = question.point
+    if point is None or point.s_m < question.s_m + LEAST_WAY_M:
+        return None
+    due_ns = point.earliest_ns if point.earliest_ns is not None else point.latest_ns
+    if due_ns is None:
+        return None
+    run = PassingRun(
+        question.s_m,
+        question.v_mps,
+        to_point_s=(due_ns - question.now_ns) * NS,
+        total_s=(question.arrival_ns - question.now_ns) * NS,
+    )
+    return PassingFronts.solve(question.section, point.s_m, onboard_ladder(question.section), run)

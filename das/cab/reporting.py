@@ -1,0 +1,87 @@
+"""What the cab says beside advice: events in moderation, changes of mode, and plans every while."""
+
+from __future__ import annotations
+
+from das.advice import wording
+from das.advice.advice import Advice
+from das.advice.modes import Mode, mode_name
+from das.advice.plan import Plan
+from das.cab.learning import is_fresh
+from das.cab.moderation import Moderation
+from das.cab.outputs import Event, Output, Severity
+from das.domain.units import NS
+from das.estimate.localisation import Estimate
+
+PLAN_EVERY_S = 10.0
+LOSSES_EVERY_S = 1.0
+"""Plans and losses are said no more often than this."""
+
+
+class Reporting:
+    """Collects what there is to say until it is taken."""
+
+    def __init__(self) -> None:
+        self.advices = 0
+        """So many advices were given or withdrawn."""
+        self._said: list[Output] = []
+        self._complaints = Moderation()
+        self._mode: Mode | None = None
+        self._rejected, self._restarts, self._rejecting = 0, 0, False
+        self._plan: Plan | None = None
+        self._plan_ns: int | None = None
+        self._dropped, self._losses_ns = 0, 0
+
+    def take(self) -> list[Output]:
+        """All that is to be said now, in order."""
+        said, self._said = self._said, []
+        return said
+
+    def say(self, output: Output) -> None:
+        """Say something."""
+        self._said.append(output)
+
+    def event(self, now_ns: int, severity: Severity, text: str) -> None:
+        """Something happened."""
+        self.say(Event(time_ns=now_ns, severity=severity, text=text))
+
+    def complain(self, now_ns: int, text: str, severity: Severity = Severity.WARNING) -> None:
+        """Something is not as it should be; left unsaid where there is too much of it."""
+        if self._complaints.allows(now_ns):
+            self.event(now_ns, severity, text)
+
+    def losses(self, now_ns: int, dropped: int) -> None:
+        """Say how many complaints were left unsaid, and how many messages a flood has cost (`dropped`: in all)."""
+        if unsaid := self._complaints.unsaid(now_ns):
+            self.event(now_ns, Severity.WARNING, f"{unsaid} more messages were ignored")
+        lost = dropped - self._dropped
+        if lost and abs(now_ns - self._losses_ns) * NS >= LOSSES_EVERY_S:
+            self.event(now_ns, Severity.WARNING, f"{lost} messages were dropped: too many at once")
+            self._dropped, self._losses_ns = dropped, now_ns
+
+    def changes(self, advice: Advice) -> None:
+        """Say where the mode changes, with the reason."""
+        if advice.mode is not self._mode:
+            severity = Severity.WARNING if advice.mode is Mode.NONE else Severity.INFO
+            self.event(advice.time_ns, severity, f"{mode_name(advice.mode)}: {advice.reason}")
+            self._mode = advice.mode
+
+    def forget_mode(self) -> None:
+        """Whatever is advised next is not new only because the mode is: there was no advice."""
+        self._mode = Mode.NONE
+
+    def rejections(self, here: Estimate) -> None:
+        """Say where positions begin to be rejected, and where they are taken up anew elsewhere."""
+        if here.restarts > self._restarts:
+            self.event(here.time_ns, Severity.WARNING, f"position: taken up anew at {here.s_m:.0f} m")
+        rejecting = here.rejected > self._rejected
+        if rejecting and not self._rejecting and here.rejection is not None:
+            text = f"position: rejected, {wording.problem(here.rejection)}"
+            self.event(here.time_ns, Severity.WARNING, text)
+        self._rejected, self._restarts, self._rejecting = here.rejected, here.restarts, rejecting
+
+    def plan(self, plan: Plan | None, now_ns: int) -> None:
+        """Say the plan, when there is a new one and the last was said a while ago (or the clock jumped)."""
+        if plan is None or plan is self._plan or is_fresh(self._plan_ns, now_ns, PLAN_EVERY_S):
+            return
+        self._plan, self._plan_ns = plan, now_ns
+        self.say(plan)

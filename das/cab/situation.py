@@ -1,0 +1,65 @@
+"""The situation a section is planned in: line, train, level, what is in force, and what differs from the files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from das.domain.conditions import Conditions
+from das.domain.losses import Level
+from das.domain.route import Restriction, Route
+from das.domain.vehicle import Vehicle
+from das.solver.section import Section, build_section
+
+AS_PLANNED = Conditions()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Situation:
+    """All that a front depends on except the two ends of the section."""
+
+    route: Route
+    vehicle: Vehicle
+    level: Level | None = None
+    point_mass: bool = False
+    restrictions: tuple[Restriction, ...] = ()
+    conditions: Conditions = AS_PLANNED
+
+    def between(self, start_m: float, end_m: float) -> Situation:
+        """The same, with those restrictions alone that the train meets on a section: its tail counts."""
+        length_m = 0.0 if self.point_mass else self.vehicle.length_m
+        met = (x for x in self.restrictions if x.start_m < end_m and x.end_m > start_m - length_m)
+        return replace(self, restrictions=tuple(sorted(met, key=lambda x: (x.start_m, x.end_m, x.limit_mps))))
+
+    def is_like(self, other: Situation) -> bool:
+        """Whether both give the same sections."""
+        return (
+            self.route is other.route
+            and self.vehicle is other.vehicle
+            and (self.level, self.point_mass, self.restrictions, self.conditions)
+            == (other.level, other.point_mass, other.restrictions, other.conditions)
+        )
+
+    def section(self, start_m: float, end_m: float) -> Section:
+        """A section in this situation; raises as `build_section` does."""
+        return build_section(
+            self.conditions.line(self.route.with_restrictions(self.restrictions)),
+            self.conditions.train(self.vehicle),
+            level=self.level,
+            start_m=start_m,
+            end_m=end_m,
+            point_mass=self.point_mass,
+        )
+
+
+def difference(before: Situation, after: Situation) -> str:
+    """What makes two situations differ, in words."""
+    if before.vehicle is not after.vehicle:
+        return "another train or load"
+    if before.level != after.level:
+        return "another level"
+    if before.restrictions != after.restrictions:
+        gone = len(set(before.restrictions) - set(after.restrictions))
+        lifted = gone and len(after.restrictions) < len(before.restrictions)
+        return "restriction lifted" if lifted else "restriction set"
+    found = after.conditions
+    return f"mass × {found.mass_ratio:.2f} and resistance × {found.resistance_ratio:.2f} of the plan's"

@@ -1,0 +1,87 @@
+"""Whether there is advice: decided here and nowhere else, in one order, by facts that the cab and the leg know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from das.advice.cause import OF_PROBLEM, Cause, Withdrawal
+from das.advice.settings import DEFAULT, StopSettings
+from das.estimate.localisation import STANDSTILL_MPS, Estimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trust:
+    """What makes the cab distrust what it was told, whatever the leg; the default: nothing does."""
+
+    two_publishers: str = ""
+    """The two publishers that both say where the train is."""
+    two_operators: str = ""
+    """The two publishers that say different restrictions."""
+    unheeded: str | None = None
+    """Why the restrictions told last cannot be heeded."""
+    restrictions_told: bool = True
+    """Whether a list of restrictions was heard, possibly an empty one."""
+    journey_refused: str = ""
+    """Why the last journey was refused."""
+    internal_error: str = ""
+    """What went wrong that nobody foresaw."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegFacts:
+    """What the decision needs to know of the leg: its two ends (m), its departure, and why it cannot be driven."""
+
+    start_m: float
+    end_m: float
+    departure_ns: int
+    refusal: str = ""
+
+
+def decide(
+    here: Estimate, trust: Trust, leg: LegFacts | None, *, no_plan: str = "", stop: StopSettings = DEFAULT.stop
+) -> Withdrawal | None:
+    """Why there is no advice, or None: advice is given. The first of these that holds decides:
+
+    1. two publishers of the position; 2. two operators that say different restrictions; 3. restrictions that cannot be
+    heeded; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list of restrictions heard; 8. the
+    section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock or uncertain; 10. the train is
+    outside the section; 11. it moves up to the stop before its departure; 12. it has run past its stop; 13. no plan
+    finishes the section from its state (`no_plan`: the planner's words). The numbers of `Cause` rise in this order.
+    """
+    distrust = _distrust(trust)
+    if distrust is not None:
+        return distrust
+    if leg is None:
+        return Withdrawal(Cause.NO_JOURNEY)
+    if not trust.restrictions_told:
+        return Withdrawal(Cause.RESTRICTIONS_UNTOLD)
+    return _of_leg(here, leg, stop) or (Withdrawal(Cause.NO_PLAN, no_plan) if no_plan else None)
+
+
+def _distrust(trust: Trust) -> Withdrawal | None:
+    if trust.two_publishers:
+        return Withdrawal(Cause.TWO_PUBLISHERS, trust.two_publishers)
+    if trust.two_operators:
+        return Withdrawal(Cause.TWO_OPERATORS, trust.two_operators)
+    if trust.unheeded is not None:
+        return Withdrawal(Cause.RESTRICTIONS_UNHEEDED, trust.unheeded)
+    if trust.journey_refused:
+        return Withdrawal(Cause.JOURNEY_REFUSED, trust.journey_refused)
+    if trust.internal_error:
+        return Withdrawal(Cause.INTERNAL_ERROR, trust.internal_error)
+    return None
+
+
+def _of_leg(here: Estimate, leg: LegFacts, stop: StopSettings) -> Withdrawal | None:
+    if leg.refusal:
+        return Withdrawal(Cause.SECTION_IMPOSSIBLE, leg.refusal)
+    if here.problem is not None:
+        return Withdrawal(OF_PROBLEM[here.problem.kind], problem=here.problem)
+    if not leg.start_m - stop.at_stop_m <= here.s_m <= leg.end_m + stop.lost_beyond_m:
+        return Withdrawal(Cause.OUTSIDE_SECTION, position_m=here.s_m, section_m=(leg.start_m, leg.end_m))
+    creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < leg.start_m - stop.standstill_m
+    if creeps and here.time_ns < leg.departure_ns:
+        return Withdrawal(Cause.MOVING_UP)
+    if here.s_m - leg.end_m > stop.at_stop_m:
+        return Withdrawal(Cause.PAST_STOP, position_m=here.s_m - leg.end_m)
+    return None

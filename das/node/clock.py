@@ -1,0 +1,92 @@
+"""The clocks a node may go by: the wall's, or the one of a simulation that is heard on the bus."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from das.bus import das_pb2
+from das.bus.session import Received
+from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, TARGET
+
+
+class Clock(Protocol):
+    """What a node asks of its clock."""
+
+    is_wall: bool
+    """Whether the node advises by real time, without being asked."""
+
+    def now_ns(self) -> int:
+        """The time (ns since 1970) for what is said; 0 before it is known."""
+
+    def judged_at_ns(self) -> int:
+        """The time (ns since 1970) by which messages are judged; 0 before it is known."""
+
+    def note(self, received: Received) -> None:
+        """Take note of a message that has been taken."""
+
+    def due(self) -> Any | None:
+        """The Control message that is to be answered now."""
+
+
+class WallClock:
+    """Real time, or another clock that is injected."""
+
+    is_wall = True
+
+    def __init__(self, time_ns: Callable[[], int] = time.time_ns) -> None:
+        self.now_ns = self.judged_at_ns = time_ns
+
+    def note(self, received: Received) -> None:
+        """Messages do not move this clock."""
+
+    def due(self) -> None:
+        """Nobody asks for advice by this clock."""
+
+
+class BusClock:
+    """The clock of a replay or simulation: a Control message tells the time, and asks for one advice.
+
+    It is answered as soon as all restrictions and targets are heard that were sent before it. Journeys do not tell the
+    time by which messages are judged: theirs may be of long before.
+    """
+
+    is_wall = False
+
+    def __init__(self) -> None:
+        self._now_ns = self._control_ns = 0
+        self._heard_ns = {RESTRICTION.name: 0, TARGET.name: 0}
+        self._held: Any | None = None
+
+    def now_ns(self) -> int:
+        """The last time heard on the bus (ns since 1970; 0 before the first)."""
+        return self._now_ns
+
+    def judged_at_ns(self) -> int:
+        """The time of the last Control message answered (ns since 1970; 0 before the first)."""
+        return self._control_ns
+
+    def note(self, received: Received) -> None:
+        """Take note of a message: a Control is held until it can be answered."""
+        topic, message = received.topic, received.message
+        if message is None:
+            return
+        if topic is CONTROL:
+            self._held = message
+        elif topic is JOURNEY:
+            self._now_ns = max(self._now_ns, message.time_ns)
+        elif topic.name in self._heard_ns:
+            self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
+
+    def due(self) -> das_pb2.Control | None:
+        """The Control message that can be answered now; from now on its time is the clock's."""
+        control = self._held
+        if control is None:
+            return None
+        wanted = {RESTRICTION.name: control.restrictions_ns, TARGET.name: control.targets_ns}
+        if any(self._heard_ns[name] < time_ns for name, time_ns in wanted.items()):
+            return None
+        self._held = None
+        self._now_ns = self._control_ns = control.time_ns
+        return control

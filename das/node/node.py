@@ -1,0 +1,72 @@
+"""The node: wiring between the bus, a clock and the cab. Every decision is the cab's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from das.bus import codec, das_pb2
+from das.bus.session import Bus, Received
+from das.cab.cab import Cab
+from das.cab.heard import Kind, PublisherSeen
+from das.cab.outputs import Event, NodeState, Output, Severity, Status
+from das.command_line.running import say
+from das.node.clock import Clock
+
+CAUGHT_UP = 1_000
+"""At most so many messages are taken at the start, before a section is prepared."""
+
+
+class Node:
+    """Hands what the bus carries to the cab, and what the cab says to the bus."""
+
+    def __init__(self, bus: Bus, cab: Cab, clock: Clock) -> None:
+        self.bus, self.cab, self.clock = bus, cab, clock
+        self.finished = False
+        """Whether the run is over, as a simulation says."""
+
+    def take(self, received: Received) -> None:
+        """Let the cab hear one message; answer the simulation's clock where it asks."""
+        self.look_around()
+        heard = codec.heard(received, self.clock.judged_at_ns())
+        if heard is not None:
+            self.publish(self.cab.hear(heard))
+        self.clock.note(received)
+        control = self.clock.due()
+        if control is None:
+            return
+        if control.command == das_pb2.Control.COMMAND_FINISH:
+            self.finished = True
+        else:
+            self.tick(control.time_ns, control.tick)
+
+    def look_around(self) -> None:
+        """Take note of publishers that came or went."""
+        for topic, source, there in self.bus.presences():
+            self.publish(self.cab.hear(PublisherSeen(kind=Kind(topic.name), source=source, there=there)))
+
+    def catch_up(self) -> None:
+        """Take what is already there: a node that was started anew has its journey on the bus."""
+        for _ in range(CAUGHT_UP):
+            received = self.bus.receive(0.0)
+            if received is None:
+                return
+            self.take(received)
+
+    def tick(self, now_ns: int, tick: int = 0) -> None:
+        """Advise once."""
+        self.publish(self.cab.tick(now_ns, dropped=self.bus.dropped), tick)
+
+    def publish(self, outputs: Iterable[Output], tick: int = 0) -> None:
+        """Publish what the cab says; with the wall clock, events go to standard error as well."""
+        for output in outputs:
+            self.bus.publish(*codec.said(output, tick))
+            if isinstance(output, Event) and self.clock.is_wall:
+                say(f"{self.bus.train}: {output.text}")
+
+    def status(self, state: NodeState, reason: str) -> None:
+        """Publish how the process is, beside what the cab says."""
+        self.publish([Status(time_ns=self.clock.now_ns(), state=state, reason=reason)])
+
+    def event(self, text: str) -> None:
+        """Publish a warning about the process, for people to read."""
+        self.publish([Event(time_ns=self.clock.now_ns(), severity=Severity.WARNING, text=text)])
