@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from das.bus.presence import Presence
 from das.bus.session import Received
 from das.bus.topics import JOURNEY, POSITION, RESTRICTION, TARGET, Topic
+from das.cab.operators import STATES, Operators
 from das.cab.trip import MOST_RESTRICTIONS, MOST_STOPS, MOST_TARGETS
 from das.domain.errors import DasError
 from das.domain.route import Restriction
@@ -18,8 +20,6 @@ AHEAD_S = 60.0
 """A message further ahead of the clock than this would shut out those that come after it."""
 SILENT_S = STALE_AFTER_S
 """A publisher of positions not heard for so long has given way to the next; as long as a position is of use."""
-STATES = (JOURNEY, RESTRICTION, TARGET)
-"""What holds until the next message of its kind: an older one must not undo a newer."""
 
 
 class Guard:
@@ -30,10 +30,28 @@ class Guard:
 
     def __init__(self) -> None:
         self._newest_ns: dict[str, int] = {}
-        self._publishers = Publishers()
+        self._publishers, self._operators = Publishers(), Operators()
         self._unheeded = ""
         self._in_force: list[tuple[float, float, float]] = []
         self._early: dict[str, Received] = {}
+
+    def heeds(self, received: Received) -> bool:
+        """Whether the sender of a message is the one whose word counts; `take_news` says who is not."""
+        topic, before = received.topic, self._operators.source(received.topic)
+        counts = self._operators.heeds(received)
+        if before is not None and self._operators.source(topic) != before:
+            # Times of a publisher that is gone say nothing of how old this one's messages are.
+            self._newest_ns.pop(topic.name, None)
+            self._early.pop(topic.name, None)
+        return counts
+
+    def see(self, presence: Presence) -> list[Received]:
+        """Take note of a publisher that came or went; returns the messages to be taken again, for they count now."""
+        return self._operators.see(presence)
+
+    def take_news(self) -> list[str]:
+        """What has happened to the publishers since this was last asked, in words."""
+        return self._operators.take_news()
 
     def problem(self, received: Received, now_ns: int) -> str:
         """Why a message is to be ignored, or nothing."""
@@ -58,8 +76,8 @@ class Guard:
         return there
 
     def distrust(self, now_ns: int) -> str:
-        """Why there must be no advice, or nothing: two publishers of the position, or restrictions nobody can heed."""
-        return self._publishers.contested(now_ns) or self._unheeded
+        """Why there must be no advice, or nothing: two publishers, or restrictions nobody can heed."""
+        return self._publishers.contested(now_ns) or self._operators.contested() or self._unheeded
 
     def lose_restrictions(self, why: str) -> str:
         """Nobody knows what is in force until restrictions come that can be heeded; returns the reason."""

@@ -32,6 +32,8 @@ from das.solver.section import Section
 
 MOST_STOPS, MOST_RESTRICTIONS, MOST_TARGETS = 200, 100, 100
 """More than this at a time are no sensible message."""
+NOT_TOLD = "no list of restrictions has been heard yet (a site that has none says so: das-node --no-restrictions)"
+"""Why there is no advice before anybody has said which restrictions are in force, even if there are none."""
 MOST_NAMED = 3
 """Of targets that are agreed to, so many are named."""
 LEAST_WAY_M = 2.0
@@ -114,9 +116,12 @@ class Trip:
 
     `background`: searches go on in a thread of their own, and the clock with them; else each is over when the call
     returns, so that what is advised depends on what was told alone. Use `close` at the end.
+
+    There is no advice before the restrictions in force are told, even if there are none. `unrestricted`: the site never
+    has any, and advice needs no list.
     """
 
-    def __init__(self, situation: Situation, fronts: Fronts, *, background: bool) -> None:
+    def __init__(self, situation: Situation, fronts: Fronts, *, background: bool, unrestricted: bool = False) -> None:
         self._situation, self._fronts = situation, fronts
         self._started = situation
         self._pool = ThreadPoolExecutor(1, "solve") if background else None
@@ -129,6 +134,7 @@ class Trip:
         self._now_ns = 0
         self._news = [News(text, True) for text in fronts.notes]
         self._told = False
+        self._restrictions_told, self._untold_said = unrestricted, False
         self.solve_s = 0.0
         """What the last search for a front took."""
 
@@ -234,6 +240,7 @@ class Trip:
         if len(restrictions) > MOST_RESTRICTIONS:
             raise DasError(f"{len(restrictions)} restrictions: expected at most {MOST_RESTRICTIONS}")
         self._situation = replace(self._situation, restrictions=tuple(restrictions))
+        self._restrictions_told = True
         self._heed()
 
     def set_conditions(self, conditions: Conditions) -> None:
@@ -310,6 +317,11 @@ class Trip:
             return Advice(time_ns=now_ns, reason="no journey yet")
         self._journey.locate(now_ns)
         self._prepare()
+        if not self._restrictions_told:
+            if not self._untold_said:
+                self._untold_said = True
+                self._news.append(News(NOT_TOLD, True))
+            return Advice(time_ns=now_ns, reason=NOT_TOLD)
         leg = self._legs[self._journey.index]
         leg.advisor.refuse(leg.refusal)
         return self._journey.advise()

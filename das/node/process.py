@@ -8,6 +8,7 @@ import dataclasses
 import sys
 import time
 import traceback
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,9 +41,10 @@ from das.bus.topics import (
 from das.cab.fronts import Fronts, Situation
 from das.cab.guard import Guard
 from das.cab.moderation import Moderation
+from das.cab.operators import STATES
 from das.cab.trains import Trains
 from das.cab.trip import Target, Trip
-from das.command_line.running import StopFlag, interrupt_on_termination, run_app, say
+from das.command_line.running import StopFlag, interrupt_on_termination, run_app, say, warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
@@ -123,11 +125,15 @@ class Node:
         """
         topic, message = received.topic, received.message
         try:
-            problem = self._guard.problem(received, self._judged_at_ns())
-            if problem:
-                self._complain(problem)
-            else:
-                self._act(received)
+            self.look_around()
+            if self._guard.heeds(received):
+                problem = self._guard.problem(received, self._judged_at_ns())
+                if problem:
+                    self._complain(problem)
+                else:
+                    self._act(received)
+            for news in self._guard.take_news():
+                self._complain(news)
         except (ArithmeticError, ValueError) as error:
             self._ignore(topic, f"a message was ignored ({error})")
         except Exception as error:
@@ -138,6 +144,12 @@ class Node:
                 self._guard.lose_restrictions(self._fault)
         self._note(topic, message)
         self._answer_control()
+
+    def look_around(self) -> None:
+        """Take note of publishers that came or went; where one is gone, the word of another may count now."""
+        for presence in self.bus.presences():
+            for received in self._guard.see(presence):
+                self.take(received)
 
     def catch_up(self) -> None:
         """Take what is already there: a node that was started anew has its journey on the bus."""
@@ -375,6 +387,7 @@ class Node:
             raise DasError(f"it drives the route {way[journey.reversed]}, this node has it {way[self.reverse]}")
         if len(journey.stops) < 2:
             raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
+        _check_times(journey.stops)
         if journey.level and journey.level not in list(Level):
             raise DasError(f"level {journey.level!r}: expected one of {', '.join(Level)}")
         return Level(journey.level) if journey.level else None
@@ -424,6 +437,18 @@ class Node:
             differs=found.differs(self._recalibration.conditions),
         )
         self.bus.publish(ESTIMATE, message)
+
+
+def _check_times(stops: Sequence[das_pb2.Journey.Stop]) -> None:
+    """Times are none (0) or after 1970, the first stop has a departure and the last an arrival; DasError otherwise."""
+    for number, stop in enumerate(stops, 1):
+        for name, time_ns in (("arrival", stop.arrival_ns), ("departure", stop.departure_ns)):
+            if time_ns < 0:
+                raise DasError(f"stop {number} has the {name} {time_ns} ns, expected nanoseconds since 1970")
+    if not stops[0].departure_ns:
+        raise DasError("the first stop has no departure")
+    if not stops[-1].arrival_ns:
+        raise DasError("the last stop has no arrival")
 
 
 def _is_fresh(sent_ns: int | None, now_ns: int, every_s: float) -> bool:
@@ -485,6 +510,13 @@ def command(
     ] = False,
     clock: Annotated[str, typer.Option(help="wall: advise at --rate; bus: at every Control message.")] = "wall",
     rate: Annotated[float, typer.Option(help="Advices per second with the wall clock, 0.2 to 5.")] = 1.0,
+    no_restrictions: Annotated[
+        bool,
+        typer.Option(
+            "--no-restrictions",
+            help="This site has no temporary restrictions: advise without having heard a list of them.",
+        ),
+    ] = False,
     tables: Annotated[Path | None, typer.Option(help="Folder of tables made by das-precompute build.")] = None,
     other_vehicle: Annotated[
         list[str] | None,
@@ -513,10 +545,11 @@ def command(
     stops_m = [x.position_m for x in the_route.stops if start.position_m <= x.position_m <= end.position_m]
     situation = Situation(route=the_route, vehicle=started, level=level, point_mass=point_mass)
     trains, by_wall = Trains(started, the_vehicle, other_vehicle or ()), clock == "wall"
+    warn_unusual(the_route, *trains.known)
     calibrator = Calibrator(the_route, started, point_mass=point_mass) if calibrate else None
     hear = (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if calibrate else []))
     made = Bus(train, listen=listen, connect=connect or [], hear=hear, file=file)
-    the_trip = Trip(situation, Fronts(tables), background=by_wall)
+    the_trip = Trip(situation, Fronts(tables), background=by_wall, unrestricted=no_restrictions)
     refusals = Refusals() if file else None
     with made as bus, contextlib.closing(the_trip) as trip:
         node = Node(
@@ -529,6 +562,7 @@ def command(
             period_s=1.0 / rate,
             calibrator=calibrator,
         )
+        bus.watch(STATES)
         node.status(node.now_ns(), das_pb2.Status.STATE_STARTING, "solving the section")
         warm_up()
         if tables is not None:
@@ -560,6 +594,7 @@ def _run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float)
         longest_s = SEARCH_LOOK_S if node.urgent or node.trip.searching else LOOK_S
         wait_s = min(max(due - time.monotonic(), 0.0), longest_s) if node.wall_clock else LOOK_S
         received = node.bus.receive(wait_s)
+        node.look_around()
         if received is not None:
             node.take(received)
         for text in refusals.take() if refusals else ():

@@ -16,7 +16,7 @@ from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.config import BusFolder
-from das.bus.topics import DELAY, LOCATION, LOG, POSITION, TRUTH, Topic
+from das.bus.topics import DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH, Topic
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.front import Front, Solution
@@ -166,6 +166,8 @@ class _Feed:
         timing = self.job.timing
         late_s = (self.job.trip.run.start_time_ns - timing.departure_ns) * NS
         text = f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late"
+        # A trip tells of no temporary restrictions; the node must know that there are none.
+        yield timing.first_tick_ns, RESTRICTION, das_pb2.Restrictions(time_ns=timing.first_tick_ns)
         yield timing.first_tick_ns, LOG, happened(timing.first_tick_ns, text)
 
     def _positions(self) -> Iterator[tuple[int, Topic, Message]]:

@@ -17,7 +17,7 @@ class InProcess:
 
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._restrictions: tuple[Restriction, ...] = ()
+        self._restrictions: tuple[Restriction, ...] | None = None
         self._targets: tuple[Target, ...] = ()
         self.restart()
 
@@ -26,7 +26,8 @@ class InProcess:
         service = self._service
         situation = Situation(route=service.route, vehicle=service.vehicle, level=service.level)
         self._trip = Trip(situation, service.onboard, background=False)
-        self._trip.set_restrictions(self._restrictions)
+        if self._restrictions is not None:
+            self._trip.set_restrictions(self._restrictions)
         self._trip.begin(
             [Stop(name=stop.name, position_m=stop.position_m) for stop in service.stops], service.timetables
         )

@@ -19,10 +19,10 @@ class Heard(NamedTuple):
     measured: PositionFix | None
     delay_s: float | None
     restrictions: tuple[Restriction, ...] | None
-    """All that are in force, whenever they change."""
+    """All that are in force, at the first tick that gets through and whenever they change."""
     effort: Effort | None
     targets: tuple[Target, ...] | None
-    """Likewise."""
+    """All that are in force, whenever they change."""
 
 
 class Told(NamedTuple):

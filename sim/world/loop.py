@@ -81,7 +81,8 @@ class World:
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
         self._train_control = TrainControl(day)
         self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.length_m)
-        self._sent: tuple[tuple[Any, ...], tuple[Any, ...]] = ((), ())
+        # A node is told of restrictions even where there are none: until then it must not advise.
+        self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
         self._events: list[str] = []
         self._view: AdviceView | None = None
         self._command: Command = COAST

@@ -17,6 +17,7 @@ from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.inbox import Inbox
+from das.bus.presence import Presence
 from das.bus.session import decoded
 from das.bus.topics import (
     ADVICE,
@@ -71,6 +72,10 @@ class Sink:
         payload = message.SerializeToString()
         assert len(payload) < 100_000
         self.said.append((topic, topic.message.FromString(payload)))
+
+    def presences(self) -> list[Presence]:
+        """Nobody tells who publishes and who does so no more."""
+        return []
 
 
 class World:

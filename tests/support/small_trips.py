@@ -40,6 +40,7 @@ FRONTS = Fronts(threads=1, kept_bytes=200_000_000)
 
 def trip(fronts: Fronts = FRONTS, *, background: bool = False, due: Sequence[Timetable] = DUE) -> Trip:
     made = Trip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background)
+    made.set_restrictions(())
     made.begin(LINE.stops, due)
     return made
 

@@ -61,6 +61,7 @@ class Cab:
             period_s=period_s,
             calibrator=calibrator,
         )
+        self.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
         self.tell(JOURNEY, journey())
 
     def tell(self, topic: Topic, message: Message) -> None:
