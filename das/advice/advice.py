@@ -35,7 +35,10 @@ class Timetable:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """One advice; fields, units and signs are those of das.proto. Mode NONE: withdrawn, `cause` and `reason` say why."""
+    """One advice; fields, units and signs are those of das.proto.
+
+    With mode NONE advice is withdrawn: `cause` says why, and `reason` says it in words.
+    """
 
     time_ns: int
     position_time_ns: int = 0

@@ -238,7 +238,7 @@ class Display:
 
     def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> str:
         """Why this advice, in words."""
-        state, _, planner, goal = scene
+        planner, goal = scene.planner, scene.goal
         settings, policy, fit = self._settings.display, planner.policy, plan.solution.fit
         if excess_mps > settings.overspeed_named_mps:
             return wording.too_fast(excess_mps)

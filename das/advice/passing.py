@@ -25,6 +25,7 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 
+
 @dataclass(frozen=True, kw_only=True)
 class PassingTarget:
     """A point of the line to be passed not before and not after (ns since 1970; None: open), and why."""
@@ -106,7 +107,9 @@ class PassingFronts:
         """
         low = DEFAULT.passing.crawl_mps
         high = max(float(slowest.trajectory.v_mps.max()), 2 * low)
-        braking = next((x for x in (DEFAULT.passing.slowing_mps2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf)
+        braking = next(
+            (x for x in (DEFAULT.passing.slowing_mps2, math.inf) if self._takes(wanted_s, low, x, s_m, v_mps)), math.inf
+        )
         for _ in range(DEFAULT.passing.halvings):
             top = 0.5 * (low + high)
             low, high = (top, high) if self._takes(wanted_s, top, braking, s_m, v_mps) else (low, top)

@@ -193,4 +193,3 @@ class Planner:
             except DasError:
                 pass  # There is a hill that cannot be climbed so slowly.
         return fastest(self.section, state.s_m, state.v_mps)
-

@@ -11,6 +11,7 @@ from das.domain.units import NS
 from das.solver import kernels, rollout_kernels
 from das.solver.section import Section
 
+
 class ReducedSpeed:
     """The reduced maximum speed of a section, judged at the departure and then every while: it stands still between."""
 

@@ -132,7 +132,7 @@ def _position(message: Any, common: dict[str, Any]) -> PositionHeard:
 
 
 def _delay(message: Any, common: dict[str, Any]) -> DelayHeard:
-    return DelayHeard(delay_s=message.delay_s, **common)
+    return DelayHeard(time_ns=message.time_ns, delay_s=message.delay_s, **common)
 
 
 def _effort(message: Any, common: dict[str, Any]) -> EffortHeard:
@@ -184,7 +184,7 @@ def _position_message(value: PositionHeard) -> Message:
 
 
 def _delay_message(value: DelayHeard) -> Message:
-    return das_pb2.Delay(time_ns=value.heard_ns, delay_s=value.delay_s)
+    return das_pb2.Delay(time_ns=value.time_ns, delay_s=value.delay_s)
 
 
 def _effort_message(value: EffortHeard) -> Message:

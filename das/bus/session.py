@@ -21,6 +21,7 @@ from google.protobuf.message import DecodeError, Message
 
 from das.bus.config import BusFile, locked_down, one_line
 from das.bus.inbox import CAPACITY, Inbox
+from das.bus.presence import TOKENS, Presence, Presences
 from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
 from das.domain.errors import DasError
 
@@ -99,7 +100,7 @@ class Bus:
         self._hear = frozenset(topic.name for topic in hear)
         self._config = file.config(train) if file else locked_down(self.listen, self.connect)
         self._place = str(file.path) if file else self.listen or "a session"
-        self._inbox = Inbox(waiting)
+        self._inbox, self._presences = Inbox(waiting), Presences()
         self._stack = ExitStack()
         self._publishers: dict[str, Any] = {}
         self._declared: list[Any] = []
@@ -150,6 +151,20 @@ class Bus:
     def receive(self, timeout_s: float) -> Received | None:
         """The next message, or None after `timeout_s`."""
         return self._inbox.get(timeout_s)
+
+    def watch(self, topics: Sequence[Topic]) -> None:
+        """Look out for the publishers of latched topics, those that are there already and those that come and go."""
+        for topic in topics:
+
+            def noted(sample: zenoh.Sample, topic: Topic = topic) -> None:
+                self._presences.note(topic, str(sample.key_expr), there=sample.kind == zenoh.SampleKind.PUT)
+
+            tokens = f"{topic.key(self.train)}{TOKENS}**"
+            self._declared.append(self._session.liveliness().declare_subscriber(tokens, noted, history=True))
+
+    def presences(self) -> list[Presence]:
+        """Publishers of the topics that are watched which have come or gone since this was last asked."""
+        return self._presences.take()
 
     @property
     def dropped(self) -> int:

@@ -46,7 +46,8 @@ LONGEST_REASON = 80
 """So many letters of a target's reason, or of an error's, are repeated with the advice."""
 
 
-def _no_stopwatch() -> float:
+def no_stopwatch() -> float:
+    """A stopwatch that stands still: nothing that is said depends on how fast the machine is."""
     return 0.0
 
 
@@ -64,7 +65,7 @@ class CabSettings:
     """Whether mass and running resistance are estimated from the measured efforts, and planned with."""
     background: bool = False
     """Whether fronts are looked for in a thread of their own; else each tick waits for what it needs."""
-    stopwatch: Callable[[], float] = _no_stopwatch
+    stopwatch: Callable[[], float] = no_stopwatch
     """Gives seconds for the durations in the status; by default none are measured, so that nothing depends on them."""
     advice: AdviceSettings = field(default_factory=AdviceSettings)
     guard: GuardSettings = field(default_factory=GuardSettings)
@@ -124,9 +125,9 @@ class Cab:
         """
         if isinstance(heard, PublisherSeen):
             waiting = self._guard.see(heard)
-            return self.hear(waiting) if waiting is not None else []
+            return self.hear(dataclasses.replace(waiting, heard_ns=heard.heard_ns)) if waiting is not None else []
         self._clock_ns = heard.heard_ns or self._clock_ns
-        if isinstance(heard, JourneyHeard) and not heard.heard_ns:
+        if isinstance(heard, JourneyHeard) and not heard.heard_ns:  # Nothing else tells the time yet.
             self._clock_ns = max(self._clock_ns, heard.time_ns)
         kind = kind_of(heard)
         try:

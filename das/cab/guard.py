@@ -8,7 +8,6 @@ from das.cab.heard import (
     Heard,
     JourneyHeard,
     Kind,
-    PositionHeard,
     PublisherSeen,
     RestrictionsHeard,
     StateHeard,

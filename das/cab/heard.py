@@ -76,10 +76,11 @@ class PositionHeard(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class DelayHeard(Heard):
-    """The operator's word on the delay (s; late > 0)."""
+    """The operator's word on the delay (s; late > 0), said at `time_ns`."""
 
     kind: ClassVar[Kind] = Kind.DELAY
     delay_s: float
+    time_ns: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +143,7 @@ class PublisherSeen:
     kind: Kind
     source: str
     there: bool
+    heard_ns: int = 0
 
 
 def kind_of(heard: Heard) -> Kind:

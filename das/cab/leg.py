@@ -94,7 +94,10 @@ class Leg:
         return passing is None and before is not None and self.here is not None and self.here.s_m >= before.s_m
 
     def advise(self, here: Estimate) -> Advice:
-        """The advice for a state that advice can rest on, at its time; NoPlanError where the section cannot be finished."""
+        """The advice for a state that advice can rest on, at its time.
+
+        Raises NoPlanError where the section cannot be finished from it.
+        """
         stop, planner = self._settings.stop, self.planner
         state = State(here.time_ns, max(here.s_m, self.section.start_m), here.speed_mps)
         scene = Scene(state, here, planner, self.goal)
@@ -128,4 +131,3 @@ class Leg:
         """How late the train arrived; it is not later every second that it stands."""
         self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
         return (self._arrived_ns - self.goal.arrival_ns) * NS
-

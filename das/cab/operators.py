@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from das.cab.heard import STATES, Heard, Kind, PublisherSeen, RestrictionsHeard, Unreadable, kind_of
 
-MOST_RIVALS, MOST_GONE = 20, 100
+MOST_RIVALS, MOST_GONE = 20, 50
 """At most so many sessions are remembered beside the one that counts, and of those that are gone; the newest stay."""
 
 
@@ -20,7 +20,7 @@ class Operator:
         """The session that counts."""
         self._newest: Heard | None = None
         self._rivals: dict[str, Heard] = {}
-        self._gone: dict[str, None] = {}
+        self._gone: dict[str, Heard | None] = {}
 
     def heeds(self, heard: Heard) -> bool:
         """Whether a message counts; one that does not is kept while its publisher is there.
@@ -32,30 +32,45 @@ class Operator:
             if isinstance(heard, Unreadable):
                 return True
             self._rivals.pop(source, None)
+            if self.source is not None:
+                self._gone[self.source] = self._newest
             self.source = source
         if source == self.source:
             self._newest = heard
             return True
-        if source not in self._gone:
-            if source not in self._rivals and len(self._rivals) >= MOST_RIVALS:
-                self._rivals.pop(next(iter(self._rivals)))
-            self._rivals[source] = heard
+        if source in self._gone:
+            self._gone[source] = heard
+        else:
+            self._wait(source, heard)
         return False
+
+    def _wait(self, source: str, heard: Heard) -> None:
+        """Keep a message for when the session that counts is gone."""
+        if source not in self._rivals and len(self._rivals) >= MOST_RIVALS:
+            self._rivals.pop(next(iter(self._rivals)))
+        self._rivals[source] = heard
 
     def is_rival(self, source: str) -> bool:
         """Whether this session has said something that waits."""
         return source in self._rivals
 
     def see(self, seen: PublisherSeen) -> Heard | None:
-        """Take note of a publisher that came or went; returns the message that counts in its place now, if any."""
+        """Take note of a publisher that came or went; returns the message that counts now for that reason, if any.
+
+        One that comes back still says what it said last.
+        """
         source = seen.source
         if seen.there:
-            self._gone.pop(source, None)
+            said = self._gone.pop(source, None)
+            if said is None or source == self.source:
+                return None
+            if self.source in self._gone:
+                return said
+            self._wait(source, said)
             return None
-        self._gone[source] = None
+        self._gone[source] = self._rivals.pop(source, self._gone.get(source))
         if len(self._gone) > MOST_GONE:
             self._gone.pop(next(one for one in self._gone if one != self.source))
-        self._rivals.pop(source, None)
         return next(iter(self._rivals.values()), None) if source == self.source else None
 
     def contradiction(self) -> str:
@@ -117,4 +132,6 @@ def named(source: str | None) -> str:
 
 def _places(heard: Heard | None) -> list[tuple[float, float, float]] | None:
     """The restrictions of a message in an order of their own; None where it cannot be read."""
-    return sorted(heard.restrictions) if isinstance(heard, RestrictionsHeard) else None
+    if not isinstance(heard, RestrictionsHeard):
+        return None
+    return sorted((one.start_m, one.end_m, one.limit_mps) for one in heard.restrictions)

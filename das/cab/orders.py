@@ -17,7 +17,7 @@ from das.domain.vehicle import Vehicle
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """What the legs need of a journey: stops, a timetable for each leg, the train, and the level (None: the start's)."""
+    """What the legs need of a journey: stops, a timetable for each leg, the train, the level (None: the start's)."""
 
     stops: tuple[Stop, ...]
     timetables: tuple[Timetable, ...]

@@ -22,6 +22,11 @@ class Trains:
             vehicle = load_vehicle(name)
             self._found.setdefault((vehicle.id, ""), vehicle)
 
+    @property
+    def known(self) -> list[Vehicle]:
+        """The trains that have been found so far."""
+        return list(self._found.values())
+
     def find(self, vehicle_id: str, load: str = "") -> Vehicle:
         """The train of an id in a load state (none: as its file gives it); DasError where there is none."""
         if (vehicle_id, load) not in self._found:

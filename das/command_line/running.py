@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -20,11 +21,18 @@ from typer.exceptions import TyperException
 from das.command_line.entry import EXIT_INTERRUPTED, STDERR
 from das.domain.errors import DasError
 
+if TYPE_CHECKING:
+    from das.domain.route import Route
+    from das.domain.vehicle import Vehicle
+
 PRINTED_WIDTH = 110
 """Least width of tables that go to a file or a pipe."""
 WIDEST = 1000
 EXIT_BAD_INPUT = 2
 STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
+
+_warned: set[str] = set()
+"""Warnings this process has printed."""
 
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -91,6 +99,16 @@ def busy(what: str) -> Iterator[None]:
     """Show on a terminal that something is under way."""
     with err.status(what):
         yield
+
+
+def warn_unusual(*read: Vehicle | Route) -> None:
+    """Print a line on standard error for every unusual value of trains and lines that were read, each once."""
+    from das.domain.plausibility import warnings_of
+
+    for line in (line for thing in read for line in warnings_of(thing)):
+        if line not in _warned:
+            _warned.add(line)
+            say(f"warning: {line}")
 
 
 def say(text: str) -> None:

@@ -13,8 +13,8 @@ from enum import IntEnum
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.problems import Problem, ProblemKind
 from das.estimate import track_filter
+from das.estimate.problems import Problem, ProblemKind
 from das.estimate.track_filter import Track
 
 STALE_AFTER_S = 3.0
@@ -80,6 +80,9 @@ DEFAULT_SD = {Quality.GOOD: (5.0, 0.2), Quality.UNKNOWN: (10.0, 0.3), Quality.DE
 """Standard deviations of position (m) and speed (m/s) where a fix states none (assumptions)."""
 
 
+NOTHING_HEARD = Problem(ProblemKind.NO_POSITION)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PositionFix:
     """What sensors say: position of the head (m) and speed (m/s) at a time; NaN: not measured.
@@ -110,7 +113,7 @@ class Estimate:
     speed_mps: float = math.nan
     position_sd_m: float = math.nan
     speed_sd_mps: float = math.nan
-    problem: Problem | None = Problem(ProblemKind.NO_POSITION)
+    problem: Problem | None = NOTHING_HEARD
     rejected: int = 0
     rejection: Problem | None = None
     restarts: int = 0

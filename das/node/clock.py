@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from das.bus import das_pb2
 from das.bus.session import Received
 from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, TARGET
 
@@ -79,7 +78,7 @@ class BusClock:
         elif topic.name in self._heard_ns:
             self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
 
-    def due(self) -> das_pb2.Control | None:
+    def due(self) -> Any | None:
         """The Control message that can be answered now; from now on its time is the clock's."""
         control = self._held
         if control is None:

@@ -41,8 +41,10 @@ class Node:
 
     def look_around(self) -> None:
         """Take note of publishers that came or went."""
-        for topic, source, there in self.bus.presences():
-            self.publish(self.cab.hear(PublisherSeen(kind=Kind(topic.name), source=source, there=there)))
+        now_ns = self.clock.judged_at_ns()
+        for one in self.bus.presences():
+            seen = PublisherSeen(kind=Kind(one.topic.name), source=one.source, there=one.there, heard_ns=now_ns)
+            self.publish(self.cab.hear(seen))
 
     def catch_up(self) -> None:
         """Take what is already there: a node that was started anew has its journey on the bus."""

@@ -13,14 +13,14 @@ from das.bus.config import bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, TARGET
-from das.cab.cab import WALL_STOPWATCH, Cab, CabSettings
+from das.cab.cab import WALL_STOPWATCH, Cab, CabSettings, no_stopwatch
 from das.cab.fronts import Fronts
 from das.cab.orders import Post
 from das.cab.outputs import NodeState
 from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.cab.warm_up import warm_up
-from das.command_line.running import StopFlag, interrupt_on_termination, run_app, say
+from das.command_line.running import StopFlag, interrupt_on_termination, run_app, say, warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
@@ -101,16 +101,16 @@ def command(
     start, end = section_stops(the_route, from_stop, to_stop)
     stops_m = [x.position_m for x in the_route.stops if start.position_m <= x.position_m <= end.position_m]
     situation = Situation(route=the_route, vehicle=started, level=level, point_mass=point_mass)
-    post = Post(
-        train=train, route=the_route, trains=Trains(started, the_vehicle, other_vehicle or ()), reverse=reverse
-    )  # fmt: skip
+    trains = Trains(started, the_vehicle, other_vehicle or ())
+    warn_unusual(the_route, *trains.known)
+    post = Post(train=train, route=the_route, trains=trains, reverse=reverse)
     by_wall = clock == "wall"
     settings = CabSettings(
         advice_period_s=1.0 / rate,
         no_restrictions=no_restrictions,
         calibrate=calibrate,
         background=by_wall,
-        **({"stopwatch": WALL_STOPWATCH} if by_wall else {}),
+        stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
     )
     hear = (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if calibrate else []))
     made = Bus(train, listen=listen, connect=connect or [], hear=hear, file=file)
@@ -119,6 +119,7 @@ def command(
     refusals = Refusals() if file else None
     with made as bus, contextlib.closing(the_cab) as cab:
         node = Node(bus, cab, the_clock)
+        bus.watch([topic for topic in hear if topic.latched])
         node.status(NodeState.STARTING, "solving the section")
         warm_up()
         if tables is not None:

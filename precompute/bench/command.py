@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.command_line.running import busy, err
+from das.command_line.running import busy, err, warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import Section, build_section
@@ -80,6 +80,7 @@ def default_threads() -> int:
 def longest_section(track: str, train: str) -> Section:
     """The longest section of a route between two neighbouring stops."""
     route, vehicle = load_route(track), load_vehicle(train)
+    warn_unusual(route, vehicle)
     start, end = max(pairwise(route.stops), key=lambda pair: pair[1].position_m - pair[0].position_m)
     return build_section(route, vehicle, start_m=start.position_m, end_m=end.position_m)
 

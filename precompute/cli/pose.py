@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from das.command_line.running import warn_unusual
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
@@ -54,7 +55,9 @@ class Pose:
 
     def line(self, conditions: Conditions | None = None) -> Route:
         """The route, driven the way asked for, under the pose's or other conditions."""
-        route = (conditions or self.conditions()).line(load_route(self.route))
+        read = load_route(self.route)
+        warn_unusual(read)
+        route = (conditions or self.conditions()).line(read)
         return route.reversed() if self.reverse else route
 
     def section(self, conditions: Conditions | None = None) -> Section:
@@ -81,6 +84,7 @@ class Pose:
         A loss map changes its losses and nothing else.
         """
         vehicle = load_vehicle(self.vehicle)
+        warn_unusual(vehicle)
         if self.load is not None:
             vehicle = vehicle.loaded(self.load)
         if self.loss_map is not None:

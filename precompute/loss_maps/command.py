@@ -14,7 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from das.command_line.running import PRINTED_WIDTH, busy
+from das.command_line.running import PRINTED_WIDTH, busy, warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
@@ -187,6 +187,7 @@ def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
     if vehicle is not None:
         raise DasError(f"--vehicle {vehicle}: belongs to a CSV map, {name} is a train itself")
     train = load_vehicle(name)
+    warn_unusual(train)
     model = train.loss_model(Level.L3)
     if not isinstance(model, LossMap):
         raise DasError(f"{train.source}: its losses at level {Level.L3} are not a map")

@@ -15,6 +15,7 @@ import das
 import precompute
 import sim
 from das import __version__
+from das.command_line.running import warn_unusual
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation
@@ -69,7 +70,8 @@ class Batch:
         if len(set(ids)) < len(ids):
             raise DasError(f"scenarios {', '.join(ids)}: two have the same id")
         for scenario in read:
-            lay_out(scenario, level=self.level)
+            route, vehicle, _ = lay_out(scenario, level=self.level)
+            warn_unusual(route, vehicle)
             versions = {"version": __version__, "code_sha256": code_sha256()}
             versions |= {f"{name}_sha256": sha256(path) for name, path in scenario_files(scenario).items()}
             for driver, advice, seed in product(self.drivers, self.advice, self.seeds):

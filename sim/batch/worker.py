@@ -36,7 +36,7 @@ def begin(parent: int) -> None:
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)  # or what a worker starts could not be stopped
-    from das.advice.advisor import warm_up
+    from das.cab.warm_up import warm_up
 
     warm_up()
 

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.running import busy, err, interrupt_on_termination, run_app
+from das.command_line.running import busy, err, interrupt_on_termination, run_app, warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.writing import check_writable
@@ -167,6 +167,7 @@ def make_trip(
         from sim.bundled.make_trip import TripPlan, drive, write_trip
 
         the_route, the_vehicle = load_route(route), load_vehicle(vehicle)
+        warn_unusual(the_route, the_vehicle)
         the_route = the_route.reversed() if reverse else the_route
         start, end = section_stops(the_route, from_stop, to_stop)
         section = build_section(the_route, the_vehicle, start_m=start.position_m, end_m=end.position_m)

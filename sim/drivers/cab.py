@@ -130,7 +130,7 @@ def present(
     *,
     clock_zero_ns: int = 0,
 ) -> AdviceView | None:
-    """What the display shows of an advice (a `das.advice.advisor.Advice` or the bus's message), or None.
+    """What the display shows of an advice (a `das.advice.advice.Advice` or the bus's message), or None.
 
     `clock_zero_ns` is the moment at which the cab's clock shows 0.
     """

@@ -19,11 +19,12 @@ from typing import Any
 from google.protobuf.message import Message
 from mcap.reader import make_reader
 
-from das.bus import das_pb2
+from das.bus import codec, das_pb2
 from das.bus.acl import Role
 from das.bus.config import BusFolder
 from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import ADVICE, CONTROL, JOURNEY, RECORDER, RESTRICTION, STATUS, TARGET, Topic
+from das.bus.topics import ADVICE, CONTROL, RECORDER, RESTRICTION, STATUS, TARGET, Topic
+from das.cab.heard import JourneyHeard
 from das.domain.errors import DasError
 from sim.processes.process import Process
 
@@ -101,7 +102,7 @@ class Lockstep:
     ) -> None:
         self._stack.close()
 
-    def begin(self, journey: Message) -> None:
+    def begin(self, journey: JourneyHeard) -> None:
         """Wait for both, and until the node has taken the journey."""
         began = time.perf_counter()
         waiting = (das_pb2.Status.STATE_WAITING, das_pb2.Status.STATE_READY)
@@ -110,7 +111,7 @@ class Lockstep:
             START_TIMEOUT_S,
             "node and recorder to start",
         )
-        self.send(JOURNEY, journey)
+        self.send(*codec.told(journey))
         self._until_taken()
         self.traffic.start_s = time.perf_counter() - began
 

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from das import __version__
-from das.advice.advisor import warm_up
 from das.bus.config import bus_folder
 from das.bus.topics import check_train_name
+from das.cab.warm_up import warm_up
+from das.command_line.running import warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
@@ -124,6 +125,7 @@ def trip_section(trip: Trip, options: ReplayOptions) -> Section:
     if options.vehicle is None:
         raise DasError(f"{trip.path}: a trip without a journey needs --vehicle")
     vehicle = load_vehicle(options.vehicle)
+    warn_unusual(trip.route, vehicle)
     if options.loss_map is not None:
         vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
     return build_section(

@@ -16,12 +16,13 @@ from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.config import BusFolder
-from das.bus.topics import DELAY, LOCATION, LOG, POSITION, TRUTH, Topic
+from das.bus.topics import DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH, Topic
+from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.front import Front, Solution
 from sim.processes.lockstep import Crew, Lockstep, Traffic, sleep_until
-from sim.processes.messages import StopTimes, happened, journey, location
+from sim.processes.messages import happened, location
 from sim.trips.estimate import DrivenEstimate
 from sim.trips.trip import Trip
 
@@ -133,14 +134,18 @@ def _play(job: Job, lockstep: Lockstep, progress: Callable[[int, int], None]) ->
         progress(tick, ticks)
 
 
-def _journey(job: Job) -> das_pb2.Journey:
+def _journey(job: Job) -> JourneyHeard:
     section, timing = job.front.section, job.timing
-    stops = (
-        StopTimes(job.names[0], section.start_m, 0, timing.departure_ns),
-        StopTimes(job.names[1], section.end_m, timing.arrival_ns, 0),
-    )
-    return journey(
-        job.train, section.route, section.vehicle, stops, reversed_=job.reversed, time_ns=timing.first_tick_ns
+    return JourneyHeard(
+        time_ns=timing.first_tick_ns,
+        train=job.train,
+        route_id=section.route.id,
+        vehicle_id=section.vehicle.id,
+        reversed=job.reversed,
+        stops=(
+            OrderedStop(job.names[0], section.start_m, departure_ns=timing.departure_ns),
+            OrderedStop(job.names[1], section.end_m, arrival_ns=timing.arrival_ns),
+        ),
     )
 
 
@@ -166,6 +171,8 @@ class _Feed:
         timing = self.job.timing
         late_s = (self.job.trip.run.start_time_ns - timing.departure_ns) * NS
         text = f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late"
+        # A trip tells of no temporary restrictions; the node must know that there are none.
+        yield timing.first_tick_ns, RESTRICTION, das_pb2.Restrictions(time_ns=timing.first_tick_ns)
         yield timing.first_tick_ns, LOG, happened(timing.first_tick_ns, text)
 
     def _positions(self) -> Iterator[tuple[int, Topic, Message]]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from das.advice.advisor import Timetable
+from das.advice.advice import Timetable
 from sim.drivers.cab import AT_STOP_M
 from sim.plant.plant import PlantState
 from sim.world.day import Day

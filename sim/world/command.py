@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from das.command_line.running import PRINTED_WIDTH, busy, interrupt_on_termination
+from das.command_line.running import PRINTED_WIDTH, busy, interrupt_on_termination, warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.losses import Level
@@ -95,9 +95,9 @@ def run(
     if out is not None:
         check_writable(out)
     with busy("reading the scenario and solving its sections …"):
-        from das.advice.advisor import warm_up
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
+        from das.cab.warm_up import warm_up
         from sim.drivers.cab import Presentation
         from sim.drivers.registry import DriverKind
         from sim.world.day import make_day
@@ -114,6 +114,7 @@ def run(
                 raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
         warm_up()
         day = make_day(prepare_service(read, level=level), seed)
+        warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     if not in_process:
         out = out or new_recording("run")
     options = _Options(driver=kind, advice=presentation, speed=factor, out=out, train=train, bus=files)

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from das.cab.trip import Target
-from das.estimate.calibration import Effort
-from das.estimate.localisation import PositionFix
-from sim.drivers.cab import Cab, Restriction
+from das.cab.heard import Heard
+from sim.drivers.cab import Cab
 from sim.plant.plant import Command, PlantState
 
 
-class Heard(NamedTuple):
-    """What goes to the node at a tick; None: nothing is said of it now."""
+class Tick(NamedTuple):
+    """A tick of the simulation: its number, its time (ns since 1970), and what the on-board system is told at it.
 
-    tick: int
+    All restrictions in force are told at the first tick that gets through, even if there are none, and whenever they
+    change; all targets in force whenever they change.
+    """
+
+    number: int
     now_ns: int
-    measured: PositionFix | None
-    delay_s: float | None
-    restrictions: tuple[Restriction, ...] | None
-    """All that are in force, whenever they change."""
-    effort: Effort | None
-    targets: tuple[Target, ...] | None
-    """Likewise."""
+    told: tuple[Heard, ...]
 
 
 class Told(NamedTuple):
@@ -37,11 +33,11 @@ class Told(NamedTuple):
 class Link(Protocol):
     """The way to the advice and to the recording."""
 
-    def exchange(self, heard: Heard) -> Any:
-        """The advice for a tick (`das.advice.advisor.Advice` or the bus's message)."""
+    def exchange(self, tick: Tick) -> Any:
+        """The advice for a tick (`das.advice.advice.Advice` or the bus's message)."""
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Record what nobody advises on."""
 
     def restart(self) -> None:
-        """Kill the node and start it anew."""
+        """Kill the on-board system and start it anew."""

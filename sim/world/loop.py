@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from das.cab.heard import (
+    DelayHeard,
+    EffortHeard,
+    Heard,
+    PositionHeard,
+    RestrictionsHeard,
+    TargetsHeard,
+    ToldRestriction,
+)
 from das.domain.errors import DasError
 from das.estimate.calibration import Effort
 from das.estimate.localisation import PositionFix
@@ -16,7 +25,7 @@ from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, present
 from sim.plant.plant import COAST, Command, PlantState
 from sim.world.calls import Call, Calls
 from sim.world.day import Day
-from sim.world.link import Heard, Link, Told
+from sim.world.link import Link, Tick, Told
 from sim.world.news import News
 from sim.world.safety import Violations, Watch
 from sim.world.sensors import Localisation, TrainControl
@@ -81,7 +90,8 @@ class World:
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
         self._train_control = TrainControl(day)
         self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.length_m)
-        self._sent: tuple[tuple[Any, ...], tuple[Any, ...]] = ((), ())
+        # A node is told of restrictions even where there are none: until then it must not advise.
+        self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
         self._events: list[str] = []
         self._view: AdviceView | None = None
         self._command: Command = COAST
@@ -145,7 +155,8 @@ class World:
         if self._news.cut_off(state.time_s):
             self._counts.unheard += 1
             return
-        advice = self.link.exchange(self._heard(tick, now_ns, state, measured, effort))
+        told = tuple(self._told(tick, now_ns, state, measured, effort))
+        advice = self.link.exchange(Tick(tick, now_ns, told))
         self._counts.take(advice)
         self._view = present(
             advice,
@@ -154,20 +165,22 @@ class World:
             clock_zero_ns=self.service.timetables[0].departure_ns,
         )
 
-    def _heard(
+    def _told(
         self, tick: int, now_ns: int, state: PlantState, measured: PositionFix | None, effort: Effort | None
-    ) -> Heard:
-        told = (self._news.told, self._news.targets)
-        before, self._sent = self._sent, told
-        return Heard(
-            tick=tick,
-            now_ns=now_ns,
-            measured=measured,
-            delay_s=self._delay_s(state) if tick % DELAY_EVERY_S == 1 else None,
-            restrictions=told[0] if told[0] != before[0] else None,
-            targets=told[1] if told[1] != before[1] else None,
-            effort=effort,
-        )
+    ) -> Iterator[Heard]:
+        """What sensors and operators say at a tick."""
+        if measured is not None:
+            yield PositionHeard(fix=measured)
+        if effort is not None:
+            yield EffortHeard(effort=effort)
+        if tick % DELAY_EVERY_S == 1:
+            yield DelayHeard(time_ns=now_ns, delay_s=self._delay_s(state))
+        before, self._sent = self._sent, (self._news.told, self._news.targets)
+        if self._news.told != before[0]:
+            restrictions = tuple(ToldRestriction(*one) for one in self._news.told)
+            yield RestrictionsHeard(time_ns=now_ns, restrictions=restrictions)
+        if self._news.targets != before[1]:
+            yield TargetsHeard(time_ns=now_ns, targets=self._news.targets)
 
     def _delay_s(self, state: PlantState) -> float:
         """Deviation from the plan for the timetable, as the operator knows it; who waits for the time is not early."""

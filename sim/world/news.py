@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from das.cab.trip import Target
+from das.cab.heard import Target
 from das.domain.units import KM, KMH
 from sim.drivers.cab import Restriction as Shown
 from sim.plant.plant import PlantState

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
 from das import __version__
-from das.bus import das_pb2
+from das.bus import codec, das_pb2
 from das.bus.config import BusFolder
-from das.bus.topics import CAB, DELAY, EFFORT, LOCATION, LOG, POSITION, RESTRICTION, TARGET, TRUTH
-from das.estimate.localisation import PositionFix
+from das.bus.topics import CAB, LOCATION, LOG, TRUTH
+from das.cab.heard import PositionHeard
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
 from sim.plant.kernels import demanded
 from sim.processes.lockstep import Crew, Lockstep, Traffic
-from sim.processes.messages import StopTimes, happened, journey, location
+from sim.processes.messages import happened, location
 from sim.recording.inputs import sha256
 from sim.world.day import Day
 from sim.world.disturbances import described
-from sim.world.link import Heard, Told
+from sim.world.link import Tick, Told
 from sim.world.loop import BEFORE_S, Progress, Run, World
 from sim.world.service import Service, scenario_files
 
@@ -40,25 +40,19 @@ class OverBus:
     def __init__(self, day: Day, lockstep: Lockstep) -> None:
         self._day, self._lockstep = day, lockstep
 
-    def exchange(self, heard: Heard) -> Any:
-        """Send what is heard at a tick and wait for the node's advice."""
-        send, now_ns = self._lockstep.send, heard.now_ns
-        if heard.measured is not None:
-            send(POSITION, _position(heard.measured))
-            place = self._day.service.route.location_deg(heard.measured.s_m)
-            if place is not None:
-                send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
-        if heard.effort is not None:
-            send(EFFORT, das_pb2.Effort(**asdict(heard.effort)))
-        if heard.delay_s is not None:
-            send(DELAY, das_pb2.Delay(time_ns=now_ns, delay_s=heard.delay_s))
-        if heard.restrictions is not None:
-            told = [das_pb2.Restrictions.Restriction(**x._asdict()) for x in heard.restrictions]
-            send(RESTRICTION, das_pb2.Restrictions(time_ns=now_ns, restrictions=told))
-        if heard.targets is not None:
-            targets = [das_pb2.Targets.Target(**x._asdict()) for x in heard.targets]
-            send(TARGET, das_pb2.Targets(time_ns=now_ns, targets=targets))
-        return self._lockstep.ask(now_ns, heard.tick)
+    def exchange(self, tick: Tick) -> Any:
+        """Send what is told at a tick and wait for the node's advice."""
+        for heard in tick.told:
+            self._lockstep.send(*codec.told(heard))
+            if isinstance(heard, PositionHeard):
+                self._locate(tick.now_ns, heard.fix.s_m)
+        return self._lockstep.ask(tick.now_ns, tick.number)
+
+    def _locate(self, now_ns: int, s_m: float) -> None:
+        """Record where the train is on the map, where the route has a place for it."""
+        place = self._day.service.route.location_deg(s_m)
+        if place is not None:
+            self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Send what is recorded beside."""
@@ -84,7 +78,7 @@ def run_over_bus(
 ) -> Recorded:
     """Drive a day with node and recorder as processes; DasError where one fails or the train does not get there."""
     with Lockstep(crew) as lockstep:
-        lockstep.begin(_journey(crew.train, day.service))
+        lockstep.begin(day.service.journey(crew.train, day.service.moment_ns(-BEFORE_S)))
         run = World(day, driver, presentation, OverBus(day, lockstep)).run(progress)
         lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
     return Recorded(run, lockstep.traffic)
@@ -143,34 +137,6 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
     if scenario.sensors.force_noise_ratio is not None:
         arguments.append("--calibrate")
     return tuple(arguments)
-
-
-def _journey(train: str, service: Service) -> Message:
-    arrivals = [0, *(table.arrival_ns for table in service.timetables)]
-    departures = [*(table.departure_ns for table in service.timetables), 0]
-    stops = [
-        StopTimes(stop.name, stop.position_m, arrival_ns, departure_ns)
-        for stop, arrival_ns, departure_ns in zip(service.stops, arrivals, departures, strict=True)
-    ]
-    return journey(
-        train,
-        service.route,
-        service.vehicle,
-        stops,
-        reversed_=service.scenario.reverse,
-        time_ns=service.moment_ns(-BEFORE_S),
-    )
-
-
-def _position(fix: PositionFix) -> Message:
-    return das_pb2.Position(
-        time_ns=fix.time_ns,
-        s_m=fix.s_m,
-        speed_mps=fix.speed_mps,
-        uncertainty_m=fix.uncertainty_m,
-        speed_uncertainty_mps=fix.speed_uncertainty_mps,
-        quality=das_pb2.Position.Quality.ValueType(fix.quality),
-    )
 
 
 def _truth(day: Day, now_ns: int, told: Told) -> Message:

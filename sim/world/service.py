@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
-from das.advice.advisor import Timetable
+from das.advice.advice import Timetable
 from das.cab.fronts import Fronts
+from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
@@ -51,6 +52,20 @@ class Service:
     planned: tuple[Solution, ...]
     line: LineKnowledge
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
+
+    def journey(self, train: str, time_ns: int) -> JourneyHeard:
+        """The journey as an operator orders it, said at a moment."""
+        arrivals_ns = [0, *(table.arrival_ns for table in self.timetables)]
+        departures_ns = [*(table.departure_ns for table in self.timetables), 0]
+        stops = zip(self.stops, arrivals_ns, departures_ns, strict=True)
+        return JourneyHeard(
+            time_ns=time_ns,
+            train=train,
+            route_id=self.route.id,
+            vehicle_id=self.vehicle.id,
+            reversed=self.scenario.reverse,
+            stops=tuple(OrderedStop(stop.name, stop.position_m, *times) for stop, *times in stops),
+        )
 
     def clock_s(self, time_ns: int) -> float:
         """A moment on the run's clock, which shows 0 at the timetable's departure."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from das.advice.advisor import Advice
+
 from das.domain.errors import DasError
 from sim.drivers.cab import AT_STOP_M, Presentation
 from sim.drivers.registry import DriverKind

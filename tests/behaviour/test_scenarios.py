@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from das.advice.advisor import VALID_FOR_S, Advice
+
 from das.advice.plan import Mode
 from das.domain.conditions import Conditions
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
@@ -178,7 +178,8 @@ def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
     assert speed_mps[within].max() <= one.speed_mps + TRACKING_MPS
     assert speed_mps[s_m < one.from_m - 2_000].max() > one.speed_mps + 5
     told = [(heard.restrictions, driven.run.states[heard.tick - 1].s_m) for heard in driven.said.heard]
-    (first, begun_m), (last, over_m) = [entry for entry in told if entry[0] is not None]
+    none, (first, begun_m), (last, over_m) = [entry for entry in told if entry[0] is not None]
+    assert none == told[0] == ((), 0.0)  # at the first tick: a node must know that there are none
     assert first is not None
     assert [tuple(x) for x in first] == [(one.from_m, one.to_m, one.speed_mps)]
     assert last == ()

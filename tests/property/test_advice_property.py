@@ -12,9 +12,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from das.advice.advisor import AT_STOP_M, Advice, Advisor, PositionFix, Source, Timetable, bare_front
 from numpy.typing import NDArray
 
-from das.advice.advisor import AT_STOP_M, Advice, Advisor, PositionFix, Source, Timetable, bare_front
 from das.advice.plan import Mode
 from das.cab.fronts import Situation, onboard_ladder
 from das.domain.files.load import load_route, load_vehicle

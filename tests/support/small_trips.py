@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from das.advice.advisor import Advice, PositionFix, Timetable
-from das.cab.fronts import Fronts, Situation
 from das.cab.trip import Trip
+
+from das.cab.fronts import Fronts, Situation
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.units import NS
@@ -40,6 +41,7 @@ FRONTS = Fronts(threads=1, kept_bytes=200_000_000)
 
 def trip(fronts: Fronts = FRONTS, *, background: bool = False, due: Sequence[Timetable] = DUE) -> Trip:
     made = Trip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background)
+    made.set_restrictions(())
     made.begin(LINE.stops, due)
     return made
 

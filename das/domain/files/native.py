@@ -14,11 +14,14 @@ from das.domain.files.reading import Fields, number, read_toml
 from das.domain.files.ttobench import check_tunnel_resistance, curvature_stretches
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import EfficiencyLoss, Level, LossModel
+from das.domain.plausibility import ACCEPTED, ROUTE_CHECKS, VEHICLE_CHECKS, check_route, check_vehicle
 from das.domain.route import Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
 
 SCHEMA_VERSION = 1
+INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
+"""How a file's maker gets past a value that is refused for not being plausible."""
 
 _VEHICLE = {
     "mass": "mass",
@@ -44,7 +47,7 @@ def read_vehicle(path: Path) -> Vehicle:
         ]
     )
     main = fields.table("vehicle")
-    main.check_keys(["id", "name", "source", "rotating_mass_ratio", *main.quantity_keys(_VEHICLE)])
+    main.check_keys(["id", "name", "source", ACCEPTED, "rotating_mass_ratio", *main.quantity_keys(_VEHICLE)])
     resistance = fields.table("resistance")
     resistance.check_keys(["source", *resistance.quantity_keys(_RESISTANCE)])
     traction = _envelope(fields.table("traction"))
@@ -58,7 +61,7 @@ def read_vehicle(path: Path) -> Vehicle:
     electric = electric or EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
     losses, default = _losses(fields.table("losses"), traction, electric, max_speed_mps)
     areas, coefficients = _tunnel_resistance(fields)
-    return Vehicle(
+    vehicle = Vehicle(
         id=main.text("id"),
         name=main.text("name"),
         source=str(path),
@@ -86,6 +89,7 @@ def read_vehicle(path: Path) -> Vehicle:
         losses=MappingProxyType(losses),
         loads=MappingProxyType(_loads(fields)),
     )
+    return check_vehicle(vehicle, _accepted(main, VEHICLE_CHECKS), insist=INSIST % "vehicle")
 
 
 def read_loss_chain(path: Path) -> LossChain:
@@ -109,7 +113,7 @@ def read_route(path: Path) -> Route:
     main = fields.table("route")
     main.check_keys(
         [
-            *("id", "name", "source", "description", "illustrative"),
+            *("id", "name", "source", "description", "illustrative", ACCEPTED),
             *main.quantity_keys({"length": "length", "altitude_at_start": "length"}),
         ]
     )
@@ -121,7 +125,7 @@ def read_route(path: Path) -> Route:
     if fields.has("curves"):
         columns = fields.columns("curves", {"position": "length", "radius_start": "length", "radius_end": "length"})
         curves = [list(row) for row in zip(*columns.values(), strict=True)]
-    return Route(
+    route = Route(
         id=main.text("id"),
         name=main.text("name"),
         source=str(path),
@@ -140,6 +144,15 @@ def read_route(path: Path) -> Route:
         geometry_latitude_deg=np.array(geometry["latitude"]),
         geometry_longitude_deg=np.array(geometry["longitude"]),
     )
+    return check_route(route, _accepted(main, ROUTE_CHECKS), insist=INSIST % "route")
+
+
+def _accepted(main: Fields, checks: tuple[str, ...]) -> list[str]:
+    """The plausibility checks whose refusal a file accepts."""
+    names = main.data.get(ACCEPTED, [])
+    if not isinstance(names, list) or any(name not in checks for name in names):
+        raise main.error(ACCEPTED, names, f"a list of names out of {', '.join(checks)}")
+    return names
 
 
 def _adhesive_mass(fields: Fields) -> float:

@@ -13,9 +13,13 @@ from das.domain.errors import MISSING, InputError
 from das.domain.files.reading import Fields, number, read_json
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.losses import EfficiencyLoss, Level
+from das.domain.plausibility import check_route, check_vehicle
 from das.domain.route import Route, Stop, Stretches, Tunnel
 from das.domain.units import FACTORS, to_si
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+
+INSIST = "correct the file, or convert it to TOML (docs/file-formats.md), which can accept {check}"
+"""How somebody gets past a value that is refused for not being plausible."""
 
 
 def read_train(path: Path) -> Vehicle:
@@ -31,7 +35,7 @@ def read_train(path: Path) -> Vehicle:
         _efficiency(fields, "efficiency reg brake") if has_electric_brake else 1.0,
     )
     areas, coefficients = _tunnel_resistance(fields)
-    return Vehicle(
+    vehicle = Vehicle(
         id=_identity(fields),
         name=_identity(fields),
         source=str(path),
@@ -60,6 +64,7 @@ def read_train(path: Path) -> Vehicle:
         tunnel_resistance_n_per_mps2=coefficients,
         losses=MappingProxyType({Level.OWN: own}),
     )
+    return check_vehicle(vehicle, insist=INSIST)
 
 
 def read_track(path: Path) -> Route:
@@ -73,7 +78,7 @@ def read_track(path: Path) -> Route:
     limits = _rows(fields, "speed limits", ("position", "length"), ("velocity", "speed"))
     gradients = _rows(fields, "gradients", ("position", "length"), ("slope", "gradient"))
     identity = _identity(fields)
-    return Route(
+    route = Route(
         id=identity,
         name=identity,
         source=str(path),
@@ -103,6 +108,7 @@ def read_track(path: Path) -> Route:
         geometry_latitude_deg=np.empty(0),
         geometry_longitude_deg=np.empty(0),
     )
+    return check_route(route, insist=INSIST)
 
 
 _TIMING = {

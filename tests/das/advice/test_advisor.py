@@ -9,10 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from das.advice.advisor import UNHURRIED_S, Advice, Advisor, Source, Timetable
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from das.advice.advisor import UNHURRIED_S, Advice, Advisor, Source, Timetable
 from das.advice.plan import (
     FOUR_MODES,
     IDLE_EFFORT_RATIO,

@@ -19,7 +19,7 @@ from das.bus import das_pb2
 from das.bus.config import BusFile, bus_folder
 from das.bus.session import Bus, Received, free_ports
 from das.bus.tls import LISTENERS, write_bus_folder
-from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RECORDER, STATUS
+from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS
 from sim.processes.lockstep import Crew, Lockstep
 from sim.recording.reading import read_recording
 
@@ -97,6 +97,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         )
         # Before there is a node: it has to fetch the journey when it comes, which access control must let it.
         simulator.publish(JOURNEY, journey(time.time_ns()))
+        simulator.publish(RESTRICTION, das_pb2.Restrictions(time_ns=time.time_ns()))
         cab = stack.enter_context(Bus(TRAIN, hear=(ADVICE, POSITION), file=BusFile(folder / "cab.json5")))
         node = start("das.node", said["node"], *ROUTE, "--bus", str(folder / "node.json5"))
         out_arguments = ("--out", str(out), "--bus", str(folder / "recorder.json5"))
@@ -239,6 +240,7 @@ def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: 
     )
     with Lockstep(crew) as lockstep:
         lockstep.begin(journey(start_ns))
+        lockstep.send(RESTRICTION, das_pb2.Restrictions(time_ns=start_ns))
         for tick in range(1, 4):
             now_ns = start_ns + tick * 10**9
             lockstep.send(POSITION, das_pb2.Position(time_ns=now_ns, s_m=1_000.0 + 30.0 * tick, speed_mps=30.0))

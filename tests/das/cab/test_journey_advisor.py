@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-
 from das.advice.advisor import Advisor, Timetable
-from das.advice.plan import Mode
 from das.cab.journey_advisor import JourneyAdvisor
+
+from das.advice.plan import Mode
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.localisation import PositionFix

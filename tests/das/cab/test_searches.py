@@ -6,12 +6,12 @@ from threading import Event
 
 import numpy as np
 import pytest
-
 from das.advice.advisor import Advice, Source
+from das.cab.trip import TRY_AGAIN_S, Target, Trip
+
 from das.advice.passing import PassingFronts
 from das.advice.plan import Mode
 from das.cab.fronts import Found, Fronts
-from das.cab.trip import TRY_AGAIN_S, Target, Trip
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.route import Restriction

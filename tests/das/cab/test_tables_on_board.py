@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from das.advice.advisor import Source
+
 from das.cab.fronts import Fronts, loaded_front
 from das.domain.errors import DasError
 from das.domain.route import Restriction

@@ -6,10 +6,10 @@ import math
 import re
 
 import pytest
+from das.cab.trip import Target, Trip
 
 from das.advice.passing import PassingFronts, PassingTarget, time_at
 from das.cab.fronts import onboard_ladder
-from das.cab.trip import Target, Trip
 from das.domain.errors import DasError
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.units import NS

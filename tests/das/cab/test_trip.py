@@ -9,12 +9,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-
 from das.advice.advisor import Advisor, PositionFix, Timetable
+from das.cab.trip import Target, Trip
+
 from das.advice.plan import LONGEST_RATIO, Mode
 from das.cab.fronts import Fronts, Situation
 from das.cab.trains import Trains
-from das.cab.trip import Target, Trip
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
@@ -122,7 +122,7 @@ def test_without_a_thread_the_order_in_which_things_are_told_does_not_matter() -
     one = Restriction(start_m=2000.0, end_m=3000.0, limit_mps=10.0)
     news = []
     for order in ((0, 1), (1, 0)):
-        made = Trip(Situation(route=LINE, vehicle=TRAIN), Fronts(threads=1), background=False)
+        made = Trip(Situation(route=LINE, vehicle=TRAIN), Fronts(threads=1), background=False, unrestricted=True)
         told = [partial(made.begin, LINE.stops, DUE), partial(made.set_restrictions, [one])]
         for which in order:
             told[which]()
@@ -147,7 +147,7 @@ def test_a_section_that_could_not_be_made_is_not_taken_for_prepared(monkeypatch:
 def test_a_hill_that_cannot_be_climbed_under_a_restriction_withdraws_with_the_reason() -> None:
     hill = Stretches(start_m=np.array([0.0, 2500.0, 2700.0]), value=np.array([0.0, 0.12, 0.0]))
     steep = replace(LINE, gradients_ratio=hill)
-    made = Trip(Situation(route=steep, vehicle=TRAIN), Fronts(threads=1), background=False)
+    made = Trip(Situation(route=steep, vehicle=TRAIN), Fronts(threads=1), background=False, unrestricted=True)
     made.begin(steep.stops, DUE)
     assert at(made, 60, 2000.0, 24.0).mode is not Mode.NONE
     made.set_restrictions([Restriction(start_m=2300.0, end_m=2700.0, limit_mps=3.0)])
@@ -203,7 +203,9 @@ def test_stops_at_the_same_places_may_have_other_names() -> None:
 
 def test_conditions_the_train_could_not_drive_under_are_ignored_and_said() -> None:
     hill = Stretches(start_m=np.array([0.0, 300.0, 2700.0]), value=np.array([0.0, 0.03, 0.0]))
-    made = Trip(Situation(route=replace(LINE, gradients_ratio=hill), vehicle=TRAIN), FRONTS, background=False)
+    made = Trip(
+        Situation(route=replace(LINE, gradients_ratio=hill), vehicle=TRAIN), FRONTS, background=False, unrestricted=True
+    )
     made.begin(LINE.stops, DUE)
     before = at(made, 60, 1500.0, 24.0)
     made.take_news()

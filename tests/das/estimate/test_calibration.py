@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sim.world.ride import Leg, ride
 
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
@@ -39,7 +40,6 @@ from das.estimate.calibration import (
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import COAST, Patch, Plant, PlantState, force
-from sim.world.ride import Leg, ride
 from tests.support.making import flat, make_train
 
 States = tuple[PlantState, ...]

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from das.advice.advisor import UNHURRIED_S
+
 from das.bus import das_pb2
 from das.bus.recorder import main as recorder_main
 from das.bus.session import Bus, Received, check_endpoint, endpoint, free_ports
@@ -70,7 +70,12 @@ def node(*extra: str) -> Iterator[tuple[Bus, subprocess.Popen[str]]]:
         ours,
     ]
     hear = (ADVICE, STATUS, PLAN, EVENT)
-    with process("das.node", *arguments, *extra) as child, Bus(TRAIN, listen=ours, connect=[theirs], hear=hear) as bus:
+    with (
+        process("das.node", *arguments, *extra) as child,
+        Bus(TRAIN, listen=ours, connect=[theirs], hear=hear) as bus,
+    ):
+        if "--no-restrictions" not in extra:
+            bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=1))
         yield bus, child
 
 
@@ -194,7 +199,9 @@ def test_node_refuses_journeys_it_cannot_drive() -> None:
     wrong = {
         "it drives the route in reverse, this node has it forwards": {"reversed": True},
         "it is for train 'T2', this node is for 'T1'": {"train": "T2"},
-        "expected one that leads forwards on the route": {"stops": [{"s_m": 0.0}, {"s_m": 1e10}]},
+        "expected one that leads forwards on the route": {
+            "stops": [{"s_m": 0.0, "departure_ns": START_NS}, {"s_m": 1e10, "arrival_ns": START_NS + 300 * 10**9}]
+        },
         "it has 1 stops, expected at least 2": {"stops": [{"s_m": 0.0}]},
         "it is for vehicle '../x', this node knows re460-ic, re460-ic-igbt": {"vehicle_id": "../x"},
         "no load 'full'": {"load": "full"},
@@ -207,6 +214,8 @@ def test_node_refuses_journeys_it_cannot_drive() -> None:
             ]
         },
         "the arrival is not after the departure": {"arrival_s": 0.0},
+        "the first stop has no departure": {"stops": [{"s_m": 0.0}, {"s_m": 6e3, "arrival_ns": START_NS}]},
+        "the last stop has no arrival": {"stops": [{"s_m": 0.0, "departure_ns": START_NS}, {"s_m": 6e3}]},
     }
     with node("--clock", "bus") as (bus, child):
         until(bus, status(das_pb2.Status.STATE_WAITING), child)

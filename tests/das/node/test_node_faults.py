@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from das.cab.trip import Trip
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 
@@ -19,7 +20,6 @@ from das.bus.session import decoded
 from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.fronts import Fronts, Situation
 from das.cab.trains import Trains
-from das.cab.trip import Trip
 from das.domain.files.load import load_route, load_vehicle
 from das.estimate.calibration import Calibrator
 from das.estimate.localisation import Localisation
@@ -61,6 +61,7 @@ class Cab:
             period_s=period_s,
             calibrator=calibrator,
         )
+        self.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
         self.tell(JOURNEY, journey())
 
     def tell(self, topic: Topic, message: Message) -> None:

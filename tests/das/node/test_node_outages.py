@@ -73,6 +73,7 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
     node_at, simulator_at, recorder_at, cab_at = (endpoint(port) for port in free_ports(4))
     others = [word for at in (simulator_at, recorder_at, cab_at) for word in ("--connect", at)]
     of_node = ("-m", "das.node", *FLAT, "--train", TRAIN, "--rate", "5", "--listen", node_at, *others)
+    none = das_pb2.Restrictions(time_ns=time.time_ns())
     of_simulator = ("-c", SIMULATOR, simulator_at, node_at)
     of_recorder = ("--train", TRAIN, "--listen", recorder_at, "--connect", node_at, "--out", str(tmp_path / "run.mcap"))
     with (
@@ -81,6 +82,7 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
         python("-m", "das.bus.recorder", *of_recorder) as recorder,
         python(*of_simulator) as simulator,
     ):
+        bus.publish(RESTRICTION, none)
         until(bus, given)
         until(bus, lambda r: r.topic is RECORDER and r.message.messages > 0)
         recorder.kill()
@@ -178,6 +180,7 @@ def test_a_node_whose_clock_was_wrong_when_it_was_told_knows_it_when_the_clock_i
 def test_a_clock_set_back_does_not_hold_back_the_plan() -> None:
     sink, now_ns = Sink(), 1_800_000_000 * S
     node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
+    node.take(heard(RESTRICTION, das_pb2.Restrictions(time_ns=1)))
     node.take(heard(JOURNEY, journey(now_ns)))
     for moment_ns, plans in ((now_ns, 1), (now_ns + S, 1), (now_ns - 3600 * S, 2)):
         node._bus_clock_ns = moment_ns

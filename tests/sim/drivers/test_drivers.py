@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from das.advice.advisor import Advice, Advisor, Timetable
+from sim.world.ride import Advise, Leg, Ride, advised_by, ride
+
 from das.advice.plan import Mode
 from das.bus import das_pb2
 from das.domain.errors import InputError
@@ -31,7 +32,6 @@ from sim.drivers.parameters import HumanParameters, parameter_markdown
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import LEVER
 from sim.plant.plant import Command, Plant, PlantState
-from sim.world.ride import Advise, Leg, Ride, advised_by, ride
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
 
 RE460 = load_vehicle("re460-ic")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from das.advice.advisor import Advisor
+
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix
