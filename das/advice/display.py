@@ -112,7 +112,7 @@ class Display:
             mode=self._mode,
             four_mode=Mode.FULL_BRAKE,
             next_four_mode=Mode.STOP,
-            display_speed_mps=self._displayed(min(v_mps, allowed), allowed),
+            display_speed_mps=self.displayed(min(v_mps, allowed), allowed),
             reduced_max_speed_mps=allowed,
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
@@ -150,7 +150,7 @@ class Display:
             speed_mps=state.v_mps,
             mode=mode,
             advised_speed_mps=advised,
-            display_speed_mps=self._displayed(advised, allowed),
+            display_speed_mps=self.displayed(advised, allowed),
             reduced_max_speed_mps=planner.reduced.at(state.s_m, state.v_mps, state.now_ns, goal.arrival_ns),
             four_mode=four,
             next_four_mode=next_four.mode,
@@ -227,7 +227,7 @@ class Display:
         run = plan.solution.trajectory
         return self._four_mode, _Change(after, math.nan, float(run.t_s[change]) - place.time_s)
 
-    def _displayed(self, advised_mps: float, allowed_mps: float) -> float:
+    def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The advised speed in whole steps, held within a band, never above what is allowed."""
         step, band = self._settings.display.speed_step_mps, self._settings.display.speed_band_ratio
         away = abs(advised_mps - self._shown_mps)

@@ -161,7 +161,7 @@ class Cab:
             self._answer(now_ns, dropped)
         except Exception as error:  # It is said, and tried again at the next tick.
             self._failing = True
-            self._reporting.forget_mode()
+            self._reporting.note_internal_error()
             text = self._unforeseen(error)
             self._reporting.say(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
             self._reporting.say(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=text))

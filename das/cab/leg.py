@@ -49,9 +49,13 @@ class Leg:
 
     def facts(self, refusal: str) -> LegFacts:
         """What the decision on advice needs to know; `refusal` says why the section cannot be driven, if so."""
-        section = self.section
+        section, goal = self.section, self.goal
         return LegFacts(
-            start_m=section.start_m, end_m=section.end_m, departure_ns=self.goal.departure_ns, refusal=refusal
+            start_m=section.start_m,
+            end_m=section.end_m,
+            departure_ns=goal.departure_ns,
+            is_timed=goal.due_ns > 0,
+            refusal=refusal,
         )
 
     def use(self, policy: Policy) -> None:

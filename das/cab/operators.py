@@ -50,6 +50,11 @@ class Operator:
             self._rivals.pop(next(iter(self._rivals)))
         self._rivals[source] = heard
 
+    @property
+    def remembered(self) -> tuple[int, int]:
+        """How many sessions are remembered beside the one that counts: those that wait, and those that are gone."""
+        return len(self._rivals), len(self._gone)
+
     def is_rival(self, source: str) -> bool:
         """Whether this session has said something that waits."""
         return source in self._rivals
@@ -107,6 +112,10 @@ class Operators:
         """The session that counts for a state, as far as one is known."""
         operator = self._of.get(kind)
         return operator.source if operator is not None else None
+
+    def remembered(self, kind: Kind) -> tuple[int, int]:
+        """How many sessions of a state wait, and how many that are gone are remembered."""
+        return self._of[kind].remembered
 
     def see(self, seen: PublisherSeen) -> Heard | None:
         """Take note of a publisher that came or went; returns the message to be taken again, for it counts now."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from das.advice import wording
 from das.advice.advice import Advice
+from das.advice.cause import Cause
 from das.advice.modes import Mode, mode_name
 from das.advice.plan import Plan
 from das.cab.learning import is_fresh
@@ -25,7 +26,7 @@ class Reporting:
         """So many advices were given or withdrawn."""
         self._said: list[Output] = []
         self._complaints = Moderation()
-        self._mode: Mode | None = None
+        self._shown: tuple[Mode, Cause] | None = None
         self._rejected, self._restarts, self._rejecting = 0, 0, False
         self._plan: Plan | None = None
         self._plan_ns: int | None = None
@@ -59,15 +60,15 @@ class Reporting:
             self._dropped, self._losses_ns = dropped, now_ns
 
     def changes(self, advice: Advice) -> None:
-        """Say where the mode changes, with the reason."""
-        if advice.mode is not self._mode:
+        """Say where the mode changes, or the cause of a withdrawal, with the reason."""
+        if (advice.mode, advice.cause) != self._shown:
             severity = Severity.WARNING if advice.mode is Mode.NONE else Severity.INFO
             self.event(advice.time_ns, severity, f"{mode_name(advice.mode)}: {advice.reason}")
-            self._mode = advice.mode
+            self._shown = advice.mode, advice.cause
 
-    def forget_mode(self) -> None:
-        """Whatever is advised next is not new only because the mode is: there was no advice."""
-        self._mode = Mode.NONE
+    def note_internal_error(self) -> None:
+        """There was no advice because of an internal error, which has been said already."""
+        self._shown = Mode.NONE, Cause.INTERNAL_ERROR
 
     def rejections(self, here: Estimate) -> None:
         """Say where positions begin to be rejected, and where they are taken up anew elsewhere."""

@@ -29,11 +29,15 @@ class Trust:
 
 @dataclass(frozen=True, kw_only=True)
 class LegFacts:
-    """What the decision needs to know of the leg: its two ends (m), its departure, and why it cannot be driven."""
+    """What the decision needs to know of the leg.
+
+    Its two ends (m), its departure (ns since 1970), whether it has a timetable, and why it cannot be driven.
+    """
 
     start_m: float
     end_m: float
     departure_ns: int
+    is_timed: bool = True
     refusal: str = ""
 
 
@@ -51,7 +55,7 @@ def decide(
     distrust = _distrust(trust)
     if distrust is not None:
         return distrust
-    if leg is None:
+    if leg is None or not leg.is_timed:
         return Withdrawal(Cause.NO_JOURNEY)
     if not trust.restrictions_told:
         return Withdrawal(Cause.RESTRICTIONS_UNTOLD)

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from das.advice.advisor import Advice
 
+from das.advice.advice import Advice
+from das.cab.heard import DelayHeard
 from das.domain.errors import DasError
 from sim.drivers.cab import AT_STOP_M, Presentation
 from sim.drivers.registry import DriverKind
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Heard
+from sim.world.link import Tick
 from sim.world.loop import World
 from sim.world.scenario import read_scenario
 from sim.world.service import Service, prepare_service
@@ -95,10 +96,9 @@ class Hears(InProcess):
         super().__init__(service)
         self.delays_s: list[float] = []
 
-    def exchange(self, heard: Heard) -> Advice:
-        if heard.delay_s is not None:
-            self.delays_s.append(heard.delay_s)
-        return super().exchange(heard)
+    def exchange(self, tick: Tick) -> Advice:
+        self.delays_s += [one.delay_s for one in tick.told if isinstance(one, DelayHeard)]
+        return super().exchange(tick)
 
 
 def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Path]) -> None:

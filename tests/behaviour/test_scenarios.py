@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from das.advice.advisor import VALID_FOR_S, Advice
 
-from das.advice.plan import Mode
+from das.advice.advice import Advice
+from das.advice.modes import Mode
+from das.advice.settings import DEFAULT
 from das.domain.conditions import Conditions
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.estimate.localisation import STALE_AFTER_S
@@ -335,7 +336,7 @@ def test_bus_outage_shows_no_advice_and_the_run_arrives() -> None:
     for outage in outages:
         for told in driven.said.told:
             into_s = told.state.time_s - outage.from_s
-            assert not (VALID_FOR_S <= into_s < outage.for_s and told.cab.shown is not None)
+            assert not (DEFAULT.display.valid_for_s <= into_s < outage.for_s and told.cab.shown is not None)
         # What was heard is out of date at once when it is over, and advice is back.
         back = next(a for a in driven.said.advices if driven.day.service.clock_s(a.time_ns) >= outage.from_s + 30)
         assert back.mode is not Mode.NONE

@@ -241,8 +241,8 @@ def test_without_a_bus_the_train_runs_the_same(folder: Path, recording: Recordin
     assert [state.input_j for state in states[4][:-1]] == truth["energy_input_j"].tolist()
     assert (np.diff(truth["time_ns"]) == 10**9).all()
     assert [state.s_m for state in states[5]] != [state.s_m for state in states[4]]
-    assert links[4].calibrator is not None
-    found, told = links[4].calibrator.estimates, recording.of(ESTIMATE)[-1].message
+    assert links[4].cab.learning.calibrator is not None
+    found, told = links[4].cab.learning.calibrator.estimates, recording.of(ESTIMATE)[-1].message
     assert (found.mass_ratio, found.resistance_ratio, found.samples) == (
         *(told.mass_ratio, told.resistance_ratio, told.samples),
     )

@@ -12,16 +12,21 @@ from functools import cache
 
 import numpy as np
 import pytest
-from das.advice.advisor import AT_STOP_M, Advice, Advisor, PositionFix, Source, Timetable, bare_front
 from numpy.typing import NDArray
 
-from das.advice.plan import Mode
-from das.cab.fronts import Situation, onboard_ladder
+from das.advice.advice import Advice, Source, Timetable
+from das.advice.modes import Mode
+from das.advice.settings import DEFAULT
+from das.cab.fronts import onboard_ladder
+from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Restriction
 from das.domain.units import NS, STANDARD_GRAVITY_MPS2
+from das.estimate.localisation import PositionFix
+from das.solver.fastest import fastest, least_time_s
 from das.solver.front import Front, solve_front
 from das.solver.section import Section
+from tests.support.one_section import OneSection
 
 Floats = NDArray[np.float64]
 
@@ -115,8 +120,8 @@ def check(advice: Advice, allowed: Allowed, v_mps: float) -> None:
     assert -1 - 1e-3 <= advice.advised_force_ratio <= 1 + 1e-3
 
 
-def asked(front: Front, source: Source, s_m: float, v_mps: float, arrival_s: float, now_s: float = 0.0) -> Advisor:
-    advisor = Advisor(front, source)
+def asked(front: Front, source: Source, s_m: float, v_mps: float, arrival_s: float, now_s: float = 0.0) -> OneSection:
+    advisor = OneSection(front, source)
     advisor.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))
     advisor.set_position(PositionFix(time_ns=ns(now_s), s_m=s_m, speed_mps=v_mps))
     return advisor
@@ -124,7 +129,7 @@ def asked(front: Front, source: Source, s_m: float, v_mps: float, arrival_s: flo
 
 def drawn(random: np.random.Generator, section: Section) -> tuple[float, float, float]:
     """A state and the time left: mostly possible, sometimes too fast; from too late by much to far too early."""
-    s_m = float(random.uniform(0.0, END_M - AT_STOP_M - 1.0))
+    s_m = float(random.uniform(0.0, END_M - DEFAULT.stop.at_stop_m - 1.0))
     most = float(np.interp(s_m, section.node_m, section.envelope_mps))
     v_mps = most * float(random.choice([random.uniform(0.0, 1.0), 1.0, random.uniform(1.0, 1.2)], p=[0.8, 0.1, 0.1]))
     return s_m, min(v_mps, 50.0), float((END_M - s_m) / 25.0 * random.uniform(-0.5, 4.0))
@@ -178,7 +183,7 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed() -> None:
             after = advice.horizon_speed_mps[0]
             s_m, v_mps = s_m + 0.5 * (v_mps + after), after
         assert advice.reason.startswith("arrived"), (restrictions, s_m, v_mps)
-        assert abs(s_m - END_M) <= AT_STOP_M
+        assert abs(s_m - END_M) <= DEFAULT.stop.at_stop_m
         if advisor.plan is not None:
             assert advisor.plan.solution.feasible
 
@@ -203,8 +208,8 @@ def test_advice_is_continuous_in_what_is_heard(restrictions: tuple[Restriction, 
     assert max(jumps) <= 2.0
 
 
-def test_the_front_of_the_fallback_knows_the_fastest_run() -> None:
+def test_the_fastest_run_needs_no_front() -> None:
     section = section_of(())
-    bare, whole = bare_front(section), front_of(section)
-    assert bare.fastest(3000.0, 20.0).time_s == whole.fastest(3000.0, 20.0).time_s
-    assert bare.least_time_s(3000.0, 20.0) == whole.least_time_s(3000.0, 20.0)
+    whole = front_of(section)
+    assert fastest(section, 3000.0, 20.0).time_s == whole.fastest(3000.0, 20.0).time_s
+    assert least_time_s(section, 3000.0, 20.0) == whole.least_time_s(3000.0, 20.0)

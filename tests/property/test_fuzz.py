@@ -13,12 +13,10 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from das.cab.trip import Trip
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.inbox import Inbox
-from das.bus.presence import Presence
 from das.bus.session import decoded
 from das.bus.topics import (
     ADVICE,
@@ -34,19 +32,11 @@ from das.bus.topics import (
     TOPICS,
     Topic,
 )
-from das.cab.fronts import Fronts, Situation
-from das.cab.trains import Trains
-from das.domain.files.load import load_route, load_vehicle
-from das.domain.route import Route
-from das.domain.vehicle import Vehicle
-from das.estimate.calibration import Calibrator
-from das.node.process import Node
+from das.cab.cab import CabSettings
+from tests.support.driven_node import START_NS, TRAIN, S, Sink, make_node
 
 INPUTS = int(os.environ.get("DAS_FUZZ", "20000"))
 SEED = int(os.environ.get("DAS_FUZZ_SEED", "20261121"))
-TRAIN = "T1"
-START_NS = 1_800_000_000_000_000_000
-S = 10**9
 TICK_EVERY = 25
 """One Control per so many inputs: the time it takes is that of the advice."""
 RESTART_EVERY = 2_500
@@ -54,28 +44,8 @@ RESTART_EVERY = 2_500
 HEARD = (JOURNEY, POSITION, DELAY, RESTRICTION, TARGET, EFFORT, CONTROL)
 WEIGHTS = (20, 30, 10, 3, 5, 5, 10)
 """Few lies about restrictions: one that cannot be read silences the node until the next that can."""
-FRONTS = Fronts(threads=1)
 NUMBERS = (0.0, -0.0, math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, -1.0, 1e9, 0.3, 6_000.0, 1e-9)
 TIMES = (0, 1, -1, 2**63 - 1, -(2**63), START_NS - 3_600 * S, START_NS + 86_400 * S)
-
-
-class Sink:
-    """Stands where the bus stands, keeps what the node publishes, and sends nothing."""
-
-    train = TRAIN
-    dropped = 0
-
-    def __init__(self) -> None:
-        self.said: list[tuple[Topic, Any]] = []
-
-    def publish(self, topic: Topic, message: Message) -> None:
-        payload = message.SerializeToString()
-        assert len(payload) < 100_000
-        self.said.append((topic, topic.message.FromString(payload)))
-
-    def presences(self) -> list[Presence]:
-        """Nobody tells who publishes and who does so no more."""
-        return []
 
 
 class World:
@@ -219,26 +189,12 @@ def _can_be_said(s_m: float, speed_mps: float, uncertainty_m: float) -> bool:
     return _can_be(nearest_m, 0.0 if math.isnan(speed_mps) else speed_mps)
 
 
-def make_node(sink: Sink, route: Route, vehicle: Vehicle) -> Node:
-    trip = Trip(Situation(route=route, vehicle=vehicle), FRONTS, background=False)
-    return Node(
-        sink,  # type: ignore[arg-type]
-        trip,
-        route,
-        Trains(vehicle, vehicle),
-        reverse=False,
-        wall_clock=False,
-        calibrator=Calibrator(route, vehicle),
-    )
-
-
 def test_no_crash_no_hang_no_advice_from_garbage() -> None:
     sink, world, witness, inbox = Sink(), World(SEED), Witness(), Inbox()
-    route, vehicle = load_route("flat-6km"), load_vehicle("re460-ic")
     events = 0
     for i in range(INPUTS):
         if i % RESTART_EVERY == 0:
-            node = make_node(sink, route, vehicle)
+            node = make_node(sink, CabSettings(calibrate=True))
         if i % TICK_EVERY == 0:
             world.second += 1.0
             batch = [

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from das.advice.advisor import Advisor
-
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix
 from sim.drivers.cab import AT_STOP_M, AdviceView, Cab, Driver, Presentation, present
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.plant import Plant, PlantState
+from tests.support.one_section import OneSection
 
 LOOK_S = 0.2
 """A driver looks and acts this often."""
@@ -73,7 +72,7 @@ def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Ad
     return Ride(states=tuple(states))
 
 
-def advised_by(advisor: Advisor, presentation: Presentation, line: LineKnowledge) -> Advise:
+def advised_by(advisor: OneSection, presentation: Presentation, line: LineKnowledge) -> Advise:
     """What the display shows of an advisor that knows the train's true position; the advisor has its timetable."""
 
     def advise(state: PlantState) -> AdviceView | None:

@@ -1,20 +1,26 @@
-"""A trip on a small line, told what a node is told, and a follower of its advice."""
+"""A journey on a small line, told what a cab is told, and a follower of its advice."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from das.advice.advisor import Advice, PositionFix, Timetable
-from das.cab.trip import Trip
-
-from das.cab.fronts import Fronts, Situation
+from das.advice.advice import Advice, Timetable
+from das.advice.plan import Plan
+from das.cab.fronts import Fronts
+from das.cab.leg import Leg
+from das.cab.legs import Legs
+from das.cab.preparation import News, Preparation
+from das.cab.situation import Situation
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
+from das.estimate.localisation import Localisation, PositionFix
 from tests.support.making import make_route, make_train
+from tests.support.one_section import advised
 
 T0 = 1_800_000_000_000_000_000
 LOSS = EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.15, idle_w=20e3)
@@ -39,19 +45,70 @@ DUE = [Timetable(departure_ns=ns(0), arrival_ns=ns(300)), Timetable(departure_ns
 FRONTS = Fronts(threads=1, kept_bytes=200_000_000)
 
 
-def trip(fronts: Fronts = FRONTS, *, background: bool = False, due: Sequence[Timetable] = DUE) -> Trip:
-    made = Trip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background)
-    made.set_restrictions(())
+class SmallTrip:
+    """Legs and where the train is: what a cab is made of, without its guard and its reports."""
+
+    def __init__(self, situation: Situation, fronts: Fronts, *, background: bool = False) -> None:
+        self.preparation = Preparation(fronts, time.perf_counter, background=background)
+        self.legs = Legs(situation, self.preparation)
+        self.localisation = Localisation(situation.vehicle)
+        self.set_restrictions, self.set_targets = self.legs.set_restrictions, self.legs.set_targets
+        self.set_conditions, self.take_news, self.close = (
+            self.legs.set_conditions, self.legs.take_news, self.preparation.close,
+        )  # fmt: skip
+
+    @property
+    def leg(self) -> Leg:
+        """The leg the train is on."""
+        assert self.legs.current is not None
+        return self.legs.current
+
+    @property
+    def plan(self) -> Plan | None:
+        return self.leg.planner.plan
+
+    @property
+    def searching(self) -> bool:
+        return self.preparation.searching
+
+    def begin(self, stops: Sequence[Stop], timetables: Sequence[Timetable], **others: Any) -> None:
+        """Take over a journey; another train has not been heard of yet."""
+        vehicle = others.get("vehicle") or TRAIN
+        if vehicle is not self.legs.situation.vehicle:
+            self.localisation = Localisation(vehicle)
+        self.legs.begin(stops, timetables, moment=self.localisation.moment, **others)
+
+    def set_position(self, fix: PositionFix) -> None:
+        self.localisation.take(fix)
+        self.legs.place(self.localisation.moment)
+
+    def update(self, now_ns: int) -> Advice:
+        """The advice at a moment."""
+        here = self.localisation.at(now_ns)
+        self.leg.see(here)
+        self.legs.prepare(now_ns)
+        return advised(self.leg, here, self.preparation.refusal(self.leg))
+
+
+def bad_news(made: SmallTrip) -> list[News]:
+    """What is not as it should be."""
+    return [news for news in made.take_news() if news.bad]
+
+
+def trip(fronts: Fronts = FRONTS, *, background: bool = False, due: Sequence[Timetable] = DUE) -> SmallTrip:
+    made = SmallTrip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background)
     made.begin(LINE.stops, due)
     return made
 
 
-def at(made: Trip, second: float, s_m: float, v_mps: float) -> Advice:
+def at(made: SmallTrip, second: float, s_m: float, v_mps: float) -> Advice:
     made.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
     return made.update(ns(second))
 
 
-def follow(made: Trip, *, start_s: int = 0, s_m: float = 0.0, v_mps: float = 0.0, tell: Any = None) -> Iterator[Advice]:
+def follow(
+    made: SmallTrip, *, start_s: int = 0, s_m: float = 0.0, v_mps: float = 0.0, tell: Any = None
+) -> Iterator[Advice]:
     """A follower with exactly the advised speed after every second, to the last stop."""
     for second in range(start_s, start_s + 2000):
         if tell is not None:

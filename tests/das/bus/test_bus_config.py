@@ -1,4 +1,4 @@
-"""Bus files: what is refused and why, what a file may change, what tls-init makes; inbox, guard and moderation."""
+"""Bus files: what is refused and why, what a file may change, what tls-init makes; the inbox."""
 
 from __future__ import annotations
 
@@ -16,11 +16,9 @@ from das.bus import das_pb2
 from das.bus.acl import Role, access_control, keys_of
 from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
 from das.bus.inbox import CONTROL_FACTOR, Inbox
-from das.bus.session import Received, decoded
+from das.bus.session import Received
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Topic
-from das.cab.guard import LONGEST_TEXT, MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers
-from das.cab.moderation import MOST_A_SECOND, Moderation
 from das.domain.errors import DasError, InputError
 from das.node.tls_command import tls_app
 
@@ -232,92 +230,3 @@ def test_the_inbox_keeps_order_and_stays_bounded(steps: list[Topic | None]) -> N
             last, taken = one.message.time_ns, taken + 1
         assert len(inbox) <= CONTROL_FACTOR * 5
         assert put == taken + len(inbox) + inbox.dropped
-
-
-def test_moderation_lets_few_through_and_says_how_many_it_held_back() -> None:
-    moderation = Moderation()
-    assert sum(moderation.allows(NOW_NS + i) for i in range(1_000)) == MOST_A_SECOND
-    assert moderation.unsaid(NOW_NS + 2_000) == 0
-    assert moderation.unsaid(NOW_NS + 2 * S) == 1_000 - MOST_A_SECOND
-    assert moderation.unsaid(NOW_NS + 2 * S) == 0
-    assert moderation.allows(NOW_NS - 100 * S)  # the clock was put back
-
-
-def test_a_second_publisher_of_the_position_is_not_heard_until_the_first_is_silent() -> None:
-    publishers = Publishers()
-    assert publishers.is_heard("a", NOW_NS)
-    assert publishers.contested(NOW_NS) == ""
-    assert not publishers.is_heard("b", NOW_NS + S)
-    assert publishers.is_heard("a", NOW_NS + 2 * S)
-    assert publishers.contested(NOW_NS + 2 * S) == "two publishers of the position: a and b"
-    assert publishers.contested(NOW_NS + 4 * S + 1) == ""  # the rival has gone
-    assert not publishers.is_heard("b", NOW_NS + 5 * S)  # the first was heard at 2 s
-    assert publishers.is_heard("b", NOW_NS + 5 * S + 1)  # now it has gone
-    assert publishers.contested(NOW_NS + 5 * S + 1) == ""
-
-
-def journey(time_ns: int, stops: int = 2, name: str = "A") -> Received:
-    message = das_pb2.Journey(time_ns=time_ns, stops=[das_pb2.Journey.Stop(name=name)] * stops)
-    return decoded(JOURNEY, JOURNEY.key("T1"), message.SerializeToString())
-
-
-def test_replayed_future_and_oversized_journeys_are_ignored_with_the_reason() -> None:
-    guard = Guard()
-    assert guard.problem(journey(NOW_NS), NOW_NS) == ""
-    assert guard.problem(journey(NOW_NS), NOW_NS) == ""  # the bus gives it again to whoever comes back
-    assert "10 s older than the last was ignored" in guard.problem(journey(NOW_NS - 10 * S), NOW_NS)
-    assert "ahead of the clock was ignored" in guard.problem(journey(2**63 - 1), NOW_NS)
-    assert "100000 stops" in guard.problem(journey(NOW_NS + S, stops=100_000), NOW_NS)
-    assert "a name of 1000000 letters" in guard.problem(journey(NOW_NS + S, name="x" * 10**6), NOW_NS)
-    assert guard.problem(journey(NOW_NS + S, MOST_STOPS, "x" * LONGEST_TEXT), NOW_NS) == ""
-
-
-def test_what_came_from_ahead_of_a_wrong_clock_is_taken_when_the_clock_is_right() -> None:
-    guard, wrong_ns = Guard(), NOW_NS - 3600 * S
-    told = [journey(NOW_NS), restrictions(NOW_NS, (0.0, 1.0, 5.0))]
-    assert all("3600 s ahead of the clock" in guard.problem(one, wrong_ns) for one in told)
-    assert guard.due(wrong_ns) == []
-    assert "3600 s ahead" in guard.distrust(wrong_ns)
-    assert guard.due(NOW_NS) == told
-    assert [guard.problem(one, NOW_NS) for one in told] == ["", ""]
-    assert guard.distrust(NOW_NS) == ""
-    assert guard.due(NOW_NS) == []
-    guard.problem(journey(NOW_NS + 3600 * S), NOW_NS)
-    guard.problem(journey(NOW_NS + S), NOW_NS)  # the last word counts
-    assert guard.due(NOW_NS + 3600 * S) == []
-
-
-def test_restrictions_older_than_the_last_are_a_replay_or_an_operator_whose_clock_went_back() -> None:
-    """Nobody can tell which: what says the same is left alone, what says otherwise withdraws the advice."""
-    guard, here, there = Guard(), (0.0, 1.0, 5.0), (2.0, 3.0, 5.0)
-    assert guard.problem(restrictions(NOW_NS, here), NOW_NS) == ""
-    assert "10 s older than the last" in guard.problem(restrictions(NOW_NS - 10 * S, here), NOW_NS)
-    assert guard.distrust(NOW_NS) == ""
-    assert guard.problem(restrictions(NOW_NS - 10 * S, here, there), NOW_NS)
-    assert "one 10 s older than the last, which said otherwise" in guard.distrust(NOW_NS)
-    assert guard.problem(restrictions(NOW_NS + S, there), NOW_NS) == ""
-    assert guard.distrust(NOW_NS) == ""
-
-
-def restrictions(time_ns: int, *numbers: tuple[float, float, float]) -> Received:
-    them = [das_pb2.Restrictions.Restriction(start_m=a, end_m=b, limit_mps=v) for a, b, v in numbers]
-    payload = das_pb2.Restrictions(time_ns=time_ns, restrictions=them).SerializeToString()
-    return decoded(RESTRICTION, RESTRICTION.key("T1"), payload)
-
-
-def test_restrictions_nobody_can_heed_withdraw_the_advice_until_there_are_others() -> None:
-    guard, nan = Guard(), float("nan")
-    assert guard.problem(restrictions(NOW_NS, (0.0, 1.0, 5.0)), NOW_NS) == ""
-    assert guard.distrust(NOW_NS) == ""
-    for wrong in ((0.0, 1.0, nan), (0.0, nan, 5.0), (1.0, 0.0, 5.0), (0.0, 1.0, 0.0), (0.0, float("inf"), 1.0)):
-        assert guard.problem(restrictions(NOW_NS, wrong), NOW_NS)
-        assert "restrictions that cannot be heeded: one of" in guard.distrust(NOW_NS)
-    many = [(0.0, 1.0, 5.0)] * (MOST_RESTRICTIONS + 1)
-    said = guard.problem(restrictions(NOW_NS, *many), NOW_NS)
-    assert f"{MOST_RESTRICTIONS + 1} of them, more than {MOST_RESTRICTIONS}" in said
-    assert guard.problem(restrictions(NOW_NS - S, *many[:3]), NOW_NS)  # a replay does not lift the distrust
-    assert guard.distrust(NOW_NS)
-    assert guard.problem(restrictions(NOW_NS + S, *many[:3]), NOW_NS) == ""
-    assert guard.distrust(NOW_NS) == ""
-    assert guard.problem(restrictions(NOW_NS + 3600 * S), NOW_NS)
-    assert "3600 s ahead of the clock" in guard.distrust(NOW_NS)

@@ -6,17 +6,18 @@ from threading import Event
 
 import numpy as np
 import pytest
-from das.advice.advisor import Advice, Source
-from das.cab.trip import TRY_AGAIN_S, Target, Trip
 
+from das.advice.advice import Advice, Source
+from das.advice.modes import Mode
 from das.advice.passing import PassingFronts
-from das.advice.plan import Mode
 from das.cab.fronts import Found, Fronts
+from das.cab.heard import Target
+from das.cab.preparation import TRY_AGAIN_S
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.solver.section import Section
-from tests.support.small_trips import DUE, LINE, at, broken, highest, ns, trip
+from tests.support.small_trips import DUE, LINE, SmallTrip, at, broken, highest, ns, trip
 
 
 class HeldFronts(Fronts):
@@ -32,7 +33,7 @@ class HeldFronts(Fronts):
         return super().find(section)
 
 
-def when_solved(made: Trip, second: float, s_m: float, v_mps: float) -> Advice:
+def when_solved(made: SmallTrip, second: float, s_m: float, v_mps: float) -> Advice:
     for _ in range(3000):
         advice = at(made, second, s_m, v_mps)
         if advice.source is not Source.FALLBACK:
@@ -180,8 +181,7 @@ def test_a_search_for_the_section_before_is_given_up() -> None:
         assert made.searching
         for second in range(301, 305):
             at(made, second, 5000.0, 0.0)
-        assert made.advisor is not None
-        assert made.advisor.index == 1
+        assert made.legs.index == 1
         fronts.go.set()
         when_solved(made, 305, 5000.0, 0.0)
         for _ in range(200):
@@ -190,7 +190,7 @@ def test_a_search_for_the_section_before_is_given_up() -> None:
             Event().wait(0.01)
             at(made, 305, 5000.0, 0.0)
         assert not made.searching
-        assert not made.has_answer
+        assert not made.preparation.has_answer
     finally:
         fronts.go.set()
         made.close()

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from das.advice.advisor import Source
 
+from das.advice.advice import Source
 from das.cab.fronts import Fronts, loaded_front
 from das.domain.errors import DasError
 from das.domain.route import Restriction
@@ -56,7 +56,7 @@ def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) 
     made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
     at(made, 60, 1500.0, 24.0)
     (said,) = (news.text for news in made.take_news() if news.bad)
-    assert said == f"{tables / 'a-b'}: not the table of {made.advisor.current.section.name}: other line; solved instead"
+    assert said == f"{tables / 'a-b'}: not the table of {made.leg.section.name}: other line; solved instead"
 
 
 def cut(path: Path) -> None:

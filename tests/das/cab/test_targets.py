@@ -6,17 +6,18 @@ import math
 import re
 
 import pytest
-from das.cab.trip import Target, Trip
 
-from das.advice.passing import PassingFronts, PassingTarget, time_at
+from das.advice.passing import PassingFronts, PassingRun, PassingTarget, time_at
 from das.cab.fronts import onboard_ladder
+from das.cab.guard import Guard
+from das.cab.heard import Target, TargetsHeard
 from das.domain.errors import DasError
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.units import NS
 from das.solver.front import solve_front
 from das.solver.journey.plan import JourneyPlanner
 from das.solver.section import build_section
-from tests.support.small_trips import LINE, T0, TRAIN, at, follow, ns, trip
+from tests.support.small_trips import LINE, T0, TRAIN, SmallTrip, at, follow, ns, trip
 
 
 def test_an_arrival_shifted_by_traffic_management_is_kept() -> None:
@@ -77,7 +78,7 @@ def test_a_point_to_pass_sooner_is_passed_sooner() -> None:
     made, plain = trip(), trip()
     made.set_targets([Target(s_m=2500.0, latest_ns=ns(115))])
 
-    def passes(which: Trip) -> float:
+    def passes(which: SmallTrip) -> float:
         return (next(a for a in follow(which) if a.s_m >= 2500.0).time_ns - T0) * NS
 
     assert passes(plain) > 125
@@ -139,8 +140,8 @@ def test_targets_off_the_journey_are_ignored_and_said() -> None:
     assert len(said) == len(bad)
     assert all(text.startswith("target ignored: ") for text in said)
     assert at(made, 60, 1500.0, 24.0).reason == "least energy on time"
-    with pytest.raises(DasError, match="at most 100"):
-        made.set_targets([Target()] * 101)
+    too_many = TargetsHeard(time_ns=1, targets=(Target(),) * 101)
+    assert Guard().problem(too_many) == "target: one of 101 targets, more than 100 was ignored"
 
 
 def test_a_passing_costs_what_the_planner_of_whole_journeys_says() -> None:
@@ -148,9 +149,8 @@ def test_a_passing_costs_what_the_planner_of_whole_journeys_says() -> None:
     section = build_section(LINE, TRAIN, end_m=5000.0)
     least_s = solve_front(section).fastest().time_s
     total_s, to_point_s = 1.35 * least_s, 0.63 * 1.35 * least_s
-    fronts = PassingFronts.solve(
-        section, 3000.0, onboard_ladder(section), to_point_s=to_point_s, total_s=total_s, s_m=0.0, v_mps=0.0
-    )
+    run = PassingRun(0.0, 0.0, to_point_s=to_point_s, total_s=total_s)
+    fronts = PassingFronts.solve(section, 3000.0, onboard_ladder(section), run)
     ours = fronts.trajectory(to_point_s, total_s, 0.0, 0.0, 0.02)
     points = (
         Call(name="A", position_m=0.0, departure=Window(earliest_s=0.0, latest_s=0.0)),

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sim.world.ride import Leg, ride
 
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
@@ -41,6 +40,7 @@ from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import COAST, Patch, Plant, PlantState, force
 from tests.support.making import flat, make_train
+from tests.support.ride import Leg, ride
 
 States = tuple[PlantState, ...]
 START_NS = 10**18

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from das.advice import wording
 from das.domain.files.load import load_vehicle
 from das.domain.units import NS
 from das.estimate.localisation import (
@@ -26,10 +27,16 @@ from das.estimate.localisation import (
     PositionFix,
     Quality,
 )
+from das.estimate.problems import Problem
 from das.estimate.track_filter import WANDER_S
 from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, heard, ns, truth
 
 # --- dropouts, old and repeated fixes ----------------------------------------------------------------------------
+
+
+def said(problem: Problem | None) -> str:
+    """A problem in words; nothing where there is none."""
+    return wording.problem(problem) if problem is not None else ""
 
 
 def test_the_uncertainty_grows_in_a_dropout_until_the_estimate_is_too_old() -> None:
@@ -41,7 +48,7 @@ def test_the_uncertainty_grows_in_a_dropout_until_the_estimate_is_too_old() -> N
     assert np.all(np.diff([x.speed_sd_mps for x in (before, *carried)]) > 0)
     assert abs(carried[-1].s_m - truth(83.0)[0]) < 4 * carried[-1].position_sd_m
     lost = localisation.at(ns(84.2))
-    assert (lost.usable, lost.reason) == (False, "the position is 4.2 s old")
+    assert (lost.usable, said(lost.problem)) == (False, "the position is 4.2 s old")
     for fix in fixes(95.0, from_s=95.0):
         localisation.take(fix)
     back = localisation.at(ns(95.0))
@@ -80,7 +87,7 @@ def test_a_source_too_slow_is_not_used_and_let_go_by_turns() -> None:
         usable.append(found.usable)
     assert usable == [True] * 4 + [False] + [True] * 4 + [False] * 51
     localisation.take(at(60.0, 1_200.0, 20.0))
-    assert localisation.at(ns(60.0)).reason == "positions come every 5.0 s only"
+    assert said(localisation.at(ns(60.0)).problem) == "positions come every 5.0 s only"
     localisation.take(at(61.0, 1_220.0, 20.0))
     assert localisation.at(ns(61.0)).usable
 
@@ -112,11 +119,11 @@ def test_one_fix_that_cannot_be_is_rejected_and_the_estimate_goes_on(
     localisation.take(replace(fix, **wrong))
     found = localisation.at(ns(81.0))
     assert found.usable
-    assert found.rejection.startswith(reason)
-    assert replace(found, rejected=0, rejection="") == plain.at(ns(81.0))
+    assert said(found.rejection).startswith(reason)
+    assert replace(found, rejected=0, rejection=None) == plain.at(ns(81.0))
     assert found.rejected == 1
     later = localisation.at(ns(83.5))
-    assert (later.usable, later.reason) == (False, found.rejection)
+    assert (later.usable, said(later.problem)) == (False, said(found.rejection))
     (fix,) = fixes(84.0, from_s=84.0)
     localisation.take(fix)
     assert localisation.at(ns(84.0)).usable
@@ -166,7 +173,7 @@ def test_rejected_fixes_that_disagree_never_move_the_state() -> None:
         localisation.take(at(second, truth(second)[0] + (2_000.0 if second % 2 else -2_000.0), 30.0))
         found = localisation.at(ns(second))
     assert (found.usable, found.restarts) == (False, 0)
-    assert found.reason.startswith("the position jumped")
+    assert said(found.problem).startswith("the position jumped")
 
 
 def test_doubts_do_not_outlast_a_dropout() -> None:
@@ -197,8 +204,8 @@ def test_a_frozen_sensor_is_noticed() -> None:
         localisation.take(replace(last, time_ns=ns(second)))
         found = localisation.at(ns(second))
         assert found.usable == (second <= 83)
-        assert found.rejection == f"the position is frozen at {last.s_m:.0f} m"
-    assert found.reason == found.rejection
+        assert said(found.rejection) == f"the position is frozen at {last.s_m:.0f} m"
+    assert said(found.problem) == said(found.rejection)
 
 
 @pytest.mark.parametrize("frozen_s", [15.0, 25.0, 80.0])
@@ -215,7 +222,7 @@ def test_a_receiver_that_freezes_beside_an_odometer_that_lives_is_noticed(frozen
         assert found.restarts == 0
         assert not found.usable or way_m < 60.0 or second - frozen_s <= 2 * STALE_AFTER_S
     assert not found.usable
-    assert found.reason.startswith("the position")
+    assert said(found.problem).startswith("the position")
 
 
 def test_fixes_that_stay_while_the_train_runs_do_not_agree() -> None:
@@ -272,7 +279,7 @@ def test_without_speeds_they_follow_from_the_positions() -> None:
         if found.usable:
             assert abs(found.speed_mps - 30.0) < 4 * found.speed_sd_mps
         else:
-            assert found.reason.startswith("the speed is uncertain by ")
+            assert said(found.problem).startswith("the speed is uncertain by ")
     assert first_s is not None
     assert 2.0 <= first_s - 62.0 <= 12.0
     assert found.speed_mps == pytest.approx(30.0, abs=1.0)
@@ -286,7 +293,7 @@ def test_without_positions_the_way_is_reckoned_and_ever_less_certain() -> None:
         true_m = truth(62.0)[0] + 30.0 * (second - 62)
         assert abs(found.s_m - true_m) < 3 * found.position_sd_m
         usable.append(found.usable)
-    assert found.reason.startswith("the position is uncertain by ")
+    assert said(found.problem).startswith("the position is uncertain by ")
     assert 150 < sum(usable) < 180
     assert usable == sorted(usable, reverse=True)
     # It has to be well below the limit before it is used again.
@@ -303,9 +310,9 @@ def test_without_positions_the_way_is_reckoned_and_ever_less_certain() -> None:
 
 def test_nothing_but_speeds_is_no_position() -> None:
     localisation = Localisation(TRAIN)
-    assert localisation.at(ns(0)).reason == "no position yet"
+    assert said(localisation.at(ns(0)).problem) == "no position yet"
     localisation.take(at(0, math.nan, 20.0))
-    assert localisation.at(ns(0)).reason == "the position is not a number"
+    assert said(localisation.at(ns(0)).problem) == "the position is not a number"
 
 
 # --- standstill --------------------------------------------------------------------------------------------------
@@ -371,7 +378,7 @@ def test_a_state_from_the_future_is_said_and_forgotten() -> None:
     localisation = heard(80.0)
     localisation.take(at(500.0, 2_000.0, 20.0))
     found = localisation.at(ns(81.0))
-    assert (found.usable, found.reason) == (False, "the position is 419.0 s ahead of the clock")
+    assert (found.usable, said(found.problem)) == (False, "the position is 419.0 s ahead of the clock")
     (fix,) = fixes(82.0, from_s=82.0)
     localisation.take(fix)
     assert localisation.at(ns(82.0)).usable
@@ -429,9 +436,9 @@ PLAUSIBLE = st.builds(
 
 def check(found: Estimate) -> None:
     if not found.usable:
-        assert found.reason
+        assert found.problem is not None
         return
-    assert found.reason == ""
+    assert found.problem is None
     assert math.isfinite(found.s_m)
     assert 0.0 <= found.speed_mps <= OVERSPEED_RATIO * TRAIN.max_speed_mps
     assert 0.0 <= found.position_sd_m <= POSITION_SD_MOST_M

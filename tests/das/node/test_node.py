@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from das.advice.advisor import UNHURRIED_S
 
+from das.advice.settings import DEFAULT
 from das.bus import das_pb2
 from das.bus.recorder import main as recorder_main
 from das.bus.session import Bus, Received, check_endpoint, endpoint, free_ports
@@ -166,7 +166,7 @@ def test_node_publishes_its_plan_and_events() -> None:
         bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS, tick=1))
         plan = until(bus, lambda r: r.topic is PLAN, child)
         assert len(plan.s_m) == len(plan.t_s) == len(plan.speed_mps) == len(plan.force_n) > 50
-        assert plan.t_s[-1] == pytest.approx(240.0 + UNHURRIED_S, abs=0.3)
+        assert plan.t_s[-1] == pytest.approx(240.0 + DEFAULT.plan.unhurried_s, abs=0.3)
         bus.publish(CONTROL, das_pb2.Control(time_ns=START_NS, tick=2, command=das_pb2.Control.COMMAND_FINISH))
         assert child.wait(20) == 0
 

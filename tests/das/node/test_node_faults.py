@@ -10,87 +10,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from das.cab.trip import Trip
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.recorder import Recorder, RecordingFile
 from das.bus.session import decoded
-from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET, Topic
-from das.cab.fronts import Fronts, Situation
-from das.cab.trains import Trains
-from das.domain.files.load import load_route, load_vehicle
+from das.bus.topics import CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET
+from das.cab.cab import CabSettings
+from das.cab.guard import Guard
+from das.cab.leg import Leg
+from das.cab.legs import Legs
+from das.cab.reporting import Reporting
+from das.domain.files.load import load_vehicle
 from das.estimate.calibration import Calibrator
 from das.estimate.localisation import Localisation
-from das.node.process import Node
 from sim.recording.reading import read_recording
-from tests.property.test_fuzz import Sink
-
-TRAIN = "T1"
-START_NS = 1_800_000_000_000_000_000
-S = 10**9
-FRONTS = Fronts(threads=1)
-ROUTE, VEHICLE = load_route("flat-6km"), load_vehicle("re460-ic")
-
-
-class Bus(Sink):
-    """Stands where the bus stands and keeps what the node publishes."""
-
-    def of(self, topic: Topic) -> list[Any]:
-        return [message for one, message in self.said if one is topic]
-
-    def events(self) -> str:
-        return "\n".join(message.message for message in self.of(EVENT))
-
-
-class Cab:
-    """A node with the clock of the bus, the train running at 20 m/s from second 0 on."""
-
-    def __init__(self, calibrator: Calibrator | None = None, period_s: float = 1.0) -> None:
-        self.sink = Bus()
-        trip = Trip(Situation(route=ROUTE, vehicle=VEHICLE), FRONTS, background=False)
-        trains = Trains(VEHICLE, VEHICLE)
-        self.node = Node(
-            self.sink,  # type: ignore[arg-type]
-            trip,
-            ROUTE,
-            trains,
-            reverse=False,
-            wall_clock=False,
-            period_s=period_s,
-            calibrator=calibrator,
-        )
-        self.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
-        self.tell(JOURNEY, journey())
-
-    def tell(self, topic: Topic, message: Message) -> None:
-        self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString()))
-
-    def tick(self, second: float, s_m: float | None = None) -> Any:
-        """The one advice for a moment."""
-        now_ns = START_NS + round(second * S)
-        before = len(self.sink.of(ADVICE))
-        place_m = 20.0 * second if s_m is None else s_m
-        self.tell(POSITION, das_pb2.Position(time_ns=now_ns, s_m=place_m, speed_mps=20.0))
-        self.tell(CONTROL, das_pb2.Control(time_ns=now_ns, tick=round(second)))
-        (advice,) = self.sink.of(ADVICE)[before:]
-        assert (advice.time_ns, advice.tick) == (now_ns, round(second))
-        return advice
-
-
-def journey(**changes: Any) -> das_pb2.Journey:
-    stops = [
-        das_pb2.Journey.Stop(name="A", s_m=0.0, departure_ns=START_NS),
-        das_pb2.Journey.Stop(name="B", s_m=6_000.0, arrival_ns=START_NS + 300 * S),
-    ]
-    known = {"time_ns": START_NS, "route_id": "flat-6km", "vehicle_id": "re460-ic", "stops": stops}
-    return das_pb2.Journey(**{**known, **changes})
-
-
-def restrictions(second: float, limit_mps: float) -> das_pb2.Restrictions:
-    one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=6_000.0, limit_mps=limit_mps)
-    return das_pb2.Restrictions(time_ns=START_NS + round(second * S), restrictions=[one])
+from tests.support.driven_node import START_NS, TRAIN, VEHICLE, DrivenNode, S, Sink, journey, restrictions
 
 
 def broken(*_: Any, **__: Any) -> Any:
@@ -106,11 +41,11 @@ def breaking() -> Iterator[pytest.MonkeyPatch]:
 # --- what nobody foresaw -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("where", [(Trip, "update"), (Node, "_send_plan"), (Localisation, "at")])
+@pytest.mark.parametrize("where", [(Leg, "advise"), (Reporting, "plan"), (Localisation, "at")])
 def test_a_tick_that_fails_is_answered_without_advice_and_the_next_one_tries_again(
     breaking: pytest.MonkeyPatch, where: tuple[type, str]
 ) -> None:
-    cab = Cab()
+    cab = DrivenNode()
     assert cab.tick(50).mode != das_pb2.MODE_NONE
     breaking.setattr(*where, broken)
     for second in (51, 52):
@@ -120,7 +55,7 @@ def test_a_tick_that_fails_is_answered_without_advice_and_the_next_one_tries_aga
         status = cab.sink.of(STATUS)[-1]
         assert (status.state, status.reason) == (das_pb2.Status.STATE_WITHDRAWN, silent.reason)
         assert silent.reason in cab.sink.events()
-        assert not cab.node.urgent
+        assert not cab.node.cab.urgent
     breaking.undo()
     assert cab.tick(53).mode != das_pb2.MODE_NONE
     assert cab.sink.of(STATUS)[-1].state == das_pb2.Status.STATE_ADVISING
@@ -128,7 +63,7 @@ def test_a_tick_that_fails_is_answered_without_advice_and_the_next_one_tries_aga
 
 @pytest.mark.parametrize(("period_s", "valid_s"), [(0.2, 3.0), (1.0, 3.0), (5.0, 6.0)])
 def test_an_advice_is_valid_until_the_next_has_come(period_s: float, valid_s: float) -> None:
-    cab = Cab(period_s=period_s)
+    cab = DrivenNode(CabSettings(advice_period_s=period_s))
     advice = cab.tick(50)
     assert (advice.valid_until_ns - advice.time_ns) / S == valid_s
     silent = cab.tick(55, s_m=5_000.0)
@@ -137,7 +72,7 @@ def test_an_advice_is_valid_until_the_next_has_come(period_s: float, valid_s: fl
 
 
 def test_a_position_that_fails_withdraws_one_advice(breaking: pytest.MonkeyPatch) -> None:
-    cab = Cab()
+    cab = DrivenNode()
     assert cab.tick(50).mode != das_pb2.MODE_NONE
     breaking.setattr(Localisation, "take", broken)
     assert cab.tick(51).reason.startswith("internal error: KeyError")
@@ -150,11 +85,11 @@ def test_a_position_that_fails_withdraws_one_advice(breaking: pytest.MonkeyPatch
 def test_restrictions_that_fail_withdraw_the_advice_until_there_are_others(
     breaking: pytest.MonkeyPatch, fault: Callable[..., Any]
 ) -> None:
-    cab = Cab()
-    breaking.setattr(Trip, "set_restrictions", fault)
+    cab = DrivenNode()
+    breaking.setattr(Legs, "set_restrictions", fault)
     cab.tell(RESTRICTION, restrictions(50, 10.0))
     breaking.undo()
-    assert cab.node.urgent
+    assert cab.node.cab.urgent
     for second in (51, 52):
         assert "restrictions that cannot be heeded" in cab.tick(second).reason
     cab.tell(RESTRICTION, restrictions(53, 10.0))
@@ -162,8 +97,8 @@ def test_restrictions_that_fail_withdraw_the_advice_until_there_are_others(
 
 
 def test_a_journey_that_fails_is_refused(breaking: pytest.MonkeyPatch) -> None:
-    cab = Cab()
-    breaking.setattr(Trip, "begin", broken)
+    cab = DrivenNode()
+    breaking.setattr(Legs, "begin", broken)
     cab.tell(JOURNEY, journey())
     breaking.undo()
     for second in (51, 52):
@@ -173,8 +108,8 @@ def test_a_journey_that_fails_is_refused(breaking: pytest.MonkeyPatch) -> None:
 
 
 def test_a_guard_that_fails_does_not_end_the_node(breaking: pytest.MonkeyPatch) -> None:
-    cab = Cab()
-    breaking.setattr(cab.node._guard, "problem", broken)
+    cab = DrivenNode()
+    breaking.setattr(Guard, "problem", broken)
     for topic in (JOURNEY, RESTRICTION, TARGET, POSITION):
         cab.node.take(decoded(topic, topic.key(TRAIN), b"\xff"))
     breaking.undo()
@@ -189,7 +124,7 @@ def test_a_guard_that_fails_does_not_end_the_node(breaking: pytest.MonkeyPatch) 
 
 def test_after_the_clock_was_set_back_restrictions_targets_and_journeys_are_heard_again() -> None:
     """Those of before are of the future now; they must not shut out what is said from now on."""
-    cab, hour = Cab(), 3600
+    cab, hour = DrivenNode(), 3600
     late = START_NS + hour * S
     cab.tell(CONTROL, das_pb2.Control(time_ns=late, tick=1))
     cab.tell(JOURNEY, journey(time_ns=late))
@@ -208,14 +143,14 @@ def test_after_the_clock_was_set_back_restrictions_targets_and_journeys_are_hear
 
 def test_a_node_that_starts_anew_takes_restrictions_of_long_after_the_journey() -> None:
     """With the bus's clock a journey does not tell the time: whichever of the two is heard first, nothing is early."""
-    cab = Cab()
+    cab = DrivenNode()
     cab.tell(RESTRICTION, restrictions(100, 12.0))
     assert "ahead of the clock" not in cab.sink.events()
     assert cab.tick(101).limit_mps == 12.0
 
 
 def test_what_was_ahead_of_the_clock_is_heard_when_the_clock_is_there() -> None:
-    cab = Cab()
+    cab = DrivenNode()
     cab.tick(0)
     cab.tell(RESTRICTION, restrictions(100, 12.0))
     cab.tell(TARGET, das_pb2.Targets(time_ns=START_NS + 100 * S))
@@ -233,7 +168,7 @@ def test_what_was_ahead_of_the_clock_is_heard_when_the_clock_is_there() -> None:
 
 
 def test_after_the_clock_was_set_back_plans_are_sent_again() -> None:
-    cab = Cab()
+    cab = DrivenNode()
     cab.tick(200, 2_000.0)
     assert len(cab.sink.of(PLAN)) == 1
     for second in (20, 21, 22, 23, 24, 25):
@@ -245,7 +180,7 @@ def test_after_the_clock_was_set_back_plans_are_sent_again() -> None:
 
 
 def test_targets_are_guarded_as_restrictions_and_journeys_are() -> None:
-    cab = Cab()
+    cab = DrivenNode()
     cab.tick(50)
     now_ns = START_NS + 50 * S
     cab.tell(TARGET, das_pb2.Targets(time_ns=now_ns))
@@ -277,23 +212,28 @@ def test_targets_are_guarded_as_restrictions_and_journeys_are() -> None:
 
 def test_another_train_is_calibrated_anew() -> None:
     """What was found of the train before must not be taken for the mass of this one as well."""
-    calibrator = Calibrator(ROUTE, VEHICLE)
-    cab = Cab(calibrator)
+    cab = DrivenNode(CabSettings(calibrate=True))
+    learning = cab.node.cab.learning
+    calibrator = learning.calibrator
+    assert calibrator is not None
     unknown = calibrator.estimates
     found = replace(unknown, mass_ratio=1.3, mass_sd=0.01, resistance_sd=0.02, usable=True)
+
+    def mass_kg() -> float:
+        leg = cab.node.cab.legs.current
+        assert leg is not None
+        return leg.section.vehicle.mass_kg
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Calibrator, "estimates", property(lambda self: found if self is calibrator else unknown))
         cab.tick(50)
-        assert cab.node.trip.advisor is not None
-        section = cab.node.trip.advisor.current.section
-        assert section.vehicle.mass_kg == pytest.approx(1.3 * VEHICLE.mass_kg)
+        assert mass_kg() == pytest.approx(1.3 * VEHICLE.mass_kg)
         cab.tell(JOURNEY, journey(vehicle_id="re460-ic-igbt"))
         cab.tick(51)
-        other = load_vehicle("re460-ic-igbt")
-        assert cab.node.trip.advisor.current.section.vehicle.mass_kg == other.mass_kg
+        assert mass_kg() == load_vehicle("re460-ic-igbt").mass_kg
         cab.tell(JOURNEY, journey())
         cab.tick(52)
-        assert cab.node.trip.advisor.current.section.vehicle.mass_kg == VEHICLE.mass_kg
+        assert mass_kg() == VEHICLE.mass_kg
 
 
 # --- beside the node ---------------------------------------------------------------------------------------------
@@ -302,7 +242,7 @@ def test_another_train_is_calibrated_anew() -> None:
 def test_the_recorder_survives_times_that_its_file_cannot_hold(tmp_path: Path) -> None:
     """They stay in the message; the file says when it was heard."""
     file = RecordingFile(tmp_path / "run.mcap")
-    recorder = Recorder(Bus(), file, START_NS)  # type: ignore[arg-type]
+    recorder = Recorder(Sink(), file, START_NS)  # type: ignore[arg-type]
     far = Log(message="far")
     far.timestamp.seconds = 2**62
     for topic, message in (

@@ -7,23 +7,24 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from das.advice.cause import Cause
 from das.bus import das_pb2
 from das.bus.config import BusFile
 from das.bus.presence import Presence, Presences
 from das.bus.session import Bus, Received, decoded, endpoint, free_ports
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
+from das.cab.heard import Kind, PublisherSeen, RestrictionsHeard
 from das.cab.operators import MOST_GONE, MOST_RIVALS, Operators
 from tests.das.node.test_node import process
-from tests.das.node.test_node_faults import START_NS, Cab, journey, restrictions
+from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
 
-TRAIN = "T1"
-S = 10**9
 TIMEOUT_S = 60.0
 OPERATOR = """
 import sys, time
@@ -38,15 +39,14 @@ with Bus("T1", listen=sys.argv[1], connect=[sys.argv[2]]) as bus:
 """
 
 
-class Told(Cab):
+class Told(DrivenNode):
     """A node of the bus's clock that hears several sessions, and is told by hand which of them are there."""
 
     def say(self, source: str, topic: Topic, message: Any) -> None:
-        self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), source))
+        self.tell(topic, message, source)
 
     def see(self, source: str, *, there: bool, topic: Topic = RESTRICTION) -> None:
-        presence = Presence(topic, source, there)
-        self.sink.presences = lambda found=[presence]: [found.pop()] if found else []  # type: ignore[method-assign]
+        self.sink.seen.append(Presence(topic, source, there))
 
 
 def named_list(source: str, second: float, limit_mps: float | None) -> tuple[str, Topic, Any]:
@@ -69,10 +69,8 @@ def test_a_second_operators_list_is_not_heeded_and_advice_waits_while_they_diffe
     for second in (12, 13, 14):
         cab.say(*named_list("b", second, None))
     silent = cab.tick(15)
-    assert (silent.mode, silent.reason) == (
-        das_pb2.MODE_NONE,
-        "two publishers of restrictions say different things: a and b",
-    )
+    assert (silent.mode, silent.cause) == (das_pb2.MODE_NONE, Cause.TWO_OPERATORS)
+    assert silent.reason == "two publishers of restrictions say different things: a and b"
     assert cab.sink.events().count("restriction: two publishers: what b says is not heeded while a is there") == 1
     cab.say(*named_list("b", 16, 10.0))
     assert cab.tick(17).limit_mps == 10.0
@@ -168,21 +166,20 @@ def test_without_word_of_who_is_there_the_first_publisher_counts(cab: Told) -> N
 
 
 def test_sessions_without_end_are_not_kept_without_end() -> None:
-    operators = Operators()
+    operators, seen = Operators(), partial(PublisherSeen, kind=Kind.RESTRICTION)
 
-    def message(source: str) -> Received:
-        return decoded(RESTRICTION, "", das_pb2.Restrictions(time_ns=1).SerializeToString(), source)
+    def message(source: str) -> RestrictionsHeard:
+        return RestrictionsHeard(time_ns=1, restrictions=(), source=source)
 
     assert operators.heeds(message("first"))
     for i in range(3 * MOST_GONE):
         assert not operators.heeds(message(f"rival {i}"))
-    operator = operators._of[RESTRICTION.name]
-    assert len(operator._rivals) == MOST_RIVALS
-    assert operators.see(Presence(RESTRICTION, "first", False)) != []
+    assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, 0)
+    assert operators.see(seen(source="first", there=False)) is not None
     for i in range(3 * MOST_GONE):
-        operators.see(Presence(RESTRICTION, f"other {i}", False))
-    assert len(operator._gone) == MOST_GONE
-    assert operators.heeds(message("next"))  # that the first one is gone is not forgotten
+        operators.see(seen(source=f"other {i}", there=False))
+    assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, MOST_GONE)
+    assert operators.heeds(message("next"))  # It is not forgotten that the first one is gone.
     assert not operators.contested()
 
 
@@ -234,7 +231,7 @@ def limited(limit_mps: float) -> Callable[[Received], bool]:
 
 
 def contested(received: Received) -> bool:
-    return received.topic is ADVICE and "say different things" in received.message.reason
+    return received.topic is ADVICE and received.message.cause == Cause.TWO_OPERATORS
 
 
 @contextmanager

@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from das.advice.advisor import Advice, Advisor, Timetable
-from sim.world.ride import Advise, Leg, Ride, advised_by, ride
 
-from das.advice.plan import Mode
+from das.advice.advice import Advice, Timetable
+from das.advice.modes import Mode
 from das.bus import das_pb2
 from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
@@ -33,6 +32,8 @@ from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import LEVER
 from sim.plant.plant import Command, Plant, PlantState
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
+from tests.support.one_section import OneSection
+from tests.support.ride import Advise, Leg, Ride, advised_by, ride
 
 RE460 = load_vehicle("re460-ic")
 ZUG_M, LUZERN_M = 29_000.0, 57_000.0
@@ -56,7 +57,7 @@ class Case:
         self.leg = Leg(start_m=start_m, stop_m=stop_m, departure_s=0.0, arrival_s=self.time_s)
 
     def advise(self, presentation: Presentation) -> Advise:
-        advisor = Advisor(self.front)
+        advisor = OneSection(self.front)
         advisor.set_timetable(Timetable(departure_ns=0, arrival_ns=round(self.time_s * 1e9)))
         return advised_by(advisor, presentation, self.line)
 
@@ -505,7 +506,8 @@ from das.domain.files.load import load_route, load_vehicle
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.plant import Plant
-from sim.world.ride import Leg, ride
+from tests.support.one_section import OneSection
+from tests.support.ride import Leg, ride
 
 route, train = load_route("flat-6km"), load_vehicle("re460-ic")
 line = LineKnowledge(route=route, vehicle=train)

@@ -9,23 +9,16 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from das.advice.advisor import UNHURRIED_S, Advice, Advisor, Source, Timetable
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from das.advice.plan import (
-    FOUR_MODES,
-    IDLE_EFFORT_RATIO,
-    LONGEST_RATIO,
-    RIPPLE_MPS,
-    ROLLING,
-    Mode,
-    Plan,
-    classify_modes,
-    without_short,
-)
+from das.advice.advice import Advice, Source, Timetable
+from das.advice.display import Display
+from das.advice.modes import FOUR_MODES, ROLLING, Mode, classify_modes, without_short
+from das.advice.plan import Plan
 from das.advice.plan_kernels import without_ripples
 from das.advice.reduced import ReducedSpeed
+from das.advice.settings import DEFAULT
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH, NS
@@ -33,6 +26,7 @@ from das.domain.vehicle import BrakePolicy
 from das.estimate.localisation import PositionFix, Quality
 from das.solver.front import Front, solve_front
 from das.solver.section import build_section
+from tests.support.one_section import OneSection
 
 T0 = 1_800_000_000_000_000_000
 
@@ -48,8 +42,8 @@ def front() -> Front:
 
 def advisor_at(
     front: Front, s_m: float, v_mps: float, *, now_s: float, arrival_s: float, departure_s: float = 0.0
-) -> tuple[Advisor, Advice]:
-    advisor = Advisor(front)
+) -> tuple[OneSection, Advice]:
+    advisor = OneSection(front)
     advisor.set_timetable(Timetable(departure_ns=ns(departure_s), arrival_ns=ns(arrival_s)))
     advisor.set_position(PositionFix(time_ns=ns(now_s), s_m=s_m, speed_mps=v_mps))
     return advisor, advisor.update(ns(now_s))
@@ -59,7 +53,7 @@ def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Fro
     """A follower that has exactly the advised speed at every second: arrives when promised."""
     least = front.fastest().time_s
     arrival_s = round(least * 1.1)
-    advisor = Advisor(front)
+    advisor = OneSection(front)
     advisor.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(arrival_s)))
     s, v, first = 0.0, 0.0, None
     for second in range(2 * arrival_s):
@@ -74,8 +68,10 @@ def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Fro
     assert s == pytest.approx(29_000.0, abs=30.0)
     assert second == pytest.approx(arrival_s, abs=5)
     assert first is not None
-    assert first.energy_to_go_j == pytest.approx(front.trajectory(arrival_s + UNHURRIED_S).ledger.input, rel=1e-3)
-    assert first.predicted_deviation_s == pytest.approx(UNHURRIED_S, abs=0.25)
+    assert first.energy_to_go_j == pytest.approx(
+        front.trajectory(arrival_s + DEFAULT.plan.unhurried_s).ledger.input, rel=1e-3
+    )
+    assert first.predicted_deviation_s == pytest.approx(DEFAULT.plan.unhurried_s, abs=0.25)
     assert first.buffer_ratio == pytest.approx(arrival_s / least - 1, abs=1e-3)
 
 
@@ -234,7 +230,7 @@ def test_position_is_extrapolated_to_now(front: Front) -> None:
     ],
 )
 def test_no_advice_with_its_reason(front: Front, fix: dict[str, float], now_s: float, reason: str) -> None:
-    advisor = Advisor(front)
+    advisor = OneSection(front)
     advisor.set_timetable(Timetable(departure_ns=ns(-100), arrival_ns=ns(1_250)))
     quality = Quality.INVALID if "invalid" in fix else Quality.GOOD
     advisor.set_position(
@@ -254,15 +250,15 @@ def test_advice_comes_back_when_the_position_does(front: Front) -> None:
 
 
 def test_without_timetable_or_position_it_says_so(front: Front) -> None:
-    advisor = Advisor(front)
-    assert advisor.update(T0).reason == "no timetable yet"
+    advisor = OneSection(front)
+    assert advisor.update(T0).reason == "no journey yet"
     advisor.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(1_250)))
     assert advisor.update(T0).reason == "no position yet"
 
 
 def test_a_timetable_that_leaves_no_time_is_refused(front: Front) -> None:
     with pytest.raises(DasError, match="not after the departure"):
-        Advisor(front).set_timetable(Timetable(departure_ns=ns(10), arrival_ns=ns(10)))
+        OneSection(front).set_timetable(Timetable(departure_ns=ns(10), arrival_ns=ns(10)))
 
 
 def test_a_plan_is_kept_while_the_train_stays_near_it(front: Front) -> None:
@@ -281,17 +277,17 @@ def test_a_plan_is_kept_while_the_train_stays_near_it(front: Front) -> None:
 
 
 def test_a_new_mode_waits_unless_it_asks_for_less_effort(front: Front) -> None:
-    advisor = Advisor(front)
-    assert advisor._held_mode(Mode.COAST, ns(0)) is Mode.COAST
-    assert advisor._held_mode(Mode.CRUISE, ns(1)) is Mode.COAST
-    assert advisor._held_mode(Mode.CRUISE, ns(3)) is Mode.CRUISE
-    assert advisor._held_mode(Mode.COAST, ns(4)) is Mode.COAST
-    assert advisor._held_mode(Mode.FULL_BRAKE, ns(5)) is Mode.FULL_BRAKE
+    display = Display()
+    assert display.held_mode(Mode.COAST, ns(0)) is Mode.COAST
+    assert display.held_mode(Mode.CRUISE, ns(1)) is Mode.COAST
+    assert display.held_mode(Mode.CRUISE, ns(3)) is Mode.CRUISE
+    assert display.held_mode(Mode.COAST, ns(4)) is Mode.COAST
+    assert display.held_mode(Mode.FULL_BRAKE, ns(5)) is Mode.FULL_BRAKE
 
 
 def driven(front: Front, states: list[tuple[float, float]], *, arrival_s: float) -> list[Advice]:
     """The advice of every second for a train that is where it likes to be (position m, speed m/s)."""
-    advisor, heard = Advisor(front), []
+    advisor, heard = OneSection(front), []
     advisor.set_timetable(Timetable(departure_ns=ns(-1000.0), arrival_ns=ns(arrival_s)))
     for second, (s_m, v_mps) in enumerate(states):
         advisor.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
@@ -354,7 +350,10 @@ def test_the_effort_of_a_mode_left_out_is_not_shown_with_another(front: Front) -
         left_out += int(np.count_nonzero(plan.modes != planned))
         assert (plan.shown_force_n[plan.modes == planned] == plan.force_n[plan.modes == planned]).all()
         assert (plan.shown_force_n <= plan.force_n).all()
-        assert plan.shown_force_n[plan.modes == Mode.COAST].max() <= IDLE_EFFORT_RATIO * section.train.traction_force_n
+        assert (
+            plan.shown_force_n[plan.modes == Mode.COAST].max()
+            <= DEFAULT.modes.idle_effort_ratio * section.train.traction_force_n
+        )
     assert left_out > 0
 
 
@@ -404,7 +403,9 @@ def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> 
         ([cruise, pull, cruise, pull, cruise], [20.0, 20.0, 20.5, 20.5, 21.0, 21.0], [cruise] * 5),
     ]
     for modes, v_mps, expected in cases:
-        found = without_ripples(np.array(modes, dtype=np.int64), np.array(v_mps), int(cruise), ROLLING, RIPPLE_MPS)
+        found = without_ripples(
+            np.array(modes, dtype=np.int64), np.array(v_mps), int(cruise), ROLLING, DEFAULT.modes.ripple_mps
+        )
         assert found.tolist() == expected
 
 
@@ -412,10 +413,10 @@ def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> 
 
 
 def test_the_speed_on_a_display_does_not_flicker_and_is_never_above_what_is_allowed(front: Front) -> None:
-    advisor = Advisor(front)
-    shown = [advisor._displayed(v * KMH, 200 * KMH) for v in (80.0, 80.6, 80.4, 79.4, 80.74, 80.76, 80.3, 79.0)]
+    display = Display()
+    shown = [display.displayed(v * KMH, 200 * KMH) for v in (80.0, 80.6, 80.4, 79.4, 80.74, 80.76, 80.3, 79.0)]
     assert np.array(shown) / KMH == pytest.approx([80, 80, 80, 80, 80, 81, 81, 79])
-    assert advisor._displayed(79.3 * KMH, 78.5 * KMH) == pytest.approx(78 * KMH)
+    assert display.displayed(79.3 * KMH, 78.5 * KMH) == pytest.approx(78 * KMH)
 
 
 def test_four_modes_and_their_next_change(front: Front) -> None:
@@ -454,7 +455,9 @@ def test_the_reduced_maximum_speed_is_not_absurdly_slow_where_time_is_ample(fron
     reduced = ReducedSpeed(front.section)
     fast = float(front.section.limit_mps.max())
     top = reduced.at(0.0, 0.0, ns(0), ns(9_000))
-    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(LONGEST_RATIO * reduced.time_s(0.0, 0.0, fast), abs=2.0)
+    assert reduced.time_s(0.0, 0.0, top) == pytest.approx(
+        DEFAULT.plan.longest_ratio * reduced.time_s(0.0, 0.0, fast), abs=2.0
+    )
     for second in range(60, 1_800, 60):
         assert reduced.at(10.0 * second, top, ns(second), ns(9_000)) == top
 
@@ -467,9 +470,9 @@ def test_before_the_departure_the_reduced_speed_of_the_way_is_known(front: Front
 
 
 def test_a_clock_that_is_set_back_does_not_hold_a_mode(front: Front) -> None:
-    advisor = Advisor(front)
-    assert advisor._held_mode(Mode.COAST, ns(1000)) is Mode.COAST
-    assert advisor._held_mode(Mode.CRUISE, ns(0)) is Mode.CRUISE
+    display = Display()
+    assert display.held_mode(Mode.COAST, ns(1000)) is Mode.COAST
+    assert display.held_mode(Mode.CRUISE, ns(0)) is Mode.CRUISE
 
 
 def test_every_field_of_the_advice_is_in_the_message() -> None:

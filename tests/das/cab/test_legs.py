@@ -1,4 +1,4 @@
-"""A trip: restrictions, trains, levels and time, and that no advice is above what is in force."""
+"""The legs of a journey: restrictions, trains, levels and time, and that no advice is above what is in force."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ from functools import partial
 
 import numpy as np
 import pytest
-from das.advice.advisor import Advisor, PositionFix, Timetable
-from das.cab.trip import Target, Trip
 
-from das.advice.plan import LONGEST_RATIO, Mode
-from das.cab.fronts import Fronts, Situation
+from das.advice.advice import Timetable
+from das.advice.cause import Cause
+from das.advice.modes import Mode
+from das.advice.settings import DEFAULT
+from das.bus import das_pb2
+from das.bus.topics import RESTRICTION
+from das.cab.fronts import Fronts
+from das.cab.heard import Target
+from das.cab.leg import Leg
+from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
@@ -21,6 +27,8 @@ from das.domain.losses import Level
 from das.domain.route import Restriction, Route, Stop, Stretches
 from das.domain.units import NS
 from das.domain.vehicle import Load
+from das.estimate.localisation import PositionFix
+from tests.support.driven_node import START_NS, DrivenNode
 from tests.support.small_trips import (
     DUE,
     FRONTS,
@@ -28,6 +36,7 @@ from tests.support.small_trips import (
     LINE,
     T0,
     TRAIN,
+    SmallTrip,
     at,
     broken,
     follow,
@@ -113,8 +122,12 @@ def test_a_restriction_elsewhere_changes_nothing() -> None:
 
 
 def test_too_many_restrictions_are_refused() -> None:
-    with pytest.raises(DasError, match="at most 100"):
-        trip().set_restrictions([Restriction(start_m=1.0, end_m=2.0, limit_mps=9.0)] * 101)
+    node = DrivenNode()
+    one = das_pb2.Restrictions.Restriction(start_m=1.0, end_m=2.0, limit_mps=9.0)
+    node.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS, restrictions=[one] * 101))
+    advice = node.tick(50)
+    assert advice.cause == Cause.RESTRICTIONS_UNHEEDED
+    assert "101 of them, more than 100" in advice.reason
 
 
 def test_without_a_thread_the_order_in_which_things_are_told_does_not_matter() -> None:
@@ -122,7 +135,7 @@ def test_without_a_thread_the_order_in_which_things_are_told_does_not_matter() -
     one = Restriction(start_m=2000.0, end_m=3000.0, limit_mps=10.0)
     news = []
     for order in ((0, 1), (1, 0)):
-        made = Trip(Situation(route=LINE, vehicle=TRAIN), Fronts(threads=1), background=False, unrestricted=True)
+        made = SmallTrip(Situation(route=LINE, vehicle=TRAIN), Fronts(threads=1))
         told = [partial(made.begin, LINE.stops, DUE), partial(made.set_restrictions, [one])]
         for which in order:
             told[which]()
@@ -136,7 +149,7 @@ def test_a_section_that_could_not_be_made_is_not_taken_for_prepared(monkeypatch:
     made, one = trip(), Restriction(start_m=2000.0, end_m=3000.0, limit_mps=10.0)
     assert at(made, 60, 2100.0, 24.0).advised_speed_mps > 20
     with monkeypatch.context() as patch:
-        patch.setattr(Advisor, "set_section", broken)
+        patch.setattr(Leg, "use_meanwhile", broken)
         for second in (61, 62):
             made.set_restrictions([one])
             with pytest.raises(IndexError):
@@ -147,7 +160,7 @@ def test_a_section_that_could_not_be_made_is_not_taken_for_prepared(monkeypatch:
 def test_a_hill_that_cannot_be_climbed_under_a_restriction_withdraws_with_the_reason() -> None:
     hill = Stretches(start_m=np.array([0.0, 2500.0, 2700.0]), value=np.array([0.0, 0.12, 0.0]))
     steep = replace(LINE, gradients_ratio=hill)
-    made = Trip(Situation(route=steep, vehicle=TRAIN), Fronts(threads=1), background=False, unrestricted=True)
+    made = SmallTrip(Situation(route=steep, vehicle=TRAIN), Fronts(threads=1))
     made.begin(steep.stops, DUE)
     assert at(made, 60, 2000.0, 24.0).mode is not Mode.NONE
     made.set_restrictions([Restriction(start_m=2300.0, end_m=2700.0, limit_mps=3.0)])
@@ -175,8 +188,7 @@ def test_another_train_level_or_condition_is_solved_anew() -> None:
     made.begin(LINE.stops, DUE, level=Level.L0_REG)
     made.set_position(PositionFix(time_ns=ns(60), s_m=1500.0, speed_mps=24.0))
     lossless = made.update(ns(60))
-    assert made.advisor is not None
-    assert made.advisor.current.section.level is Level.L0_REG
+    assert made.leg.section.level is Level.L0_REG
     assert lossless.energy_to_go_j < 0.9 * first.energy_to_go_j
 
 
@@ -203,9 +215,7 @@ def test_stops_at_the_same_places_may_have_other_names() -> None:
 
 def test_conditions_the_train_could_not_drive_under_are_ignored_and_said() -> None:
     hill = Stretches(start_m=np.array([0.0, 300.0, 2700.0]), value=np.array([0.0, 0.03, 0.0]))
-    made = Trip(
-        Situation(route=replace(LINE, gradients_ratio=hill), vehicle=TRAIN), FRONTS, background=False, unrestricted=True
-    )
+    made = SmallTrip(Situation(route=replace(LINE, gradients_ratio=hill), vehicle=TRAIN), FRONTS)
     made.begin(LINE.stops, DUE)
     before = at(made, 60, 1500.0, 24.0)
     made.take_news()
@@ -244,10 +254,9 @@ def test_far_too_much_time_is_not_crawled_away() -> None:
     ample = [(0, 3000), (3030, 3290)]
     made = trip(due=[Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in ample])
     first = at(made, 0, 0.0, 0.0)
-    assert made.advisor is not None
-    least_s = made.advisor.current.front.least_time_s(0.0, 0.0)
+    least_s = made.leg.planner.least_time_s(0.0, 0.0)
     run_s = (first.predicted_arrival_ns - T0) * NS
-    assert run_s <= LONGEST_RATIO * least_s + 1
+    assert run_s <= DEFAULT.plan.longest_ratio * least_s + 1
     assert first.predicted_deviation_s < -1000
     assert first.reason.endswith("early: wait at B")
     advices = [a for a in follow(made) if a.s_m < 4000]
@@ -268,8 +277,8 @@ def test_a_long_stop_leaves_less_time_and_the_next_section_makes_up_for_it() -> 
 def test_the_next_section_is_ready_before_the_stop_and_those_far_off_are_let_go() -> None:
     made = trip()
     at(made, 60, 1500.0, 24.0)
-    assert made.advisor is not None
-    _, second = made.advisor.advisors
-    assert len(second.front.lambda_w) > 10
+    _, second = made.legs.legs
+    assert second.planner.policy.front is not None
+    assert len(second.planner.policy.front.lambda_w) > 10
     at(made, 400, 6000.0, 24.0)
-    assert made.advisor.current is second
+    assert made.leg is second

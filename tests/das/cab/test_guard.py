@@ -1,0 +1,100 @@
+"""The guard: what is ignored and why, who is heard, and moderation of complaints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from das.cab.guard import DEFAULT, Guard, Publishers
+from das.cab.heard import JourneyHeard, OrderedStop, RestrictionsHeard, ToldRestriction
+from das.cab.moderation import MOST_A_SECOND, Moderation
+
+S = 10**9
+NOW_NS = 1_800_000_000 * S
+
+
+def test_moderation_lets_few_through_and_says_how_many_it_held_back() -> None:
+    moderation = Moderation()
+    assert sum(moderation.allows(NOW_NS + i) for i in range(1_000)) == MOST_A_SECOND
+    assert moderation.unsaid(NOW_NS + 2_000) == 0
+    assert moderation.unsaid(NOW_NS + 2 * S) == 1_000 - MOST_A_SECOND
+    assert moderation.unsaid(NOW_NS + 2 * S) == 0
+    assert moderation.allows(NOW_NS - 100 * S)  # the clock was put back
+
+
+def test_a_second_publisher_of_the_position_is_not_heard_until_the_first_is_silent() -> None:
+    publishers = Publishers()
+    assert publishers.is_heard("a", NOW_NS)
+    assert publishers.contested(NOW_NS) == ""
+    assert not publishers.is_heard("b", NOW_NS + S)
+    assert publishers.is_heard("a", NOW_NS + 2 * S)
+    assert publishers.contested(NOW_NS + 2 * S) == "a and b"
+    assert publishers.contested(NOW_NS + 4 * S + 1) == ""  # the rival has gone
+    assert not publishers.is_heard("b", NOW_NS + 5 * S)  # the first was heard at 2 s
+    assert publishers.is_heard("b", NOW_NS + 5 * S + 1)  # now it has gone
+    assert publishers.contested(NOW_NS + 5 * S + 1) == ""
+
+
+def journey(time_ns: int, now_ns: int, stops: int = 2, name: str = "A") -> JourneyHeard:
+    stop = OrderedStop(name, 0.0)
+    return JourneyHeard(time_ns=time_ns, heard_ns=now_ns, route_id="x", vehicle_id="x", stops=(stop,) * stops)
+
+
+def restrictions(time_ns: int, now_ns: int, *numbers: tuple[float, float, float]) -> RestrictionsHeard:
+    them = tuple(ToldRestriction(*one) for one in numbers)
+    return RestrictionsHeard(time_ns=time_ns, heard_ns=now_ns, restrictions=them)
+
+
+def test_replayed_future_and_oversized_journeys_are_ignored_with_the_reason() -> None:
+    guard = Guard()
+    assert guard.problem(journey(NOW_NS, NOW_NS)) == ""
+    assert guard.problem(journey(NOW_NS, NOW_NS)) == ""  # the bus gives it again to whoever comes back
+    assert "10 s older than the last was ignored" in guard.problem(journey(NOW_NS - 10 * S, NOW_NS))
+    assert "ahead of the clock was ignored" in guard.problem(journey(2**63 - 1, NOW_NS))
+    assert "100000 stops" in guard.problem(journey(NOW_NS + S, NOW_NS, stops=100_000))
+    assert "a name of 1000000 letters" in guard.problem(journey(NOW_NS + S, NOW_NS, name="x" * 10**6))
+    assert guard.problem(journey(NOW_NS + S, NOW_NS, DEFAULT.most_stops, "x" * DEFAULT.longest_text)) == ""
+
+
+def test_what_came_from_ahead_of_a_wrong_clock_is_taken_when_the_clock_is_right() -> None:
+    guard, wrong_ns = Guard(), NOW_NS - 3600 * S
+    told = [journey(NOW_NS, wrong_ns), restrictions(NOW_NS, wrong_ns, (0.0, 1.0, 5.0))]
+    assert all("3600 s ahead of the clock" in guard.problem(one) for one in told)
+    assert guard.due(wrong_ns) == []
+    assert "3600 s ahead" in str(guard.unheeded)
+    assert guard.due(NOW_NS) == told
+    assert [guard.problem(replace(one, heard_ns=NOW_NS)) for one in told] == ["", ""]
+    assert guard.unheeded is None
+    assert guard.due(NOW_NS) == []
+    guard.problem(journey(NOW_NS + 3600 * S, NOW_NS))
+    guard.problem(journey(NOW_NS + S, NOW_NS))  # the last word counts
+    assert guard.due(NOW_NS + 3600 * S) == []
+
+
+def test_restrictions_older_than_the_last_are_a_replay_or_an_operator_whose_clock_went_back() -> None:
+    """Nobody can tell which: what says the same is left alone, what says otherwise withdraws the advice."""
+    guard, here, there = Guard(), (0.0, 1.0, 5.0), (2.0, 3.0, 5.0)
+    assert guard.problem(restrictions(NOW_NS, NOW_NS, here)) == ""
+    assert "10 s older than the last" in guard.problem(restrictions(NOW_NS - 10 * S, NOW_NS, here))
+    assert guard.unheeded is None
+    assert guard.problem(restrictions(NOW_NS - 10 * S, NOW_NS, here, there))
+    assert "one 10 s older than the last, which said otherwise" in str(guard.unheeded)
+    assert guard.problem(restrictions(NOW_NS + S, NOW_NS, there)) == ""
+    assert guard.unheeded is None
+
+
+def test_restrictions_nobody_can_heed_withdraw_the_advice_until_there_are_others() -> None:
+    guard, nan = Guard(), float("nan")
+    assert guard.problem(restrictions(NOW_NS, NOW_NS, (0.0, 1.0, 5.0))) == ""
+    assert guard.unheeded is None
+    for wrong in ((0.0, 1.0, nan), (0.0, nan, 5.0), (1.0, 0.0, 5.0), (0.0, 1.0, 0.0), (0.0, float("inf"), 1.0)):
+        assert guard.problem(restrictions(NOW_NS, NOW_NS, wrong))
+        assert "one of" in str(guard.unheeded)
+    many = [(0.0, 1.0, 5.0)] * (DEFAULT.most_restrictions + 1)
+    said = guard.problem(restrictions(NOW_NS, NOW_NS, *many))
+    assert f"{DEFAULT.most_restrictions + 1} of them, more than {DEFAULT.most_restrictions}" in said
+    assert guard.problem(restrictions(NOW_NS - S, NOW_NS, *many[:3]))  # a replay does not lift the distrust
+    assert guard.unheeded
+    assert guard.problem(restrictions(NOW_NS + S, NOW_NS, *many[:3])) == ""
+    assert guard.unheeded is None
+    assert guard.problem(restrictions(NOW_NS + 3600 * S, NOW_NS))
+    assert "3600 s ahead of the clock" in str(guard.unheeded)

@@ -1,0 +1,99 @@
+"""A node without sockets: messages go in by hand, and what it publishes is kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from google.protobuf.message import Message
+
+from das.bus import das_pb2
+from das.bus.presence import Presence
+from das.bus.session import decoded
+from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, POSITION, RESTRICTION, Topic
+from das.cab.cab import Cab, CabSettings
+from das.cab.fronts import Fronts
+from das.cab.orders import Post
+from das.cab.situation import Situation
+from das.cab.trains import Trains
+from das.domain.files.load import load_route, load_vehicle
+from das.node.clock import BusClock
+from das.node.node import Node
+
+TRAIN = "T1"
+START_NS = 1_800_000_000_000_000_000
+S = 10**9
+FRONTS = Fronts(threads=1)
+ROUTE, VEHICLE = load_route("flat-6km"), load_vehicle("re460-ic")
+
+
+class Sink:
+    """Stands where the bus stands, keeps what the node publishes, and sends nothing."""
+
+    train = TRAIN
+    dropped = 0
+
+    def __init__(self) -> None:
+        self.said: list[tuple[Topic, Any]] = []
+        self.seen: list[Presence] = []
+
+    def publish(self, topic: Topic, message: Message) -> None:
+        payload = message.SerializeToString()
+        assert len(payload) < 100_000
+        self.said.append((topic, topic.message.FromString(payload)))
+
+    def presences(self) -> list[Presence]:
+        """Publishers that came or went since this was last asked."""
+        seen, self.seen = self.seen, []
+        return seen
+
+    def of(self, topic: Topic) -> list[Any]:
+        return [message for one, message in self.said if one is topic]
+
+    def events(self) -> str:
+        return "\n".join(message.message for message in self.of(EVENT))
+
+
+def make_node(sink: Sink, settings: CabSettings | None = None) -> Node:
+    """A node with the clock of the bus, on the flat line."""
+    post = Post(train=TRAIN, route=ROUTE, trains=Trains(VEHICLE, VEHICLE))
+    cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), FRONTS, settings)
+    return Node(sink, cab, BusClock())  # type: ignore[arg-type]
+
+
+class DrivenNode:
+    """A node whose train runs at 20 m/s from second 0 on; it was told a journey, and that there are no restrictions."""
+
+    def __init__(self, settings: CabSettings | None = None, *, told: bool = True) -> None:
+        self.sink = Sink()
+        self.node = make_node(self.sink, settings)
+        if told:
+            self.tell(JOURNEY, journey())
+            self.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
+
+    def tell(self, topic: Topic, message: Message, source: str = "") -> None:
+        self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), source))
+
+    def tick(self, second: float, s_m: float | None = None) -> Any:
+        """The one advice for a moment."""
+        now_ns = START_NS + round(second * S)
+        before = len(self.sink.of(ADVICE))
+        place_m = 20.0 * second if s_m is None else s_m
+        self.tell(POSITION, das_pb2.Position(time_ns=now_ns, s_m=place_m, speed_mps=20.0))
+        self.tell(CONTROL, das_pb2.Control(time_ns=now_ns, tick=round(second)))
+        (advice,) = self.sink.of(ADVICE)[before:]
+        assert (advice.time_ns, advice.tick) == (now_ns, round(second))
+        return advice
+
+
+def journey(**changes: Any) -> das_pb2.Journey:
+    stops = [
+        das_pb2.Journey.Stop(name="A", s_m=0.0, departure_ns=START_NS),
+        das_pb2.Journey.Stop(name="B", s_m=6_000.0, arrival_ns=START_NS + 300 * S),
+    ]
+    known = {"time_ns": START_NS, "route_id": "flat-6km", "vehicle_id": "re460-ic", "stops": stops}
+    return das_pb2.Journey(**{**known, **changes})
+
+
+def restrictions(second: float, limit_mps: float) -> das_pb2.Restrictions:
+    one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=6_000.0, limit_mps=limit_mps)
+    return das_pb2.Restrictions(time_ns=START_NS + round(second * S), restrictions=[one])

@@ -1,0 +1,66 @@
+"""One section with its advice, for a state or for what sensors say: a leg without the rest of the cab."""
+
+from __future__ import annotations
+
+from das.advice.advice import Advice, Source, Timetable
+from das.advice.plan import Plan
+from das.advice.planner import Policy
+from das.cab.leg import Leg, NoPlanError
+from das.cab.withdrawal import Trust, decide
+from das.domain.route import Stop
+from das.estimate.localisation import Estimate, Localisation, PositionFix
+from das.solver.front import Front
+from das.solver.section import Section
+
+
+class OneSection:
+    """A leg, and where the train is on it."""
+
+    def __init__(self, front: Front, source: Source = Source.SOLVED) -> None:
+        section = front.section
+        start, end = Stop(name="start", position_m=section.start_m), Stop(name="end", position_m=section.end_m)
+        self.leg = Leg(start, end, section)
+        self.localisation = Localisation(section.vehicle)
+        self.set_front(front, source)
+
+    @property
+    def plan(self) -> Plan | None:
+        return self.leg.planner.plan
+
+    def set_front(self, front: Front, source: Source) -> None:
+        self.leg.use(Policy(section=front.section, front=front, source=source))
+
+    def set_section(self, section: Section, why: str) -> None:
+        self.leg.use_meanwhile(section, why)
+
+    def set_timetable(self, timetable: Timetable) -> None:
+        self.leg.set_timetable(timetable)
+
+    def set_delay(self, delay_s: float) -> None:
+        self.leg.set_delay(delay_s)
+
+    def set_position(self, fix: PositionFix) -> None:
+        self.localisation.take(fix)
+
+    def update(self, now_ns: int) -> Advice:
+        """The advice at a moment, for what sensors said."""
+        return self.advise(self.localisation.at(now_ns))
+
+    def advise(self, here: Estimate) -> Advice:
+        """The advice for a state; withdrawals are decided as the cab does."""
+        return advised(self.leg, here)
+
+
+def advised(leg: Leg, here: Estimate, refusal: str = "") -> Advice:
+    """The advice of a leg for a state, with nothing to distrust."""
+    facts = leg.facts(refusal)
+    leg.see(here)
+    leg.refresh_goal()
+    why = decide(here, Trust(), facts)
+    if why is None:
+        try:
+            return leg.advise(here)
+        except NoPlanError as error:
+            why = decide(here, Trust(), facts, no_plan=str(error))
+    assert why is not None
+    return leg.withdraw(here, why)
