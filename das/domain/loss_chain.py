@@ -2,7 +2,7 @@
 
 The measured maps behind the paper are confidential; this makes a map of the same kind from named components. Each
 component is a small dataclass with the textbook formula of its loss and where it is from; parameters are assumptions
-or results of the calibration, as the vehicle's file states (docs/loss-maps.md).
+or results of the calibration, as the vehicle's file states (docs/explanation/loss-maps.md).
 
 Power is followed from the wheel to the line, so that the quadrants differ by themselves: when driving every component
 carries the losses of those behind it as well, when braking it carries less than the wheel gives. Symbols: F wheel

@@ -1,7 +1,7 @@
 """Online calibration: mass and running resistance of the train from how it moves under the forces it measures.
 
 Pure and deterministic: no bus, no clock, no randomness. Per window of samples one row of a least-squares problem
-(docs/calibration.md); two ratios against the planned train are estimated recursively.
+(docs/explanation/calibration.md); two ratios against the planned train are estimated recursively.
 """
 
 from __future__ import annotations

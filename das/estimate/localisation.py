@@ -1,7 +1,7 @@
 """Localisation: from what sensors say to a state with its uncertainty. No bus, no clock, no randomness of its own.
 
-The same fixes give the same estimate, bit for bit (docs/localisation.md). Fixes that cannot be are rejected with the
-reason; the estimate is carried on without them, until it is too old or too uncertain to be used.
+The same fixes give the same estimate, bit for bit (docs/explanation/localisation.md). Fixes that cannot be are rejected
+with the reason; the estimate is carried on without them, until it is too old or too uncertain to be used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A solved section on disk and back (docs/tables.md): policies, and one trajectory per buffer.
+"""A solved section on disk and back (docs/reference/tables.md): policies, and one trajectory per buffer.
 
 A table is a folder: manifest.json and plain .npy arrays, which are opened memory-mapped. It is refused with the reason
 where it is cut, altered, of another schema, or of another section than the one it is asked for.
@@ -37,7 +37,8 @@ Floats = NDArray[np.float64]
 SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
 MULTIPLIERS = 28
-"""Multipliers of a table, of the 64 a front is solved with: fewer lose energy, more take room (docs/tables.md)."""
+"""Multipliers of a table, of the 64 a front is solved with: fewer lose energy, more take room
+(docs/reference/tables.md)."""
 FEWEST_MULTIPLIERS = 8
 LONGEST_BUFFER_RATIO = 1.0
 SHORTEST_BUFFER_RATIO = 0.0003
@@ -172,7 +173,7 @@ def warm_up() -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """A table opened memory-mapped: `manifest` as written, `arrays` by name (see docs/tables.md)."""
+    """A table opened memory-mapped: `manifest` as written, `arrays` by name (see docs/reference/tables.md)."""
 
     folder: Path
     manifest: Mapping[str, Any]

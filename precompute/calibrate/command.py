@@ -5,7 +5,7 @@ part) and loss at full power: three equations, three unknowns. For the IGBT chai
 converter: its parameters such that runs that do not depend on the map consume what Table 2 prints for them.
 Stage 2 (trajectories, GTO): a search without derivatives (Nelder & Mead 1965) over a few parameters of the shape, each
 trial with its own stage 1, so that the optimal runs save what the paper prints. Everything starts from fixed numbers,
-which a wider search by hand led to (docs/loss-maps.md), and is deterministic.
+which a wider search by hand led to (docs/explanation/loss-maps.md), and is deterministic.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Solving jobs on an existing Dask cluster; how to start one: docs/cluster.md.
+"""Solving jobs on an existing Dask cluster; how to start one: docs/how-to/build-on-a-cluster.md.
 
 Workers need not share a disk with us: the files of a table come back as the result, one table at a time, and are
 written here. Only so many jobs are on the cluster at once that the results waiting there stay few.
@@ -53,7 +53,8 @@ def check_workers(client: Any, address: str) -> None:
     here = environment()
     answers = client.run(environment, on_error="return")
     if not answers:
-        raise DasError(f"{address}: the scheduler has no workers (docs/cluster.md says how to start them)")
+        how = "docs/how-to/build-on-a-cluster.md says how to start them"
+        raise DasError(f"{address}: the scheduler has no workers ({how})")
     for worker, there in answers.items():
         if isinstance(there, BaseException):
             raise WorkerDiffersError(f"worker {worker}: cannot import our code ({type(there).__name__}: {there})")

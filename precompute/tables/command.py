@@ -108,7 +108,8 @@ def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
     """What is in a folder of tables: sections, trains, sizes, times and energies, certificates.
 
     kWh: net energy at the current collector of the first and of the last trajectory (mostly that of least energy).
-    gap: how far the energy lies above its lower bound at most, in % of the irreversible energy (see docs/physics.md).
+    gap: how far the energy lies above its lower bound at most, in % of the irreversible energy (see
+    docs/explanation/solver.md).
     """
     from das.table.table import Table, TableError
     from precompute.tables.store import table_folders

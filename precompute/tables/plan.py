@@ -1,4 +1,4 @@
-"""The plan of a build: from a TOML file to the jobs it asks for (format: docs/tables.md)."""
+"""The plan of a build: from a TOML file to the jobs it asks for (format: docs/reference/tables.md)."""
 
 from __future__ import annotations
 

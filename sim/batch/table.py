@@ -1,4 +1,4 @@
-"""The table of a batch's results: Parquet, one row a run (docs/scenarios.md)."""
+"""The table of a batch's results: Parquet, one row a run (docs/reference/batch-table.md)."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import typer
 
 from das.domain.losses import Level
 
-TripArgument = Annotated[Path, typer.Argument(help="Trip: CSV, GPX or MCAP of ours (see docs/trips.md).")]
+TripArgument = Annotated[Path, typer.Argument(help="Trip: CSV, GPX or MCAP of ours (see docs/reference/trips.md).")]
 RouteOption = Annotated[
     str | None, typer.Option(help="Bundled route, TOML or TTOBench track [default: the recording's].")
 ]

@@ -40,4 +40,5 @@ def drivers(
     for name, default, unit, limits, meaning, source in parameter_table():
         table.add_row(name, f"{default} {unit}", limits, f"{fill(meaning, FOLDED)}\n{fill(f'({source})', FOLDED)}")
     print_table(table)
-    print("a scenario's table [human] sets them, to values or ranges, and trips made before (docs/drivers.md)")
+    print("a scenario's table [human] sets them, to values or ranges, and trips made before")
+    print("(docs/reference/drivers.md)")

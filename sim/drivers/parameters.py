@@ -64,7 +64,8 @@ class HumanParameters:
         1.0,
         "share of the braking effort asked of the friction brake though the motors could give it, unless advice is "
         "followed",
-        "so that friction takes about the 15.1 % of the energy measured by Nold & Corman (2024): docs/drivers.md",
+        "so that friction takes about the 15.1 % of the energy measured by Nold & Corman (2024): "
+        "docs/reference/drivers.md",
     )
     haste_ratio: float = _parameter(
         0.5, "–", 0.0, 1.0, "without advice: 0 = at the highest speed that keeps time, 1 = as fast as allowed"
@@ -117,6 +118,6 @@ def parameter_table() -> list[tuple[str, str, str, str, str, str]]:
 
 
 def parameter_markdown() -> str:
-    """The table as docs/drivers.md shows it."""
+    """The table as docs/reference/drivers.md shows it."""
     head = ["| parameter | default | unit | range | meaning | source |", "|---|---:|---|---|---|---|"]
     return "\n".join(head + [f"| `{row[0]}` | {' | '.join(row[1:])} |" for row in parameter_table()])

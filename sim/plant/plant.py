@@ -1,7 +1,8 @@
 """A simulated train: its own physics over domain data, apart from the solver's, so that errors are not shared.
 
-m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/physics.md, and beyond it: forces take
-time (dead time, build-up, jerk), wheels transmit only what the rail's adhesion at this place and time allows.
+m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md, and beyond it:
+forces take time (dead time, build-up, jerk), wheels transmit only what the rail's adhesion allows at this place and
+time.
 """
 
 from __future__ import annotations

@@ -88,11 +88,11 @@ def match_trip(
 ) -> MatchedTrip:
     """Put a record (times increasing) on a route that is driven from `start_stop` to `end_stop`, positions increasing.
 
-    What cannot be is dropped or mended, and told in the report (see docs/trips.md). Kilometre posts have a zero of
-    their own: two standstills as far apart as the stops, within 1 %, are put on the stops and the kilometrage is scaled
-    to both; else the stand at the start, or that at the end, gives the zero. Without a line the record's positions
-    count. Of long stands at the ends 30 s are kept, or all (`whole_stands`). Raises DasError where nothing sensible
-    remains: off the line, not moving, turning back, not of this section.
+    What cannot be is dropped or mended, and told in the report (see docs/reference/trips.md). Kilometre posts have a
+    zero of their own: two standstills as far apart as the stops, within 1 %, are put on the stops and the kilometrage
+    is scaled to both; else the stand at the start, or that at the end, gives the zero. Without a line the record's
+    positions count. Of long stands at the ends 30 s are kept, or all (`whole_stands`). Raises DasError where nothing
+    sensible remains: off the line, not moving, turning back, not of this section.
     """
     log = log or FindingLog(read=len(record))
     stops = (start_stop, end_stop)

@@ -70,7 +70,7 @@ class _Options:
 
 def run(
     scenario: Annotated[
-        str, typer.Argument(help="Bundled scenario (see das-sim scenarios) or TOML file (docs/scenarios.md).")
+        str, typer.Argument(help="Bundled scenario (see das-sim scenarios) or TOML file (docs/reference/scenarios.md).")
     ],
     driver: Annotated[str, typer.Option(help="Who drives: perfect, fast, rms, timetable or human.")] = "human",
     advice: Annotated[str, typer.Option(help="What the display shows: none, rms, four-mode or vector.")] = "vector",

@@ -1,4 +1,4 @@
-"""Scenario files: train, line, timetable, and what differs and goes wrong on the day (docs/scenarios.md)."""
+"""Scenario files: train, line, timetable, and what differs and goes wrong on the day (docs/reference/scenarios.md)."""
 
 from __future__ import annotations
 

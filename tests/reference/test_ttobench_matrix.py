@@ -1,6 +1,6 @@
 """All tracks × trains of the public benchmark library: solved and verified, or refused for the true reason.
 
-`python -m tests.reference.test_ttobench_matrix` prints the table of docs/results.md.
+`python -m tests.reference.test_ttobench_matrix` prints the table of docs/reference/results.md.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ def solve_and_verify(case: Case) -> Answer:
 
 
 def published() -> dict[str, list[str]]:
-    """Rows of the table in docs/results.md by track: the number of sections, then one cell a train."""
-    text = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
+    """Rows of the table in docs/reference/results.md by track: the number of sections, then one cell a train."""
+    text = (REPOSITORY / "docs" / "reference" / "results.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
     return {row[0]: row[1:] for row in rows if row[0] in TRACKS and len(row) == 2 + len(TRAINS)}
 
@@ -211,7 +211,7 @@ def test_the_overloaded_trains_meet_both_obstacles(shared: Path) -> None:
     assert [found and found[0] for found in met] == ["cannot brake on the descent", "stalls", None]
 
 
-# --- the table of docs/results.md -------------------------------------------------------------------------------
+# --- the table of docs/reference/results.md ---------------------------------------------------------------------
 
 
 def table(shared: Path) -> str:

@@ -1,4 +1,4 @@
-"""Reader for the project's own TOML files of vehicles and routes (format: docs/file-formats.md)."""
+"""Reader for the project's own TOML files of vehicles and routes (format: docs/reference/file-formats.md)."""
 
 from __future__ import annotations
 

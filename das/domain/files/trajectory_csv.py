@@ -1,4 +1,4 @@
-"""Trajectories as CSV: one row a node, forces hold from it to the next (format: docs/file-formats.md)."""
+"""Trajectories as CSV: one row a node, forces hold from it to the next (format: docs/reference/file-formats.md)."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from das.domain.route import Route, Stop, Stretches, Tunnel
 from das.domain.units import FACTORS, to_si
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 
-INSIST = "correct the file, or convert it to TOML (docs/file-formats.md), which can accept {check}"
+INSIST = "correct the file, or convert it to TOML (docs/reference/file-formats.md), which can accept {check}"
 """How somebody gets past a value that is refused for not being plausible."""
 
 

@@ -1,7 +1,8 @@
 """Plan of a journey: when the train is where, and a trajectory for every hop, with the least total energy.
 
 The energy of a stretch is (nearly) a convex function of its time. So between two tight times one price of time λ holds
-(equal marginal energy), and λ changes only at tight times (design §5.9; theory and proof: docs/journeys.md).
+(equal marginal energy), and λ changes only at tight times (theory and proof:
+docs/explanation/journeys.md).
 """
 
 from __future__ import annotations
@@ -171,7 +172,8 @@ class JourneyPlanner:
     def _solve(self, split: Split) -> tuple[Solved, ...]:
         """Hold the time with the largest violation in every leg at its bound, until none is violated.
 
-        The largest violation of a leg with one λ is of a bound that is tight at the optimum (docs/journeys.md).
+        The largest violation of a leg with one λ is of a bound that is tight at the optimum
+        (docs/explanation/journeys.md).
         """
         events = self.chains.timeline.events
         earliest_s = np.array([event.window.earliest_s for event in events])

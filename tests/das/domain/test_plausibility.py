@@ -161,7 +161,7 @@ def test_a_foreign_file_is_to_be_corrected_or_converted(tmp_path: Path) -> None:
         load_vehicle(str(path))
     assert str(refused.value) == (
         f"{path}: all brakes over mass (m/s²) = 6.8: expected at most 3 m/s²; correct the file, or convert it to TOML "
-        "(docs/file-formats.md), which can accept max_deceleration"
+        "(docs/reference/file-formats.md), which can accept max_deceleration"
     )
     path.write_text(json.dumps({**train, "max pn braking force": quantity("kN", 100.0)}), encoding="utf-8")
     assert warnings_of(load_vehicle(str(path))) == ()
@@ -222,7 +222,7 @@ def test_a_command_says_once_what_is_unusual_and_refuses_in_one_line(tmp_path: P
 
 
 def test_the_documentation_names_every_check() -> None:
-    page = (REPOSITORY / "docs" / "file-formats.md").read_text(encoding="utf-8")
+    page = (REPOSITORY / "docs" / "reference" / "file-formats.md").read_text(encoding="utf-8")
     said = page.split("## What cannot be meant")[1].split("## Journey")[0]
     assert all(f"| `{check}`" in said for check in (*VEHICLE_CHECKS, *ROUTE_CHECKS))
 

@@ -320,7 +320,7 @@ def test_node_survives_times_at_the_ends_of_the_clock() -> None:
 
 
 def test_docs_list_every_topic() -> None:
-    page = (REPOSITORY / "docs" / "bus.md").read_text()
+    page = (REPOSITORY / "docs" / "reference" / "bus.md").read_text()
     for topic in TOPICS:
         name = topic.message.DESCRIPTOR.full_name
         assert f"| `{topic.key('<train>')}` | `{name}` |" in page
@@ -489,7 +489,7 @@ def test_zenoh_default_session_is_never_opened() -> None:
 
 
 def test_the_example_of_the_documentation_is_advised() -> None:
-    text = (REPOSITORY / "docs" / "bus.md").read_text(encoding="utf-8")
+    text = (REPOSITORY / "docs" / "how-to" / "connect-to-the-bus.md").read_text(encoding="utf-8")
     example = text.split("```python\n")[1].split("```")[0]
     ours, theirs = (endpoint(port) for port in free_ports(2))
     example = example.replace("tcp/127.0.0.1:7448", ours).replace("tcp/127.0.0.1:7447", theirs)

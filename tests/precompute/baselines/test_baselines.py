@@ -35,7 +35,8 @@ from tests.support.verifier import verify
 
 MASS_KG, FORCE_N = 1e5, 1e5
 SOLVER_RATIO = 2e-3
-"""How far above the true optimum the optimal solver may be: docs/physics.md says to 0.3 %; here it is nearer."""
+"""How far above the true optimum the optimal solver may be: docs/explanation/solver.md says to 0.3 %; here it is
+nearer."""
 
 
 def train(

@@ -552,8 +552,9 @@ def test_every_parameter_is_documented_with_its_source() -> None:
         assert item.metadata["low"] <= item.default <= item.metadata["high"]
         assert item.metadata["source"]
         assert item.metadata["meaning"]
-    page = (REPOSITORY / "docs" / "drivers.md").read_text(encoding="utf-8")
-    assert parameter_markdown() in page, "docs/drivers.md: put in what sim.drivers.parameters.parameter_markdown gives"
+    page = (REPOSITORY / "docs" / "reference" / "drivers.md").read_text(encoding="utf-8")
+    said = "docs/reference/drivers.md: put in what sim.drivers.parameters.parameter_markdown gives"
+    assert parameter_markdown() in page, said
 
 
 def test_das_sim_lists_the_drivers(tmp_path: Path) -> None:
