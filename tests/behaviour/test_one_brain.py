@@ -1,0 +1,122 @@
+"""One brain: a run in this process gives the same advice, byte for byte, as one over the bus with real processes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.advice.advice import Advice
+from das.bus import codec
+from das.bus.topics import ADVICE
+from das.cab.heard import DelayHeard, Heard, PositionHeard, RestrictionsHeard, ToldRestriction
+from das.estimate.localisation import PositionFix, Quality
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind, make_driver
+from sim.processes.lockstep import Lockstep
+from sim.recording.reading import read_recording
+from sim.world.day import Day, make_day
+from sim.world.in_process import InProcess
+from sim.world.link import Link, Tick, Told
+from sim.world.loop import World
+from sim.world.over_bus import How, OverBus, make_crew
+from sim.world.scenario import bundled_scenarios, read_scenario
+from sim.world.service import prepare_service
+
+pytestmark = [pytest.mark.slow, pytest.mark.processes]
+SEED = 1
+HOSTILE_EVERY, HOSTILE_FROM, RIGHT_AGAIN = 7, 100, 130
+"""Every so many-th tick hears nonsense; restrictions that cannot be heeded come at one tick, right ones at another."""
+
+
+class Hostile:
+    """A link through which nonsense comes as well: positions and delays that cannot be, restrictions without sense."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._restrictions: RestrictionsHeard | None = None
+
+    def exchange(self, tick: Tick) -> Any:
+        """The advice for a tick at which nonsense may be told."""
+        told: list[Heard] = list(tick.told)
+        for one in tick.told:
+            if isinstance(one, RestrictionsHeard):
+                self._restrictions = one
+        if tick.number % HOSTILE_EVERY == 0:
+            told += _nonsense(tick)
+        if tick.number == HOSTILE_FROM:
+            nonsense = (ToldRestriction(5.0, 1.0, -3.0),)
+            told.append(RestrictionsHeard(time_ns=tick.now_ns, restrictions=nonsense))
+        if tick.number == RIGHT_AGAIN and self._restrictions is not None:
+            told.append(replace(self._restrictions, time_ns=tick.now_ns))
+        return self._link.exchange(tick._replace(told=tuple(told)))
+
+    def tell(self, now_ns: int, told: Told) -> None:
+        """What nobody advises on goes its way."""
+        self._link.tell(now_ns, told)
+
+    def restart(self) -> None:
+        """So does a restart."""
+        self._link.restart()
+
+
+def _nonsense(tick: Tick) -> list[Heard]:
+    kinds = (
+        PositionFix(time_ns=tick.now_ns, s_m=math.nan, speed_mps=math.inf),
+        PositionFix(time_ns=tick.now_ns + 10**12, s_m=1e300, speed_mps=-1e300),
+        PositionFix(time_ns=tick.now_ns + 1, s_m=3.0, speed_mps=400.0, uncertainty_m=-1.0),
+        PositionFix(time_ns=tick.now_ns + 2, s_m=3.0, speed_mps=4.0, quality=Quality.INVALID),
+    )
+    fix = kinds[tick.number // HOSTILE_EVERY % len(kinds)]
+    return [PositionHeard(fix=fix), DelayHeard(time_ns=tick.now_ns, delay_s=math.inf)]
+
+
+class Kept(InProcess):
+    """The cab in this process, with every advice as the bus would carry it."""
+
+    def __init__(self, *arguments: Any) -> None:
+        self.payloads: list[bytes] = []
+        super().__init__(*arguments)
+
+    def exchange(self, tick: Tick) -> Advice:
+        advice = super().exchange(tick)
+        self.payloads.append(codec.advice_message(advice, tick.number).SerializeToString())
+        return advice
+
+
+def advices_in_process(day: Day, hostile: bool) -> list[bytes]:
+    kept = Kept(day.service)
+    driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
+    World(day, driver, Presentation.VECTOR, Hostile(kept) if hostile else kept).run()
+    return kept.payloads
+
+
+def advices_over_bus(day: Day, hostile: bool, out: Path) -> list[bytes]:
+    how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
+    crew = make_crew(day, how, out)
+    driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
+    with Lockstep(crew) as lockstep:
+        lockstep.begin(day.service.journey(crew.train, crew.start_ns))
+        link: Link = OverBus(day, lockstep)
+        run = World(day, driver, Presentation.VECTOR, Hostile(link) if hostile else link).run()
+        lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
+    return [one.message.SerializeToString() for one in read_recording(out).of(ADVICE)]
+
+
+CASES = [(name, False) for name in sorted(bundled_scenarios())]
+HOSTILE_CASES = [("node-restart", True), ("gps-dropouts", True)]
+
+
+@pytest.mark.parametrize(("name", "hostile"), CASES + HOSTILE_CASES)
+def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(
+    name: str, hostile: bool, tmp_path: Path
+) -> None:
+    service = prepare_service(read_scenario(bundled_scenarios()[name]))
+    here = advices_in_process(make_day(service, SEED), hostile)
+    there = advices_over_bus(make_day(service, SEED), hostile, tmp_path / "run.mcap")
+    assert len(here) == len(there) > 100
+    differing = [tick for tick, (a, b) in enumerate(zip(here, there, strict=True), 1) if a != b]
+    assert not differing
