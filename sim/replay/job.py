@@ -12,6 +12,7 @@ import numpy as np
 from das import __version__
 from das.advice.advisor import warm_up
 from das.bus.config import bus_folder
+from das.bus.recording import extract_attachments
 from das.bus.topics import check_train_name
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
@@ -20,7 +21,6 @@ from das.domain.units import NS
 from das.solver.front import solve_front
 from das.solver.section import Section, build_section
 from sim.cli.options import ReplayOptions
-from sim.recording.reading import extract_attachments
 from sim.replay.replay import Job, plan_timing
 from sim.trips.estimate import estimate_run
 from sim.trips.reading import Reading, RecordedJourney, read_trip

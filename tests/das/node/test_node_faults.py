@@ -15,6 +15,7 @@ from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.recorder import Recorder, RecordingFile
+from das.bus.recording import read_recording
 from das.bus.session import decoded
 from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.fronts import Fronts, Situation
@@ -24,7 +25,6 @@ from das.domain.files.load import load_route, load_vehicle
 from das.estimate.calibration import Calibrator
 from das.estimate.localisation import Localisation
 from das.node.process import Node
-from sim.recording.reading import read_recording
 from tests.property.test_fuzz import Sink
 
 TRAIN = "T1"
