@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import unicodedata
 from pathlib import Path
+
+MOST_OF_A_MESSAGE = 2000
+MOST_OF_A_VALUE = 200
+"""Longest message and longest value or key in it (characters): a file may hold megabytes where a number belongs."""
+_UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
 class DasError(Exception):
-    """Something the user asked for cannot be done; the message is one line and says why."""
+    """Something the user asked for cannot be done.
+
+    The message says why, in one line: it is cut after `MOST_OF_A_MESSAGE` characters, and control characters, which a
+    terminal would obey, are written as in Python.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(seen(shortened(message, MOST_OF_A_MESSAGE)))
 
 
 class InputError(DasError):
@@ -17,8 +30,8 @@ class InputError(DasError):
 
     def __init__(self, source: str | Path, key: str, value: object, expected: str) -> None:
         self.source, self.key, self.value, self.expected = str(source), key, value, expected
-        shown = f" = {value!r}" if value is not MISSING else " is missing"
-        super().__init__(f"{source}: {key}{shown}: expected {expected}")
+        shown = f" = {_shown(value)}" if value is not MISSING else " is missing"
+        super().__init__(f"{source}: {shortened(key, MOST_OF_A_VALUE)}{shown}: expected {expected}")
 
 
 class _Missing:
@@ -30,3 +43,31 @@ MISSING = _Missing()
 
 class InfeasibleError(DasError):
     """The train cannot do what is asked on this section (climb, brake, or arrive in time)."""
+
+
+def is_seen(text: str) -> bool:
+    """Whether all characters of a text can be printed on one line: no control characters, no line breaks."""
+    return not any(unicodedata.category(character) in _UNSEEN for character in text)
+
+
+def seen(text: str) -> str:
+    """A text with its control characters and line breaks written as in Python (`\\x1b`, `\\n`)."""
+    if text.isprintable():
+        return text
+    return "".join(x if is_seen(x) else x.encode("unicode_escape").decode("ascii") for x in text)
+
+
+def shortened(text: str, most: int) -> str:
+    """A text, or its beginning and how many characters it has."""
+    if len(text) <= most:
+        return text
+    end = f"… ({len(text)} characters)"
+    return text[: most - len(end)] + end
+
+
+def _shown(value: object) -> str:
+    """A value as Python writes it, shortened."""
+    try:
+        return shortened(repr(value), MOST_OF_A_VALUE)
+    except (RecursionError, ValueError):  # too deep, or an integer of too many digits
+        return f"a {type(value).__name__}"

@@ -37,6 +37,11 @@ class Ledger:
         """E_IC of the paper: what is gone after the trip."""
         return self.resistance + self.component_loss + self.friction_brake + self.unreturned
 
+    def as_dict(self) -> dict[str, float]:
+        """Every term by its name with its unit (`resistance_j`, …, `input_j`), and `irreversible_j`, in J."""
+        terms = {f"{name}_j": value for name, value in vars(self).items()}
+        return {**terms, "irreversible_j": self.irreversible}
+
     @property
     def residual_ratio(self) -> float:
         """How far the ledger is from closing, relative to its largest term."""
@@ -68,6 +73,22 @@ class Trajectory:
     @property
     def time_s(self) -> float:
         return float(self.t_s[-1])
+
+    def columns(self) -> dict[str, Floats]:
+        """The run as arrays of shape (n,), one value a node, by names with units.
+
+        `s_m`, `t_s` and `v_mps` are those at the node; `force_el_n`, `force_friction_n`, `grade_ratio` and `limit_mps`
+        hold from the node to the next. The last node has no forces (0) and repeats the gradient and limit before it.
+        """
+        return {
+            "s_m": self.s_m,
+            "t_s": self.t_s,
+            "v_mps": self.v_mps,
+            "force_el_n": np.append(self.force_el_n, 0.0),
+            "force_friction_n": np.append(self.force_friction_n, 0.0),
+            "grade_ratio": np.append(self.grade_ratio, self.grade_ratio[-1]),
+            "limit_mps": np.append(self.limit_mps, self.limit_mps[-1]),
+        }
 
     def interval_s(self) -> Floats:
         """Duration of each interval."""

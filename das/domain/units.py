@@ -29,6 +29,8 @@ PERMILLE: Final = 1e-3
 PERCENT: Final = 1e-2
 KWH: Final = 3.6e6
 """1 kWh in J."""
+MEGABYTE: Final = 1e6
+"""1 MB in bytes."""
 NS: Final = 1e-9
 """1 ns in s."""
 MS: Final = 1e-3

@@ -1,1 +1,1 @@
-"""Reading recordings, and the files a recorded run was made from."""
+"""The files a recorded run was made from."""

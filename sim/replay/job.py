@@ -11,6 +11,7 @@ import numpy as np
 
 from das import __version__
 from das.bus.config import bus_folder
+from das.bus.recording import extract_attachments
 from das.bus.topics import check_train_name
 from das.cab.warm_up import warm_up
 from das.command_line.running import warn_unusual
@@ -21,7 +22,6 @@ from das.domain.units import NS
 from das.solver.front import solve_front
 from das.solver.section import Section, build_section
 from sim.cli.options import ReplayOptions
-from sim.recording.reading import extract_attachments
 from sim.replay.replay import Job, plan_timing
 from sim.trips.estimate import estimate_run
 from sim.trips.reading import Reading, RecordedJourney, read_trip

@@ -11,8 +11,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from matplotlib import colormaps
 
 from das.bus import topics
+from das.bus.recording import Stamped
 from das.domain.units import KMH, NS
-from sim.recording.reading import Stamped
 from sim.review.distance_picture import Picture, draw
 from sim.review.lanes import Lane
 from sim.review.series import STYLES, Floats, Times, Trip, Way

@@ -12,8 +12,8 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2, topics
+from das.bus.recording import Recording
 from das.domain.units import KM, NS
-from sim.recording.reading import Recording
 from sim.review.series import Trip
 
 HEARD_NS: Final = 3_000_000_000

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2, topics
+from das.bus.recording import Recording
 from das.domain.units import KM
-from sim.recording.reading import Recording
 from sim.review.happenings import NOT_HEARD, Span, signals, silences
 from sim.review.series import Trip
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from das.bus import das_pb2, topics
-from sim.recording.reading import Recording
+from das.bus.recording import Recording
 from sim.review.series import Floats, Times, Trip
 
 Place = tuple[float, float, float]

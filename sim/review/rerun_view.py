@@ -11,9 +11,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
-from sim.recording.reading import Recording, read_recording
 
 APPLICATION = "das-review"
 CLOSING_S = 5.0

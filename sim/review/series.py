@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.bus import das_pb2, topics
+from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE
-from sim.recording.reading import Recording
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

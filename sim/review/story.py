@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from das.bus.recording import Recording
 from das.domain.units import KMH
-from sim.recording.reading import Recording
 from sim.review.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
 from sim.review.lanes import Lane, lanes
 from sim.review.limits import TemporaryLimit, limit_in_force, temporary_limits

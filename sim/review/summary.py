@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from textwrap import wrap
 
 from das.bus import topics
+from das.bus.recording import Recording
 from das.domain.units import KM, NS, kwh
-from sim.recording.reading import Recording
 from sim.world.disturbances import NOTHING
 
 LETTERS = 150

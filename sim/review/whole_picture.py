@@ -6,9 +6,9 @@ import importlib.util
 import io
 from pathlib import Path
 
+from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
-from sim.recording.reading import Recording, read_recording
 
 TITLE_IN, LINE_IN = 0.35, 0.19
 

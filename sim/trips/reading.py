@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from das.bus import das_pb2
+from das.bus.recording import MAGIC, Recording, read_recording
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats
-from sim.recording.reading import MAGIC, Recording, read_recording
 from sim.trips.csv_record import read_csv
 from sim.trips.gpx import read_gpx
 from sim.trips.record import Record

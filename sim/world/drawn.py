@@ -43,7 +43,7 @@ def read_quantity(table: Fields, name: str, dimension: str, default: float | Non
     """A quantity of the file or a range of it, in SI; its key ends in its unit. InputError for anything else."""
     key = key_of(table, name, dimension)
     if not isinstance(table.data.get(key), Mapping):
-        value = table.quantity(name, dimension, default)
+        value = table.quantity(name, dimension, default, unbounded=True)
         return Drawn(low=value, high=value)
     if more := [x for x in table.quantity_keys({name: dimension}) if x in table.data and x != key]:
         raise table.error(more[0], table.data[more[0]], f"only one of {key} and {more[0]}")

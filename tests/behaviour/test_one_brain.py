@@ -11,13 +11,13 @@ import pytest
 
 from das.advice.advice import Advice
 from das.bus import codec
+from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from das.cab.heard import DelayHeard, Heard, PositionHeard, RestrictionsHeard, ToldRestriction
 from das.estimate.localisation import PositionFix, Quality
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.processes.lockstep import Lockstep
-from sim.recording.reading import read_recording
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Link, Tick, Told

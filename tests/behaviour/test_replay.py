@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from das.bus.recording import read_recording
 from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, STATUS, TRUTH
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
@@ -22,7 +23,6 @@ from das.solver.front import solve_front
 from das.solver.section import build_section
 from sim.bundled.hurried import DriverStyle, HurriedDriver, Plant, PlantState
 from sim.cli.commands import bundled_recording
-from sim.recording.reading import read_recording
 from sim.trips.estimate import estimate_run
 from tests.support.making import das_sim, in_a_process
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from das.bus import das_pb2
+from das.bus.recording import Recording, read_recording
 from das.bus.session import endpoint, free_ports
 from das.bus.topics import (
     ADVICE,
@@ -37,7 +38,6 @@ from das.domain.units import KMH, NS
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.processes.lockstep import Traffic
-from sim.recording.reading import Recording, read_recording
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import World

@@ -1,1 +1,1 @@
-"""One module per file format; `load` picks the right one for a name or path."""
+"""Reading and writing of files, a module for each format; `load` picks the module for a name or path."""

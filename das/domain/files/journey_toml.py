@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.native import SCHEMA_VERSION
-from das.domain.files.reading import Fields, read_toml
+from das.domain.files.native import MOST_STOPS, SCHEMA_VERSION
+from das.domain.files.reading import Fields, bound_of_window, read_toml
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.route import Route
 
@@ -30,8 +30,8 @@ def read_journey(path: Path, route: Route) -> Journey:
     points: list[Call | Passing] = [_call(table, route) for table in _tables(fields, "stops")]
     points += [_passing(table, route) for table in _tables(fields, "passings")]
     return Journey(
-        id=main.text("id"),
-        name=main.text("name"),
+        id=main.name("id"),
+        name=main.name("name"),
         source=str(path),
         points=tuple(sorted(points, key=lambda point: point.position_m)),
     )
@@ -41,6 +41,7 @@ def _tables(fields: Fields, key: str) -> list[Fields]:
     entries = fields.data.get(key, [])
     if not isinstance(entries, list):
         raise fields.error(key, entries, f"a list of [[{key}]]")
+    fields.check_count(key, entries, MOST_STOPS)
     return [Fields.of(fields.source, entry, f"{key}[{i}].") for i, entry in enumerate(entries)]
 
 
@@ -65,7 +66,7 @@ def _passing(fields: Fields, route: Route) -> Passing:
         position_m=position_m,
         window=_window(fields, "earliest", "latest"),
         lowest_mps=fields.quantity("lowest_speed", "speed", 0.0),
-        highest_mps=fields.quantity("highest_speed", "speed", math.inf),
+        highest_mps=fields.quantity("highest_speed", "speed", math.inf, unbounded=True),
     )
 
 
@@ -74,10 +75,10 @@ def _place_keys(fields: Fields) -> list[str]:
 
 
 def _place(fields: Fields, route: Route) -> tuple[str, float]:
-    """Name and position (m): a stop of the route, or a position with a name of its own."""
+    """Name and position (m) of a point: those of a stop of the route, or its own."""
     given = [key for key in fields.quantity_keys(_PLACE) if fields.has(key)]
     if not fields.has("stop"):
-        return fields.text("name"), fields.quantity("position", "length")
+        return fields.name("name"), fields.quantity("position", "length")
     for key in ("name", *given):
         if fields.has(key):
             raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
@@ -104,7 +105,8 @@ def _time_s(fields: Fields, name: str, default: float) -> float:
     """A time as text (`arrival = "07:12:30"`, from midnight) or as a quantity (`arrival_s = 450`)."""
     value: Any = fields.data.get(name, MISSING)
     if value is MISSING:
-        return fields.quantity(name, "time", default)
+        time_s = fields.quantity(name, "time", default, unbounded=True)
+        return bound_of_window(fields.source, f"{fields.prefix}{name}", time_s)
     match = _CLOCK.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         raise fields.error(name, value, f'a time in quotes like "07:12:30", or {name}_s')

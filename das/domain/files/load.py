@@ -1,11 +1,11 @@
-"""Vehicles, routes and journeys by bundled name or by file."""
+"""Vehicles, routes and journeys are loaded by the name of a bundled file, or by the path of any file."""
 
 from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
 
-from das.domain.errors import DasError
+from das.domain.errors import DasError, InputError
 from das.domain.files import journey_toml, native, ttobench
 from das.domain.journey import Journey
 from das.domain.route import Route
@@ -18,22 +18,39 @@ def catalogue(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def load_vehicle(name_or_path: str) -> Vehicle:
-    """A bundled vehicle, a native TOML file or a TTOBench JSON train; raises DasError for anything unusable."""
+def load_vehicle(name_or_path: str | Path) -> Vehicle:
+    """The train of a bundled name ("re460-ic"), a TOML file of ours or a JSON train of TTOBench.
+
+    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
+    unusable in it.
+
+        >>> import das
+        >>> das.load_vehicle("re460-ic").max_speed_mps * 3.6
+        200.0
+    """
     path = locate_vehicle(name_or_path)
     return ttobench.read_train(path) if path.suffix.lower() == ".json" else native.read_vehicle(path)
 
 
-def load_route(name_or_path: str) -> Route:
-    """A bundled route, a native TOML file or a TTOBench JSON track; raises DasError for anything unusable."""
+def load_route(name_or_path: str | Path) -> Route:
+    """The line of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON track of TTOBench.
+
+    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
+    unusable in it.
+
+        >>> import das
+        >>> [stop.name for stop in das.load_route("zurich-luzern").stops]
+        ['Zürich HB', 'Thalwil', 'Zug', 'Luzern']
+    """
     path = locate_route(name_or_path)
     return ttobench.read_track(path) if path.suffix.lower() == ".json" else native.read_route(path)
 
 
-def load_journey(name_or_path: str, route: Route) -> Journey:
-    """A bundled journey, a native TOML file or a TTOBench JSON journey, on a route.
+def load_journey(name_or_path: str | Path, route: Route) -> Journey:
+    """The journey of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON journey of TTOBench, on a route.
 
-    Raises DasError for anything unusable, and where a point of the journey is not on the route.
+    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
+    unusable in it, and where a point of the journey is not on the route.
     """
     path = _locate(name_or_path, "journeys")
     json = path.suffix.lower() == ".json"
@@ -42,24 +59,32 @@ def load_journey(name_or_path: str, route: Route) -> Journey:
     return journey
 
 
-def locate_vehicle(name_or_path: str) -> Path:
+def locate_vehicle(name_or_path: str | Path) -> Path:
     """The file of a vehicle; DasError where there is none."""
     return _locate(name_or_path, "vehicles")
 
 
-def locate_route(name_or_path: str) -> Path:
+def locate_route(name_or_path: str | Path) -> Path:
     """The file of a route; DasError where there is none."""
     return _locate(name_or_path, "routes")
 
 
-def _locate(name_or_path: str, kind: str) -> Path:
+def _locate(name_or_path: str | Path, kind: str) -> Path:
     bundled = catalogue(kind)
-    if name_or_path in bundled:
+    if not isinstance(name_or_path, str | Path):
+        raise InputError(
+            f"load_{kind[:-1]}", "name_or_path", name_or_path, f"the name of a bundled {kind[:-1]}, or a path"
+        )
+    if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)
     if path.suffix.lower() not in (".toml", ".json"):
         names = ", ".join(bundled)
         raise DasError(f"{name_or_path}: not a bundled {kind[:-1]} ({names}) and not a .toml or .json file")
-    if not path.is_file():
+    if path.is_dir():
+        raise DasError(f"{name_or_path}: is a folder, expected a file")
+    if not path.exists():
         raise DasError(f"{name_or_path}: no such file")
+    if not path.is_file():
+        raise DasError(f"{name_or_path}: not a regular file")
     return path

@@ -1,4 +1,7 @@
-"""Loss maps as CSV: speed_kmh, force_n, loss_w (or speed_mps, force_kn, loss_kw); missing points are not covered."""
+"""Loss maps as CSV: speed_kmh, force_n, loss_w (or speed_mps, force_kn, loss_kw).
+
+A point that the file leaves out is not covered by the map.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from das.domain.errors import DasError, InputError
-from das.domain.files.reading import read_text
+from das.domain.files.reading import MOST_BYTES, read_text
 from das.domain.losses import LossMap
 from das.domain.units import FACTORS
 
+MOST_CELLS = 5_000_000
+"""Most points of a loss map: 500 km/h and 10 000 kN in steps of 1."""
 _COLUMNS = {"speed": "speed", "force": "force", "loss": "power"}
 
 
 def read_loss_map(path: Path) -> LossMap:
     """Read a loss map; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    lines = list(enumerate(read_text(path).splitlines(), 1))
+    lines = list(enumerate(read_text(path, MOST_BYTES).splitlines(), 1))
     header = [name.strip() for name in lines[0][1].split(",")] if lines else []
     factors = [_factor(path, header, index, name) for index, name in enumerate(_COLUMNS)]
     rows = {line: _numbers(path, line, text.split(","), factors) for line, text in lines[1:] if text.strip()}
@@ -48,10 +53,11 @@ def _numbers(path: Path, line: int, row: list[str], factors: list[float]) -> lis
 
 
 def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
-    """A map from rows of speed, force and loss (SI) by line number."""
+    """The map of rows of speed, force and loss (SI), which are given by their line numbers."""
     data = np.array(list(rows.values()))
     speeds, i = np.unique(data[:, 0].round(9), return_inverse=True)
     forces, j = np.unique(data[:, 1].round(6), return_inverse=True)
+    check_cells(path, len(speeds), len(forces))
     first: dict[tuple[int, int], int] = {}
     for line, point in zip(rows, zip(i.tolist(), j.tolist(), strict=True), strict=True):
         if first.setdefault(point, line) != line:
@@ -61,6 +67,14 @@ def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
     table = np.full((len(speeds), len(forces)), np.nan)
     table[i, j] = data[:, 2]
     return LossMap(name=str(path), speed_mps=_evened(speeds), force_n=_evened(forces), loss_w_table=table)
+
+
+def check_cells(path: Path, speeds: int, forces: int) -> None:
+    """Raise InputError where a loss map of so many speeds and forces would have more than `MOST_CELLS` points."""
+    if speeds * forces > MOST_CELLS:
+        raise InputError(
+            path, "size of the loss map", f"{speeds} speeds × {forces} forces", f"at most {MOST_CELLS} points"
+        )
 
 
 def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from das.domain.errors import MISSING, InputError
-from das.domain.files.loss_map_csv import read_loss_map
-from das.domain.files.reading import Fields, number, read_toml
+from das.domain.errors import MISSING
+from das.domain.files.losses_toml import read_chain, read_losses
+from das.domain.files.reading import Fields, read_toml
 from das.domain.files.ttobench import check_tunnel_resistance, curvature_stretches
-from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
-from das.domain.losses import EfficiencyLoss, Level, LossModel
+from das.domain.loss_chain import LossChain
+from das.domain.losses import Level
 from das.domain.plausibility import ACCEPTED, ROUTE_CHECKS, VEHICLE_CHECKS, check_route, check_vehicle
 from das.domain.route import Route, Stop, Stretches, Tunnel, Zone
-from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
 
+Floats = NDArray[np.float64]
+
 SCHEMA_VERSION = 1
+MOST_STOPS = 1000
+"""Most stops of a route. Assumption: the longest lines have some hundred."""
+MOST_POINTS = 200_000
+"""Most points of a route's geometry: 1000 km with one every 5 m."""
 INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
 """How a file's maker gets past a value that is refused for not being plausible."""
 
@@ -46,47 +52,41 @@ def read_vehicle(path: Path) -> Vehicle:
             *("electric_brake", "friction_brake", "brakes", "adhesion", "losses", "loads"),
         ]
     )
+    vehicle = _lossless(fields)  # checks masses, speeds and forces before a loss map is made from them
+    losses, default = read_losses(fields.table("losses"), vehicle)
+    return replace(vehicle, losses=MappingProxyType(losses), default_level=default)
+
+
+def _lossless(fields: Fields) -> Vehicle:
+    """The vehicle without its losses."""
     main = fields.table("vehicle")
     main.check_keys(["id", "name", "source", ACCEPTED, "rotating_mass_ratio", *main.quantity_keys(_VEHICLE)])
-    resistance = fields.table("resistance")
-    resistance.check_keys(["source", *resistance.quantity_keys(_RESISTANCE)])
-    traction = _envelope(fields.table("traction"))
-    electric = _envelope(fields.table("electric_brake")) if fields.has("electric_brake") else None
-    friction_n = 0.0
-    if fields.has("friction_brake"):
-        friction = fields.table("friction_brake")
-        friction.check_keys(["source", *friction.quantity_keys({"max_force": "force"})])
-        friction_n = friction.quantity("max_force", "force")
-    max_speed_mps = main.quantity("max_speed", "speed")
-    electric = electric or EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
-    losses, default = _losses(fields.table("losses"), traction, electric, max_speed_mps)
+    electric = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
+    if fields.has("electric_brake"):
+        electric = _envelope(fields.table("electric_brake"))
+    friction_n = _friction_brake_n(fields)
     areas, coefficients = _tunnel_resistance(fields)
     vehicle = Vehicle(
-        id=main.text("id"),
-        name=main.text("name"),
-        source=str(path),
+        id=main.name("id"),
+        name=main.name("name"),
+        source=str(fields.source),
         mass_kg=main.quantity("mass", "mass"),
         rotating_mass_ratio=main.quantity("rotating_mass", "ratio", 0.0),
         length_m=main.quantity("length", "length"),
-        max_speed_mps=max_speed_mps,
-        resistance=Resistance(
-            c0_n=resistance.quantity("c0", "force"),
-            c1_n_per_mps=resistance.quantity("c1", "resistance_1"),
-            c2_n_per_mps2=resistance.quantity("c2", "resistance_2"),
-        ),
-        traction=traction,
+        max_speed_mps=main.quantity("max_speed", "speed"),
+        resistance=_resistance(fields.table("resistance")),
+        traction=_envelope(fields.table("traction")),
         electric_brake=electric,
         friction_brake_force_n=friction_n,
         brake_policy=_brake_policy(fields, electric, friction_n),
-        max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf),
-        max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf),
+        max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf, unbounded=True),
+        max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf, unbounded=True),
         adhesive_mass_kg=_adhesive_mass(fields),
         auxiliary_power_w=main.quantity("auxiliary_power", "power", 0.0),
         comfort_power_w=main.quantity("comfort_power", "power", 0.0),
         tunnel_area_m2=areas,
         tunnel_resistance_n_per_mps2=coefficients,
-        default_level=default,
-        losses=MappingProxyType(losses),
+        default_level=Level.L0_REG,
         loads=MappingProxyType(_loads(fields)),
     )
     return check_vehicle(vehicle, _accepted(main, VEHICLE_CHECKS), insist=INSIST % "vehicle")
@@ -97,7 +97,7 @@ def read_loss_chain(path: Path) -> LossChain:
     table = read_toml(path).table("losses").table(Level.L3)
     if table.text("kind") != "components":
         raise table.error("kind", table.text("kind"), "components")
-    return _loss_chain(table)
+    return read_chain(table)
 
 
 def read_route(path: Path) -> Route:
@@ -117,32 +117,25 @@ def read_route(path: Path) -> Route:
             *main.quantity_keys({"length": "length", "altitude_at_start": "length"}),
         ]
     )
-    length_m = main.quantity("length", "length")
-    geometry: dict[str, list[float]] = {"position": [], "latitude": [], "longitude": []}
-    if fields.has("geometry"):
-        geometry = fields.columns("geometry", {"position": "length", "latitude": "angle", "longitude": "angle"})
-    curves = [[0.0, np.inf, np.inf]]
-    if fields.has("curves"):
-        columns = fields.columns("curves", {"position": "length", "radius_start": "length", "radius_end": "length"})
-        curves = [list(row) for row in zip(*columns.values(), strict=True)]
+    position_m, latitude_deg, longitude_deg = _geometry(fields)
     route = Route(
-        id=main.text("id"),
-        name=main.text("name"),
+        id=main.name("id"),
+        name=main.name("name"),
         source=str(path),
         illustrative=main.flag("illustrative", False),
-        length_m=length_m,
+        length_m=main.quantity("length", "length"),
         stops=_stops(fields),
         limits_mps=_stretches(fields, "speed_limits", "limit", "speed"),
         gradients_ratio=_stretches(fields, "gradients", "gradient", "gradient"),
-        curvature_per_m=curvature_stretches(str(path), curves),
+        curvature_per_m=_curvature(fields),
         tunnels=_tunnels(fields),
         receptivity_ratio=_receptivity(fields),
         neutral_sections=_zones(fields, "neutral_sections"),
         no_regeneration=_zones(fields, "no_regeneration"),
         altitude_at_start_m=main.quantity("altitude_at_start", "length", 0.0),
-        geometry_position_m=np.array(geometry["position"]),
-        geometry_latitude_deg=np.array(geometry["latitude"]),
-        geometry_longitude_deg=np.array(geometry["longitude"]),
+        geometry_position_m=position_m,
+        geometry_latitude_deg=latitude_deg,
+        geometry_longitude_deg=longitude_deg,
     )
     return check_route(route, _accepted(main, ROUTE_CHECKS), insist=INSIST % "route")
 
@@ -155,13 +148,50 @@ def _accepted(main: Fields, checks: tuple[str, ...]) -> list[str]:
     return names
 
 
+def _geometry(fields: Fields) -> tuple[Floats, Floats, Floats]:
+    """Position (m), latitude and longitude (deg) of each point of the route's way; empty where the file has none."""
+    if not fields.has("geometry"):
+        return np.empty(0), np.empty(0), np.empty(0)
+    wanted = {"position": "length", "latitude": "angle", "longitude": "angle"}
+    columns = fields.columns("geometry", wanted, most=MOST_POINTS)
+    return np.array(columns["position"]), np.array(columns["latitude"]), np.array(columns["longitude"])
+
+
+def _curvature(fields: Fields) -> Stretches:
+    """Mean curvature of each stretch; the line is straight where the file has no curves."""
+    rows = [[0.0, np.inf, np.inf]]
+    if fields.has("curves"):
+        wanted = {"position": "length", "radius_start": "length", "radius_end": "length"}
+        columns = fields.columns("curves", wanted, unbounded=("radius_start", "radius_end"))
+        rows = [list(row) for row in zip(*columns.values(), strict=True)]
+    return curvature_stretches(str(fields.source), rows)
+
+
+def _resistance(fields: Fields) -> Resistance:
+    fields.check_keys(["source", *fields.quantity_keys(_RESISTANCE)])
+    return Resistance(
+        c0_n=fields.quantity("c0", "force"),
+        c1_n_per_mps=fields.quantity("c1", "resistance_1"),
+        c2_n_per_mps2=fields.quantity("c2", "resistance_2"),
+    )
+
+
+def _friction_brake_n(fields: Fields) -> float:
+    """Largest force of the friction brake (N); 0 where the file has none."""
+    if not fields.has("friction_brake"):
+        return 0.0
+    table = fields.table("friction_brake")
+    table.check_keys(["source", *table.quantity_keys({"max_force": "force"})])
+    return table.quantity("max_force", "force")
+
+
 def _adhesive_mass(fields: Fields) -> float:
     """Mass on the driven axles (kg); inf without a table: adhesion is no limit."""
     if not fields.has("adhesion"):
         return np.inf
     table = fields.table("adhesion")
     table.check_keys(["source", *table.quantity_keys({"adhesive_mass": "mass"})])
-    return table.quantity("adhesive_mass", "mass")
+    return table.quantity("adhesive_mass", "mass", unbounded=True)
 
 
 def _loads(fields: Fields) -> dict[str, Load]:
@@ -208,127 +238,11 @@ def _brake_policy(fields: Fields, electric: EffortEnvelope, friction_n: float) -
     return BrakePolicy(value)
 
 
-def _losses(
-    fields: Fields, traction: EffortEnvelope, electric: EffortEnvelope, max_speed_mps: float
-) -> tuple[dict[Level, LossModel], Level]:
-    fields.check_keys(["source", "default", "own", "l1", "l2", "l3"])
-    losses: dict[Level, LossModel] = {}
-    for level in (Level.OWN, Level.L1, Level.L2):
-        if fields.has(level):
-            losses[level] = _efficiency_loss(fields.table(level))
-    if fields.has(Level.L3):
-        table = fields.table(Level.L3)
-        kind = table.text("kind")
-        if kind == "csv":
-            table.check_keys(["source", "kind", "path"])
-            losses[Level.L3] = read_loss_map(table.source.parent / table.text("path"))
-        elif kind == "components":
-            chain = _loss_chain(table)
-            name = f"{table.source} [losses.l3]"
-            losses[Level.L3] = chain.to_map(name, traction.max_force_n, electric.max_force_n, max_speed_mps)
-        else:
-            raise table.error("kind", kind, "components or csv")
-    default = fields.text("default", next(iter(losses), Level.L0_REG))
-    if default not in list(Level):
-        raise fields.error("default", default, "one of " + ", ".join(Level))
-    return losses, Level(default)
-
-
-def _efficiency_loss(fields: Fields) -> EfficiencyLoss:
-    idle = {"idle": "power"}
-    if fields.has("mean_efficiency_ratio"):
-        fields.check_keys(["source", "mean_efficiency_ratio", *fields.quantity_keys(idle)])
-        return EfficiencyLoss.symmetric(_efficiency(fields, "mean_efficiency"), fields.quantity("idle", "power", 0.0))
-    keys = ["traction_efficiency_ratio", "brake_efficiency_ratio"]
-    fields.check_keys(["source", *keys, *fields.quantity_keys(idle)])
-    return EfficiencyLoss.from_efficiencies(
-        _efficiency(fields, "traction_efficiency"),
-        _efficiency(fields, "brake_efficiency"),
-        fields.quantity("idle", "power", 0.0),
-    )
-
-
-def _efficiency(fields: Fields, name: str) -> float:
-    value = fields.quantity(name, "ratio")
-    if not 0 < value <= 1:
-        raise fields.error(f"{name}_ratio", value, "more than 0 and at most 1")
-    return value
-
-
-_COMPONENTS: dict[str, tuple[type[Any], dict[str, str]]] = {
-    "auxiliaries": (Auxiliaries, {"base": "power", "fan": "power", "rated_heat": "power"}),
-    "transformer": (Transformer, {"no_load": "power", "copper": "power", "rated_power": "power"}),
-    "converter": (
-        Converter,
-        {
-            "fixed": "power",
-            "line": "ratio",
-            "line_brake": "ratio",
-            "conduction": "power",
-            "switching": "power",
-            "snubber": "power",
-            "asynchronous": "frequency",
-            "stator": "frequency_per_speed",
-        },
-    ),
-    "motors": (
-        Motors,
-        {
-            "base_speed": "speed",
-            "rated_force": "force",
-            "magnetising": "ratio",
-            "pull_out": "ratio",
-            "brake_current": "ratio",
-            "copper": "power",
-            "iron": "power",
-        },
-    ),
-    "gear": (Gear, {"mesh": "ratio", "churning": "power", "churning_speed": "speed"}),
-}
-"""Component of a loss chain → its class and its quantities (name → dimension)."""
-_SI_SUFFIX = {
-    "power": "w",
-    "ratio": "ratio",
-    "frequency": "hz",
-    "frequency_per_speed": "hz_per_mps",
-    "speed": "mps",
-    "force": "n",
-}
-
-
-def _loss_chain(fields: Fields) -> LossChain:
-    fields.check_keys(["source", "kind", *_COMPONENTS])
-    return LossChain(**{name: _component(fields.table(name), name) for name in _COMPONENTS})
-
-
-def _component(fields: Fields, name: str) -> Any:
-    made, quantities = _COMPONENTS[name]
-    clock = ["clock_speeds_kmh", "clock_pulses"] if made is Converter else []
-    fields.check_keys(["source", *fields.quantity_keys(quantities), *clock])
-    values: dict[str, object] = {
-        f"{quantity}_{_SI_SUFFIX[dimension]}": fields.quantity(quantity, dimension)
-        for quantity, dimension in quantities.items()
-    }
-    if clock:
-        values["clock_speeds_mps"] = tuple(x * KMH for x in _numbers(fields, "clock_speeds_kmh"))
-        values["clock_pulses"] = _numbers(fields, "clock_pulses")
-    try:
-        return made(**values)
-    except InputError as error:
-        raise InputError(fields.source, fields.prefix + error.key, error.value, error.expected) from None
-
-
-def _numbers(fields: Fields, key: str) -> tuple[float, ...]:
-    values = fields.data.get(key, MISSING)
-    if not isinstance(values, list):
-        raise fields.error(key, values, "a list of numbers")
-    return tuple(number(fields.source, f"{fields.prefix}{key}[{i}]", x) for i, x in enumerate(values))
-
-
 def _stops(fields: Fields) -> tuple[Stop, ...]:
     entries = fields.data.get("stops", MISSING)
     if not isinstance(entries, list):
         raise fields.error("stops", entries, "a list of [[stops]]")
+    fields.check_count("stops", entries, MOST_STOPS)
     stops = []
     for i, entry in enumerate(entries):
         table = Fields.of(fields.source, entry, f"stops[{i}].")
@@ -336,7 +250,7 @@ def _stops(fields: Fields) -> tuple[Stop, ...]:
         table.check_keys(["name", "source", *table.quantity_keys(places)])
         for name, dimension in places.items():
             table.quantity(name, dimension, 0.0)  # information only, but not unreadable
-        stops.append(Stop(name=table.text("name"), position_m=table.quantity("position", "length")))
+        stops.append(Stop(name=table.name("name"), position_m=table.quantity("position", "length")))
     return tuple(stops)
 
 

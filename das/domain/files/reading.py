@@ -4,39 +4,66 @@ from __future__ import annotations
 
 import json
 import math
+import stat
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from das.domain.errors import MISSING, DasError, InputError
-from das.domain.units import FACTORS, to_si
+from das.domain.errors import MISSING, DasError, InputError, is_seen
+from das.domain.units import FACTORS, MEGABYTE, to_si
+
+MOST_BYTES = 5_000_000
+"""Largest file of a vehicle, route, journey or loss map that is read. A route of 1000 km with a point of its geometry
+every 10 m has about 3 MB."""
+MOST_BYTES_OF_TEXT = 200_000_000
+"""Largest text file that is read at all: a recorded trip has about 5 MB a day at one row a second."""
+MOST_ROWS = 20_000
+"""Most rows of a list: 1000 km of track with a gradient every 50 m."""
+MOST_OF_A_NAME = 200
+"""Longest name (characters) of a vehicle, route, journey or place."""
+LARGEST = 1e12
+"""Largest number in a file, in SI units: the computations with it stay finite. The largest quantity of a railway, the
+power of a network, is below it."""
+LARGEST_TIME_S = 1e10
+"""Largest time on a journey's clock, whose zero may be that of 1970."""
+LARGEST_LENGTH_M = 2e7
+"""Largest position or length: half the way round the earth."""
 
 
-def read_text(path: Path) -> str:
-    """Text of a UTF-8 file; DasError where it cannot be read."""
+def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
+    """Text of a UTF-8 file; DasError where it cannot be read, is not a regular file or has more than `most_bytes`."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+            raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
+        with path.open("rb") as file:
+            content = file.read(most_bytes + 1)
     except OSError as error:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise DasError(f"{path}: cannot be read ({error})") from error
+    if len(content) > most_bytes:
+        raise DasError(f"{path}: more than {most_bytes / MEGABYTE:g} MB, expected a smaller file")
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise DasError(f"{path}: not a UTF-8 text file ({error.reason} at byte {error.start})") from error
 
 
 def read_json(path: Path) -> Fields:
-    """Parse a JSON object."""
+    """Parse a JSON object; DasError where the file cannot be read or is none."""
     try:
-        data = json.loads(read_text(path))
+        data = json.loads(read_text(path, MOST_BYTES))
     except (ValueError, RecursionError) as error:
         raise DasError(f"{path}: not valid JSON ({error})") from error
     return Fields.of(path, data)
 
 
 def read_toml(path: Path) -> Fields:
-    """Parse a TOML document."""
+    """Parse a TOML document; DasError where the file cannot be read or is none."""
     try:
-        data = tomllib.loads(read_text(path))
+        data = tomllib.loads(read_text(path, MOST_BYTES))
     except (ValueError, RecursionError) as error:
         raise DasError(f"{path}: not valid TOML ({error})") from error
     return Fields.of(path, data)
@@ -52,48 +79,63 @@ class Fields:
 
     @classmethod
     def of(cls, source: Path, data: object, prefix: str = "") -> Fields:
+        """The fields of a parsed table; InputError where `data` is something else."""
         if not isinstance(data, Mapping):
             raise InputError(source, prefix.rstrip(".") or "the file", type(data).__name__, "a table of keys")
         return cls(source, prefix, data)
 
     def error(self, key: str, value: object, expected: str) -> InputError:
+        """The error of a value of this table."""
         return InputError(self.source, self.prefix + key, value, expected)
 
     def has(self, key: str) -> bool:
+        """Whether the table has a key."""
         return key in self.data
 
     def table(self, key: str) -> Fields:
+        """The table under a key; InputError where there is none."""
         if key not in self.data:
             raise self.error(key, MISSING, "a table")
         return Fields.of(self.source, self.data[key], f"{self.prefix}{key}.")
 
     def text(self, key: str, default: str | None = None) -> str:
+        """The text under a key; InputError where it is missing without a default, or no text."""
         value = self.data.get(key, default)
         if not isinstance(value, str):
             raise self.error(key, self.data.get(key, MISSING), "a text")
         return value
 
+    def name(self, key: str, default: str | None = None) -> str:
+        """A text that can be shown on a line: without control characters, and not longer than `MOST_OF_A_NAME`."""
+        value = self.text(key, default)
+        if not is_seen(value) or len(value) > MOST_OF_A_NAME:
+            raise self.error(key, value, f"a text of at most {MOST_OF_A_NAME} characters without control characters")
+        return value
+
     def flag(self, key: str, default: bool) -> bool:
+        """The truth value under a key; InputError for anything else."""
         value = self.data.get(key, default)
         if not isinstance(value, bool):
             raise self.error(key, value, "true or false")
         return value
 
     def check_schema_version(self, supported: int) -> None:
+        """Raise InputError unless the file says that it is of this version of its format."""
         value = self.data.get("schema_version", MISSING)
         if isinstance(value, bool) or value != supported:
             raise self.error("schema_version", value, f"{supported}")
 
     def check_keys(self, allowed: Sequence[str]) -> None:
-        """Refuse keys nobody reads: a misspelt optional key would be ignored in silence."""
+        """Raise InputError for a key that is not allowed: a misspelt optional key would be ignored in silence."""
         for key in self.data:
             if key not in allowed:
                 raise self.error(key, self.data[key], f"one of the keys {', '.join(sorted(allowed))}")
 
-    def quantity(self, name: str, dimension: str, default: float | None = None) -> float:
+    def quantity(self, name: str, dimension: str, default: float | None = None, *, unbounded: bool = False) -> float:
         """A number whose key ends in its unit (`mass_t = 440`), in SI.
 
-        Any unit of the dimension will do; two keys for one quantity, or none without a default, are refused.
+        Any unit of the dimension will do. Refused are two keys for one quantity, none without a default, and a number
+        that is infinite or too large (see `in_si`), unless `unbounded`.
         """
         keys = self.quantity_keys({name: dimension})
         found, names = [key for key in keys if key in self.data], " or ".join(keys)
@@ -104,10 +146,11 @@ class Fields:
                 return default
             raise self.error(name, MISSING, names)
         unit = found[0][len(name) + 1 :]
-        return to_si(number(self.source, self.prefix + found[0], self.data[found[0]]), unit, dimension)
+        key, value = self.prefix + found[0], self.data[found[0]]
+        return in_si(self.source, key, value, (unit, dimension), unbounded=unbounded)
 
     def quantity_keys(self, quantities: Mapping[str, str]) -> list[str]:
-        """All keys under which the given quantities (name → dimension) may appear."""
+        """All keys under which the given quantities (name → dimension) may appear: `mass_kg`, `mass_t`."""
         return [
             f"{name}_{unit}"
             for name, dimension in quantities.items()
@@ -115,32 +158,70 @@ class Fields:
             if unit.isidentifier() and unit.islower()
         ]
 
-    def columns(self, key: str, wanted: Mapping[str, str]) -> dict[str, list[float]]:
+    def rows(self, key: str, what: str, most: int = MOST_ROWS) -> list[Any]:
+        """The list under a key, not empty; InputError for anything else, or more than `most` entries."""
+        rows = self.data.get(key, MISSING)
+        if not isinstance(rows, list) or not rows:
+            raise self.error(key, rows, what)
+        self.check_count(key, rows, most)
+        return rows
+
+    def check_count(self, key: str, entries: Sequence[object], most: int = MOST_ROWS) -> None:
+        """Raise InputError where a list of this table has more than `most` entries."""
+        if len(entries) > most:
+            raise InputError(self.source, f"number of {self.prefix}{key}", len(entries), f"at most {most}")
+
+    def columns(
+        self, key: str, wanted: Mapping[str, str], *, unbounded: Collection[str] = (), most: int = MOST_ROWS
+    ) -> dict[str, list[float]]:
         """A list with units in its column names: {columns = ["position_km", …], rows = [[…], …]} in SI.
 
-        `wanted` maps each quantity to its dimension.
+        `wanted` maps each quantity to its dimension; those in `unbounded` may be infinite and of any size.
         """
         table = self.table(key)
         table.check_keys(["source", "columns", "rows"])
-        names, rows = table.data.get("columns", MISSING), table.data.get("rows", MISSING)
+        names = table.data.get("columns", MISSING)
         if not isinstance(names, list) or len(names) != len(wanted):
             raise table.error("columns", names, f"{len(wanted)} names: {', '.join(wanted)}, each with its unit")
-        if not isinstance(rows, list) or not rows:
-            raise table.error("rows", rows, "a list of rows")
+        rows = table.rows("rows", "a list of rows", most)
         result: dict[str, list[float]] = {}
         for index, (name, dimension) in enumerate(wanted.items()):
-            unit = _column_unit(table, str(names[index]), name, dimension)
+            unit = _column_unit(table, str(names[index]), name, dimension), dimension
             result[name] = [
-                to_si(
-                    number(self.source, f"{table.prefix}rows[{i}].{name}", _cell(table, i, row, index)), unit, dimension
+                in_si(
+                    *(self.source, f"{table.prefix}rows[{i}].{name}", _cell(table, i, row, index)),
+                    unit,
+                    unbounded=name in unbounded,
                 )
                 for i, row in enumerate(rows)
             ]
         return result
 
 
+def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbounded: bool = False) -> float:
+    """A number of a file in SI, from its unit and dimension.
+
+    Raises InputError for what is no number, and for one that is infinite or larger than `LARGEST` (a position or
+    length: `LARGEST_LENGTH_M`). An `unbounded` number may be infinite and of any size: the caller knows its bounds.
+    """
+    result = to_si(number(source, key, value), *unit)
+    largest = LARGEST_LENGTH_M if unit[1] == "length" else LARGEST
+    if unbounded or abs(result) <= largest:
+        return result
+    if math.isinf(result):
+        raise InputError(source, key, value, "a finite number")
+    raise InputError(source, key, value, f"a number of at most {largest / to_si(1.0, *unit):.4g}")
+
+
+def bound_of_window(source: Path, key: str, time_s: float) -> float:
+    """A time on a journey's clock, infinite where its window is open; InputError for one beyond `LARGEST_TIME_S`."""
+    if math.isfinite(time_s) and abs(time_s) > LARGEST_TIME_S:
+        raise InputError(source, key, time_s, f"a time of at most {LARGEST_TIME_S:g} s, or an open window")
+    return time_s
+
+
 def number(source: Path, key: str, value: object) -> float:
-    """A real number that is not NaN (inf is allowed: a straight track has it)."""
+    """A real number that is not NaN (a straight track has a radius of inf); InputError for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(source, key, value, "a number")
     try:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from das.domain.errors import MISSING, InputError
-from das.domain.files.reading import Fields, number, read_json
+from das.domain.files.reading import Fields, bound_of_window, in_si, read_json
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.plausibility import check_route, check_vehicle
 from das.domain.route import Route, Stop, Stretches, Tunnel
-from das.domain.units import FACTORS, to_si
+from das.domain.units import FACTORS
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 
 INSIST = "correct the file, or convert it to TOML (docs/reference/file-formats.md), which can accept {check}"
@@ -118,7 +118,7 @@ _TIMING = {
     "lower speed constraint": "speed",
     "upper speed constraint": "speed",
 }
-"""Columns of a journey's timing points, and what an open bound (null) means, in order."""
+"""Columns of a journey's timing points with their dimensions; below, what null, an open bound, stands for."""
 _OPEN = (None, -np.inf, np.inf, 0.0, np.inf)
 
 
@@ -142,16 +142,18 @@ def _timing_point(fields: Fields, rows: list[list[float]], *, first: bool, last:
     """A point of a journey from its rows (SI): one, or two for a stop with a dwell."""
     position_m = rows[0][0]
     name = f"{position_m:g} m"
-    windows = [Window(earliest_s=row[1], latest_s=row[2]) for row in rows]
+    key = f"timing points at {name}"
+    bounds_s = [[bound_of_window(fields.source, key, time_s) for time_s in row[1:3]] for row in rows]
+    windows = [Window(earliest_s=earliest_s, latest_s=latest_s) for earliest_s, latest_s in bounds_s]
     if len(rows) == 1 and rows[0][4] > 0:
         return Passing(
             name=name, position_m=position_m, window=windows[0], lowest_mps=rows[0][3], highest_mps=rows[0][4]
         )
     if len(rows) > 2 or any(row[3] != 0 or row[4] != 0 for row in rows):
-        raise fields.error(f"timing points at {name}", f"{len(rows)} rows", "one, or two with speeds 0: a stop")
+        raise fields.error(key, f"{len(rows)} rows", "one, or two with speeds 0: a stop")
     if first or last:
         if len(rows) > 1:
-            raise fields.error(f"timing points at {name}", "2 rows", "one row at an end of the journey")
+            raise fields.error(key, "2 rows", "one row at an end of the journey")
         open_end = Window()
         arrival, departure = (open_end, windows[0]) if first else (windows[0], open_end)
         return Call(name=name, position_m=position_m, arrival=arrival, departure=departure)
@@ -191,7 +193,9 @@ def _quantity(fields: Fields, key: str, dimension: str, default: float | None = 
         return default
     entry = fields.table(key)
     unit = _unit_factor(entry, "unit", entry.data.get("unit", MISSING), dimension)
-    return to_si(number(fields.source, f"{entry.prefix}value", entry.data.get("value", MISSING)), unit, dimension)
+    value = entry.data.get("value", MISSING)
+    unbounded = dimension == "acceleration"  # a train whose acceleration only its forces limit
+    return in_si(fields.source, f"{entry.prefix}value", value, (unit, dimension), unbounded=unbounded)
 
 
 def _efficiency(fields: Fields, key: str) -> float:
@@ -207,7 +211,8 @@ def _stop_positions(fields: Fields) -> list[float]:
     values = table.data.get("values", MISSING)
     if not isinstance(values, list) or len(values) < 2:
         raise table.error("values", values, "at least two positions")
-    return [to_si(number(fields.source, f"stops.values[{i}]", x), unit, "length") for i, x in enumerate(values)]
+    table.check_count("values", values)
+    return [in_si(fields.source, f"stops.values[{i}]", x, (unit, "length")) for i, x in enumerate(values)]
 
 
 def _rows(
@@ -215,18 +220,20 @@ def _rows(
 ) -> list[list[float]]:
     """`{"units": {column: unit}, "values": [[…], …]}` in SI; "infinity" is a number here.
 
-    `missing`: what null stands for in each column, None where it is refused (default: everywhere).
+    `missing` holds for each column the number that null stands for, or None where null is refused (the default).
     """
     table = fields.table(key)
     units_table = table.table("units")
     units = [
         _unit_factor(units_table, name, units_table.data.get(name, MISSING), dimension) for name, dimension in columns
     ]
-    values = table.data.get("values", MISSING)
-    if not isinstance(values, list) or not values:
-        raise table.error("values", values, "a list of rows")
+    values = table.rows("values", "a list of rows")
     missing = missing or (None,) * len(columns)
     return [_row(fields, f"{key}.values[{i}]", row, columns, units, missing) for i, row in enumerate(values)]
+
+
+_OPEN_COLUMNS = ("radius at start", "radius at end", *list(_TIMING)[1:])
+"""Columns whose values may be infinite: the radius of a straight track, the end of an open window."""
 
 
 def _row(
@@ -242,7 +249,7 @@ def _row(
     cells = [float(cell) if cell in ("infinity", "-infinity") else cell for cell in row]
     cells = [default if cell is None else cell for cell, default in zip(cells, missing, strict=True)]
     return [
-        to_si(number(fields.source, f"{key}.{name}", cell), unit, dimension)
+        in_si(fields.source, f"{key}.{name}", cell, (unit, dimension), unbounded=name in _OPEN_COLUMNS)
         for cell, unit, (name, dimension) in zip(cells, units, columns, strict=True)
     ]
 

@@ -1,4 +1,4 @@
-"""Writing files and folders whole: beside, then renamed into place, so that a reader never sees half of one."""
+"""Writing files and folders whole: first under another name, then renamed, so that a reader never sees half of one."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from pathlib import Path
 from das.domain.errors import DasError
 
 MOST_OF_A_NAME = 1000
+"""Most files whose names differ in their number only."""
 UNFINISHED = ".unfinished-"
-"""Beginning of the names of folders that are being written, or were when their writer was killed."""
+"""Folders that are being written have names that begin so; one stays behind where its writer was killed."""
 
 
 def check_writable(path: Path) -> None:
-    """Raise DasError unless a file can be created at `path`; to be asked before long work starts."""
+    """Raise DasError unless a file can be created at `path`: a command checks this before it starts long work."""
     if path.exists() and not path.is_file() and not path.is_dir():
         return
     folder = path.resolve().parent
@@ -32,11 +33,14 @@ def check_writable(path: Path) -> None:
 
 
 def new_file(path: Path) -> Path:
-    """Make an empty file at `path`, or at the first of `-2`, `-3`, … that is free, and return where; else DasError."""
+    """Make an empty file and return its path: `path`, or where that exists the first of `-2`, `-3`, … that is free.
+
+    Raises DasError where none can be made.
+    """
     for i in range(1, MOST_OF_A_NAME + 1):
         numbered = path if i == 1 else path.with_stem(f"{path.stem}-{i}")
         try:
-            numbered.touch(exist_ok=False)  # two who ask at once get two files
+            numbered.touch(exist_ok=False)  # two processes that ask at once get two files
         except FileExistsError:
             continue
         except OSError as error:
@@ -46,9 +50,9 @@ def new_file(path: Path) -> Path:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` beside `path` and rename it into place; DasError where that fails.
+    """Write `content` to a new file beside `path` and rename it to `path`; DasError where that fails.
 
-    A link is followed; what is not a regular file (a device, a pipe) is written to, not replaced.
+    A link is followed. A device or a pipe is written to, not replaced.
     """
     try:
         path = path.resolve()
@@ -69,10 +73,10 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collection[str] = ()) -> None:
-    """Write a folder of files beside `folder` and rename it into place, on the disk for good; replaces what is there.
+    """Write files to a new folder beside `folder` and rename it to `folder`, in the place of what is there.
 
-    Files named in `private` are for the owner alone. A writer that is killed leaves a folder whose name begins with
-    `UNFINISHED`. DasError where writing fails.
+    When this returns, everything is on the disk for good. Only the owner can read the files named in `private`. A
+    writer that is killed leaves a folder whose name begins with `UNFINISHED`. Raises DasError where writing fails.
     """
     try:
         beside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=UNFINISHED))

@@ -17,6 +17,7 @@ import pytest
 from das.advice.settings import DEFAULT
 from das.bus import das_pb2
 from das.bus.recorder import main as recorder_main
+from das.bus.recording import read_recording
 from das.bus.session import Bus, Received, check_endpoint, endpoint, free_ports
 from das.bus.topics import (
     ADVICE,
@@ -34,7 +35,6 @@ from das.bus.topics import (
     topic_of,
 )
 from das.domain.errors import DasError
-from sim.recording.reading import read_recording
 from tests.support.making import REPOSITORY
 
 TRAIN = "T1"

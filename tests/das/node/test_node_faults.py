@@ -14,6 +14,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2
 from das.bus.recorder import Recorder, RecordingFile
+from das.bus.recording import read_recording
 from das.bus.session import decoded
 from das.bus.topics import CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET
 from das.cab.cab import CabSettings
@@ -24,7 +25,6 @@ from das.cab.reporting import Reporting
 from das.domain.files.load import load_vehicle
 from das.estimate.calibration import Calibrator
 from das.estimate.localisation import Localisation
-from sim.recording.reading import read_recording
 from tests.support.driven_node import START_NS, TRAIN, VEHICLE, DrivenNode, S, Sink, journey, restrictions
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.batch.journal import Journal
@@ -24,7 +25,6 @@ from sim.batch.table import SCHEMA_NAMES, write_table
 from sim.batch.worker import recorded, work
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
-from sim.recording.reading import read_recording
 from sim.world.outcome import SHARES
 from tests.support.making import REPOSITORY, das_sim
 

@@ -14,16 +14,16 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from typer.testing import CliRunner
 
 from das.bus import das_pb2, topics
+from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from das.domain.units import KM
 from sim.cli.commands import app
-from sim.recording.reading import Recording, Stamped
 from sim.review.happenings import NOT_HEARD, happenings, points, signals, silences
 from sim.review.lanes import TOP_SPEED, lanes
 from sim.review.limits import limit_in_force, temporary_limits
 from sim.review.series import Trip, series
 from sim.review.story import Story
-from tests.sim.review.test_review import START_NS, at_ns, write_recording
+from tests.support.recordings import START_NS, at_ns, write_recording
 
 SPEED_MPS, LINE_MPS = 20.0, 40.0
 SECONDS = 100

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from das.bus.recording import read_recording
 from das.bus.topics import LOCATION
 from das.domain.errors import DasError
 from das.domain.route import Floats
@@ -21,7 +22,6 @@ from das.solver.front import solve_front
 from das.solver.section import Section, build_section
 from sim.cli.options import ReplayOptions
 from sim.processes.lockstep import Traffic
-from sim.recording.reading import read_recording
 from sim.replay import report as replay_report
 from sim.replay.job import prepare
 from sim.replay.replay import Outcome

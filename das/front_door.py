@@ -1,0 +1,254 @@
+"""The functions of `import das`: few parameters, plain results, and errors that say in one line what is wrong.
+
+Each function calls the part of the system that does the work, and imports it when it is called: loading a route does
+not load the compiled solver. The other names that `das` offers are defined where they belong, see `das.__init__`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from das.domain.errors import DasError, InputError
+from das.domain.journey import Journey
+from das.domain.losses import Level
+from das.domain.route import Route, Stop
+from das.domain.units import PERCENT
+from das.domain.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from enum import StrEnum
+
+    import pandas as pd
+
+    from das.solver.front import Front
+    from das.solver.journey.chains import Split
+    from das.solver.journey.plan import JourneyPlan
+    from das.solver.section import Section
+
+    _Word = TypeVar("_Word", bound=StrEnum)
+
+DRAWN_BUFFERS_PERCENT = tuple(range(31))
+"""Buffers of the points of a front, where none are asked for: timetables have 3 to 10 %, and beyond 30 % little is
+left to save."""
+
+
+def build_section(
+    route: Route,
+    vehicle: Vehicle,
+    *,
+    level: Level | str | None = None,
+    start: str | int | None = None,
+    end: str | int | None = None,
+    between_m: tuple[float, float] | None = None,
+) -> Section:
+    """The part of a route that a train drives from standstill to standstill, ready to be solved.
+
+    `start` and `end` are stops of the route: a name (case does not matter) or a number counted from 1. The defaults are
+    the first and the last stop. `between_m` gives two positions on the route (m) in their place. `level` says how the
+    train's losses are modelled ("l0-noreg", "l0-reg", "l1", "l2", "l3", "own"); the default is the one that the file of
+    the vehicle names. The other direction of a line is `route.reversed()`, a line with temporary limits
+    `route.with_restrictions(…)`, a train and a line under other conditions `Conditions(…).train(vehicle)` and
+    `.line(route)`.
+
+    Raises InputError for a stop, an order or a level that there is not, DasError where the vehicle has no data for the
+    level, InfeasibleError where the train cannot brake or climb.
+
+        >>> import das
+        >>> route, train = das.load_route("zurich-luzern"), das.load_vehicle("re460-ic")
+        >>> section = das.build_section(route, train, start="Zürich HB", end="Zug", level="l1")
+        >>> das.build_section(route, train, between_m=(500.0, 4000.0)).end_m
+        4000.0
+        >>> das.build_section(route, train, start="Zug", end="Zürich HB")
+        Traceback (most recent call last):
+        ...
+        das.domain.errors.InputError: ...: end = 'Zürich HB': expected a stop after Zug; route.reversed() leads back
+    """
+    from das.solver import section
+
+    if between_m is not None:
+        start_m, end_m = _positions(route, between_m, start, end)
+    else:
+        first, last = _stop(route, "start", start, 1), _stop(route, "end", end, len(route.stops))
+        if last.position_m <= first.position_m:
+            expected = f"a stop after {first.name}; route.reversed() leads back"
+            raise InputError(route.source, "end", last.name, expected)
+        start_m, end_m = first.position_m, last.position_m
+    losses = None if level is None else chosen(Level, vehicle.source, "level", level)
+    return section.build_section(route, vehicle, level=losses, start_m=start_m, end_m=end_m)
+
+
+def solve(section: Section) -> Front:
+    """The least energy for every trip time of a section, as a front.
+
+    `front.fastest()` is the fastest run, `front.trajectory(time_s)` the run of least energy in that time. Both have
+    `time_s`, `ledger` (where the energy goes, in J), `gap_ratio` (how far the energy can be above the least possible)
+    and `trajectory`, whose `columns()` are arrays over the way. Solving takes 0.1 to 3 s; a machine that has never
+    solved a section first compiles for up to a minute.
+
+        >>> import das
+        >>> section = das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic"))
+        >>> front = das.solve(section)
+        >>> run = front.trajectory(240.0)
+        >>> abs(run.time_s - 240.0) < 0.05, run.gap_ratio < 0.01
+        (True, True)
+        >>> front.trajectory(float("nan"))
+        Traceback (most recent call last):
+        ...
+        das.domain.errors.DasError: trip time nan s: expected a finite time > 0 s
+    """
+    from das.solver.front import solve_front
+
+    return solve_front(section)
+
+
+def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCENT) -> dict[str, NDArray[np.float64]]:
+    """Times and energies along a front, to draw it: arrays of shape (points,), fastest first.
+
+    A point is the run of least energy whose time is so many per cent above the least possible (`buffers_percent`,
+    rising). The points end at the run of least energy: a slower one would cost more. `time_s` and `buffer_percent` are
+    those of the run found, `energy_j` its net energy at the current collector (without comfort systems), `bound_j` a
+    lower bound of it (see `Solution`), `lambda_w` the price of time: what a second less would cost (W).
+
+    Raises InputError for buffers that do not rise from 0 or more.
+
+        >>> import das
+        >>> front = das.solve(das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic")))
+        >>> points = das.front_points(front, [0, 5, 10])
+        >>> (points["energy_j"] / 3.6e6).round(0).tolist()
+        [77.0, 64.0, 58.0]
+    """
+    try:
+        buffers = np.atleast_1d(np.asarray(buffers_percent, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError("front_points", "buffers_percent", buffers_percent, "numbers") from None
+    if buffers.ndim != 1 or not len(buffers) or not (np.isfinite(buffers).all() and buffers[0] >= 0):
+        raise InputError("front_points", "buffers_percent", buffers_percent, "a list of finite numbers >= 0")
+    if (np.diff(buffers) <= 0).any():
+        raise InputError("front_points", "buffers_percent", buffers_percent, "numbers that rise")
+    fastest = front.fastest()
+    runs = []
+    for buffer in buffers:
+        run = front.trajectory(fastest.time_s * (1.0 + PERCENT * float(buffer))) if buffer > 0 else fastest
+        runs.append(run)
+        if run.fit == "early":
+            break
+    return {
+        "time_s": np.array([run.time_s for run in runs]),
+        "buffer_percent": np.array([(run.time_s / fastest.time_s - 1.0) / PERCENT for run in runs]),
+        "energy_j": np.array([run.ledger.input for run in runs]),
+        "bound_j": np.array([run.bound_j for run in runs]),
+        "lambda_w": np.array([run.lambda_w for run in runs]),
+    }
+
+
+def plan_journey(
+    journey: Journey,
+    route: Route,
+    vehicle: Vehicle,
+    *,
+    level: Level | str | None = None,
+    split: Split | str = "equal-marginal",
+) -> JourneyPlan:
+    """The journey of least energy: when the train is where, and how it runs from stop to stop.
+
+    Every time of the plan is in its window. `split` says how the time between two fixed times is shared among the
+    sections: "equal-marginal" (the optimum) or "proportional" (the same buffer in per cent on each). The plan has
+    `hops` (one part from stop to stop, each with `departure`, `arrival`, `trajectory` and `ledger`), `input_j`,
+    `gap_ratio` and `time_s`; `plan.trajectory().columns()` is the whole journey as arrays.
+
+    Raises InputError for a level or a split that there is not, InfeasibleError where the windows cannot be kept.
+
+        >>> import das
+        >>> route = das.load_route("zurich-luzern")
+        >>> plan = das.plan_journey(das.load_journey("zurich-luzern", route), route, das.load_vehicle("re460-ic"))
+        >>> len(plan.hops), abs(plan.gap_ratio) < 0.001
+        (3, True)
+    """
+    from das.solver.journey.chains import Split
+    from das.solver.journey.plan import JourneyPlanner
+
+    losses = None if level is None else chosen(Level, vehicle.source, "level", level)
+    shared = chosen(Split, journey.source, "split", split)
+    return JourneyPlanner(journey, route, vehicle, level=losses).plan(shared)
+
+
+def read_table(folder: str | Path, section: Section) -> Front:
+    """The front of a section from a table on disk, which `das-precompute build` wrote; it is not solved again.
+
+    A table holds fewer multipliers than `solve` uses, so its runs may need a little more energy. Every file of the
+    table is checked against its hash first.
+
+    Raises DasError for a folder that is no table, a table that is damaged, or that of another section.
+
+        front = das.read_table("tables/flat-6km", section)
+    """
+    from das.table.table import Table
+
+    table = Table.open(Path(folder))
+    table.verify()
+    return table.bind(section).front
+
+
+def to_pandas(columns: Mapping[str, ArrayLike]) -> pd.DataFrame:
+    """Columns as a DataFrame: those of a trajectory, of a front's points or of a topic, or the terms of a ledger.
+
+    Nothing else in `das` needs pandas. Raises DasError where it is not installed, or where columns differ in length.
+
+        das.to_pandas(run.trajectory.columns())
+        das.to_pandas(run.ledger.as_dict())
+        das.to_pandas(recording.columns("truth"))
+    """
+    try:
+        import pandas as pd
+    except ImportError:
+        raise DasError("pandas is not installed: pip install pandas") from None
+    arrays = {name: np.atleast_1d(np.asarray(column)) for name, column in columns.items()}
+    lengths = {name: len(column) for name, column in arrays.items()}
+    if len(set(lengths.values())) > 1:
+        raise DasError(f"columns of different lengths: {', '.join(f'{name} has {n}' for name, n in lengths.items())}")
+    return pd.DataFrame(arrays)
+
+
+def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
+    """A member of an enumeration by its word; InputError with all the words where there is none."""
+    try:
+        return kind(word)
+    except ValueError:
+        raise InputError(source, key, word, f"one of {', '.join(kind)}") from None
+
+
+def _stop(route: Route, key: str, wanted: object, default: int) -> Stop:
+    """The stop of a name, or of a number counted from 1; InputError where there is none."""
+    wanted = default if wanted is None else wanted
+    names = ", ".join(f"{i}: {stop.name}" for i, stop in enumerate(route.stops, 1))
+    expected = f"name or number of a stop ({names})"
+    if isinstance(wanted, int) and not isinstance(wanted, bool):
+        if not 1 <= wanted <= len(route.stops):
+            raise InputError(route.source, key, wanted, expected)
+        return route.stops[wanted - 1]
+    if not isinstance(wanted, str):
+        raise InputError(route.source, key, wanted, f"{expected}; positions are given as between_m")
+    try:
+        return route.stop(wanted)
+    except DasError:
+        raise InputError(route.source, key, wanted, expected) from None
+
+
+def _positions(route: Route, between_m: object, start: object, end: object) -> tuple[float, float]:
+    """Two positions (m) as they were given; InputError where they are none, or stops are given as well."""
+    for key, stop in (("start", start), ("end", end)):
+        if stop is not None:
+            raise InputError(route.source, key, stop, "none beside between_m, which gives both ends")
+    numbers = isinstance(between_m, Sequence) and len(between_m) == 2
+    if not numbers or not all(isinstance(x, int | float | np.number) for x in between_m):  # type: ignore[attr-defined]
+        raise InputError(route.source, "between_m", between_m, "two positions (m)")
+    start_m, end_m = (float(x) for x in between_m)  # type: ignore[attr-defined]
+    if not 0 <= start_m < end_m <= route.length_m:  # written so that NaN is refused as well
+        expected = f"two positions that rise, from 0 to {route.length_m:g} m"
+        raise InputError(route.source, "between_m", between_m, expected)
+    return start_m, end_m

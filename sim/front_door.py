@@ -1,0 +1,90 @@
+"""What `import sim` offers: one simulated day in this process, as arrays and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import InputError
+from das.domain.losses import Level
+from das.domain.trajectory import Ledger
+from das.front_door import chosen
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind
+from sim.plant.plant import PlantState
+from sim.world.day import make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import World
+from sim.world.outcome import outcome
+from sim.world.scenario import load_scenario
+from sim.world.service import prepare_service
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SimulatedDay:
+    """A day that was driven.
+
+    `states` holds the true train once a second (see `columns`), `outcome` the figures that `das-sim run --json` prints:
+    punctuality, energies (kWh), where they went, and how the advice fared. `ledger` is where the energy went from the
+    first departure to the last arrival (J).
+    """
+
+    states: Mapping[str, NDArray[np.float64]]
+    outcome: Mapping[str, Any]
+    ledger: Ledger
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """The true train once a second, as arrays of shape (seconds + 1,) by names with units.
+
+        `time_s` is 0 at the timetable's departure; `s_m` and `speed_mps` are the train's, `force_el_n` and
+        `force_friction_n` its wheel forces. Energies ending in `_j` count from the start of the run.
+        """
+        return dict(self.states)
+
+
+def run_day(
+    scenario: str | Path,
+    seed: int = 0,
+    *,
+    driver: DriverKind | str = DriverKind.HUMAN,
+    advice: Presentation | str = Presentation.VECTOR,
+    level: Level | str | None = None,
+) -> SimulatedDay:
+    """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
+
+    `scenario` is a bundled scenario's name or a TOML file. `seed` draws what happens on the day and how the driver is;
+    the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable" or "human"),
+    `advice` what the display shows ("none", "rms", "four-mode" or "vector"), `level` how losses are modelled (the
+    default is the vehicle's own). Nothing is recorded: `das-sim run` does that.
+
+    Raises InputError for a word that there is not, DasError for a scenario that is unusable or a train that does not
+    arrive.
+
+        >>> import sim
+        >>> day = sim.run_day("clear-day", driver="perfect", advice="vector")
+        >>> abs(day.outcome["late_s"]) < 30, day.outcome["signals_passed"]
+        (True, 0)
+        >>> sim.run_day("clear-day", driver="nobody")
+        Traceback (most recent call last):
+        ...
+        das.domain.errors.InputError: run_day: driver = 'nobody': expected one of perfect, fast, rms, timetable, human
+    """
+    kind, shown = chosen(DriverKind, "run_day", "driver", driver), chosen(Presentation, "run_day", "advice", advice)
+    losses = None if level is None else chosen(Level, "run_day", "level", level)
+    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+        raise InputError("run_day", "seed", seed, "a whole number >= 0")
+    if not isinstance(scenario, str | Path):
+        raise InputError("run_day", "scenario", scenario, "the name of a bundled scenario, or a path")
+    day = make_day(prepare_service(load_scenario(str(scenario)), level=losses), seed)
+    run = World(day, day.driver(kind), shown, InProcess(day.service)).run()
+    states = {
+        name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
+    }
+    return SimulatedDay(
+        states=states, outcome=outcome(day, run), ledger=day.plant.ledger(run.legs[0][0], run.legs[-1][1])
+    )
