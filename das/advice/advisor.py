@@ -20,9 +20,10 @@ from das.advice.reduced import ReducedSpeed
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, NS
 from das.estimate.localisation import STANDSTILL_MPS, Estimate, Localisation, PositionFix
-from das.solver import kernels
-from das.solver.front import Fit, Front, Solution
+from das.solver.front import Front
+from das.solver.kernels import forces
 from das.solver.section import Section
+from das.solver.solution import Fit, Solution
 from das.solver.warm_up import warm_up as solve_tiny
 
 HORIZON_S = 30
@@ -563,8 +564,8 @@ class Advisor:
         """The largest force in the direction of `force_n` (N, > 0)."""
         train, v = self.section.train, max(v_mps, 0.1)
         if force_n >= 0:
-            return float(kernels.traction_limit(v, train))
-        return max(float(kernels.brake_limit(v, train, train.friction_force_n)), 1.0)
+            return float(forces.traction_limit(v, train))
+        return max(float(forces.brake_limit(v, train, train.friction_force_n)), 1.0)
 
 
 def bare_front(section: Section) -> Front:

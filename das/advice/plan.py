@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from das.advice import plan_kernels as kernels
 from das.domain.units import KMH
-from das.solver.front import Solution
 from das.solver.section import Section
+from das.solver.solution import Solution
 
 Floats = NDArray[np.float64]
 

@@ -19,7 +19,8 @@ from das.bus.config import BusFolder
 from das.bus.topics import DELAY, LOCATION, LOG, POSITION, TRUTH, Topic
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.front import Front, Solution
+from das.solver.front import Front
+from das.solver.solution import Solution
 from sim.processes.lockstep import Crew, Lockstep, Traffic, sleep_until
 from sim.processes.messages import StopTimes, happened, journey, location
 from sim.trips.estimate import DrivenEstimate

@@ -80,7 +80,7 @@ class World:
         self.driver, self.presentation, self.link = driver, presentation, link
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
         self._train_control = TrainControl(day)
-        self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.length_m)
+        self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.train_length_m)
         self._sent: tuple[tuple[Any, ...], tuple[Any, ...]] = ((), ())
         self._events: list[str] = []
         self._view: AdviceView | None = None

@@ -64,7 +64,7 @@ def read_vehicle(path: Path) -> Vehicle:
         source=str(path),
         mass_kg=main.quantity("mass", "mass"),
         rotating_mass_ratio=main.quantity("rotating_mass", "ratio", 0.0),
-        length_m=main.quantity("length", "length"),
+        train_length_m=main.quantity("length", "length"),
         max_speed_mps=max_speed_mps,
         resistance=Resistance(
             c0_n=resistance.quantity("c0", "force"),

@@ -12,8 +12,9 @@ from das.cab.journey_advisor import JourneyAdvisor
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.localisation import PositionFix
-from das.solver.front import Front, solve_front
+from das.solver.front import Front
 from das.solver.section import build_section
+from das.solver.solve import solve_front
 from tests.support.making import flat, make_train
 
 T0 = 1_800_000_000_000_000_000
