@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from das.domain.trajectory import Ledger, Trajectory
     from das.domain.vehicle import Vehicle
     from das.front_door import build_section, front_points, plan_journey, read_table, solve, to_pandas
-    from das.solver.front import Front, Solution
+    from das.solver.front import Front
     from das.solver.journey.chains import Split
     from das.solver.journey.plan import JourneyPlan
     from das.solver.section import Section
+    from das.solver.solution import Solution
 
 __version__ = "0.2.0"
 

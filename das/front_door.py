@@ -101,7 +101,7 @@ def solve(section: Section) -> Front:
         ...
         das.domain.errors.DasError: trip time nan s: expected a finite time > 0 s
     """
-    from das.solver.front import solve_front
+    from das.solver.solve import solve_front
 
     return solve_front(section)
 

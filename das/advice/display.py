@@ -17,9 +17,9 @@ from das.advice.planner import Goal, Planner, State
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
 from das.estimate.localisation import Estimate
-from das.solver import kernels
-from das.solver.front import Fit
+from das.solver.kernels.forces import brake_limit, traction_limit
 from das.solver.section import Section
+from das.solver.solution import Fit
 
 
 class Scene(NamedTuple):
@@ -284,5 +284,5 @@ def _available_n(section: Section, force_n: float, v_mps: float) -> float:
     """The largest force in the direction of `force_n` (N, > 0)."""
     train, v = section.train, max(v_mps, 0.1)
     if force_n >= 0:
-        return float(kernels.traction_limit(v, train))
-    return max(float(kernels.brake_limit(v, train, train.friction_force_n)), 1.0)
+        return float(traction_limit(v, train))
+    return max(float(brake_limit(v, train, train.friction_force_n)), 1.0)

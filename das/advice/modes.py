@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from das.advice import plan_kernels as kernels
 from das.advice.settings import DEFAULT, ModeSettings
-from das.solver.front import Solution
 from das.solver.section import Section
+from das.solver.solution import Solution
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int64]

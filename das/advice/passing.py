@@ -19,9 +19,11 @@ from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.trajectory import Trajectory
 from das.solver import tolerances as tol
 from das.solver.fastest import capped, fastest
-from das.solver.front import Fit, Front, Solution, solve_front
+from das.solver.front import Front
 from das.solver.journey.hops import build_hops
 from das.solver.section import Section
+from das.solver.solution import Fit, Solution
+from das.solver.solve import solve_front
 
 Floats = NDArray[np.float64]
 
@@ -145,7 +147,9 @@ def _parts(section: Section, at_m: float) -> tuple[Section, Section]:
     end = Call(name="end", position_m=section.end_m, arrival=Window(latest_s=1e9))
     points = (start, Passing(name="target", position_m=at_m), end)
     journey = Journey(id="target", name="target", source="target", points=points)
-    (hop,) = build_hops(journey, section.route, section.vehicle, level=section.level, point_mass=section.length_m == 0)
+    (hop,) = build_hops(
+        journey, section.route, section.vehicle, level=section.level, point_mass=section.train_length_m == 0
+    )
     return hop.part(0, 1), hop.part(1, 2)
 
 

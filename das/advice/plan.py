@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from das.advice import plan_kernels as kernels
 from das.advice.modes import classify_modes, four_modes, next_changes, without_short
 from das.advice.settings import DEFAULT, ModeSettings
-from das.solver.front import Solution
 from das.solver.section import Section
+from das.solver.solution import Solution
 
 Floats = NDArray[np.float64]
 

@@ -20,8 +20,9 @@ from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.fastest import capped, fastest, least_time_s
-from das.solver.front import Front, Solution
+from das.solver.front import Front
 from das.solver.section import Section
+from das.solver.solution import Solution
 
 
 class State(NamedTuple):

@@ -8,7 +8,9 @@ import numpy as np
 
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
-from das.solver import kernels, rollout_kernels
+from das.solver.kernels.envelope import braking_envelope
+from das.solver.kernels.fastest import fastest_roll_out
+from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section
 
 
@@ -19,7 +21,7 @@ class ReducedSpeed:
         self._settings, self._longest_ratio = settings.reduced, settings.plan.longest_ratio
         easy_mps2 = min(settings.reduced.easy_braking_mps2, section.train.max_deceleration_mps2)
         easy = section.train._replace(max_deceleration_mps2=easy_mps2)
-        ceiling, _ = kernels.braking_envelope(*section.for_kernels, section.limit_mps, section.end_speed_mps, easy)
+        ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy)
         # Where a descent cannot be braked so easily, the envelope of the section holds.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
@@ -55,9 +57,9 @@ class ReducedSpeed:
         first = int(np.searchsorted(section.node_m, s_m, side="right")) - 1
         first = min(max(first, 0), len(section.step_m) - 1)
         cap = np.maximum(np.minimum(self._ceiling_mps[first:], top_mps), section.floor_mps[first:])
-        step, constant, tunnel, supply = (array[first:].copy() for array in section.for_kernels)
-        step[0] = max(float(section.node_m[first + 1]) - s_m, 1e-3)
+        line = LineArrays(*(array[first:].copy() for array in section.for_kernels))
+        line.step_m[0] = max(float(section.node_m[first + 1]) - s_m, 1e-3)
         speeds = np.empty(len(cap))
         speeds[0] = min(v_mps, cap[0] / self._settings.below_ratio)
-        took_s = float(rollout_kernels.fastest_roll_out(step, constant, tunnel, supply, cap, section.train, speeds))
+        took_s = float(fastest_roll_out(line, cap, section.train, speeds))
         return took_s if took_s >= 0 else math.inf

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from das.advice.advice import Source
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
-from das.solver.front import Front, default_ladder, solve_front
+from das.solver.front import Front
 from das.solver.section import Section
+from das.solver.solve import default_ladder, solve_front
 from das.table.hashes import combined
 from das.table.table import MANIFEST, Table, TableError, hashes_of
 

@@ -8,7 +8,7 @@ from das.domain.conditions import Conditions
 from das.domain.losses import Level
 from das.domain.route import Restriction, Route
 from das.domain.vehicle import Vehicle
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
 
 AS_PLANNED = Conditions()
 
@@ -26,7 +26,7 @@ class Situation:
 
     def between(self, start_m: float, end_m: float) -> Situation:
         """The same, with those restrictions alone that the train meets on a section: its tail counts."""
-        length_m = 0.0 if self.point_mass else self.vehicle.length_m
+        length_m = 0.0 if self.point_mass else self.vehicle.train_length_m
         met = (x for x in self.restrictions if x.start_m < end_m and x.end_m > start_m - length_m)
         return replace(self, restrictions=tuple(sorted(met, key=lambda x: (x.start_m, x.end_m, x.limit_mps))))
 
@@ -47,7 +47,7 @@ class Situation:
             level=self.level,
             start_m=start_m,
             end_m=end_m,
-            point_mass=self.point_mass,
+            options=SectionOptions(point_mass=self.point_mass),
         )
 
 

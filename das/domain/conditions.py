@@ -1,4 +1,4 @@
-"""What may differ from the plan: load, resistance, wind, what the line takes back, the rail."""
+"""Conditions of the day that may differ from the files: load, resistance, wind, receptivity, adhesion."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ STRONGEST_WIND_MPS = 50.0
 class Conditions:
     """Changes of a train and a line against their files; the defaults change nothing.
 
-    `mass_ratio` and `resistance_ratio` multiply mass and running resistance, `receptivity_ratio` and `adhesion_ratio`
-    what the line takes back and the rail's adhesion. `head_wind_mps` blows against the train (tail wind < 0).
+    `mass_ratio` and `resistance_ratio` multiply the mass and the running resistance, `receptivity_ratio` the share of
+    the power fed back that the line takes, and `adhesion_ratio` the adhesion of the rail. `head_wind_mps` is the speed
+    of the wind against the train (tail wind < 0).
     """
 
     mass_ratio: float = 1.0
@@ -40,7 +41,10 @@ class Conditions:
             )
 
     def train(self, vehicle: Vehicle) -> Vehicle:
-        """The train under these conditions; DasError for a slippery rail and a train without data of its adhesion."""
+        """The train under these conditions.
+
+        Raises DasError for another adhesion of the rail where the train's file does not say which axles are driven.
+        """
         if self.adhesion_ratio != 1 and np.isinf(vehicle.adhesive_mass_kg):
             raise DasError(f"{vehicle.source}: adhesion is missing: expected [adhesion] adhesive_mass_t in the file")
         if self.mass_ratio != 1:

@@ -71,8 +71,8 @@ class Passing:
 class Journey:
     """Stops and passing points in the order of the run, the first and the last of them stops.
 
-    Times count on one clock, its zero is the journey's own (midnight, or the departure). Known at least: the earliest
-    departure from the first stop and the latest arrival at the last.
+    All times count on one clock, whose zero the journey chooses (midnight, or the departure). The earliest departure
+    from the first stop and the latest arrival at the last stop must be known.
     """
 
     id: str
@@ -134,7 +134,7 @@ class Journey:
             raise InputError(self.source, f"arrival at {last.name}", MISSING, "a latest time: the journey ends by then")
 
     def _check_order(self) -> None:
-        """No time may be over before the one before it can be."""
+        """Raise InputError where a time must be over before an earlier event of the journey can take place."""
         reached_s, since = -math.inf, ""
         for key, window, dwell_s in self._windows():
             reached_s += dwell_s

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
+from das.domain.formulary import efficiency_loss_ratio, proportional_loss_w
 from das.domain.units import KMH
 
 Floats = NDArray[np.float64]
@@ -53,12 +54,12 @@ class EfficiencyLoss:
     @classmethod
     def from_efficiencies(cls, traction: float, brake: float, idle_w: float = 0.0) -> EfficiencyLoss:
         """Constant efficiencies: F·v/η at the collector when driving, F·v·η when braking (TTOBench's meaning)."""
-        return cls(traction_ratio=1.0 / traction - 1.0, brake_ratio=1.0 - brake, idle_w=idle_w)
+        return cls(traction_ratio=efficiency_loss_ratio(traction), brake_ratio=1.0 - brake, idle_w=idle_w)
 
     @classmethod
     def symmetric(cls, mean_efficiency: float, idle_w: float = 0.0) -> EfficiencyLoss:
         """Levels L1 and L2 of the paper: (1/η̄ − 1)·|P_mech| + c0 (eqs. 10, 11)."""
-        ratio = 1.0 / mean_efficiency - 1.0
+        ratio = efficiency_loss_ratio(mean_efficiency)
         return cls(traction_ratio=ratio, brake_ratio=ratio, idle_w=idle_w)
 
     def with_constant(self, power_w: float) -> EfficiencyLoss:
@@ -69,7 +70,7 @@ class EfficiencyLoss:
         """Loss (W) at each pair of wheel force (N) and speed (m/s)."""
         speed = np.asarray(speed_mps, dtype=float)
         power = np.asarray(force_n, dtype=float) * speed
-        loss = self.traction_ratio * np.maximum(power, 0) + self.brake_ratio * np.maximum(-power, 0) + self.idle_w
+        loss = proportional_loss_w(power, self.traction_ratio, self.brake_ratio, self.idle_w)
         return np.where(speed > 0, loss, 0.0)
 
 
@@ -81,9 +82,10 @@ LOSSLESS = EfficiencyLoss(traction_ratio=0.0, brake_ratio=0.0)
 class LossMap:
     """Loss in W on an even grid of speed and wheel force, read with bilinear interpolation.
 
-    `loss_w[i, j]` belongs to `speed_mps[i]`, `force_n[j]`; NaN = not covered. The covered forces of each speed must
-    be one unbroken range. `filled_w` continues each speed's losses linearly past its range, so that a cell cut by
-    the edge of the map (a power hyperbola runs through cells) can be interpolated up to that edge.
+    `loss_w_table[i, j]` belongs to `speed_mps[i]` and `force_n[j]`; NaN marks a state that the map does not cover. The
+    covered forces of each speed must be one unbroken range. `filled_w` continues the losses of each speed linearly past
+    that range, so that a cell cut by the edge of the map (a power hyperbola runs through cells) can be interpolated up
+    to that edge.
     """
 
     name: str
@@ -174,8 +176,8 @@ def outside_map(loss_map: LossMap, force_n: float, speed_mps: float) -> DasError
 def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) -> EfficiencyLoss:
     """Least-squares fit of levels L1 (`with_idle=False`) and L2 to a loss map over its operating points.
 
-    Fits P_L ≈ k·|F·v| (+ c0) over all covered points of the map with speed > 0 and wheel power up to `max_power_w`;
-    η̄ = 1/(1 + k); neither k nor c0 may be negative. Digest of the paper: L1 has a fit of its own, without the constant.
+    P_L ≈ k·|F·v| (+ c0) is fitted over all covered points of the map with speed > 0 and wheel power up to
+    `max_power_w`, with η̄ = 1/(1 + k). Neither k nor c0 may become negative. L1 has its own fit, without the constant.
     """
     points = operating_points(model, max_power_w)
     x, y = points.power_w, points.loss_w

@@ -200,7 +200,7 @@ def _vehicle_values(train: Vehicle) -> dict[str, float]:
         "mass": train.mass_kg,
         "rotating_mass": train.rotating_mass_ratio,
         "max_speed": train.max_speed_mps,
-        "length": train.length_m,
+        "length": train.train_length_m,
         "max_deceleration": min(brakes_mps2, train.max_deceleration_mps2),
         "max_acceleration": min(traction_mps2, train.max_acceleration_mps2),
         "power_per_mass": train.traction.max_power_w / train.mass_kg,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
-from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.domain.units import KMH
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ NEUTRAL = -2.0
 """Supply of a neutral section: neither traction nor electric brake."""
 
 LEAST_RESTRICTION_MPS = 0.5
-"""Slower than this is no speed restriction: a train would not get through."""
+"""A speed restriction below this (m/s) is refused, because a train could not get through."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,11 +50,12 @@ class Stretches:
         return np.asarray(self.value[np.clip(i, 0, len(self.value) - 1)], dtype=float)
 
     def mean(self, from_m: ArrayLike, to_m: ArrayLike) -> Floats:
-        """Mean over each interval (from < to), the ends continued."""
+        """Mean over each interval (from < to); the first and the last value go on beyond the ends."""
         from_m, to_m = np.asarray(from_m, dtype=float), np.asarray(to_m, dtype=float)
-        return np.asarray((self._integral(to_m) - self._integral(from_m)) / (to_m - from_m), dtype=float)
+        return np.asarray((self.integral(to_m) - self.integral(from_m)) / (to_m - from_m), dtype=float)
 
-    def _integral(self, position_m: Floats) -> Floats:
+    def integral(self, position_m: Floats) -> Floats:
+        """Integral of the quantity from 0 to each position (m); the first and the last value go on beyond the ends."""
         lengths = np.diff(self.start_m)
         upto = np.concatenate(([0.0], np.cumsum(lengths * self.value[:-1])))
         i = np.clip(np.searchsorted(self.start_m, position_m, side="right") - 1, 0, len(self.value) - 1)
@@ -76,7 +77,7 @@ class Stretches:
 
 @dataclass(frozen=True, kw_only=True)
 class Restriction:
-    """A temporary speed limit between two positions, for the whole train: until its tail has left."""
+    """A temporary speed limit between two positions. It holds for the whole train, until its tail has left."""
 
     start_m: float
     end_m: float
@@ -118,9 +119,9 @@ class Route:
     """A line from position 0 to `length_m`.
 
     `curvature_per_m` holds |κ| of each stretch at its mean (a clothoid is taken as its mean curvature).
-    `receptivity_ratio` is the share of the power fed back that the line takes (0 to 1). In `neutral_sections` there is
-    neither traction nor electric brake, in `no_regeneration` zones no electric brake, while the head of the train is
-    in them.
+    `receptivity_ratio` is the share of the power fed back that the line takes (0 to 1). While the head of the train is
+    in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the `no_regeneration`
+    zones there is no electric brake.
     `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where unknown.
     """
 
@@ -148,7 +149,7 @@ class Route:
         if len(self.stops) < 2:
             raise InputError(self.source, "stops", len(self.stops), "at least two stops")
         _check_positions(self.source, "stops", np.array([s.position_m for s in self.stops]), self.length_m)
-        for key, stretches in self._lists():
+        for key, stretches in self.quantities():
             _check_positions(self.source, key, stretches.start_m, self.length_m, first_at_zero=True)
             _check_finite(self.source, key, stretches.value)
         bad = np.flatnonzero(self.limits_mps.value <= 0)
@@ -172,7 +173,8 @@ class Route:
             _check_finite(self.source, "geometry", array)
             array.setflags(write=False)
 
-    def _lists(self) -> tuple[tuple[str, Stretches], ...]:
+    def quantities(self) -> tuple[tuple[str, Stretches], ...]:
+        """Speed limits, gradients, curves and receptivity, each with its name in messages."""
         return (
             ("speed limits", self.limits_mps),
             ("gradients", self.gradients_ratio),
@@ -182,13 +184,13 @@ class Route:
 
     def breakpoints_m(self) -> Floats:
         """Every position where a limit, gradient, curve, tunnel or the supply changes, sorted."""
-        parts = [stretches.start_m for _, stretches in self._lists()]
+        parts = [stretches.start_m for _, stretches in self.quantities()]
         zones = (*self.tunnels, *self.neutral_sections, *self.no_regeneration)
         parts += [np.array([zone.start_m, zone.start_m + zone.length_m]) for zone in zones]
         return np.unique(np.concatenate(parts))
 
     def supply(self) -> Stretches:
-        """What the line gives and takes: the receptivity, or `NO_REGENERATION`, or `NEUTRAL`."""
+        """The power supply along the line: the receptivity (0 to 1), or `NO_REGENERATION`, or `NEUTRAL`."""
         starts = self.breakpoints_m()
         value = self.receptivity_ratio.at(starts)
         for zones, code in ((self.no_regeneration, NO_REGENERATION), (self.neutral_sections, NEUTRAL)):
@@ -228,7 +230,7 @@ class Route:
         )
 
     def with_restrictions(self, restrictions: Sequence[Restriction]) -> Route:
-        """The same line with temporary limits: everywhere the least of what is in force there."""
+        """The same line with temporary limits; the lowest of all limits at a position holds there."""
         limits = self.limits_mps
         edges = np.array([edge for one in restrictions for edge in (one.start_m, one.end_m)])
         inside = edges[(edges > 0) & (edges < self.length_m)]
@@ -241,7 +243,7 @@ class Route:
 
     def altitude_m(self, position_m: ArrayLike) -> Floats:
         """Altitude above sea level (m), from the altitude at the start and the gradients."""
-        return self.altitude_at_start_m + self.gradients_ratio._integral(np.asarray(position_m, dtype=float))
+        return self.altitude_at_start_m + self.gradients_ratio.integral(np.asarray(position_m, dtype=float))
 
     def location_deg(self, position_m: ArrayLike) -> tuple[Floats, Floats] | None:
         """Latitude and longitude at each position, or None where the route has no geometry."""
@@ -266,17 +268,6 @@ def section_stops(route: Route, from_stop: str | None, to_stop: str | None) -> t
             f"{route.source}: {end.name!r} does not come after {start.name!r} in this direction; see --reverse"
         )
     return start, end
-
-
-def curve_resistance_mps2(curvature_per_m: ArrayLike) -> Floats:
-    """Curve resistance per mass (m/s²) as the public benchmark uses it (with a step at R = 300 m).
-
-    g·0.5κ/(1−30κ) for R >= 300 m, else g·0.65κ/(1−55κ), κ = |1/R| in 1/m.
-    """
-    k = np.abs(np.asarray(curvature_per_m, dtype=float))
-    wide = 0.5 * k / (1 - 30 * np.minimum(k, 1 / 300))
-    tight = 0.65 * k / (1 - 55 * k)
-    return np.asarray(STANDARD_GRAVITY_MPS2 * np.where(k <= 1 / 300, wide, tight), dtype=float)
 
 
 def _check_positions(

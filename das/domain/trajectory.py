@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.formulary import mean_davis_resistance_n
 from das.domain.losses import Level, LossModel
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Resistance, Vehicle
@@ -19,8 +20,8 @@ class Ledger:
     """Where the energy of a run went, in J.
 
     input = resistance + component_loss + friction_brake + unreturned + kinetic + potential. `input` is the net energy
-    at the current collector without comfort systems, which are beside it; `unreturned` is what was fed back and the
-    line did not take (it heats the brake resistors).
+    at the current collector without the comfort systems, whose energy is `comfort`. `unreturned` is the energy that was
+    fed back and that the line did not take: it heats the brake resistors.
     """
 
     resistance: float
@@ -34,7 +35,7 @@ class Ledger:
 
     @property
     def irreversible(self) -> float:
-        """E_IC of the paper: what is gone after the trip."""
+        """The irreversible energy E_IC of the paper (J): neither stored in the train nor fed back."""
         return self.resistance + self.component_loss + self.friction_brake + self.unreturned
 
     def as_dict(self) -> dict[str, float]:
@@ -72,6 +73,7 @@ class Trajectory:
 
     @property
     def time_s(self) -> float:
+        """Duration of the run (s)."""
         return float(self.t_s[-1])
 
     def columns(self) -> dict[str, Floats]:
@@ -162,8 +164,5 @@ def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
 
 def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:
     """Running and tunnel resistance averaged over the way of each interval of constant acceleration (exact)."""
-    a, b = v_mps[:-1], v_mps[1:]
-    total = np.maximum(a + b, 1e-12)
-    mean_v = (2.0 / 3.0) * (a * a + a * b + b * b) / total
     quadratic = resistance.c2_n_per_mps2 + tunnel_n_per_mps2
-    return resistance.c0_n + resistance.c1_n_per_mps * mean_v + quadratic * 0.5 * (a * a + b * b)
+    return mean_davis_resistance_n(v_mps, resistance.c0_n, resistance.c1_n_per_mps, quadratic)

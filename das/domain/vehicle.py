@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
+from das.domain.formulary import adhesion_coefficient, davis_in_head_wind, davis_resistance_n, effort_n
 from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossMap, LossModel, fit_mean_efficiency
 from das.domain.route import NEUTRAL
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
@@ -31,7 +32,7 @@ class BrakePolicy(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Resistance:
-    """Running resistance R(v) = c0 + c1·v + c2·v² in N, v in m/s (Davis; eq. 15 of the paper)."""
+    """Running resistance R(v) = c0 + c1·v + c2·v² in N, v in m/s (Davis' formula, see `das.domain.formulary`)."""
 
     c0_n: float
     c1_n_per_mps: float
@@ -39,11 +40,10 @@ class Resistance:
 
     def force_n(self, speed_mps: ArrayLike) -> Floats:
         """Resistance (N, >= 0) at each speed (m/s)."""
-        v = np.asarray(speed_mps, dtype=float)
-        return self.c0_n + self.c1_n_per_mps * v + self.c2_n_per_mps2 * v**2
+        return davis_resistance_n(speed_mps, self.c0_n, self.c1_n_per_mps, self.c2_n_per_mps2)
 
     def scaled(self, ratio: float) -> Resistance:
-        """All of it times a ratio."""
+        """The same resistance with all three coefficients times a ratio."""
         return Resistance(
             c0_n=ratio * self.c0_n,
             c1_n_per_mps=ratio * self.c1_n_per_mps,
@@ -51,29 +51,24 @@ class Resistance:
         )
 
     def in_head_wind(self, wind_mps: float) -> Resistance:
-        """R(v) = c0 + c1·v + c2·(v + w)²: the air meets the train with its own speed and the wind's (tail wind < 0).
+        """The resistance in a head wind (m/s, tail wind < 0): R(v) = c0 + c1·v + c2·(v + w)².
 
         A train slower than a tail wind would be pushed; here it is held back by as much.
         """
-        w = wind_mps
-        return Resistance(
-            c0_n=self.c0_n + self.c2_n_per_mps2 * w * w,
-            c1_n_per_mps=self.c1_n_per_mps + 2 * self.c2_n_per_mps2 * w,
-            c2_n_per_mps2=self.c2_n_per_mps2,
-        )
+        c0, c1, c2 = davis_in_head_wind(self.c0_n, self.c1_n_per_mps, self.c2_n_per_mps2, wind_mps)
+        return Resistance(c0_n=c0, c1_n_per_mps=c1, c2_n_per_mps2=c2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EffortEnvelope:
-    """Largest wheel force: the smaller of a force and a power hyperbola, min(F, P/v)."""
+    """The largest wheel force at each speed: the smaller of a force and a power hyperbola, min(F, P/v)."""
 
     max_force_n: float
     max_power_w: float
 
     def force_n(self, speed_mps: ArrayLike) -> Floats:
         """Largest force (N, >= 0) at each speed (m/s)."""
-        v = np.maximum(np.asarray(speed_mps, dtype=float), 1e-9)
-        return np.asarray(np.minimum(self.max_force_n, self.max_power_w / v), dtype=float)
+        return effort_n(speed_mps, self.max_force_n, self.max_power_w)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,8 +86,8 @@ class Vehicle:
     `rotating_mass_ratio` is the share of rotating mass on top of `mass_kg` (0.06 = 6 %). `losses` holds the loss
     model of each level the file gives; the others follow from them (see `loss_model`). Accelerations may be inf.
     `adhesive_mass_kg` is the mass on the driven axles (inf: adhesion is no limit), `adhesion_ratio` the state of the
-    rail (1 = as Curtius and Kniffler found it). `auxiliary_power_w` is drawn while the train moves, on top of what the
-    loss model of OWN, L2 or L3 counts; `comfort_power_w` stays outside the optimisation.
+    rail (1 = dry, as Curtius and Kniffler found it). `auxiliary_power_w` is drawn while the train moves, on top of the
+    losses of OWN, L2 or L3. `comfort_power_w` stays outside the optimisation.
     """
 
     id: str
@@ -100,7 +95,7 @@ class Vehicle:
     source: str
     mass_kg: float
     rotating_mass_ratio: float
-    length_m: float
+    train_length_m: float
     max_speed_mps: float
     resistance: Resistance
     traction: EffortEnvelope
@@ -145,9 +140,8 @@ class Vehicle:
     def loss_model(self, level: Level) -> LossModel:
         """The component losses at `level`.
 
-        `auxiliary_power_w` is part of OWN, L2 and L3 (L1 is a pure efficiency, L0 lossless).
-
-        L0 has none. L1 and L2 are the file's, or fitted to the vehicle's L3 map. L3 and OWN must be given.
+        L0 has no losses. L1 and L2 are the file's, or fitted to the vehicle's L3 map. L3 and OWN must be given by the
+        file. `auxiliary_power_w` is part of OWN, L2 and L3; L1 is a pure efficiency.
         Raises DasError where the vehicle has nothing to derive the level from.
         """
         model = self._chain_loss(level)
@@ -206,7 +200,7 @@ class Vehicle:
         return np.asarray(self.adhesive_force_n * adhesion_coefficient(speed_mps))
 
     def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level, supply: ArrayLike) -> Floats:
-        """What the motors give or take (N) of each wheel force at a speed (m/s); the rest is friction brake.
+        """The part of each wheel force (N) at a speed (m/s) that the motors give or take; the rest is friction brake.
 
         `supply` as in `das.domain.route.Route.supply`: where it forbids the electric brake, friction does it all.
         """
@@ -256,11 +250,6 @@ class Vehicle:
         return replace(self, losses=MappingProxyType({Level.L3: loss_map}), default_level=Level.L3)
 
 
-def adhesion_coefficient(speed_mps: ArrayLike) -> Floats:
-    """Friction between wheel and rail, µ = 0.161 + 7.5/(V + 44), V in km/h (Curtius & Kniffler 1944, dry rail)."""
-    return np.asarray(0.161 + 7.5 / (np.asarray(speed_mps, dtype=float) / KMH + 44.0))
-
-
 def _check_resistance(vehicle: Vehicle) -> None:
     """The resistance is nowhere negative up to the train's speed (c1 may be: a tail wind)."""
     c = vehicle.resistance
@@ -276,7 +265,7 @@ _POSITIVE = frozenset({"mass_kg", "max_speed_mps", "traction.max_force_n", "trac
 _LOWER_BOUNDS = {
     "mass_kg": 0,
     "rotating_mass_ratio": 0,
-    "length_m": 0,
+    "train_length_m": 0,
     "max_speed_mps": 0,
     "resistance.c0_n": 0,
     "resistance.c2_n_per_mps2": 0,

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.conditions import Conditions
+from das.domain.formulary import adhesion_coefficient
 from das.domain.route import NEUTRAL, Route
 from das.domain.units import NS, STANDARD_GRAVITY_MPS2
-from das.domain.vehicle import Vehicle, adhesion_coefficient
+from das.domain.vehicle import Vehicle
 from das.estimate.localisation import OVERSPEED_RATIO, STANDSTILL_MPS
 from das.solver.section import LineProfile
 
@@ -173,7 +174,7 @@ class Calibrator:
 
     def __init__(self, route: Route, vehicle: Vehicle, *, point_mass: bool = False) -> None:
         self._route, self._vehicle, self._point_mass = route, vehicle, point_mass
-        self._line = _Line(route, vehicle, 0.0 if point_mass else vehicle.length_m)
+        self._line = _Line(route, vehicle, 0.0 if point_mass else vehicle.train_length_m)
         self._belief = Belief(np.ones(2), _prior())
         self._window: list[_Sample] = []
         self._places: deque[_Place] = deque(maxlen=100)

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.units import KMH
 from das.solver import look_up_kernels
-from das.solver.front import Fit, Front, check_state
+from das.solver.front import Front
+from das.solver.solution import Fit
+from das.solver.state import check_state
 
 _FITS = {
     look_up_kernels.ON_TIME: Fit.ON_TIME,
@@ -43,8 +45,8 @@ class LookUp:
         section = front.section
         self._section, self._node_m = section, section.node_m[section.decision]
         self._arrays = (
-            section.node_m, section.decision, *section.for_kernels, section.floor_mps, section.envelope_mps,
-            front.lambda_w, front.value_j, front.time_to_go_s, section.train, section.loss_params,
+            section.node_m, section.decision, section.for_kernels, section.bounds, front.policies,
+            section.train, section.loss_params,
         )  # fmt: skip
 
     def __call__(self, s_m: float, v_mps: float, time_left_s: float) -> Continuation:

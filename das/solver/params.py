@@ -1,4 +1,4 @@
-"""The train's and its losses' numbers as the kernels take them."""
+"""The numbers of a train and of its losses as the kernels take them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from das.domain.losses import EfficiencyLoss, LossModel
 from das.domain.vehicle import BrakePolicy, Vehicle
 
 NO_LIMIT_N = 1e30
-"""A force no train reaches (finite, so that products stay defined)."""
+"""A force (N) that no train reaches; it is finite, so that products stay defined."""
 
 
 class TrainParams(NamedTuple):
-    """The train's numbers as the kernels take them (SI).
+    """The numbers of a train as the kernels take them (SI).
 
-    `adhesive_force_n` and `braked_adhesive_force_n` (weight on the driven and on all axles × state of the rail) times
-    the adhesion coefficient limit motors and brakes. `receptivity_ratio` is the share of the power fed back that the
-    line takes; `brakes_dissipate`: no brake feeds back.
+    `adhesive_force_n` and `braked_adhesive_force_n` are the weights on the driven and on all axles times the state of
+    the rail; times the adhesion coefficient they limit the forces of the motors and of all brakes. `receptivity_ratio`
+    is the share of the power fed back that the line takes. `brakes_dissipate` says that no brake feeds back.
     """
 
     inertial_mass_kg: float
@@ -40,7 +40,10 @@ class TrainParams(NamedTuple):
 
 
 class LossParams(NamedTuple):
-    """A loss model as the kernels take it; `table_w[i, j]` at speed i/per_mps, force force0_n + j/per_n."""
+    """A loss model as the kernels take it.
+
+    `table_w[i, j]` is the loss of a map at the speed i/steps_per_mps and the force force0_n + j/steps_per_n.
+    """
 
     is_map: bool
     traction_ratio: float

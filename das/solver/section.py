@@ -1,24 +1,30 @@
 """A section: route × vehicle × level as arrays on the space grid, ready for the kernels.
 
-Two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, at most 100 m apart, finer at the
-stops); between them the motion is integrated over the finer *integration nodes*, on which trajectories are given.
+A section has two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, at most 100 m apart,
+finer at the stops). Between them the motion is integrated over the finer *integration nodes*, on which trajectories
+are given.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
+from das.domain.formulary import curve_resistance_mps2, line_force_n
 from das.domain.losses import Level, LossMap, LossModel, outside_map
-from das.domain.route import NEUTRAL, Route, Stretches, curve_resistance_mps2
+from das.domain.route import NEUTRAL, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
-from das.solver import kernels
 from das.solver import tolerances as tol
+from das.solver.kernels.envelope import braking_envelope, climbing_floor
+from das.solver.kernels.fastest import fastest_roll_out, fastest_run
+from das.solver.kernels.tuples import KnownRun, LineArrays, SpeedBounds
 from das.solver.params import LossParams, TrainParams, loss_params, train_params
 
 Floats = NDArray[np.float64]
@@ -28,9 +34,9 @@ Floats = NDArray[np.float64]
 class LineProfile:
     """What the line asks of a train on a grid of positions `node_m` (route coordinates).
 
-    One value per interval: `step_m`, `grade_ratio` (gradient averaged over the train), `constant_n` (gradient and curve
-    force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train), `supply` (receptivity, `NO_REGENERATION`
-    or `NEUTRAL`; the least where an interval has several).
+    The other arrays hold one value per interval: `step_m`, `grade_ratio` (gradient averaged over the train),
+    `constant_n` (gradient and curve force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train), and `supply`
+    (receptivity, `NO_REGENERATION` or `NEUTRAL`; the least where an interval has several).
     """
 
     node_m: Floats
@@ -42,15 +48,16 @@ class LineProfile:
     supply: Floats
 
     @classmethod
-    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, length_m: float) -> Self:
-        grade = _over_train(route.gradients_ratio, node_m, length_m)
-        curve = _over_train(_curve_resistance(route), node_m, length_m)
-        constant_n = vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve)
+    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, train_length_m: float) -> Self:
+        """The line under a train of this length (m, 0: a point mass), between the given positions."""
+        grade = _over_train(route.gradients_ratio, node_m, train_length_m)
+        curve = _over_train(_curve_resistance(route), node_m, train_length_m)
+        constant_n = line_force_n(vehicle.mass_kg, grade, curve)
         limit = np.minimum(
-            route.limits_mps.minimum(node_m[:-1] - length_m, node_m[1:]),
+            route.limits_mps.minimum(node_m[:-1] - train_length_m, node_m[1:]),
             vehicle.max_speed_mps,
         )
-        tunnel = _over_train(_tunnel_coefficient(route, vehicle), node_m, length_m)
+        tunnel = _over_train(_tunnel_coefficient(route, vehicle), node_m, train_length_m)
         return cls(
             node_m=node_m,
             step_m=np.diff(node_m),
@@ -61,19 +68,24 @@ class LineProfile:
             supply=route.supply().minimum(node_m[:-1], node_m[1:]),
         )
 
+    def elapsed_s(self, speeds_mps: Floats) -> Floats:
+        """Times (s, from 0) at the nodes of a run with these speeds, at constant acceleration between the nodes."""
+        return np.concatenate(([0.0], np.cumsum(2.0 * self.step_m / (speeds_mps[:-1] + speeds_mps[1:]))))
+
     @property
-    def for_kernels(self) -> tuple[Floats, Floats, Floats, Floats]:
+    def for_kernels(self) -> LineArrays:
         """Step, constant force, tunnel coefficient and supply of each interval, as every kernel takes them."""
-        return self.step_m, self.constant_n, self.tunnel_n_per_mps2, self.supply
+        return LineArrays(self.step_m, self.constant_n, self.tunnel_n_per_mps2, self.supply)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section(LineProfile):
-    """One run of one train from `start_m` to `end_m` of a route (positions in route coordinates).
+    """A section that one train runs on: from `start_m` to `end_m` of a route (positions in route coordinates).
 
-    The line's profile on the integration nodes. `envelope_mps` (per node) is the fastest speed from which everything
-    ahead can be kept, `floor_mps` the slowest from which the end speed can still be reached (mostly 0). `length_m` is
-    the train's (0 for a point mass). `decision` holds the indices of the decision nodes among the integration nodes.
+    The arrays of the line's profile are those on the integration nodes. `envelope_mps` (per node) is the fastest speed
+    from which everything ahead can be kept, and `floor_mps` the slowest from which the end speed can still be reached
+    (mostly 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the decision nodes among the
+    integration nodes.
     """
 
     route: Route
@@ -81,16 +93,28 @@ class Section(LineProfile):
     level: Level
     brakes: BrakePolicy
     loss: LossModel
-    start_m: float
-    end_m: float
-    length_m: float
+    train_length_m: float
     start_speed_mps: float
     end_speed_mps: float
     floor_mps: Floats
     envelope_mps: Floats
     decision: NDArray[np.int64]
     train: TrainParams
-    loss_params: LossParams
+
+    @property
+    def start_m(self) -> float:
+        """Where the section begins (route position)."""
+        return float(self.node_m[0])
+
+    @property
+    def end_m(self) -> float:
+        """Where the section ends (route position)."""
+        return float(self.node_m[-1])
+
+    @cached_property
+    def loss_params(self) -> LossParams:
+        """The losses as the kernels take them."""
+        return loss_params(self.loss)
 
     @property
     def speed_steps(self) -> int:
@@ -98,8 +122,54 @@ class Section(LineProfile):
         return tol.SHORT_SPEED_STEPS if len(self.decision) <= tol.FEW_NODES else tol.SPEED_STEPS
 
     @property
+    def bounds(self) -> SpeedBounds:
+        """Floor and envelope at the integration nodes, as the kernels take them."""
+        return SpeedBounds(self.floor_mps, self.envelope_mps)
+
+    @cached_property
+    def fastest_run(self) -> KnownRun:
+        """The fastest run from the start: speed at every integration node (m/s) and time to go from there (s).
+
+        Raises InfeasibleError where the train stalls. The run is computed once; `dataclasses.replace` makes a section
+        that computes its own.
+        """
+        speeds = np.empty(len(self.node_m))
+        speeds[0] = self.start_speed_mps
+        time_s = fastest_roll_out(self.for_kernels, self.envelope_mps, self.train, speeds)
+        self.finished_s(time_s, self.start_m, self.start_speed_mps)
+        elapsed_s = self.elapsed_s(speeds)
+        return KnownRun(speeds, float(elapsed_s[-1]) - elapsed_s)
+
+    def finished_s(self, time_s: float, s_m: float, v_mps: float) -> float:
+        """A kernel's trip time (s) from a state; raises InfeasibleError where the train did not get to the end."""
+        if not 0 <= time_s < math.inf:
+            raise InfeasibleError(
+                f"{self.route.source}: the train stalls after {s_m:.1f} m from {v_mps / KMH:.1f} km/h"
+            )
+        return float(time_s)
+
+    @property
     def name(self) -> str:
+        """Route, positions, train and level, for messages."""
         return f"{self.route.id} {self.start_m:.0f}–{self.end_m:.0f} m, {self.vehicle.id}, {self.level}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SectionOptions:
+    """What is rarely said of a section; the defaults are a real train from standstill to standstill."""
+
+    start_speed_mps: float = 0.0
+    """The train enters the section at this speed (m/s); 0 is a departure from a stop."""
+    end_speed_mps: float = 0.0
+    """The train leaves the section at this speed (m/s); 0 is a halt."""
+    point_mass: bool = False
+    """The train's length is taken as 0, as in the public benchmark and in the paper."""
+    brakes: BrakePolicy | None = None
+    """The brakes that a planned run may use; None stands for those of the vehicle at the level of the section."""
+
+
+ORDINARY = SectionOptions()
+"""A real train from standstill to standstill, with the brakes of its level."""
 
 
 def build_section(
@@ -109,38 +179,30 @@ def build_section(
     level: Level | None = None,
     start_m: float | None = None,
     end_m: float | None = None,
-    start_speed_mps: float = 0.0,
-    end_speed_mps: float = 0.0,
-    point_mass: bool = False,
-    brakes: BrakePolicy | None = None,
+    options: SectionOptions = ORDINARY,
 ) -> Section:
     """Discretise a section of a route for a train.
 
-    Defaults: from the first to the last stop, the vehicle's default level and how it brakes at that. `point_mass` takes
-    the train's length as 0.
+    By default the section leads from the first to the last stop, at the vehicle's default level.
 
     Raises DasError where the loss map does not cover what the train can do here, InfeasibleError where the train
     cannot brake or climb.
     """
     start_m = route.stops[0].position_m if start_m is None else start_m
     end_m = route.stops[-1].position_m if end_m is None else end_m
-    if not (start_m >= 0 and end_m - start_m > tol.MIN_STEP_M and end_m <= route.length_m + tol.MIN_STEP_M):
-        raise DasError(
-            f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one that leads forwards "
-            f"on the route, 0 … {route.length_m:g} m"
-        )
+    _check_ends(route, start_m, end_m)
     level = vehicle.default_level if level is None else level
-    loss, brakes = vehicle.loss_model(level), vehicle.brakes_at(level) if brakes is None else brakes
+    loss = vehicle.loss_model(level)
+    brakes = vehicle.brakes_at(level) if options.brakes is None else options.brakes
     train = train_params(vehicle, brakes)
-    length_m = 0.0 if point_mass else vehicle.length_m
+    length_m = 0.0 if options.point_mass else vehicle.train_length_m
 
     decision_m = _decision_nodes(route, start_m, end_m, length_m)
     coarse = LineProfile.on(route, vehicle, decision_m, length_m)
-    speeds = (start_speed_mps, end_speed_mps)
+    speeds = (options.start_speed_mps, options.end_speed_mps)
     _, envelope, fastest = _bounding_speeds(route, coarse, train, *speeds)
     counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
-    node_m = _subdivide(decision_m, counts)
-    fine = LineProfile.on(route, vehicle, node_m, length_m)
+    fine = LineProfile.on(route, vehicle, _subdivide(decision_m, counts), length_m)
     floor, envelope, fastest = _bounding_speeds(route, fine, train, *speeds)
     if isinstance(loss, LossMap):
         _check_coverage(loss, vehicle, float(envelope.max()))
@@ -151,17 +213,22 @@ def build_section(
         level=level,
         brakes=brakes,
         loss=loss,
-        start_m=start_m,
-        end_m=end_m,
-        length_m=length_m,
-        start_speed_mps=start_speed_mps,
-        end_speed_mps=end_speed_mps,
+        train_length_m=length_m,
+        start_speed_mps=options.start_speed_mps,
+        end_speed_mps=options.end_speed_mps,
         floor_mps=floor,
         envelope_mps=envelope,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         train=train,
-        loss_params=loss_params(loss),
     )
+
+
+def _check_ends(route: Route, start_m: float, end_m: float) -> None:
+    if not (start_m >= 0 and end_m - start_m > tol.MIN_STEP_M and end_m <= route.length_m + tol.MIN_STEP_M):
+        raise DasError(
+            f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one that leads forwards "
+            f"on the route, 0 … {route.length_m:g} m"
+        )
 
 
 def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats:
@@ -236,10 +303,10 @@ def _bounding_speeds(
     route: Route, profile: LineProfile, train: TrainParams, start_speed_mps: float, end_speed_mps: float
 ) -> tuple[Floats, Floats, Floats]:
     """Climbing floor, braking envelope and fastest run over a grid; InfeasibleError where one is impossible."""
-    arrays = profile.for_kernels
+    line = profile.for_kernels
     if end_speed_mps > profile.limit_mps[-1]:
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
-    envelope, stuck = kernels.braking_envelope(*arrays, profile.limit_mps, end_speed_mps, train)
+    envelope, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train)
     if stuck >= 0:
         raise InfeasibleError(
             f"{route.source}: the train cannot brake on the descent at {profile.node_m[stuck]:.0f} m "
@@ -249,7 +316,7 @@ def _bounding_speeds(
         raise InfeasibleError(
             f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or cannot be braked"
         )
-    fastest, stuck = kernels.fastest_run(*arrays, envelope, start_speed_mps, train)
+    fastest, stuck = fastest_run(line, envelope, start_speed_mps, train)
     if stuck >= 0:
         place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
         if profile.supply[stuck] == NEUTRAL:
@@ -259,7 +326,7 @@ def _bounding_speeds(
         raise InfeasibleError(
             f"{route.source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
         )
-    floor = kernels.climbing_floor(*arrays, envelope, tol.CREST_MPS, train)
+    floor = climbing_floor(line, envelope, tol.CREST_MPS, train)
     return floor, envelope, fastest
 
 

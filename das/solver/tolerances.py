@@ -1,59 +1,144 @@
-"""Every tolerance and grid parameter of the solver, in one place."""
+"""Every tolerance and grid parameter of the solver, in one place.
 
+The frozen dataclasses say what each setting means, its unit, and why it has its value. The constants below them are
+the same values under names that the kernels can read, for numba compiles constants and not objects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
 from typing import Final
 
-MAX_STEP_M: Final = 100.0
-SHORTEST_MAX_STEP_M: Final = 25.0
-STEPS_OF_A_SECTION: Final = 80
-"""Longest step of the decision grid: so many of them to a section, between these bounds. On a metro section of 2 km,
-steps of 100 m cost up to 1 % of its energy."""
-STOP_OFFSETS_M: Final = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
-"""Decision nodes at these distances from both ends of a section."""
-SPEED_STEPS: Final = 160
-SHORT_SPEED_STEPS: Final = 320
-FEW_NODES: Final = 200
-"""Number of speed steps J of the fitted speed grid v = v_env·j/J; the second for sections of at most so many nodes."""
-LANDINGS_EFFORT: Final = 17
-"""Landing speeds between full electric brake and full traction."""
-LANDINGS_BRAKE: Final = 6
-"""Landing speeds between the hardest brake and full electric brake."""
-LADDER_SIZE: Final = 64
-"""Number of multipliers λ of a front."""
-LADDER_LOWEST_RATIOS: Final = (0.0, 0.0005, 0.002)
-"""The first multipliers of the ladder, as multiples of the traction power usable on the section: very slow runs."""
-LADDER_LOW_RATIO: Final = 0.005
-LADDER_HIGH_RATIO: Final = 10.0
-"""The other multipliers run geometrically between these multiples of it."""
-SUBSTEP_SPEED_RATIO: Final = 0.005
-"""Within a step of integration the speed of the fastest run changes by at most about this ratio."""
-SUBSTEP_DRIFT_MPS: Final = 0.01
-"""Held at a constant force on the slope that changes under the train, a step's speed drifts by at most this."""
-MAX_SUBSTEPS: Final = 80
-"""Most steps of integration in one step of the decision grid."""
-LADDER_IDLE_RATIOS: Final = (0.99, 0.95, 0.8, 0.5, 0.2)
-"""Below 0 a journey's ladder has these multiples of the train's idle loss: for a window that asks for a run slower than
-that of least energy. At -1 a standing train would cost nothing; the first is the slowest run that is thought of."""
-JOURNEY_FRONTS_BYTES: Final = 400_000_000
-"""Fronts of a journey's sections are kept up to this size; the others are solved once more when they are needed."""
-JOURNEY_TIME_TOLERANCE_S: Final = 0.002
-"""A journey's runs hit their times to within this, for they add up."""
-PASSING_SPEED_STEP_MPS: Final = 1e-6
-"""To within this the slowest speed is known at which a passing is not too late for what follows."""
-PASSING_BAND_RATIO: Final = 1e-3
-"""A passing at one given speed is kept to within this."""
-MIN_STEP_M: Final = 1e-3
-"""Breakpoints nearer than this are one."""
-SPEED_TOLERANCE_MPS: Final = 1e-6
-"""A speed this little above a bound is on it."""
-TIME_TOLERANCE_S: Final = 0.02
-"""A requested time is hit to within this."""
-UNREACHABLE: Final = 1e16
-"""Costs above this (J) are mixed with INFEASIBLE ones."""
-SMALLEST_SHARE: Final = 1e-9
-"""An interpolation weight below this is rounding and taken as 0."""
-CREST_MPS: Final = 0.05
-"""No crest is planned to be passed slower than this: at its very floor speed a train would stop there."""
-CREEP_MPS: Final = 0.1
-"""Slower than this at the start of the last decision step, the train first moves on as fast as it may."""
-INFEASIBLE: Final = 1e30
-"""Cost of a state from which the section cannot be finished (finite, so that interpolation stays defined)."""
+
+@dataclass(frozen=True, kw_only=True)
+class GridSettings:
+    """The decision grid of a section: its nodes, its speeds, and the landings that are tried from each of them."""
+
+    max_step_m: float = 100.0
+    """The decision nodes of a long section are at most this far apart (m)."""
+    shortest_max_step_m: float = 25.0
+    """On a short section the longest step may shrink to this (m), but not further."""
+    steps_of_a_section: int = 80
+    """The longest step is the section's length over this number, within the two bounds above. On a metro section of
+    2 km, steps of 100 m would cost up to 1 % of its energy."""
+    stop_offsets_m: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
+    """A section has decision nodes at these distances (m) from both of its ends, where the speed changes fastest."""
+    speed_steps: int = 160
+    """A decision node has this number J of speed steps: its grid is v = v_floor + (v_envelope − v_floor)·j/J."""
+    short_speed_steps: int = 320
+    """A decision node of a short section has this number of speed steps. The front of a short section is small, so that
+    a finer grid is affordable."""
+    few_nodes: int = 200
+    """A section with at most this number of decision nodes is short in the sense of `short_speed_steps`."""
+    landings_effort: int = 17
+    """From each state this number of landing speeds between full electric brake and full traction is tried."""
+    landings_brake: int = 6
+    """From each state this number of landing speeds between the hardest brake and full electric brake is tried."""
+    substep_speed_ratio: float = 0.005
+    """Within a step of integration the speed of the fastest run changes by at most about this ratio."""
+    substep_drift_mps: float = 0.01
+    """Held at a constant force on the slope that changes under the train, the speed drifts by at most this (m/s) within
+    a step of integration."""
+    max_substeps: int = 80
+    """One step of the decision grid has at most this number of steps of integration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LadderSettings:
+    """The ladder of multipliers λ (the price of time, W) for which a section is solved."""
+
+    size: int = 64
+    """A front has this number of multipliers."""
+    lowest_ratios: tuple[float, ...] = (0.0, 0.0005, 0.002)
+    """The first multipliers, as multiples of the traction power that can be used on the section: very slow runs."""
+    low_ratio: float = 0.005
+    """The geometric part of the ladder begins at this multiple of that power."""
+    high_ratio: float = 10.0
+    """The geometric part of the ladder ends at this multiple of that power, where runs are almost the fastest."""
+    idle_ratios: tuple[float, ...] = (0.99, 0.95, 0.8, 0.5, 0.2)
+    """Below 0 the ladder of a journey has these multiples of the train's idle loss, for a window that asks for a run
+    slower than that of least energy. At -1 a standing train would cost nothing, so the first is the slowest run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JourneySettings:
+    """The planning of a journey of several sections."""
+
+    fronts_bytes: int = 400_000_000
+    """Fronts of a journey's sections are kept up to this size in all (bytes); others are solved again when needed."""
+    time_tolerance_s: float = 0.002
+    """The run of a section hits its time to within this (s), because the errors of the sections add up."""
+    passing_speed_step_mps: float = 1e-6
+    """The slowest speed at which a passing is not too late for what follows is known to within this (m/s)."""
+    passing_band_ratio: float = 1e-3
+    """A passing at one given speed may be slower by at most this ratio, so that the speed grid there has a width."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerances:
+    """What counts as equal, as standing, and as impossible."""
+
+    min_step_m: float = 1e-3
+    """Two breakpoints nearer to each other than this (m) are one."""
+    speed_mps: float = 1e-6
+    """A speed above a bound by less than this (m/s) is on the bound."""
+    time_s: float = 0.02
+    """A run hits the time that was asked for to within this (s): far below the second in which advice changes."""
+    unreachable_j: float = 1e16
+    """A cost above this (J) was interpolated with `infeasible_j`, so its state is infeasible too."""
+    infeasible_j: float = 1e30
+    """The cost (J) of a state from which the section cannot be finished; finite, so that it can be interpolated."""
+    smallest_share: float = 1e-9
+    """An interpolation weight below this is rounding, and it is taken as 0."""
+    crest_mps: float = 0.05
+    """No crest is planned to be passed slower than this (m/s), because at its very floor speed a train would stop."""
+    creep_mps: float = 0.1
+    """A train slower than this (m/s) at the start of the last decision step first moves on as fast as it may."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverSettings:
+    """All settings of the solver."""
+
+    grid: GridSettings = GridSettings()
+    """The decision grid and the steps of integration."""
+    ladder: LadderSettings = LadderSettings()
+    """The multipliers of a front."""
+    journey: JourneySettings = JourneySettings()
+    """The planning of a journey."""
+    tolerances: Tolerances = Tolerances()
+    """What counts as equal, as standing, and as impossible."""
+
+
+settings: Final = SolverSettings()
+"""The settings that the solver runs with."""
+
+MAX_STEP_M: Final = settings.grid.max_step_m
+SHORTEST_MAX_STEP_M: Final = settings.grid.shortest_max_step_m
+STEPS_OF_A_SECTION: Final = settings.grid.steps_of_a_section
+STOP_OFFSETS_M: Final = settings.grid.stop_offsets_m
+SPEED_STEPS: Final = settings.grid.speed_steps
+SHORT_SPEED_STEPS: Final = settings.grid.short_speed_steps
+FEW_NODES: Final = settings.grid.few_nodes
+LANDINGS_EFFORT: Final = settings.grid.landings_effort
+LANDINGS_BRAKE: Final = settings.grid.landings_brake
+SUBSTEP_SPEED_RATIO: Final = settings.grid.substep_speed_ratio
+SUBSTEP_DRIFT_MPS: Final = settings.grid.substep_drift_mps
+MAX_SUBSTEPS: Final = settings.grid.max_substeps
+LADDER_SIZE: Final = settings.ladder.size
+LADDER_LOWEST_RATIOS: Final = settings.ladder.lowest_ratios
+LADDER_LOW_RATIO: Final = settings.ladder.low_ratio
+LADDER_HIGH_RATIO: Final = settings.ladder.high_ratio
+LADDER_IDLE_RATIOS: Final = settings.ladder.idle_ratios
+JOURNEY_FRONTS_BYTES: Final = settings.journey.fronts_bytes
+JOURNEY_TIME_TOLERANCE_S: Final = settings.journey.time_tolerance_s
+PASSING_SPEED_STEP_MPS: Final = settings.journey.passing_speed_step_mps
+PASSING_BAND_RATIO: Final = settings.journey.passing_band_ratio
+MIN_STEP_M: Final = settings.tolerances.min_step_m
+SPEED_TOLERANCE_MPS: Final = settings.tolerances.speed_mps
+TIME_TOLERANCE_S: Final = settings.tolerances.time_s
+UNREACHABLE: Final = settings.tolerances.unreachable_j
+INFEASIBLE: Final = settings.tolerances.infeasible_j
+SMALLEST_SHARE: Final = settings.tolerances.smallest_share
+CREST_MPS: Final = settings.tolerances.crest_mps
+CREEP_MPS: Final = settings.tolerances.creep_mps

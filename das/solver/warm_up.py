@@ -1,4 +1,4 @@
-"""Compile (or load from cache) every kernel before time matters."""
+"""Compiling every kernel, or loading it from the cache, before time matters."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import numpy as np
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import Route, Stop, Stretches
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
-from das.solver.front import Front, solve_front
+from das.solver.fastest import least_time_s
+from das.solver.front import Front
 from das.solver.section import build_section
+from das.solver.solve import solve_front
 
 
 def warm_up() -> Front:
@@ -17,7 +19,7 @@ def warm_up() -> Front:
     shortest_s = front.fastest().time_s
     for buffer_ratio in (0.01, 0.1, 0.3):
         front.trajectory(shortest_s * (1 + buffer_ratio))
-    front.least_time_s(0.0, 0.0)
+    least_time_s(front.section, 0.0, 0.0)
     return front
 
 
@@ -30,7 +32,7 @@ def tiny_vehicle() -> Vehicle:
         source="warm-up",
         mass_kg=1e5,
         rotating_mass_ratio=0.0,
-        length_m=0.0,
+        train_length_m=0.0,
         max_speed_mps=30.0,
         resistance=Resistance(c0_n=1e3, c1_n_per_mps=10.0, c2_n_per_mps2=5.0),
         traction=effort,

@@ -24,7 +24,9 @@ _LINE_IGNORES = frozenset({
     *("id", "name", "source", "illustrative", "length_m", "stops", "altitude_at_start_m"),
     *("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg"),
 })  # fmt: skip
-_TRAIN_IGNORES = frozenset({"id", "name", "source", "length_m", "comfort_power_w", "default_level", "losses", "loads"})
+_TRAIN_IGNORES = frozenset(
+    {"id", "name", "source", "train_length_m", "comfort_power_w", "default_level", "losses", "loads"}
+)
 _SOLVER_IGNORES = frozenset({
     *("LADDER_IDLE_RATIOS", "JOURNEY_FRONTS_BYTES", "JOURNEY_TIME_TOLERANCE_S"),
     *("PASSING_SPEED_STEP_MPS", "PASSING_BAND_RATIO"),
@@ -49,7 +51,7 @@ def section_hashes(
     Names, geometry and what lies outside the section do not count. `length_m` is the train's, 0 for a point mass.
     Raises DasError where the vehicle has no such level.
     """
-    length_m = vehicle.length_m if length_m is None else length_m
+    length_m = vehicle.train_length_m if length_m is None else length_m
     line = {
         field.name: _part(getattr(route, field.name), start_m - length_m, end_m)
         for field in fields(route)

@@ -24,10 +24,12 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_folder_whole
 from das.domain.trajectory import Trajectory
 from das.domain.units import PERCENT
-from das.solver.front import Front, Solution, solve_front, trajectory_on
+from das.solver.front import Front
+from das.solver.kernels.tuples import PackedTimes
 from das.solver.look_up import Continuation, LookUp
-from das.solver.rollout_kernels import PackedTimes
 from das.solver.section import Section, build_section
+from das.solver.solution import Solution, trajectory_on
+from das.solver.solve import solve_front
 from das.solver.tolerances import UNREACHABLE
 from das.solver.warm_up import tiny_route, tiny_vehicle
 from das.table.hashes import combined, section_hashes
@@ -103,7 +105,7 @@ def hashes_of(section: Section) -> dict[str, str]:
         end_m=section.end_m,
         start_speed_mps=section.start_speed_mps,
         end_speed_mps=section.end_speed_mps,
-        length_m=section.length_m,
+        length_m=section.train_length_m,
     )
 
 
@@ -311,7 +313,7 @@ def _section_facts(section: Section) -> dict[str, Any]:
         "end_speed_mps": section.end_speed_mps,
         "train": section.vehicle.id,
         "mass_kg": section.vehicle.mass_kg,
-        "length_m": section.length_m,
+        "length_m": section.train_length_m,
         "level": str(section.level),
     }
 

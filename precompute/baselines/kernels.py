@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
-from das.solver.kernels import electric_limit, electric_share, kernel, loss_power, mean_resistance, on_supply
-from das.solver.rollout_kernels import drive, trip_time
+from das.solver.compiling import kernel
+from das.solver.kernels.driving import drive, trip_time
+from das.solver.kernels.forces import electric_limit, electric_share, loss_power, mean_resistance, on_supply
 from das.solver.tolerances import CREEP_MPS
 
 CROSSINGS = 3
@@ -28,8 +29,9 @@ _NO_FRICTION = 1.0 - 1e-9
 
 
 @kernel
-def electric_envelope(step, g, q, u, envelope, p):
+def electric_envelope(line, envelope, p):
     """Fastest speed at each node from which motors alone keep the envelope; where they cannot hold, friction does."""
+    step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)
     v[n] = envelope[n]
@@ -51,17 +53,18 @@ def electric_envelope(step, g, q, u, envelope, p):
 
 
 @kernel
-def cruise_run(cruise, step, g, q, u, envelope, floor, p, v):
+def cruise_run(cruise, line, bounds, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
     Full effort to min(envelope, cruise), which is held with traction or brakes; where the train is too slow in spite of
     full traction, or the floor is above the cruising speed, full traction; the envelope is braked along.
     """
-    for i in range(step.size):
+    floor, envelope = bounds
+    for i in range(line.step_m.size):
         landing = min(envelope[i + 1], max(cruise, floor[i + 1]))
-        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, u, envelope, p, v):
+        if not drive(i, i + 1, landing, p.friction_force_n, line, envelope, p, v):
             return -1.0
-    return trip_time(step, v)
+    return trip_time(line.step_m, v)
 
 
 @kernel
@@ -98,8 +101,9 @@ def interval_cost(v0, v1, h, g, q, p, c):
 
 
 @kernel
-def run_costs(v, step, g, q, u, p, c, time_s, energy_j):
+def run_costs(v, line, p, c, time_s, energy_j):
     """Time and energy from the start to each node of a run; fills time_s and energy_j."""
+    step, g, q, u = line
     time_s[0] = 0.0
     energy_j[0] = 0.0
     for i in range(step.size):
@@ -117,7 +121,7 @@ def _side(v, base_v):
 
 
 @kernel
-def coasting_arcs(base, base_s, base_j, most_s, step, g, q, u, envelope, floor, p, c, target, extra_s, extra_j, count):
+def coasting_arcs(base, base_s, base_j, most_s, line, bounds, p, c, target, extra_s, extra_j, count):
     """All coasting arcs of a base run: from every node to up to CROSSINGS places where they meet it again.
 
     count[i] arcs start at node i; arc m ends at node target[i, m] and takes extra_s[i, m] (s) and extra_j[i, m] (J)
@@ -125,6 +129,8 @@ def coasting_arcs(base, base_s, base_j, most_s, step, g, q, u, envelope, floor, 
     is given up when it has lost most_s (s). While coasting, the envelope is kept by braking and the floor by full
     traction.
     """
+    step, g, q, u = line
+    floor, envelope = bounds
     n = step.size
     for i in range(n):
         count[i] = 0
@@ -191,13 +197,15 @@ def best_arcs(price, target, extra_s, extra_j, count, choice, cost, time_s):
 
 
 @kernel
-def four_mode_run(cruise, ends, base, step, g, q, u, envelope, floor, p, v, coasting):
+def four_mode_run(cruise, ends, base, line, bounds, p, v, coasting):
     """Drive a base run with coasting arcs; fills v, returns the trip time (s), or -1 after a stall.
 
     ends[i] > 0: an arc starts at node i (unless another is under way) and ends at the first crossing of the base run
     near node ends[i] or after it; an earlier one, where the arc only grazes the base run, is passed. coasting[i] is set
     where interval i has no wheel force. Every interval is cut to what the train can do.
     """
+    step, g, q, _ = line
+    floor, envelope = bounds
     earliest = 0
     side = 0
     for i in range(step.size):
@@ -218,6 +226,6 @@ def four_mode_run(cruise, ends, base, step, g, q, u, envelope, floor, p, v, coas
                 coasting[i] = ahead == free
             else:
                 landing = base[i + 1]
-        if not drive(i, i + 1, landing, p.friction_force_n, step, g, q, u, envelope, p, v):
+        if not drive(i, i + 1, landing, p.friction_force_n, line, envelope, p, v):
             return -1.0
-    return trip_time(step, v)
+    return trip_time(line.step_m, v)

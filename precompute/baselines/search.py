@@ -14,9 +14,10 @@ from das.domain.errors import InfeasibleError
 from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
-from das.solver.front import trajectory_on
-from das.solver.kernels import climbing_floor
+from das.solver.kernels.envelope import climbing_floor
+from das.solver.kernels.tuples import SpeedBounds
 from das.solver.section import Section
+from das.solver.solution import trajectory_on
 from precompute.baselines import kernels
 
 Floats = NDArray[np.float64]
@@ -63,15 +64,15 @@ class Driving:
         self.envelope_mps = section.envelope_mps if envelope_mps is None else envelope_mps
         self.line = section.for_kernels
         # A floor of 0 at a crest would leave it to rounding whether the train gets over.
-        floor = climbing_floor(*self.line, self.envelope_mps, LOWEST_CRUISE_MPS, section.train)
-        self.bounds = (self.envelope_mps, floor)
+        floor = climbing_floor(self.line, self.envelope_mps, LOWEST_CRUISE_MPS, section.train)
+        self.bounds = SpeedBounds(floor, self.envelope_mps)
         self.fastest = self.cruise(float(self.envelope_mps.max()))
         self.top_mps = float(self.fastest.speeds_mps.max())
 
     def cruise(self, cruise_mps: float) -> Run:
         """The base run of a cruising speed."""
         speeds = self._start()
-        time_s = kernels.cruise_run(cruise_mps, *self.line, *self.bounds, self.section.train, speeds)
+        time_s = kernels.cruise_run(cruise_mps, self.line, self.bounds, self.section.train, speeds)
         return _run(speeds, time_s, cruise_mps, np.zeros(len(speeds) - 1, np.bool_))
 
     def coast(self, cruise_mps: float, ends: Ints) -> Run:
@@ -79,7 +80,7 @@ class Driving:
         base = self.cruise(cruise_mps)
         speeds, coasting = self._start(), np.empty(len(ends), np.bool_)
         time_s = kernels.four_mode_run(
-            cruise_mps, ends, base.speeds_mps, *self.line, *self.bounds, self.section.train, speeds, coasting
+            cruise_mps, ends, base.speeds_mps, self.line, self.bounds, self.section.train, speeds, coasting
         )
         return _run(speeds, time_s, cruise_mps, coasting)
 
@@ -107,7 +108,7 @@ def driven_with_motors(section: Section) -> Driving | None:
     train = section.train
     if section.brakes is not BrakePolicy.BLENDED or train.friction_force_n == 0 or train.electric_force_n == 0:
         return None
-    envelope = kernels.electric_envelope(*section.for_kernels, section.envelope_mps, train)
+    envelope = kernels.electric_envelope(section.for_kernels, section.envelope_mps, train)
     if section.start_speed_mps > envelope[0] or (section.floor_mps > envelope).any():
         return None
     return Driving(section, envelope)
@@ -156,12 +157,12 @@ class _Arcs:
         self.highest_w = HIGHEST_PRICE_RATIO * section.train.traction_power_w
         base_s, base_j = np.empty(n + 1), np.empty(n + 1)
         costs = (section.train, section.loss_params)
-        kernels.run_costs(base.speeds_mps, *driving.line, *costs, base_s, base_j)
+        kernels.run_costs(base.speeds_mps, driving.line, *costs, base_s, base_j)
         self.base_j = float(base_j[-1])
         shape = (n, kernels.CROSSINGS)
         self._table = (np.empty(shape, np.int64), np.empty(shape), np.empty(shape), np.empty(n, np.int64))
         kernels.coasting_arcs(
-            base.speeds_mps, base_s, base_j, SPARE_RATIO * spare_s + SPARE_S, *driving.line, *driving.bounds, *costs,
+            base.speeds_mps, base_s, base_j, SPARE_RATIO * spare_s + SPARE_S, driving.line, driving.bounds, *costs,
             *self._table,
         )  # fmt: skip
 

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.trajectory import Ledger, Trajectory
 from das.domain.vehicle import BrakePolicy
-from das.solver import rollout_kernels
 from das.solver import tolerances as tol
-from das.solver.front import Fit, trajectory_on
+from das.solver.kernels.driving import trip_time
+from das.solver.kernels.fastest import fastest_roll_out
 from das.solver.section import Section, build_section
+from das.solver.solution import Fit, trajectory_on
 from das.solver.warm_up import tiny_route, tiny_vehicle
 from precompute.baselines.search import Driving, FourModeSearch, Run, driven_with_motors
 
@@ -150,14 +151,14 @@ def _check_time(time_s: float) -> None:
 def _fastest_mps(section: Section) -> Floats:
     speeds = np.empty(len(section.node_m))
     speeds[0] = section.start_speed_mps
-    time_s = rollout_kernels.fastest_roll_out(*section.for_kernels, section.envelope_mps, section.train, speeds)
+    time_s = fastest_roll_out(section.for_kernels, section.envelope_mps, section.train, speeds)
     if not 0 <= time_s < math.inf:
         raise InfeasibleError(f"{section.name}: the train stalls on its way, or the section is too short to move")
     return speeds
 
 
 def _time_s(section: Section, speeds: Floats) -> float:
-    return float(rollout_kernels.trip_time(section.step_m, speeds))
+    return float(trip_time(section.step_m, speeds))
 
 
 def _coasting(run: Run, section: Section) -> tuple[tuple[float, float], ...]:

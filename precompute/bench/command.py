@@ -88,7 +88,7 @@ def longest_section(track: str, train: str) -> Section:
 def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -> dict[str, Any]:
     """Measure figures; what `--json` prints."""
     with busy("compiling the solver (once on a machine, about 10 s) …"):
-        from das.solver.front import solve_front
+        from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
         from precompute.bench.figures import FULL, QUICK, Reference, Workload
         from precompute.bench.registry import FIGURES

@@ -13,9 +13,10 @@ import numpy as np
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
 from das.domain.units import KM, KMH
-from das.solver import kernels
-from das.solver.front import BLOCK_NODES, DecisionGrid, Front, Transitions, in_parts, solve_front
-from das.solver.section import Section, build_section
+from das.solver.front import Front
+from das.solver.kernels.landings import LANDINGS
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, in_parts, solve_front
 from das.solver.tolerances import LADDER_SIZE
 from precompute.bench.lines import made_up_line
 from precompute.bench.measuring import Figure, Times, in_turns, peak_bytes_of, timed
@@ -24,7 +25,7 @@ from precompute.bench.roofline import Roofline
 from precompute.exact.front import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL, solve_exact
 
 DIVISIONS_PER_TRANSITION = 7
-"""Divisions and roots, counted in das/solver/kernels.py: step_cost 3 to 4, locate 1, and a landing's share of the four
+"""Divisions and roots, counted in das/solver/kernels: step_cost 3 to 4, locate 1, and a landing's share of the four
 landing speeds of its state, 3. They are what the scalar code waits for."""
 DIVISIONS_PER_LANDING_TRIED = 5
 """In a roll-out: step_cost 3 to 4, locate 1."""
@@ -209,7 +210,7 @@ def trajectory(reference: Reference) -> list[Figure]:
         lambda: bisected(front, next(wanted_plainly)),
         rounds=len(buffers),
     )
-    tried = load.nodes * (kernels.LANDINGS + POLISHED_LANDINGS)
+    tried = load.nodes * (LANDINGS + POLISHED_LANDINGS)
     least_s = reference.one_thread.least_s(divisions=tried * DIVISIONS_PER_LANDING_TRIED)
     return [
         times.figure(
@@ -228,10 +229,12 @@ def resolve(reference: Reference) -> list[Figure]:
     time_s = reference.front.fastest(s_m, v_mps).time_s * (1 + RESOLVED_BUFFER)
 
     def rest() -> Section:
+        options = SectionOptions(
+            start_speed_mps=v_mps, end_speed_mps=section.end_speed_mps, point_mass=section.train_length_m == 0
+        )
         return build_section(
-            section.route, section.vehicle, level=section.level, start_m=s_m, end_m=section.end_m,
-            start_speed_mps=v_mps, end_speed_mps=section.end_speed_mps, point_mass=section.length_m == 0,
-        )  # fmt: skip
+            section.route, section.vehicle, level=section.level, start_m=s_m, end_m=section.end_m, options=options
+        )
 
     times = in_turns(
         lambda: solve_front(rest(), threads=reference.threads).trajectory(time_s),

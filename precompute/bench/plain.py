@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.solver import tolerances as tol
-from das.solver.front import Front, Transitions, _TimeSearch
+from das.solver.front import Front
+from das.solver.search import TimeSearch
+from das.solver.solve import Transitions
+from das.solver.state import State
 
 Floats = NDArray[np.float64]
 
@@ -39,11 +42,11 @@ def numpy_sweep(moves: Transitions, lambda_w: Floats) -> tuple[Floats, Floats]:
 
 def bisected(front: Front, time_s: float) -> tuple[Floats, float]:
     """Speeds and time of the run nearest to a wanted time that bisection of λ over the whole ladder finds."""
-    state = front._state(None, None)
-    search = _TimeSearch(front, state, time_s, front._fastest(state), tol.TIME_TOLERANCE_S)
+    state = State.at(front.section)
+    search = TimeSearch(front.policies, state, time_s, quickest=state.fastest())
     low, high = 0.0, float(len(front.lambda_w) - 1)
     while True:
-        trial = search._try(0.5 * (low + high))
+        trial = search.attempt(0.5 * (low + high))
         if abs(trial.miss_s) <= tol.TIME_TOLERANCE_S or high - low < LADDER_TOLERANCE:
             return trial.run.speeds_mps, trial.run.time_s
         low, high = (trial.place, high) if trial.miss_s > 0 else (low, trial.place)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from das.domain.files.load import load_vehicle
-from das.solver import kernels
+from das.solver.kernels.landings import LANDINGS
 from das.solver.section import Section
 from das.table import table as tables
 from das.table.table import SectionTable, Table, TableSettings, make_table, write_table
@@ -42,7 +42,7 @@ def look_up(reference: Reference) -> list[Figure]:
             seconds_of(partial(reference.front.trajectory, left_s, s_m, v_mps))
             for s_m, v_mps, left_s in states[::ROLLED_EVERY]
         ]
-    tried = POLICIES_TRIED * (kernels.LANDINGS + POLISHED_LANDINGS)
+    tried = POLICIES_TRIED * (LANDINGS + POLISHED_LANDINGS)
     least_s = reference.one_thread.least_s(divisions=tried * DIVISIONS_PER_LANDING_TRIED)
     what = f"advice looked up in a memory-mapped table, {len(states)} states"
     slow, slow_rolled = (float(np.percentile(seconds, 99)) for seconds in (own, rolled))

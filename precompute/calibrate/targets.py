@@ -24,7 +24,8 @@ from das.domain.losses import (
 from das.domain.trajectory import Trajectory, consumed_j
 from das.domain.units import KMH, KW
 from das.domain.vehicle import Vehicle
-from das.solver.front import Front, solve_front
+from das.solver.front import Front
+from das.solver.solve import solve_front
 from precompute.baselines import strategies as baselines
 from precompute.loss_maps.command import cruising_deviation_ratio
 from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, Case

@@ -262,7 +262,7 @@ def _answer(
 def _front(pose: Pose) -> tuple[Any, Any, float, float]:
     """Section, front, least time, and the seconds the front took once everything was compiled."""
     with busy(COMPILING):
-        from das.solver.front import solve_front
+        from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
 
         section = pose.section()

@@ -13,7 +13,7 @@ from das.domain.losses import Level
 from das.domain.route import Route, section_stops
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +70,11 @@ class Pose:
             level=self.level,
             start_m=start.position_m,
             end_m=end.position_m,
-            start_speed_mps=self._end_speed(self.start_speed_mps),
-            end_speed_mps=self._end_speed(self.end_speed_mps),
-            point_mass=self.point_mass,
+            options=SectionOptions(
+                start_speed_mps=self._end_speed(self.start_speed_mps),
+                end_speed_mps=self._end_speed(self.end_speed_mps),
+                point_mass=self.point_mass,
+            ),
         )
 
     def _end_speed(self, speed_mps: float | None) -> float:

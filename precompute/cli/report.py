@@ -13,8 +13,8 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.trajectory import Ledger, Trajectory
 from das.domain.units import KM, KMH, KN, KW, PERMILLE, kwh
-from das.solver.front import Fit, Solution
 from das.solver.section import Section
+from das.solver.solution import Fit, Solution
 from precompute.baselines.strategies import Baseline, Strategy
 
 

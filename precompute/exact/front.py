@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.domain.trajectory import Trajectory
-from das.solver.front import trajectory_on
 from das.solver.section import Section
+from das.solver.solution import trajectory_on
 from precompute.exact import kernels
 from precompute.exact.bounds import Duals, Known, allowed_j, first_ladder, refined_ladder
 from precompute.exact.grid import Graph, Grid, Layer, fastest_run, totals, viable_layers

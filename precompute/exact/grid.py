@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.route import NEUTRAL
 from das.domain.units import KMH
-from das.solver.kernels import on_supply
+from das.solver.kernels.forces import on_supply
 from das.solver.params import TrainParams
 from das.solver.section import LineProfile, Section
 from precompute.exact import kernels
@@ -65,7 +65,7 @@ class Graph:
         count = max(int(np.ceil(length / grid.step_m - 1e-9)), 2)
         node = section.start_m + np.linspace(0, count, count + 1) * min(grid.step_m, length / 2)
         node[-1] = section.end_m
-        line = LineProfile.on(section.route, section.vehicle, node, section.length_m)
+        line = LineProfile.on(section.route, section.vehicle, node, section.train_length_m)
         unit, ratio = grid.unit_mps, grid.ratio
         at_node = np.minimum(np.append(line.limit_mps, np.inf), np.append(np.inf, line.limit_mps))
         highest = np.floor(at_node / unit + 1e-6).astype(np.int64)

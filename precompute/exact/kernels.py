@@ -14,16 +14,9 @@ import math
 
 import numpy as np
 
-from das.solver.kernels import (
-    brake_limit,
-    kernel,
-    landing_speed,
-    landing_under,
-    mean_resistance,
-    on_supply,
-    step_cost,
-    traction_limit,
-)
+from das.solver.compiling import kernel
+from das.solver.kernels.forces import brake_limit, mean_resistance, on_supply, traction_limit
+from das.solver.kernels.landings import landing_speed, landing_under, step_cost
 
 NS = 1e9
 MJ = 1e3

@@ -22,7 +22,7 @@ from das.domain.units import PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.journey.chains import Split
 from das.solver.journey.plan import JourneyPlan, JourneyPlanner
-from das.solver.section import build_section
+from das.solver.section import SectionOptions, build_section
 from das.solver.warm_up import warm_up
 from precompute.baselines import strategies as baselines
 from precompute.cli.options import (
@@ -169,7 +169,7 @@ def _least_time_s(pose: Pose, route: Route, train: Vehicle, start: Stop, end: St
         level=pose.level,
         start_m=start.position_m,
         end_m=end.position_m,
-        point_mass=pose.point_mass,
+        options=SectionOptions(point_mass=pose.point_mass),
     )
     return baselines.fastest(section).time_s
 

@@ -15,7 +15,7 @@ from das.command_line.running import print_table
 from das.domain.files.writing import write_whole
 from das.domain.journey import Held, Window, clock
 from das.domain.units import KM, KMH, KW, kmh, kwh
-from das.solver.journey.plan import HopPlan, JourneyPlan, Timing
+from das.solver.journey.plan import HopPlan, JourneyPlan, PlannedTime
 from precompute.cli.report import ledger_kwh, offscreen_pyplot
 
 MINUTE_S = 60.0
@@ -58,7 +58,7 @@ def _hop_json(hop: HopPlan) -> dict[str, Any]:
     }
 
 
-def _timing_json(timing: Timing) -> dict[str, Any]:
+def _timing_json(timing: PlannedTime) -> dict[str, Any]:
     return {"time_s": timing.time_s, "held": str(timing.held)}
 
 
@@ -90,7 +90,7 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> Non
         print(line)
 
 
-def _shown(timing: Timing) -> str:
+def _shown(timing: PlannedTime) -> str:
     """A time, marked where it is held at a bound of its window."""
     return f"{_MARKS[timing.held]} {clock(timing.time_s)}"
 

@@ -18,10 +18,12 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.trajectory import Ledger, Trajectory
 from das.domain.units import KM, KMH, PERMILLE
-from das.solver import kernels, rollout_kernels
 from das.solver import tolerances as tol
-from das.solver.front import Solution, solve_front, trajectory_on
+from das.solver.kernels.envelope import braking_envelope
+from das.solver.kernels.roll_out import blend_runs
 from das.solver.section import LineProfile, Section
+from das.solver.solution import Solution, trajectory_on
+from das.solver.solve import solve_front
 from precompute.sensitivity.variations import Variation
 
 Floats = NDArray[np.float64]
@@ -135,7 +137,7 @@ def follow(plan: Trajectory, section: Section) -> Followed:
     planned = np.sqrt(np.interp(line.node_m, plan.s_m, plan.v_mps**2))
     speeds = np.full(len(planned), np.nan)
     # Between the plan and itself lies the plan, cut to what the train can do.
-    time_s = rollout_kernels.blend_runs(1.0, planned, planned, *line.for_kernels, envelope, section.train, speeds)
+    time_s = blend_runs(1.0, planned, planned, line.for_kernels, envelope, section.train, speeds)
     if time_s < 0:
         stalled = int(np.isnan(speeds).argmax()) - 1
         raise InfeasibleError(f"the train stalls at {_place(line, stalled)}")
@@ -153,12 +155,12 @@ def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
     after = np.clip(np.searchsorted(planned_m, section.node_m), 1, len(planned_m) - 1)
     apart = np.minimum(np.abs(section.node_m - planned_m[after - 1]), np.abs(section.node_m - planned_m[after]))
     node_m = np.union1d(planned_m, section.node_m[apart > tol.MIN_STEP_M])
-    return LineProfile.on(section.route, section.vehicle, node_m, section.length_m)
+    return LineProfile.on(section.route, section.vehicle, node_m, section.train_length_m)
 
 
 def _envelope(line: LineProfile, section: Section) -> Floats:
     """Fastest speed at each node of a line from which the changed train keeps everything ahead."""
-    envelope, stuck = kernels.braking_envelope(*line.for_kernels, line.limit_mps, section.end_speed_mps, section.train)
+    envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, section.end_speed_mps, section.train)
     if stuck >= 0:
         raise InfeasibleError(f"the train cannot brake on the descent at {_place(line, stuck)}")
     return np.asarray(envelope)

@@ -19,8 +19,9 @@ from das.command_line.running import busy, err, print_table
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from das.domain.units import kwh
-from das.solver.front import Solution, solve_front
 from das.solver.section import Section
+from das.solver.solution import Solution
+from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up
 from precompute.cli import report
 from precompute.cli.options import (

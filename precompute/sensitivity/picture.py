@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
-from das.solver.front import Solution
 from das.solver.section import Section
+from das.solver.solution import Solution
 from precompute.sensitivity.analysis import Outcome
 
 MORE, LESS = "#d55e00", "#0072b2"

@@ -12,7 +12,7 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stretches
 from das.domain.units import KM, KMH
 from das.domain.vehicle import Vehicle
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
 
 ROUTE: Final = "flat-6km"
 GTO_VEHICLE: Final = "re460-ic"
@@ -60,8 +60,7 @@ class Case:
             vehicle,
             level=level,
             end_m=self.length_m,
-            start_speed_mps=self.start_speed_mps,
-            end_speed_mps=self.end_speed_mps,
+            options=SectionOptions(start_speed_mps=self.start_speed_mps, end_speed_mps=self.end_speed_mps),
         )
 
     def route(self) -> Route:

@@ -13,8 +13,9 @@ from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.trajectory import Ledger, Trajectory, consumed_j, evaluated_at
 from das.domain.units import KMH, PERCENT
 from das.domain.vehicle import Vehicle
-from das.solver.front import Front, solve_front
+from das.solver.front import Front
 from das.solver.section import Section
+from das.solver.solve import solve_front
 from precompute.study.cases import L0_REG, L3, Case, Variant
 from precompute.study.printed import LOWEST_CRUISE_KMH
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from das.domain.formulary import curve_resistance_mps2
 from das.domain.losses import LossModel
-from das.domain.route import Floats, Route, curve_resistance_mps2
+from das.domain.route import Floats, Route
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 
@@ -40,7 +41,7 @@ class Plant:
     def __init__(self, route: Route, vehicle: Vehicle, loss: LossModel, step_s: float = 0.05) -> None:
         self.route, self.vehicle, self.loss, self.step_s = route, vehicle, loss, step_s
         self._curve = curve_resistance_mps2(route.curvature_per_m.value)
-        self._offsets = np.linspace(-vehicle.length_m, 0.0, TRAIN_SAMPLES)
+        self._offsets = np.linspace(-vehicle.train_length_m, 0.0, TRAIN_SAMPLES)
 
     def step(self, state: PlantState, wanted_n: float) -> PlantState:
         """One step of semi-implicit Euler: forces from the speed before, position from the mean speed."""
@@ -143,7 +144,7 @@ class HurriedDriver:
 def _limits_for_head(route: Route, vehicle: Vehicle, end_m: float) -> tuple[Floats, Floats]:
     """Limits as the head meets them: a lower one holds until the tail has left it."""
     starts = route.limits_mps.start_m
-    places = np.unique(np.concatenate((starts, starts + vehicle.length_m)))
+    places = np.unique(np.concatenate((starts, starts + vehicle.train_length_m)))
     places = places[places < end_m]
-    limit = route.limits_mps.minimum(places - vehicle.length_m, places + 0.5)
+    limit = route.limits_mps.minimum(places - vehicle.train_length_m, places + 0.5)
     return places, limit

@@ -162,8 +162,8 @@ def make_trip(
     check_writable(out)
     with busy("driving the simulated train …"):
         from das.bus.topics import check_train_name
-        from das.solver.front import solve_front
         from das.solver.section import build_section
+        from das.solver.solve import solve_front
         from sim.bundled.make_trip import TripPlan, drive, write_trip
 
         the_route, the_vehicle = load_route(route), load_vehicle(vehicle)

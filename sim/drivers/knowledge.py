@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stretches, curve_resistance_mps2
+from das.domain.formulary import curve_resistance_mps2
+from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from sim.drivers import knowledge_kernels as kernels
@@ -46,7 +47,7 @@ class LineKnowledge:
     supply: Stretches = field(init=False)
 
     def __post_init__(self) -> None:
-        length_m, limits = self.vehicle.length_m, self.route.limits_mps
+        length_m, limits = self.vehicle.train_length_m, self.route.limits_mps
         start_m = np.unique(np.concatenate((limits.start_m, limits.start_m + length_m)))
         inside = np.append(0.5 * (start_m[:-1] + start_m[1:]), start_m[-1] + 1.0)
         lowest = limits.minimum(inside - length_m, inside + POSITION_TOLERANCE_M)
@@ -139,7 +140,7 @@ class Foresight:
 
 def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[Restriction, ...]) -> Floats:
     """The limit over the train in each cell (m/s), temporary ones included."""
-    length_m = line.vehicle.length_m
+    length_m = line.vehicle.train_length_m
     limit = _least(line.limits_mps, node_m)
     for one in restrictions:
         inside = (node_m[1:] > one.start_m) & (node_m[:-1] < one.end_m + length_m)
@@ -157,14 +158,14 @@ def _line_n(line: LineKnowledge, node_m: Floats) -> Floats:
     """Force of gradient and curves in each cell (N), over the train."""
     route, mass_kg = line.route, line.vehicle.mass_kg
     curve = Stretches(start_m=route.curvature_per_m.start_m, value=curve_resistance_mps2(route.curvature_per_m.value))
-    tail = node_m[:-1] - line.vehicle.length_m
+    tail = node_m[:-1] - line.vehicle.train_length_m
     grade = route.gradients_ratio.mean(tail, node_m[1:])
     return np.asarray(mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve.mean(tail, node_m[1:])))
 
 
 def _tunnels(line: LineKnowledge, node_m: Floats) -> Floats:
     """Additional v² coefficient in each cell (N/(m/s)²), by the share of the train in tunnels."""
-    length_m = line.vehicle.length_m
+    length_m = line.vehicle.train_length_m
     total = np.zeros(len(node_m) - 1)
     for tunnel in line.route.tunnels:
         inside = np.minimum(node_m[1:], tunnel.start_m + tunnel.length_m) - np.maximum(

@@ -15,8 +15,9 @@ import numpy as np
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
+from das.domain.formulary import curve_resistance_mps2
 from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel, outside_map
-from das.domain.route import Floats, Route, Stretches, curve_resistance_mps2
+from das.domain.route import Floats, Route, Stretches
 from das.domain.trajectory import Ledger
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
@@ -196,7 +197,7 @@ class Plant:
 
     def weather(self, state: PlantState) -> tuple[float, float]:
         """State of the rail under the train (1 = dry) and head wind on it (m/s)."""
-        rail, wind = kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.length_m)
+        rail, wind = kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.train_length_m)
         return float(rail) * self._train.rail_ratio, float(wind)
 
     def ledger(self, before: PlantState, after: PlantState) -> Ledger:
@@ -219,7 +220,7 @@ class Plant:
 
     def _altitude_m(self, s_m: float) -> float:
         """Altitude averaged over the train with its head at s: exact, it is a parabola between changes of gradient."""
-        length = self.vehicle.length_m
+        length = self.vehicle.train_length_m
         if length == 0:
             return float(self.route.altitude_m(s_m))
         inside = self.route.gradients_ratio.start_m
@@ -244,7 +245,7 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
     numbers = TrainNumbers(
         vehicle.mass_kg,
         vehicle.inertial_mass_kg,
-        vehicle.length_m,
+        vehicle.train_length_m,
         vehicle.max_speed_mps,
         vehicle.resistance.c0_n,
         vehicle.resistance.c1_n_per_mps,
@@ -272,12 +273,12 @@ def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> L
         _tunnel_coefficient(route, vehicle),
     )
     breaks = np.concatenate([q.start_m for q in quantities])
-    node_m = np.unique(np.concatenate((breaks, breaks + vehicle.length_m)))
+    node_m = np.unique(np.concatenate((breaks, breaks + vehicle.train_length_m)))
     supply = route.supply()
     weather = [[p.from_m, p.to_m, p.from_s, p.to_s, p.adhesion_ratio, p.head_wind_mps] for p in patches]
     return LineNumbers(
         node_m=node_m,
-        profile=np.ascontiguousarray(np.hstack([_under_train(q, node_m, vehicle.length_m) for q in quantities])),
+        profile=np.ascontiguousarray(np.hstack([_under_train(q, node_m, vehicle.train_length_m) for q in quantities])),
         supply_start_m=supply.start_m.copy(),
         supply=supply.value.copy(),
         weather=np.array(weather, dtype=float).reshape(-1, 6),

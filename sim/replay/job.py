@@ -19,8 +19,8 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.units import NS
-from das.solver.front import solve_front
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solve import solve_front
 from sim.cli.options import ReplayOptions
 from sim.replay.replay import Job, plan_timing
 from sim.trips.estimate import estimate_run
@@ -134,7 +134,7 @@ def trip_section(trip: Trip, options: ReplayOptions) -> Section:
         level=options.level,
         start_m=trip.start.position_m,
         end_m=trip.end.position_m,
-        point_mass=options.point_mass,
+        options=SectionOptions(point_mass=options.point_mass),
     )
 
 

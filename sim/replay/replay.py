@@ -20,7 +20,8 @@ from das.bus.topics import DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH, T
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.front import Front, Solution
+from das.solver.front import Front
+from das.solver.solution import Solution
 from sim.processes.lockstep import Crew, Lockstep, Traffic, sleep_until
 from sim.processes.messages import happened, location
 from sim.trips.estimate import DrivenEstimate

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from das.command_line.running import print_table, typed
 from das.domain.units import NS, kwh
-from das.solver.front import Fit
+from das.solver.solution import Fit
 from sim.replay.replay import TICK_S, Job, Outcome
 from sim.trips.estimate import EnergyRange, energy_range
 from sim.trips.findings import Kind

@@ -85,7 +85,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     vehicle = section.vehicle
     index = _moving_points(s_m)
     node, v = s_m[index], speed_mps[index]
-    profile = LineProfile.on(section.route, vehicle, node, section.length_m)
+    profile = LineProfile.on(section.route, vehicle, node, section.train_length_m)
     step = profile.step_m
     force = (
         vehicle.inertial_mass_kg * np.diff(v**2) / (2.0 * step)

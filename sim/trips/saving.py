@@ -6,8 +6,10 @@ from dataclasses import replace
 from functools import cache
 
 from das.domain.errors import DasError
-from das.solver.front import Fit, Front, solve_front
-from das.solver.section import Section, build_section
+from das.solver.front import Front
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solution import Fit
+from das.solver.solve import solve_front
 from sim.trips.estimate import Case, EnergyRange, driven_energy, over_unknowns
 from sim.trips.matching import MatchedTrip
 from sim.trips.profile import JERK_PSD_M2PS5
@@ -46,8 +48,10 @@ def section_in(section: Section, case: Case) -> Section:
         level=section.level,
         start_m=section.start_m,
         end_m=section.end_m,
-        start_speed_mps=section.start_speed_mps,
-        end_speed_mps=section.end_speed_mps,
-        point_mass=section.length_m == 0,
-        brakes=case.brakes(section),
+        options=SectionOptions(
+            start_speed_mps=section.start_speed_mps,
+            end_speed_mps=section.end_speed_mps,
+            point_mass=section.train_length_m == 0,
+            brakes=case.brakes(section),
+        ),
     )

@@ -89,7 +89,7 @@ class World:
         self.driver, self.presentation, self.link = driver, presentation, link
         self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
         self._train_control = TrainControl(day)
-        self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.length_m)
+        self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.train_length_m)
         # A node is told of restrictions even where there are none: until then it must not advise.
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
         self._events: list[str] = []

@@ -27,7 +27,7 @@ class News:
     """Keeps what is known by now; asked once a second, in the order of time."""
 
     def __init__(self, day: Day) -> None:
-        self._day, self._length_m = day, day.service.vehicle.length_m
+        self._day, self._length_m = day, day.service.vehicle.train_length_m
         self._signals_ahead: tuple[SignalStop | TrainAhead, ...] = (*day.of(SignalStop), *day.of(TrainAhead))
         self._seen_s: dict[SignalStop | TrainAhead, float] = {}
         self._cleared: set[SignalStop | TrainAhead] = set()

@@ -7,7 +7,7 @@ from typing import Any
 
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
-from das.solver.front import Fit
+from das.solver.solution import Fit
 from sim.world.calls import Call
 from sim.world.day import Day
 from sim.world.loop import Run

@@ -17,8 +17,10 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
-from das.solver.front import Front, Solution, solve_front
+from das.solver.front import Front
 from das.solver.section import build_section
+from das.solver.solution import Solution
+from das.solver.solve import solve_front
 from sim.drivers.knowledge import LineKnowledge
 from sim.recording.inputs import input_files, vehicle_files
 from sim.world.scenario import Scenario

@@ -19,8 +19,8 @@ from das.bus.recording import read_recording
 from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, STATUS, TRUTH
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
-from das.solver.front import solve_front
 from das.solver.section import build_section
+from das.solver.solve import solve_front
 from sim.bundled.hurried import DriverStyle, HurriedDriver, Plant, PlantState
 from sim.cli.commands import bundled_recording
 from sim.trips.estimate import estimate_run

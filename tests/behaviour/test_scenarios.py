@@ -159,7 +159,7 @@ def test_delay_on_the_way_is_known_to_the_driver_alone_and_made_up() -> None:
     driven = drive("delay-on-the-way")
     slow = driven.one(DelayOnTheWay)
     s_m, speed_mps = driven.array("s_m"), driven.array("speed_mps")
-    within = (s_m >= slow.from_m) & (s_m <= slow.to_m + driven.day.service.vehicle.length_m)
+    within = (s_m >= slow.from_m) & (s_m <= slow.to_m + driven.day.service.vehicle.train_length_m)
     assert speed_mps[within].max() <= slow.speed_mps + TRACKING_MPS
     assert speed_mps[within].mean() > 0.9 * slow.speed_mps
     assert all(not heard.restrictions for heard in driven.said.heard)
@@ -174,7 +174,7 @@ def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
     driven = drive("restriction-ahead")
     one = driven.one(Restriction)
     s_m, speed_mps = driven.array("s_m"), driven.array("speed_mps")
-    end_m = one.to_m + driven.day.service.vehicle.length_m
+    end_m = one.to_m + driven.day.service.vehicle.train_length_m
     within = (s_m >= one.from_m) & (s_m <= end_m)
     assert speed_mps[within].max() <= one.speed_mps + TRACKING_MPS
     assert speed_mps[s_m < one.from_m - 2_000].max() > one.speed_mps + 5
@@ -196,7 +196,9 @@ def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
     driven = drive("restriction-ahead")
     one, service = driven.one(Restriction), driven.day.service
     told_ns = next(heard.now_ns for heard in driven.said.heard if heard.restrictions)
-    advices = [a for a in driven.said.advices if a.time_ns >= told_ns and a.s_m <= one.to_m + service.vehicle.length_m]
+    advices = [
+        a for a in driven.said.advices if a.time_ns >= told_ns and a.s_m <= one.to_m + service.vehicle.train_length_m
+    ]
     assert advices[0].time_ns == told_ns
     assert any(a.s_m > one.to_m for a in advices)
     for advice in advices:
@@ -204,7 +206,7 @@ def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
         s_m, before_mps = advice.s_m, advice.advised_speed_mps
         for after_mps in advice.horizon_speed_mps:
             s_m, before_mps = s_m + 0.5 * (before_mps + after_mps), after_mps
-            if one.from_m + 1 < s_m < one.to_m + service.vehicle.length_m - 1:
+            if one.from_m + 1 < s_m < one.to_m + service.vehicle.train_length_m - 1:
                 assert after_mps <= one.speed_mps + 1e-6
         if advice.s_m > one.from_m:
             assert advice.advised_speed_mps <= advice.limit_mps <= one.speed_mps
@@ -276,7 +278,7 @@ def test_slippery_rail_lengthens_the_run_up() -> None:
     rail = driven.one(SlipperyRail)
     assert time_to(driven, 35 * KMH) > 2.0 * time_to(clear, 35 * KMH) > 5
     s_m, speed_mps, force_n = (driven.array(name) for name in ("s_m", "speed_mps", "force_el_n"))
-    length_m = driven.day.service.vehicle.length_m
+    length_m = driven.day.service.vehicle.train_length_m
     whole = (s_m > rail.from_m + length_m) & (s_m < rail.to_m - 50)
     most_n = rail.adhesion_ratio * 84e3 * STANDARD_GRAVITY_MPS2 * np.array([adhesion_coefficient(v) for v in speed_mps])
     assert (force_n[whole] <= 1.001 * most_n[whole]).all()

@@ -24,8 +24,9 @@ from das.domain.route import Restriction
 from das.domain.units import NS, STANDARD_GRAVITY_MPS2
 from das.estimate.localisation import PositionFix
 from das.solver.fastest import fastest, least_time_s
-from das.solver.front import Front, solve_front
+from das.solver.front import Front
 from das.solver.section import Section
+from das.solver.solve import solve_front
 from tests.support.one_section import OneSection
 
 Floats = NDArray[np.float64]
@@ -55,10 +56,10 @@ class Allowed:
         line = ROUTE.limits_mps.at(s_m)
         for one in restrictions:
             line = np.where((s_m >= one.start_m) & (s_m < one.end_m), np.minimum(line, one.limit_mps), line)
-        length = round(TRAIN.length_m)
+        length = round(TRAIN.train_length_m)
         padded = np.concatenate((np.full(length, np.inf), line))
         over_train = np.lib.stride_tricks.sliding_window_view(padded, length + 1).min(axis=1)
-        grade = ROUTE.gradients_ratio.mean(s_m - TRAIN.length_m, s_m)
+        grade = ROUTE.gradients_ratio.mean(s_m - TRAIN.train_length_m, s_m)
         self._mps: list[float] = self._braked(np.minimum(over_train, TRAIN.max_speed_mps), grade).tolist()
 
     @staticmethod

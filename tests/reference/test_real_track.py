@@ -13,14 +13,16 @@ import pytest
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InfeasibleError, InputError
 from das.domain.files.native import read_route, read_vehicle
+from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
 from das.domain.losses import EfficiencyLoss, Level
-from das.domain.route import NEUTRAL, NO_REGENERATION, Route, Stretches, Tunnel, Zone, curve_resistance_mps2
+from das.domain.route import NEUTRAL, NO_REGENERATION, Route, Stretches, Tunnel, Zone
 from das.domain.trajectory import Trajectory, evaluated_at
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle, adhesion_coefficient
-from das.solver import kernels
-from das.solver.front import Front, solve_front
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
+from das.solver.front import Front
+from das.solver.kernels import forces
 from das.solver.params import train_params
 from das.solver.section import build_section
+from das.solver.solve import solve_front
 from precompute.baselines import strategies as baselines
 from tests.support.making import REPOSITORY, flat, make_route, make_train
 
@@ -61,13 +63,13 @@ def resisting_n(train: Vehicle, v: float) -> float:
 
 def sampled(train: Vehicle, s_m: float) -> np.ndarray:
     """Positions of a long train's masses, its head at s_m."""
-    return s_m - train.length_m * (np.arange(POINTS) + 0.5) / POINTS
+    return s_m - train.train_length_m * (np.arange(POINTS) + 0.5) / POINTS
 
 
 def test_a_long_train_feels_the_gradient_under_each_of_its_masses() -> None:
     grades = [(0.0, 0.0), (900.0, 0.02), (1100.0, -0.015), (1900.0, 0.0)]
     route = make_route(3000.0, [(0.0, 40.0)], grades)
-    train = replace(make_train(power_w=2e6), length_m=260.0)
+    train = replace(make_train(power_w=2e6), train_length_m=260.0)
     run = solved(route, train).trajectory(140.0).trajectory
 
     def line_n(s: float, v: float) -> float:
@@ -87,16 +89,16 @@ def test_a_long_train_feels_the_gradient_under_each_of_its_masses() -> None:
 
 def test_no_part_of_a_long_train_is_above_a_limit_and_it_hurries_once_the_tail_is_out() -> None:
     route = make_route(4000.0, [(0.0, 30.0), (1500.0, 12.0), (1600.0, 35.0), (2600.0, 20.0)])
-    train = replace(make_train(), length_m=180.0)
+    train = replace(make_train(), train_length_m=180.0)
     run = solved(route, train).fastest().trajectory
     at = np.arange(0.0, 4000.0, 0.25)
     speed = np.sqrt(np.interp(at, run.s_m, run.v_mps**2))
-    for point in np.linspace(0.0, train.length_m, 40):
+    for point in np.linspace(0.0, train.train_length_m, 40):
         here = np.maximum(at - point, 0.0)
         assert (speed <= route.limits_mps.at(here) + 1e-6).all()
     slow = at[(at > 1000) & (at < 2500) & (np.abs(speed - 12.0) < 1e-6)]
     assert slow[0] == pytest.approx(1500.0, abs=0.3)
-    assert slow[-1] == pytest.approx(1600.0 + train.length_m, abs=0.3)
+    assert slow[-1] == pytest.approx(1600.0 + train.train_length_m, abs=0.3)
 
 
 def test_a_tunnel_holds_back_the_part_of_the_train_in_it() -> None:
@@ -107,7 +109,7 @@ def test_a_tunnel_holds_back_the_part_of_the_train_in_it() -> None:
     route = replace(flat(3500.0), tunnels=tunnels)
     train = replace(
         make_train(resistance=(2e3, 0.0, 6.0), power_w=2e6),
-        length_m=200.0,
+        train_length_m=200.0,
         tunnel_area_m2=(20.0, 40.0),
         tunnel_resistance_n_per_mps2=(15.0, 5.0),
     )
@@ -365,9 +367,9 @@ def test_the_kernels_limits_are_the_vehicles() -> None:
     )
     p = train_params(train, BrakePolicy.BLENDED)
     for v in (0.0, 1.0, 8.0, 22.0, 45.0):
-        assert kernels.traction_limit(v, p) == pytest.approx(float(train.traction_effort_n(v)))
-        assert kernels.electric_limit(v, p) == pytest.approx(float(train.electric_brake_effort_n(v)))
-        assert kernels.brake_limit(v, p, p.friction_force_n) == pytest.approx(float(train.brake_effort_n(v)))
+        assert forces.traction_limit(v, p) == pytest.approx(float(train.traction_effort_n(v)))
+        assert forces.electric_limit(v, p) == pytest.approx(float(train.electric_brake_effort_n(v)))
+        assert forces.brake_limit(v, p, p.friction_force_n) == pytest.approx(float(train.brake_effort_n(v)))
 
 
 def test_zones_turn_round_with_the_line_and_overlapping_ones_are_refused() -> None:

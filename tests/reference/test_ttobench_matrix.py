@@ -19,8 +19,9 @@ from das.domain.errors import InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Route
 from das.domain.vehicle import BrakePolicy, Vehicle
-from das.solver.front import Front, solve_front
+from das.solver.front import Front
 from das.solver.section import Section, build_section
+from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.das.domain.files.test_ttobench import TRACKS, TRAINS
 from tests.support.making import REPOSITORY, csv_rows

@@ -14,8 +14,8 @@ import pytest
 
 from das.domain.files.load import load_route, load_vehicle, locate_route, locate_vehicle
 from das.domain.losses import Level
-from das.solver.front import solve_front
-from das.solver.section import build_section
+from das.solver.section import SectionOptions, build_section
+from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.support.making import csv_rows, das_precompute
 from tests.support.raw_data import (
@@ -87,14 +87,22 @@ Planned = tuple[Floats, dict[str, Any]]
 """Rows, and what the command says of them."""
 
 
-def planned(folder: Path, change: Change | None = None, buffer_ratio: float = 0.05, **pose: float) -> Planned:
+def planned(
+    folder: Path,
+    change: Change | None = None,
+    buffer_ratio: float = 0.05,
+    *,
+    end_m: float | None = None,
+    end_speed_mps: float = 0.0,
+) -> Planned:
     """What the solver plans for the track and train, or for changed ones."""
     track, train = copy.deepcopy(TRACK), copy.deepcopy(TRAIN)
     if change is not None:
         change(track, train)
     for name, data in (("track", track), ("train", train)):
         (folder / f"{name}.json").write_text(json.dumps(data))
-    section = build_section(load_route(str(folder / "track.json")), load_vehicle(str(folder / "train.json")), **pose)
+    route, vehicle = load_route(str(folder / "track.json")), load_vehicle(str(folder / "train.json"))
+    section = build_section(route, vehicle, end_m=end_m, options=SectionOptions(end_speed_mps=end_speed_mps))
     front = solve_front(section)
     least_s = front.fastest().time_s
     solution = front.trajectory(least_s * (1 + buffer_ratio))

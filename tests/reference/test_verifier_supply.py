@@ -10,8 +10,8 @@ import pytest
 
 from das.domain.conditions import Conditions
 from das.domain.files.native import read_route, read_vehicle
-from das.solver.front import solve_front
 from das.solver.section import build_section
+from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.support.making import csv_rows
 from tests.support.raw_data import Floats, Line, Train, constant_efficiencies

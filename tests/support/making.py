@@ -92,7 +92,7 @@ def make_train(
         source="test",
         mass_kg=1e5,
         rotating_mass_ratio=0.0,
-        length_m=0.0,
+        train_length_m=0.0,
         max_speed_mps=60.0,
         resistance=Resistance(c0_n=resistance[0], c1_n_per_mps=resistance[1], c2_n_per_mps2=resistance[2]),
         traction=effort,

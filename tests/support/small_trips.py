@@ -32,7 +32,9 @@ def ns(seconds: float) -> int:
 
 
 def train(mass_kg: float = 1e5) -> Vehicle:
-    return replace(make_train(resistance=(1e3, 0.0, 5.0), power_w=2e6, loss=LOSS), length_m=LENGTH_M).with_mass(mass_kg)
+    return replace(make_train(resistance=(1e3, 0.0, 5.0), power_w=2e6, loss=LOSS), train_length_m=LENGTH_M).with_mass(
+        mass_kg
+    )
 
 
 def line() -> Route:

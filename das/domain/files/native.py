@@ -72,7 +72,7 @@ def _lossless(fields: Fields) -> Vehicle:
         source=str(fields.source),
         mass_kg=main.quantity("mass", "mass"),
         rotating_mass_ratio=main.quantity("rotating_mass", "ratio", 0.0),
-        length_m=main.quantity("length", "length"),
+        train_length_m=main.quantity("length", "length"),
         max_speed_mps=main.quantity("max_speed", "speed"),
         resistance=_resistance(fields.table("resistance")),
         traction=_envelope(fields.table("traction")),

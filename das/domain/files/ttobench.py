@@ -41,7 +41,7 @@ def read_train(path: Path) -> Vehicle:
         source=str(path),
         mass_kg=_quantity(fields, "mass", "mass"),
         rotating_mass_ratio=_quantity(fields, "rho", "ratio", 0.0),
-        length_m=_quantity(fields, "length", "length", 0.0),
+        train_length_m=_quantity(fields, "length", "length", 0.0),
         max_speed_mps=_quantity(fields, "max speed", "speed"),
         resistance=Resistance(
             c0_n=_quantity(fields, "rolling resistance r0", "force"),

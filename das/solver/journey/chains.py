@@ -1,9 +1,9 @@
-"""Chains of a journey's legs, and how a leg shares its time.
+"""Chains of a journey's spans, and how a span shares its time.
 
-A *leg* lies between two neighbouring tight times; it has one price of time λ. Legs that meet at a stop do not depend
-on each other. Legs that meet at a tight passing share the speed there and form a *chain*: it is solved by one sweep
-from its end to its begin, where what a leg costs in its time, by the speed it begins with, is the end value of the leg
-before it.
+A *span* lies between two neighbouring tight times, and it has one price of time λ. Spans that meet at a stop do not
+depend on each other. Spans that meet at a tight passing share the speed there and form a *chain*. A chain is solved by
+one sweep from its end to its begin: what a span costs in its time, by the speed it begins with, is the end value of the
+span before it.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from das.domain.errors import InfeasibleError
 from das.domain.journey import clock
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.journey.hop_fronts import Ahead, HopFronts, Planned, Run, Table, late_s
-from das.solver.journey.hops import Hop, elapsed_s
-from das.solver.journey.timeline import Leg, Stretch, Tight, Timeline, Wait
+from das.solver.journey.hop_fronts import Ahead, DrivenStretch, HopFronts, MultiplierTable, TimedStretch, late_s
+from das.solver.journey.hops import Hop
+from das.solver.journey.timeline import Stretch, Tight, TightSpan, Timeline, WaitLink
 
 Floats = NDArray[np.float64]
 Parts = dict[Stretch, Front]
@@ -41,15 +41,15 @@ class Split(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
-    """A leg with its price of time (W), the time of every event from its begin to its end, and its runs.
+    """A span with its price of time (W), the time of every event from its begin to its end, and its runs.
 
     Whole hops without passings are not driven yet.
     """
 
-    leg: Leg
+    span: TightSpan
     lambda_w: float
     event_s: Floats
-    runs: tuple[Planned, ...]
+    runs: tuple[TimedStretch, ...]
 
 
 class Chains:
@@ -61,13 +61,13 @@ class Chains:
         self._solved: dict[tuple[tuple[Tight, ...], Split], tuple[Solved, ...]] = {}
 
     def solve(self, tight: tuple[Tight, ...], split: Split) -> tuple[Solved, ...]:
-        """The legs between neighbouring tight events, of which all but the first and the last are passings.
+        """The spans between neighbouring tight events, of which all but the first and the last are passings.
 
-        Raises InfeasibleError where a leg cannot be run in its time.
+        Raises InfeasibleError where a span cannot be run in its time.
         """
         key = (tight, split)
         if key not in self._solved:
-            self._solved[key] = self._solve([self.timeline.leg(a, b) for a, b in pairwise(tight)], split)
+            self._solved[key] = self._solve([self.timeline.span(a, b) for a, b in pairwise(tight)], split)
         return self._solved[key]
 
     def late(self, begin: Tight, end: Tight, by_s: float) -> InfeasibleError:
@@ -85,59 +85,59 @@ class Chains:
             f"{clock(end[1] - by_s)}"
         )
 
-    def lowest(self, leg: Leg) -> int:
-        """Where the multipliers of a leg begin: with a wait in it no run is slower than that of least energy."""
-        return 0 if leg.last_wait < 0 else self.fronts.least_energy
+    def lowest(self, span: TightSpan) -> int:
+        """Where the multipliers of a span begin: with a wait in it no run is slower than that of least energy."""
+        return 0 if span.last_wait < 0 else self.fronts.least_energy
 
-    def _solve(self, legs: Sequence[Leg], split: Split) -> tuple[Solved, ...]:
-        parts = self._parts(legs)
+    def _solve(self, spans: Sequence[TightSpan], split: Split) -> tuple[Solved, ...]:
+        parts = self._parts(spans)
         solved: list[Solved] = []
         speed_mps = 0.0
-        for leg in legs:
-            solved.append(self._drive(leg, parts, speed_mps, split))
+        for span in spans:
+            solved.append(self._drive(span, parts, speed_mps, split))
             last = solved[-1].runs[-1:]
-            speed_mps = float(last[0].speeds_mps[-1]) if last and isinstance(last[0], Run) else 0.0
+            speed_mps = float(last[0].speeds_mps[-1]) if last and isinstance(last[0], DrivenStretch) else 0.0
         return tuple(solved)
 
-    def _parts(self, legs: Sequence[Leg]) -> Parts:
+    def _parts(self, spans: Sequence[TightSpan]) -> Parts:
         """The fronts of a chain's stretches that are not whole, from the last to the first."""
         parts: Parts = {}
         ahead: Ahead | None = None
-        for leg in reversed(legs):
-            self.add_parts(parts, leg, ahead)
-            if leg is not legs[0]:
-                ahead = self._ahead(leg, parts)
+        for span in reversed(spans):
+            self.add_parts(parts, span, ahead)
+            if span is not spans[0]:
+                ahead = self._ahead(span, parts)
         return parts
 
-    def add_parts(self, parts: Parts, leg: Leg, ahead: Ahead | None) -> None:
-        """Add the fronts of a leg's stretches that are not whole; `ahead` is what comes after a leg that passes."""
-        for stretch in leg.stretches:
+    def add_parts(self, parts: Parts, span: TightSpan, ahead: Ahead | None) -> None:
+        """Add the fronts of a span's stretches that are not whole; `ahead` is what comes after a span that passes."""
+        for stretch in span.stretches:
             if not self.fronts.is_whole(stretch):
-                parts[stretch] = self.fronts.part(stretch, ahead if stretch is leg.stretches[-1] else None)
+                parts[stretch] = self.fronts.part(stretch, ahead if stretch is span.stretches[-1] else None)
 
-    def _ahead(self, leg: Leg, parts: Parts) -> Ahead:
-        """What a leg that begins at a passing costs in its time by the speed there: max over λ of its dual."""
-        first = parts[leg.stretches[0]]
-        cost_j = self.dual_j(leg, parts, first.value_j[0])[:, self.lowest(leg) :].max(axis=1)
-        return Ahead(speed_mps=start_speeds(first), value_j=cost_j, least_mps=self._least_speed(leg, parts))
+    def _ahead(self, span: TightSpan, parts: Parts) -> Ahead:
+        """What a span that begins at a passing costs in its time by the speed there: max over λ of its dual."""
+        first = parts[span.stretches[0]]
+        cost_j = self.dual_j(span, parts, first.value_j[0])[:, self.lowest(span) :].max(axis=1)
+        return Ahead(speed_mps=start_speeds(first), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
-    def dual_j(self, leg: Leg, parts: Parts, first_j: Floats) -> Floats:
-        """Least cost of a leg by λ minus λ·its time (J), where its first stretch costs `first_j` (…, L)."""
-        tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in leg.stretches[1:]]
-        fixed_j = self.fronts.ladder_w * (leg.least_wait_s - leg.time_s)
+    def dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
+        """Least cost of a span by λ minus λ·its time (J), where its first stretch costs `first_j` (…, L)."""
+        tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
+        fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
         total_j = first_j + sum((table.total_j for table in tables), fixed_j)
         return np.where(first_j > tol.UNREACHABLE, tol.INFEASIBLE, total_j)
 
-    def _least_speed(self, leg: Leg, parts: Parts) -> float:
-        """The slowest speed at the begin of a leg from which it can be run in its time, by bisection."""
-        stretch, *others = leg.stretches
+    def _least_speed(self, span: TightSpan, parts: Parts) -> float:
+        """The slowest speed at the begin of a span from which it can be run in its time, by bisection."""
+        stretch, *others = span.stretches
         front, hop = parts[stretch], self.hops[stretch.hop]
         others_s = sum(float(self.fronts.table(other, parts.get(other), 0.0).time_s[-1]) for other in others)
-        left_s = leg.time_s - leg.least_wait_s - others_s
+        left_s = span.time_s - span.least_wait_s - others_s
         low, high = float(front.section.floor_mps[0]), float(hop.fastest_mps[hop.places[stretch.first]])
         by_s = late_s(front, high, left_s)
         if by_s > tol.TIME_TOLERANCE_S:
-            raise self.late(leg.begin, leg.end, by_s)
+            raise self.late(span.begin, span.end, by_s)
         if late_s(front, low, left_s) <= 0.0:
             return low
         while high - low > tol.PASSING_SPEED_STEP_MPS:
@@ -145,58 +145,60 @@ class Chains:
             low, high = (middle, high) if late_s(front, middle, left_s) > 0.0 else (low, middle)
         return high
 
-    def _drive(self, leg: Leg, parts: Parts, speed_mps: float, split: Split) -> Solved:
-        speeds = [0.0 if stretch.first == 0 else speed_mps for stretch in leg.stretches]
+    def _drive(self, span: TightSpan, parts: Parts, speed_mps: float, split: Split) -> Solved:
+        speeds = [0.0 if stretch.first == 0 else speed_mps for stretch in span.stretches]
         tables = [
-            self.fronts.table(stretch, parts.get(stretch), v) for stretch, v in zip(leg.stretches, speeds, strict=True)
+            self.fronts.table(stretch, parts.get(stretch), v) for stretch, v in zip(span.stretches, speeds, strict=True)
         ]
-        times_s, price_w, slack_s = self._share(leg, tables, split)
-        runs: list[Planned] = []
-        for stretch, time_s, v in zip(leg.stretches, times_s, speeds, strict=True):
-            planned = Planned(stretch=stretch, time_s=time_s)
+        times_s, price_w, slack_s = self._share(span, tables, split)
+        runs: list[TimedStretch] = []
+        for stretch, time_s, v in zip(span.stretches, times_s, speeds, strict=True):
+            planned = TimedStretch(stretch=stretch, time_s=time_s)
             later = self.fronts.is_whole(stretch) and not self.hops[stretch.hop].passings
             runs.append(planned if later else self.fronts.drive(planned, parts.get(stretch), v))
-        return Solved(leg=leg, lambda_w=price_w, event_s=self._event_times(leg, runs, slack_s), runs=tuple(runs))
+        return Solved(span=span, lambda_w=price_w, event_s=self._event_times(span, runs, slack_s), runs=tuple(runs))
 
-    def _share(self, leg: Leg, tables: Sequence[Table], split: Split) -> tuple[list[float], float, float]:
-        """Times of a leg's stretches (s), its price of time (W), and how long it stands beyond the least (s)."""
+    def _share(
+        self, span: TightSpan, tables: Sequence[MultiplierTable], split: Split
+    ) -> tuple[list[float], float, float]:
+        """Times of a span's stretches (s), its price of time (W), and how long it stands beyond the least (s)."""
         by_column = [table.time_s for table in tables]
-        ladder_w, lowest = self.fronts.ladder_w, self.lowest(leg)
-        total_s = sum(by_column, np.full(len(ladder_w) + 1, leg.least_wait_s))
-        too_late_s, slack_s = float(total_s[-1]) - leg.time_s, leg.time_s - float(total_s[lowest])
+        ladder_w, lowest = self.fronts.ladder_w, self.lowest(span)
+        total_s = sum(by_column, np.full(len(ladder_w) + 1, span.least_wait_s))
+        too_late_s, slack_s = float(total_s[-1]) - span.time_s, span.time_s - float(total_s[lowest])
         if too_late_s > tol.TIME_TOLERANCE_S:
-            raise self.late(leg.begin, leg.end, too_late_s)
-        if slack_s > tol.TIME_TOLERANCE_S and leg.last_wait < 0:
-            raise self.early(leg.begin, leg.end, slack_s)
+            raise self.late(span.begin, span.end, too_late_s)
+        if slack_s > tol.TIME_TOLERANCE_S and span.last_wait < 0:
+            raise self.early(span.begin, span.end, slack_s)
         if slack_s >= 0:
             return [float(time_s[lowest]) for time_s in by_column], float(ladder_w[lowest]), slack_s
         if split is Split.PROPORTIONAL:
-            return _proportional(leg, [(float(x[-1]), float(x[lowest])) for x in by_column]), math.nan, 0.0
+            return _proportional(span, [(float(x[-1]), float(x[lowest])) for x in by_column]), math.nan, 0.0
         columns = np.arange(len(total_s), dtype=float)
-        column = float(np.interp(-leg.time_s, -total_s, columns))
+        column = float(np.interp(-span.time_s, -total_s, columns))
         price_w = float(np.interp(column, columns[:-1], ladder_w, right=math.inf))
         return [float(np.interp(column, columns, time_s)) for time_s in by_column], price_w, 0.0
 
-    def _event_times(self, leg: Leg, runs: Iterable[Planned], slack_s: float) -> Floats:
-        """When the events of a leg take place; what the train stands longer than it must is at the last wait."""
+    def _event_times(self, span: TightSpan, runs: Iterable[TimedStretch], slack_s: float) -> Floats:
+        """When the events of a span take place; what the train stands longer than it must is at the last wait."""
         links, following = self.timeline.links, iter(runs)
-        event_s = [leg.begin[1]]
-        for i in range(leg.begin[0], leg.end[0]):
+        event_s = [span.begin[1]]
+        for i in range(span.begin[0], span.end[0]):
             link = links[i]
-            if isinstance(link, Wait):
-                event_s.append(event_s[-1] + link.least_s + (slack_s if i == leg.last_wait else 0.0))
-            elif i == leg.begin[0] or isinstance(links[i - 1], Wait):
+            if isinstance(link, WaitLink):
+                event_s.append(event_s[-1] + link.least_s + (slack_s if i == span.last_wait else 0.0))
+            elif i == span.begin[0] or isinstance(links[i - 1], WaitLink):
                 begin_s = event_s[-1]
                 event_s += [begin_s + x for x in self._place_times(next(following))]
         return np.array(event_s)
 
-    def _place_times(self, run: Planned) -> list[float]:
+    def _place_times(self, run: TimedStretch) -> list[float]:
         """Times from the begin of a run to each place after it."""
-        if not isinstance(run, Run):
+        if not isinstance(run, DrivenStretch):
             return [run.time_s]
         stretch, hop = run.stretch, self.hops[run.stretch.hop]
         first, *inner, _ = hop.places[stretch.first : stretch.last + 1]
-        times_s = elapsed_s(hop.part(stretch.first, stretch.last), run.speeds_mps)
+        times_s = hop.part(stretch.first, stretch.last).elapsed_s(run.speeds_mps)
         return [*(float(times_s[node - first]) for node in inner), run.time_s]
 
 
@@ -206,9 +208,9 @@ def start_speeds(front: Front) -> Floats:
     return np.linspace(section.floor_mps[0], section.envelope_mps[0], section.speed_steps + 1)
 
 
-def _proportional(leg: Leg, times_s: Sequence[tuple[float, float]]) -> list[float]:
+def _proportional(span: TightSpan, times_s: Sequence[tuple[float, float]]) -> list[float]:
     """Least time × one factor for every stretch, but none slower than its slowest; `times_s`: (least, slowest)."""
     factors = np.array(sorted({1.0, *(slowest / least for least, slowest in times_s)}))
-    totals = leg.least_wait_s + sum(np.minimum(factors * least, slowest) for least, slowest in times_s)
-    factor = float(np.interp(leg.time_s, totals, factors))
+    totals = span.least_wait_s + sum(np.minimum(factors * least, slowest) for least, slowest in times_s)
+    factor = float(np.interp(span.time_s, totals, factors))
     return [min(factor * least, slowest) for least, slowest in times_s]

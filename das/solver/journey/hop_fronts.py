@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
 from das.solver import tolerances as tol
-from das.solver.front import Fit, Front, default_ladder, solve_front
+from das.solver.fastest import fastest, least_time_s
+from das.solver.front import Front
 from das.solver.journey.hops import Hop
 from das.solver.journey.timeline import Stretch
+from das.solver.solution import Fit
+from das.solver.solve import default_ladder, solve_front
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Planned:
+class TimedStretch:
     """A stretch and its time."""
 
     stretch: Stretch
@@ -27,8 +30,11 @@ class Planned:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Run(Planned):
-    """A stretch as driven: speeds at its nodes, price of time; `feasible`: within limits and forces, and on time."""
+class DrivenStretch(TimedStretch):
+    """A stretch as driven: the speeds at its nodes, and the price of time there (W).
+
+    `feasible` says that the run is within limits and forces, and on time.
+    """
 
     speeds_mps: Floats
     lambda_w: float
@@ -36,8 +42,11 @@ class Run(Planned):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Table:
-    """A stretch by multiplier: `time_s` (L + 1,), falling, the last that of the fastest run; least `total_j` (L,)."""
+class MultiplierTable:
+    """What a stretch takes under each multiplier of the ladder.
+
+    `time_s` (L + 1,) falls, and its last value is that of the fastest run. `total_j` (L,) is the least total cost.
+    """
 
     time_s: Floats
     total_j: Floats
@@ -45,7 +54,10 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ahead:
-    """What lies behind a tight passing costs (`value_j`), by the speed there; slower than `least_mps` is too late."""
+    """What comes after a tight passing: its cost (`value_j`, J) by the speed at the passing (`speed_mps`).
+
+    A train that passes slower than `least_mps` is too late for what follows.
+    """
 
     speed_mps: Floats
     value_j: Floats
@@ -53,10 +65,10 @@ class Ahead:
 
 
 class HopFronts:
-    """Fronts of whole hops are kept where there is room; their tables and runs always.
+    """Solves the fronts of hops; keeps those of whole hops where there is room, and their tables and runs always.
 
-    `ladder_w` is the ladder of all hops: that of the strongest, and below 0 parts of the idle loss. `least_energy` is
-    its index of 0.
+    All hops have the same ladder `ladder_w`: that of the hop with the largest multipliers, and below 0 parts of the
+    idle loss. `least_energy` is the index of 0 in it.
     """
 
     def __init__(self, hops: Sequence[Hop]) -> None:
@@ -64,8 +76,8 @@ class HopFronts:
         self.ladder_w = _ladder(hops)
         self.least_energy = int(np.searchsorted(self.ladder_w, 0.0))
         self._fronts: dict[int, Front] = {}
-        self._tables: dict[int, Table] = {}
-        self._runs: dict[tuple[int, float], Run] = {}
+        self._tables: dict[int, MultiplierTable] = {}
+        self._runs: dict[tuple[int, float], DrivenStretch] = {}
 
     def is_whole(self, stretch: Stretch) -> bool:
         """Whether a stretch is a hop from stop to stop."""
@@ -82,7 +94,7 @@ class HopFronts:
         value[value > tol.UNREACHABLE] = tol.INFEASIBLE
         return solve_front(section, lambda_w=self.ladder_w, end_value_j=value)
 
-    def table(self, stretch: Stretch, part: Front | None, speed_mps: float) -> Table:
+    def table(self, stretch: Stretch, part: Front | None, speed_mps: float) -> MultiplierTable:
         """The table of a stretch from a speed: of its part of a hop, or of the whole hop where that is None."""
         if part is not None:
             return _table(part, speed_mps)
@@ -90,9 +102,9 @@ class HopFronts:
             self._tables[stretch.hop] = _table(self._whole(stretch.hop), 0.0)
         return self._tables[stretch.hop]
 
-    def drive(self, planned: Planned, part: Front | None = None, speed_mps: float = 0.0) -> Run:
+    def drive(self, planned: TimedStretch, part: Front | None = None, speed_mps: float = 0.0) -> DrivenStretch:
         """The run over a part of a hop, or over a whole one where that is None."""
-        if isinstance(planned, Run):
+        if isinstance(planned, DrivenStretch):
             return planned
         if part is not None:
             return _driven(planned, part, speed_mps)
@@ -113,10 +125,10 @@ class HopFronts:
 def late_s(front: Front, speed_mps: float, left_s: float) -> float:
     """By how much the fastest run from a speed misses a time; inf where it cannot end as it must."""
     try:
-        fastest = front.fastest(front.section.start_m, speed_mps)
+        quickest = fastest(front.section, front.section.start_m, speed_mps)
     except InfeasibleError:
         return math.inf
-    return fastest.time_s - left_s if fastest.feasible else math.inf
+    return quickest.time_s - left_s if quickest.feasible else math.inf
 
 
 def _ladder(hops: Sequence[Hop]) -> Floats:
@@ -129,16 +141,16 @@ def _size(front: Front) -> int:
     return front.value_j.nbytes * 3 // 2  # the times-to-go take half as much
 
 
-def _table(front: Front, speed_mps: float) -> Table:
+def _table(front: Front, speed_mps: float) -> MultiplierTable:
     times_s, total_j = front.by_multiplier(front.section.start_m, speed_mps)
-    least_s = front.least_time_s(front.section.start_m, speed_mps)
-    return Table(time_s=np.minimum.accumulate(np.append(times_s, least_s)), total_j=total_j)
+    least_s = least_time_s(front.section, front.section.start_m, speed_mps)
+    return MultiplierTable(time_s=np.minimum.accumulate(np.append(times_s, least_s)), total_j=total_j)
 
 
-def _driven(planned: Planned, front: Front, speed_mps: float) -> Run:
+def _driven(planned: TimedStretch, front: Front, speed_mps: float) -> DrivenStretch:
     start_m, tolerance_s = front.section.start_m, tol.JOURNEY_TIME_TOLERANCE_S
     solution = front.trajectory(planned.time_s, start_m, speed_mps, tolerance_s=tolerance_s)
-    return Run(
+    return DrivenStretch(
         stretch=planned.stretch,
         time_s=planned.time_s,
         speeds_mps=solution.trajectory.v_mps,

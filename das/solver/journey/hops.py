@@ -14,9 +14,11 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stretches
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
-from das.solver import kernels, rollout_kernels
 from das.solver import tolerances as tol
-from das.solver.section import LineProfile, Section, build_section
+from das.solver.kernels.envelope import braking_envelope, climbing_floor
+from das.solver.kernels.fastest import fastest_roll_out
+from das.solver.kernels.tuples import LineArrays
+from das.solver.section import LineProfile, Section, SectionOptions, build_section
 
 Floats = NDArray[np.float64]
 
@@ -52,8 +54,6 @@ class Hop:
             section,
             **{name: getattr(section, name)[a:b] for name in of_intervals},
             node_m=section.node_m[a : b + 1],
-            start_m=float(section.node_m[a]),
-            end_m=float(section.node_m[b]),
             floor_mps=floor[a:],
             envelope_mps=section.envelope_mps[a : b + 1],
             decision=section.decision[inside] - a,
@@ -93,7 +93,7 @@ def _hop(
         level=level,
         start_m=start.position_m,
         end_m=end.position_m,
-        point_mass=point_mass,
+        options=SectionOptions(point_mass=point_mass),
     )
     nodes = section.node_m
     inner = [int(np.argmin(np.abs(nodes - passing.position_m))) for passing in passings]
@@ -111,14 +111,9 @@ def _hop(
         passings=passings,
         section=section,
         places=tuple(places),
-        least_s=elapsed_s(section, speeds)[places],
+        least_s=section.elapsed_s(speeds)[places],
         fastest_mps=speeds,
     )
-
-
-def elapsed_s(line: LineProfile, speeds_mps: Floats) -> Floats:
-    """Times (s, from 0) at the nodes of a line, at constant acceleration between them."""
-    return np.concatenate(([0.0], np.cumsum(2.0 * line.step_m / (speeds_mps[:-1] + speeds_mps[1:]))))
 
 
 def _with_breakpoints(route: Route, position_m: list[float]) -> Route:
@@ -140,10 +135,8 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
     envelope, floor = section.envelope_mps.copy(), section.floor_mps.copy()
     if highest < envelope[node]:
         before = slice(None, node)
-        step, constant, tunnel, supply = (array[before] for array in section.for_kernels)
-        envelope[: node + 1], stuck = kernels.braking_envelope(
-            step, constant, tunnel, supply, section.limit_mps[before], highest, section.train
-        )
+        line = LineArrays(*(array[before] for array in section.for_kernels))
+        envelope[: node + 1], stuck = braking_envelope(line, section.limit_mps[before], highest, section.train)
         if stuck >= 0:
             raise InfeasibleError(
                 f"{section.route.source}: passing {passing.name} at {highest / KMH:.1f} km/h: the train cannot brake "
@@ -160,14 +153,14 @@ def _run_up(section: Section, node: int, least_mps: float) -> Floats:
     before = slice(None, node)
     envelope = section.envelope_mps[: node + 1].copy()
     envelope[-1] = least_mps
-    step, constant, tunnel, supply = (array[before] for array in section.for_kernels)
-    run_up: Floats = kernels.climbing_floor(step, constant, tunnel, supply, envelope, 0.0, section.train)
+    line = LineArrays(*(array[before] for array in section.for_kernels))
+    run_up: Floats = climbing_floor(line, envelope, 0.0, section.train)
     return np.maximum(run_up, section.floor_mps[: node + 1])
 
 
 def _fastest_mps(section: Section) -> Floats:
     speeds = np.zeros(len(section.node_m))
-    time_s = rollout_kernels.fastest_roll_out(*section.for_kernels, section.envelope_mps, section.train, speeds)
+    time_s = fastest_roll_out(section.for_kernels, section.envelope_mps, section.train, speeds)
     if not 0 <= time_s < np.inf:
         raise InfeasibleError(f"{section.name}: the train stalls on its way, or the section is too short to move")
     return speeds

@@ -20,18 +20,18 @@ from das.domain.route import Route
 from das.domain.trajectory import Ledger, Trajectory
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
-from das.solver.front import trajectory_on
 from das.solver.journey.bound import lower_bound_j
 from das.solver.journey.chains import Chains, Solved, Split
-from das.solver.journey.hop_fronts import Run
+from das.solver.journey.hop_fronts import DrivenStretch
 from das.solver.journey.hops import Hop, build_hops
-from das.solver.journey.timeline import Tight, Way
+from das.solver.journey.timeline import DriveLink, Tight
+from das.solver.solution import trajectory_on
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing:
+class PlannedTime:
     """A planned time (s on the journey's clock) and the bound it is held at."""
 
     time_s: float
@@ -43,7 +43,7 @@ class PassedAt:
     """A passing as planned."""
 
     passing: Passing
-    timing: Timing
+    timing: PlannedTime
     speed_mps: float
 
 
@@ -51,14 +51,14 @@ class PassedAt:
 class HopPlan:
     """A hop as planned.
 
-    `lambda_w`: the price of time (W) of each stretch between tight passings (inf: fastest). `feasible`: within limits
-    and forces, and on time.
+    `lambda_w` holds the price of time (W) of each stretch between tight passings (inf: the fastest run). `feasible`
+    says that the runs are within limits and forces, and on time.
     """
 
     start: Call
     end: Call
-    departure: Timing
-    arrival: Timing
+    departure: PlannedTime
+    arrival: PlannedTime
     passings: tuple[PassedAt, ...]
     trajectory: Trajectory
     ledger: Ledger
@@ -76,8 +76,9 @@ class HopPlan:
 class JourneyPlan:
     """A planned journey, one part for each hop.
 
-    `bound_j` bounds the energy of every run that keeps the windows from below (of this discretisation: see
-    `journey_bound`); −inf for a split that is not the optimum, and where a leg can only just be run in its time.
+    `bound_j` bounds from below the energy of every run of this discretisation that keeps the windows (see
+    `das.solver.journey.bound`). It is −inf for a split that is not the optimum, and where a span can only just be run
+    in its time.
     """
 
     journey: Journey
@@ -111,10 +112,30 @@ class JourneyPlan:
         return _joined([(hop.departure.time_s, hop.trajectory) for hop in self.hops])
 
 
-class JourneyPlanner:
-    """Plans a journey of a train on a route.
+def plan_journey(
+    journey: Journey,
+    route: Route,
+    vehicle: Vehicle,
+    *,
+    level: Level | None = None,
+    point_mass: bool = False,
+    split: Split = Split.EQUAL_MARGINAL,
+) -> JourneyPlan:
+    """Plan a journey of a train on a route: when the train is where, with the least total energy.
 
-    Raises as `build_section` does, and InfeasibleError where a passing's speeds or a time cannot be kept by any run.
+    `level` is the level of losses (default: the vehicle's). `point_mass` takes the train's length as 0. `split` says
+    how the time between two tight times is shared; only the default is the optimum.
+
+    Raises as `build_section` does, and InfeasibleError, naming the window and by how many seconds it is missed, where
+    the windows or the speeds of the passings cannot be kept. `JourneyPlanner` plans the same journey several times.
+    """
+    return JourneyPlanner(journey, route, vehicle, level=level, point_mass=point_mass).plan(split)
+
+
+class JourneyPlanner:
+    """Plans a journey of a train on a route, with one split of the time or with several.
+
+    Raises as `build_section` does, and InfeasibleError where no run can keep the speeds of a passing or a time.
     """
 
     def __init__(
@@ -132,13 +153,13 @@ class JourneyPlanner:
         self._check_reachable()
 
     def plan(self, split: Split = Split.EQUAL_MARGINAL) -> JourneyPlan:
-        """The plan: every time in its window, the time between tight ones shared by `split`.
+        """The plan: every time is in its window, and the time between tight ones is shared by `split`.
 
         Runs hit their times to `JOURNEY_TIME_TOLERANCE_S`, windows hold to `TIME_TOLERANCE_S`. Raises InfeasibleError,
         naming the window and by how many seconds, where the windows cannot be kept.
         """
         solved = self._solve(split)
-        priced = split is Split.EQUAL_MARGINAL and all(math.isfinite(leg.lambda_w) for leg in solved)
+        priced = split is Split.EQUAL_MARGINAL and all(math.isfinite(span.lambda_w) for span in solved)
         return JourneyPlan(
             journey=self.journey,
             split=split,
@@ -157,7 +178,7 @@ class JourneyPlanner:
         for i, event in enumerate(timeline.events):
             if i:
                 link = timeline.links[i - 1]
-                reached_s += self._least_s(link) if isinstance(link, Way) else link.least_s
+                reached_s += self._least_s(link) if isinstance(link, DriveLink) else link.least_s
             if reached_s > event.window.latest_s + tol.TIME_TOLERANCE_S:
                 latest = (i, event.window.latest_s)
                 raise self.chains.late(since, latest, reached_s - event.window.latest_s)
@@ -165,14 +186,14 @@ class JourneyPlanner:
                 reached_s = event.window.earliest_s
                 since = (i, reached_s)
 
-    def _least_s(self, way: Way) -> float:
+    def _least_s(self, way: DriveLink) -> float:
         least_s = self.hops[way.hop].least_s
         return float(least_s[way.place + 1] - least_s[way.place])
 
     def _solve(self, split: Split) -> tuple[Solved, ...]:
-        """Hold the time with the largest violation in every leg at its bound, until none is violated.
+        """Hold the time with the largest violation in every span at its bound, until none is violated.
 
-        The largest violation of a leg with one λ is of a bound that is tight at the optimum
+        The largest violation of a span with one λ is of a bound that is tight at the optimum
         (docs/explanation/journeys.md).
         """
         events = self.chains.timeline.events
@@ -183,7 +204,7 @@ class JourneyPlanner:
             solved = self._solve_chains(tight, split)
             known = len(tight)
             for part in solved:
-                inner = slice(part.leg.begin[0] + 1, part.leg.end[0])
+                inner = slice(part.span.begin[0] + 1, part.span.end[0])
                 late_s, early_s = part.event_s[1:-1] - latest_s[inner], earliest_s[inner] - part.event_s[1:-1]
                 missed_s = np.maximum(late_s, early_s)
                 if missed_s.max(initial=0.0) > tol.TIME_TOLERANCE_S:
@@ -194,7 +215,7 @@ class JourneyPlanner:
                 return solved
 
     def _solve_chains(self, tight: dict[int, float], split: Split) -> tuple[Solved, ...]:
-        """All legs, in order; legs that meet at a passing are solved together."""
+        """All spans, in order; spans that meet at a passing are solved together."""
         solved: list[Solved] = []
         chain: list[Tight] = []
         for event in sorted(tight.items()):
@@ -206,7 +227,7 @@ class JourneyPlanner:
 
     def _hop_plans(self, solved: Sequence[Solved]) -> tuple[HopPlan, ...]:
         event_s = _event_times(solved)
-        runs = [(self.chains.fronts.drive(run), leg.lambda_w) for leg in solved for run in leg.runs]
+        runs = [(self.chains.fronts.drive(run), span.lambda_w) for span in solved for run in span.runs]
         plans = []
         for index, hop in enumerate(self.hops):
             first = self.chains.timeline.departures[index]
@@ -216,13 +237,15 @@ class JourneyPlanner:
         return tuple(plans)
 
 
-def _hop_plan(hop: Hop, windows: Sequence[Window], departure_s: float, runs: Sequence[tuple[Run, float]]) -> HopPlan:
-    """A hop from its runs, each with the price of time of its leg (NaN: its own)."""
+def _hop_plan(
+    hop: Hop, windows: Sequence[Window], departure_s: float, runs: Sequence[tuple[DrivenStretch, float]]
+) -> HopPlan:
+    """A hop from its runs, each with the price of time of its span (NaN: its own)."""
     speeds = np.concatenate([runs[0][0].speeds_mps[:1], *(run.speeds_mps[1:] for run, _ in runs)])
     trajectory, ledger = _driven(hop, speeds)
     times_s = [departure_s + float(trajectory.t_s[node]) for node in hop.places]
     timings = [
-        Timing(time_s=t, held=window.held_at(t, 2.0 * tol.TIME_TOLERANCE_S))
+        PlannedTime(time_s=t, held=window.held_at(t, 2.0 * tol.TIME_TOLERANCE_S))
         for t, window in zip(times_s, windows, strict=True)
     ]
     return HopPlan(
@@ -244,7 +267,7 @@ def _hop_plan(hop: Hop, windows: Sequence[Window], departure_s: float, runs: Seq
 
 def _event_times(solved: Sequence[Solved]) -> Floats:
     """When every event of the timeline takes place."""
-    return np.concatenate([leg.event_s[:-1] for leg in solved] + [solved[-1].event_s[-1:]])
+    return np.concatenate([span.event_s[:-1] for span in solved] + [solved[-1].event_s[-1:]])
 
 
 def _driven(hop: Hop, speeds: Floats) -> tuple[Trajectory, Ledger]:

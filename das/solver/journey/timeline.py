@@ -1,4 +1,4 @@
-"""The timeline of a journey: all its events in order, and the legs between those that are tight."""
+"""The timeline of a journey: all its events in order, and the spans between those that are tight."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ Tight = tuple[int, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Event:
-    """A time of the journey: what happens then, and when it may."""
+class TimelineEvent:
+    """An event of a journey: what happens, and the window in which it may happen."""
 
     what: str
     window: Window
 
 
 @dataclass(frozen=True)
-class Wait:
-    """Between two events the train stands, at least so long."""
+class WaitLink:
+    """The train stands between two events, for at least this time (s)."""
 
     least_s: float
 
 
 @dataclass(frozen=True)
-class Way:
-    """Between two events the train runs from a place of a hop to the next place."""
+class DriveLink:
+    """The train runs between two events, from a place of a hop to the next place."""
 
     hop: int
     place: int
@@ -46,8 +46,11 @@ class Stretch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Leg:
-    """What lies between two tight events: stretches and waits. `last_wait`: its link, or -1 where there is no wait."""
+class TightSpan:
+    """What lies between two tight events: stretches and waits.
+
+    `last_wait` is the index of the link of the last wait, or -1 where there is no wait.
+    """
 
     begin: Tight
     end: Tight
@@ -57,6 +60,7 @@ class Leg:
 
     @property
     def time_s(self) -> float:
+        """Time (s) between the two events."""
         return self.end[1] - self.begin[1]
 
 
@@ -68,40 +72,40 @@ class Timeline:
     before the other. `departures[i]` is the event with which hop i begins.
     """
 
-    events: tuple[Event, ...]
-    links: tuple[Wait | Way, ...]
+    events: tuple[TimelineEvent, ...]
+    links: tuple[WaitLink | DriveLink, ...]
     departures: tuple[int, ...]
 
     @classmethod
     def of(cls, hops: Sequence[Hop]) -> Timeline:
         begin_s, end_s = hops[0].start.departure.earliest_s, hops[-1].end.arrival.latest_s
-        events = [Event(what="the earliest departure", window=Window(earliest_s=begin_s, latest_s=begin_s))]
-        links: list[Wait | Way] = []
+        events = [TimelineEvent(what="the earliest departure", window=Window(earliest_s=begin_s, latest_s=begin_s))]
+        links: list[WaitLink | DriveLink] = []
         departures = []
         for i, hop in enumerate(hops):
-            links.append(Wait(hop.start.dwell_s))
+            links.append(WaitLink(hop.start.dwell_s))
             departures.append(len(events))
-            events.append(Event(what=f"departure from {hop.start.name}", window=hop.start.departure))
-            events += [Event(what=f"passing {x.name}", window=x.window) for x in hop.passings]
-            events.append(Event(what=f"arrival at {hop.end.name}", window=hop.end.arrival))
-            links += [Way(i, place) for place in range(len(hop.places) - 1)]
-        links.append(Wait(0.0))
-        events.append(Event(what="the latest arrival", window=Window(earliest_s=end_s, latest_s=end_s)))
+            events.append(TimelineEvent(what=f"departure from {hop.start.name}", window=hop.start.departure))
+            events += [TimelineEvent(what=f"passing {x.name}", window=x.window) for x in hop.passings]
+            events.append(TimelineEvent(what=f"arrival at {hop.end.name}", window=hop.end.arrival))
+            links += [DriveLink(i, place) for place in range(len(hop.places) - 1)]
+        links.append(WaitLink(0.0))
+        events.append(TimelineEvent(what="the latest arrival", window=Window(earliest_s=end_s, latest_s=end_s)))
         return cls(events=tuple(events), links=tuple(links), departures=tuple(departures))
 
     def is_passing(self, event: int) -> bool:
         """Whether the train is under way at an event."""
-        return all(isinstance(link, Way) for link in self.links[max(event - 1, 0) : event + 1])
+        return all(isinstance(link, DriveLink) for link in self.links[max(event - 1, 0) : event + 1])
 
-    def leg(self, begin: Tight, end: Tight) -> Leg:
+    def span(self, begin: Tight, end: Tight) -> TightSpan:
         """What lies between two tight events."""
         links = dict(enumerate(self.links[begin[0] : end[0]], begin[0]))
-        waits = {i: link.least_s for i, link in links.items() if isinstance(link, Wait)}
+        waits = {i: link.least_s for i, link in links.items() if isinstance(link, WaitLink)}
         places: dict[int, list[int]] = {}
         for link in links.values():
-            if isinstance(link, Way):
+            if isinstance(link, DriveLink):
                 places.setdefault(link.hop, []).append(link.place)
-        return Leg(
+        return TightSpan(
             begin=begin,
             end=end,
             stretches=tuple(Stretch(hop, inside[0], inside[-1] + 1) for hop, inside in places.items()),

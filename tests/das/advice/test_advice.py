@@ -24,8 +24,9 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH, NS
 from das.domain.vehicle import BrakePolicy
 from das.estimate.localisation import PositionFix, Quality
-from das.solver.front import Front, solve_front
+from das.solver.front import Front
 from das.solver.section import build_section
+from das.solver.solve import solve_front
 from tests.support.one_section import OneSection
 
 T0 = 1_800_000_000_000_000_000

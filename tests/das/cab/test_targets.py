@@ -14,9 +14,9 @@ from das.cab.heard import Target, TargetsHeard
 from das.domain.errors import DasError
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.units import NS
-from das.solver.front import solve_front
 from das.solver.journey.plan import JourneyPlanner
 from das.solver.section import build_section
+from das.solver.solve import solve_front
 from tests.support.small_trips import LINE, T0, TRAIN, SmallTrip, at, follow, ns, trip
 
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_route
-from das.domain.route import Route, Stop, Stretches, Tunnel, curve_resistance_mps2, section_stops
+from das.domain.formulary import curve_resistance_mps2
+from das.domain.route import Route, Stop, Stretches, Tunnel, section_stops
 
 LENGTH_M = 60
 
@@ -105,7 +106,7 @@ def test_a_route_reversed_twice_is_itself() -> None:
     assert again.tunnels == there.tunnels
     assert again.altitude_at_start_m == pytest.approx(400.0)
     assert again.breakpoints_m().tolist() == there.breakpoints_m().tolist() == [0, 100, 200, 300, 500, 600, 700]
-    for one, other in zip(there._lists(), again._lists(), strict=True):
+    for one, other in zip(there.quantities(), again.quantities(), strict=True):
         assert one[1].value.tolist() == other[1].value.tolist(), one[0]
     assert again.geometry_latitude_deg.tolist() == [47.0, 47.1]
 

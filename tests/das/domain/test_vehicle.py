@@ -94,7 +94,7 @@ def test_tunnel_resistance_is_linear_between_cross_sections(area_m2: float, coef
     [
         ({"mass_kg": 0.0}, "mass_kg = 0.0: expected a finite number > 0"),
         ({"mass_kg": np.nan}, "mass_kg = nan"),
-        ({"length_m": -1.0}, "length_m = -1.0: expected a finite number >= 0"),
+        ({"train_length_m": -1.0}, "train_length_m = -1.0: expected a finite number >= 0"),
         ({"max_speed_mps": np.inf}, "max_speed_mps = inf"),
         ({"resistance": Resistance(c0_n=1, c1_n_per_mps=-3, c2_n_per_mps2=1)}, r"resistance \(N\) at 5 km/h = -1.25"),
         ({"traction": EffortEnvelope(max_force_n=1, max_power_w=0)}, "traction.max_power_w = 0.0: .* > 0"),

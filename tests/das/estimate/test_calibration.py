@@ -227,7 +227,11 @@ def test_a_position_that_is_wrong_by_metres_does_not_bias(off_m: float) -> None:
 def test_rotating_masses_and_tunnels_are_taken_as_known() -> None:
     route = replace(flat(12e3), tunnels=(Tunnel(start_m=5e3, length_m=4e3, area_m2=40.0),))
     vehicle = replace(
-        VEHICLE, rotating_mass_ratio=0.08, tunnel_area_m2=(40.0,), tunnel_resistance_n_per_mps2=(8.0,), length_m=200.0
+        VEHICLE,
+        rotating_mass_ratio=0.08,
+        tunnel_area_m2=(40.0,),
+        tunnel_resistance_n_per_mps2=(8.0,),
+        train_length_m=200.0,
     )
     states = drive(Conditions(mass_ratio=1.2, resistance_ratio=1.2), (0.0, 12e3, 420.0), route, vehicle)
     found = heard_by(Calibrator(route, vehicle), states)

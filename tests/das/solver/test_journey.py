@@ -25,10 +25,11 @@ from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
-from das.solver.front import Front, solve_front
+from das.solver.front import Front
 from das.solver.journey.chains import Split
-from das.solver.journey.plan import HopPlan, JourneyPlan, JourneyPlanner
-from das.solver.section import build_section
+from das.solver.journey.plan import HopPlan, JourneyPlan, JourneyPlanner, plan_journey
+from das.solver.section import SectionOptions, build_section
+from das.solver.solve import solve_front
 from tests.support.making import csv_rows, flat, make_route, make_train
 from tests.support.raw_data import Line, Loss, Train, constant_efficiencies
 from tests.support.verifier import verify
@@ -66,7 +67,9 @@ def least_s(route: Route, train: Vehicle, *position_m: float) -> list[float]:
 
 
 def front(route: Route, train: Vehicle, start_m: float, end_m: float, end_mps: float = 0.0) -> Front:
-    return solve_front(build_section(route, train, start_m=start_m, end_m=end_m, end_speed_mps=end_mps))
+    return solve_front(
+        build_section(route, train, start_m=start_m, end_m=end_m, options=SectionOptions(end_speed_mps=end_mps))
+    )
 
 
 def events(plan: JourneyPlan) -> list[tuple[Window, float]]:
@@ -522,3 +525,11 @@ def test_a_route_of_stops_may_be_driven_in_one_journey_trajectory() -> None:
     assert (run.v_mps[standing], run.v_mps[standing + 1], run.force_el_n[standing]) == (0.0, 0.0, 0.0)
     spent_j = float(run.force_el_n @ np.diff(run.s_m) + run.loss_j(LOSSES).sum())
     assert spent_j == pytest.approx(plan.input_j, rel=1e-9)
+
+
+@pytest.mark.parametrize("split", list(Split))
+def test_one_call_plans_as_the_planner_does(split: Split) -> None:
+    asked = journey(start(), stop(4_000.0, 20.0), end(9_000.0, 480.0))
+    one, other = plan_journey(asked, HILLY, TRAIN, split=split), JourneyPlanner(asked, HILLY, TRAIN).plan(split)
+    assert np.array_equal(one.trajectory().v_mps, other.trajectory().v_mps)
+    assert (one.split, one.bound_j) == (split, other.bound_j)

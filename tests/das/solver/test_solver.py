@@ -21,9 +21,11 @@ from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.solver import tolerances as tol
-from das.solver.front import Fit, Front, Solution, solve_front
-from das.solver.kernels import kernel
-from das.solver.section import Section, build_section
+from das.solver.compiling import kernel
+from das.solver.front import Front
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solution import Fit, Solution
+from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.support import raw_data
 from tests.support.making import REPOSITORY, csv_rows, flat, make_route, make_train
@@ -78,11 +80,13 @@ def test_fastest_run_without_resistance_is_half_acceleration_half_braking() -> N
 def test_run_up_to_an_end_speed_without_resistance_uses_the_whole_force_at_the_end() -> None:
     # From 0 to 20 m/s over 1 km at a = 1 m/s² at most, no losses: any run needs the kinetic energy, the fastest
     # sets off at once and holds the speed: t = v/a + (s − v²/2a)/v = 60 s; the slowest accelerates last.
-    section = build_section(flat(1_000.0, 20.0), make_train(), end_speed_mps=20.0)
+    section = build_section(flat(1_000.0, 20.0), make_train(), options=SectionOptions(end_speed_mps=20.0))
     front = solve_front(section)
     assert front.fastest().time_s == pytest.approx(60.0, rel=1e-3)
     assert front.trajectory(90.0).ledger.input == pytest.approx(0.5 * 1e5 * 20.0**2, rel=1e-6)
-    dragging = build_section(flat(1_000.0, 20.0), make_train(resistance=(0.0, 0.0, 5.0)), end_speed_mps=20.0)
+    dragging = build_section(
+        flat(1_000.0, 20.0), make_train(resistance=(0.0, 0.0, 5.0)), options=SectionOptions(end_speed_mps=20.0)
+    )
     slow = solve_front(dragging).trajectory(90.0)
     assert slow.feasible
     assert slow.fit is Fit.ON_TIME
@@ -94,9 +98,9 @@ def test_run_up_to_an_end_speed_without_resistance_uses_the_whole_force_at_the_e
 
 def test_an_end_speed_beyond_reach_is_refused() -> None:
     with pytest.raises(InfeasibleError, match=r"the train ends at .* km/h, expected 144\.0 km/h"):
-        build_section(flat(500.0), make_train(), end_speed_mps=40.0)
+        build_section(flat(500.0), make_train(), options=SectionOptions(end_speed_mps=40.0))
     with pytest.raises(InfeasibleError, match=r"an end at 144\.0 km/h is above the limit"):
-        build_section(flat(500.0, 20.0), make_train(), end_speed_mps=40.0)
+        build_section(flat(500.0, 20.0), make_train(), options=SectionOptions(end_speed_mps=40.0))
 
 
 def test_acceleration_at_constant_power_follows_the_closed_form() -> None:
@@ -135,7 +139,7 @@ def test_cruising_speed_obeys_the_price_of_time() -> None:
 
 def test_a_train_takes_the_limit_with_its_tail() -> None:
     route = make_route(6_000.0, [(0.0, 15.0), (2_000.0, 30.0)], [(0.0, 0.0)])
-    section = build_section(route, replace(make_train(), length_m=300.0))
+    section = build_section(route, replace(make_train(), train_length_m=300.0))
     run = solve_front(section).fastest().trajectory
     inside = run.s_m[:-1] < 2_300.0 - 1e-6
     assert run.limit_mps[inside].max() == 15.0
@@ -144,7 +148,7 @@ def test_a_train_takes_the_limit_with_its_tail() -> None:
 
 def test_gradient_is_averaged_over_the_train() -> None:
     route = make_route(4_000.0, [(0.0, 30.0)], [(0.0, 0.0), (2_000.0, 0.01)])
-    section = build_section(route, replace(make_train(), length_m=400.0))
+    section = build_section(route, replace(make_train(), train_length_m=400.0))
     middle = 0.5 * (section.node_m[:-1] + section.node_m[1:])
     expected = 0.01 * np.clip((middle - 2_000.0) / 400.0, 0, 1)
     assert np.allclose(section.grade_ratio, expected, atol=1e-12)
@@ -328,7 +332,7 @@ def test_bounds_of_every_kernel(hilly: Front) -> None:
 
 def test_cruising_minimum_of_the_re460_at_l2() -> None:
     """Paper, fig. 4: least energy per km at about 63 km/h. Here: a long level run with ample time."""
-    vehicle = replace(load_vehicle("re460-ic"), length_m=0.0)
+    vehicle = replace(load_vehicle("re460-ic"), train_length_m=0.0)
     front = solve_front(build_section(make_route(80_000.0, [(0.0, 44.0)], [(0.0, 0.0)]), vehicle, level=Level.L2))
     run = front.trajectory(80_000.0).trajectory
     middle = run.v_mps[(run.s_m > 20_000) & (run.s_m < 60_000)]
@@ -377,7 +381,9 @@ def pose_reference(row: dict[str, str], data: Path) -> tuple[Section, Line, Trai
         envelope, effort = EffortEnvelope(max_force_n=213.9e3, max_power_w=3129.278e3), Effort(213.9e3, 3129.278e3)
         vehicle = replace(vehicle, traction=envelope, electric_brake=envelope, max_speed_mps=160 / 3.6)
         train = replace(train, traction=effort, electric=effort, max_speed_mps=160 / 3.6)
-    section = build_section(load_route(str(track)), vehicle, point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
+    section = build_section(
+        load_route(str(track)), vehicle, options=SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
+    )
     return section, Line.read(track), train, loss
 
 
@@ -414,7 +420,9 @@ def test_least_times_of_the_public_benchmark(shared: Path) -> None:
         route = load_route(str(shared / "ttobench" / "tracks" / f"{track}.json"))
         vehicle = load_vehicle(str(shared / "ttobench" / "trains" / f"{train}.json"))
         front = solve_front(
-            build_section(route, vehicle, point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0),
+            build_section(
+                route, vehicle, options=SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
+            ),
             lambda_w=np.array([1e5]),
         )
         assert expected - 0.1 < front.fastest().time_s < expected * 1.0005

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 from das.domain.vehicle import EffortEnvelope
-from das.solver.front import Fit, Front, solve_front
+from das.solver.front import Front
 from das.solver.section import build_section
+from das.solver.solution import Fit
+from das.solver.solve import solve_front
 from tests.support.making import make_route, make_train
 
 
@@ -53,7 +55,7 @@ def test_a_hill_climbed_with_momentum_does_not_end_every_other_run(
     """Setting off on the hill is impossible, so the slowest runs stop at its top: others are found."""
     traction = EffortEnvelope(max_force_n=force_n, max_power_w=1e6)
     grades = [(0.0, 0.0), (from_m, grade_ratio), (from_m + hill_m, -0.01)]
-    solved = front(150.0, 3.0, grades, 2e3, traction=traction, length_m=5.0)
+    solved = front(150.0, 3.0, grades, 2e3, traction=traction, train_length_m=5.0)
     for buffer_ratio in (0.05, 0.2):
         run = solved.trajectory(solved.fastest().time_s * (1 + buffer_ratio))
         assert run.feasible

@@ -19,11 +19,15 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
-from das.solver import look_up_kernels, rollout_kernels
+from das.solver import look_up_kernels
 from das.solver import tolerances as tol
-from das.solver.front import Fit, Front, solve_front
+from das.solver.front import Front
+from das.solver.kernels.best_landing import one_step_totals
+from das.solver.kernels.roll_out import roll_out
 from das.solver.look_up import LookUp
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solution import Fit
+from das.solver.solve import solve_front
 from das.table.table import (
     INFEASIBLE_STEP,
     LONGEST_BUFFER_RATIO,
@@ -56,7 +60,7 @@ def train() -> Vehicle:
         power_w=1.5e6,
         loss=EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.2, idle_w=30e3),
     )
-    return replace(made, length_m=60.0)
+    return replace(made, train_length_m=60.0)
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +223,7 @@ def test_look_up_refuses(
 
 
 def test_nothing_is_compiled_after_the_warm_up(bound: SectionTable) -> None:
-    kernels = (rollout_kernels.roll_out, rollout_kernels.one_step_totals, look_up_kernels.look_up)
+    kernels = (roll_out, one_step_totals, look_up_kernels.look_up)
     warm_up()
     before = [list(kernel.signatures) for kernel in kernels]
     bound.look_up(1000.0, 10.0, 150.0)
@@ -311,11 +315,14 @@ OTHERS: dict[str, tuple[Callable[[], Section], str]] = {
         "other line$",
     ),
     "the mass": (lambda: build_section(line(), with_mass(110e3)), "other train .*mass_kg 100000.0, not 110000.0"),
-    "the train's length": (lambda: build_section(line(), train(), point_mass=True), "other line, train|other train"),
+    "the train's length": (
+        lambda: build_section(line(), train(), options=SectionOptions(point_mass=True)),
+        "other line, train|other train",
+    ),
     "the level": (lambda: build_section(line(), train(), level=Level.L1), "other losses .*level 'own', not 'l1'"),
     "the brakes": (lambda: build_section(line(), train(), level=Level.L0_NOREG), "other train, losses"),
     "the end": (lambda: build_section(line(), train(), end_m=4900.0), "ends .*end_m 5000.0, not 4900.0"),
-    "the end speed": (lambda: build_section(line(), train(), end_speed_mps=5.0), "other ends"),
+    "the end speed": (lambda: build_section(line(), train(), options=SectionOptions(end_speed_mps=5.0)), "other ends"),
 }
 
 
@@ -338,7 +345,8 @@ def test_settings_of_journeys_do_not_matter(folder: Path, section: Section, monk
 
 
 def test_a_table_on_another_grid_is_refused(folder: Path, section: Section) -> None:
-    shifted = replace(section, node_m=section.node_m + 1e-4)
+    shifted = replace(section, node_m=section.node_m.copy())
+    shifted.node_m[1:-1] += 1e-4
     with pytest.raises(TableError, match="another grid"):
         Table.open(folder).bind(shifted)
 

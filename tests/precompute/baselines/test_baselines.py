@@ -17,8 +17,10 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossModel
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
-from das.solver.front import Fit, Front, solve_front
-from das.solver.section import Section, build_section
+from das.solver.front import Front
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solution import Fit
+from das.solver.solve import solve_front
 from precompute.baselines.strategies import (
     Baseline,
     Strategy,
@@ -49,7 +51,7 @@ def train(
         source="test",
         mass_kg=MASS_KG,
         rotating_mass_ratio=0.0,
-        length_m=0.0,
+        train_length_m=0.0,
         max_speed_mps=60.0,
         resistance=Resistance(c0_n=c0_n, c1_n_per_mps=0.0, c2_n_per_mps2=c2),
         traction=effort,
@@ -312,9 +314,12 @@ def test_the_bundled_route_at_every_level(level: Level, reverse: bool) -> None:
 @pytest.mark.parametrize(("start_mps", "end_mps"), [(0.0, 160 / 3.6), (160 / 3.6, 0.0), (10.0, 20.0)])
 def test_sections_that_begin_or_end_at_speed(start_mps: float, end_mps: float) -> None:
     section = build_section(
-        load_route("flat-6km"), load_vehicle("re460-ic"), level=Level.L2, end_m=4_000.0,
-        start_speed_mps=start_mps, end_speed_mps=end_mps,
-    )  # fmt: skip
+        load_route("flat-6km"),
+        load_vehicle("re460-ic"),
+        level=Level.L2,
+        end_m=4_000.0,
+        options=SectionOptions(start_speed_mps=start_mps, end_speed_mps=end_mps),
+    )
     time_s = fastest(section).time_s * 1.1
     run, rms = four_modes(section, time_s), reduced_maximum_speed(section, time_s)
     for each in (fastest(section), run, rms):
@@ -349,7 +354,9 @@ def test_public_tracks(shared: Path, track: str) -> None:
     train_path = shared / "ttobench" / "trains" / f"{TRACKS[track]}.json"
     vehicle = load_vehicle(str(train_path))
     section = build_section(
-        load_route(str(track_path)), vehicle, point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0
+        load_route(str(track_path)),
+        vehicle,
+        options=SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0),
     )
     train, line = replace(Train.read(train_path), length_m=0.0), Line.read(track_path)
     ends_m = (section.start_m, section.end_m)

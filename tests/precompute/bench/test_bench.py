@@ -12,8 +12,10 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.losses import EfficiencyLoss
-from das.solver.front import DecisionGrid, Fit, Front, Transitions, solve_front, trajectory_on
+from das.solver.front import Front
 from das.solver.section import Section, build_section
+from das.solver.solution import Fit, trajectory_on
+from das.solver.solve import DecisionGrid, Transitions, solve_front
 from precompute.bench.command import NAMES, chosen, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
 from precompute.bench.lines import made_up_line

@@ -14,8 +14,8 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import EfficiencyLoss, Level, LossModel
 from das.domain.vehicle import BrakePolicy
-from das.solver.front import solve_front
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solve import solve_front
 from precompute.exact.front import ExactFront, solve_exact
 from precompute.exact.grid import Grid
 from tests.support.making import make_route, make_train
@@ -140,7 +140,7 @@ def test_brute_force_with_everything_dissipated() -> None:
 
 def test_brute_force_of_a_run_up() -> None:
     section = hills()
-    section = build_section(section.route, section.vehicle, end_speed_mps=60 * KMH)
+    section = build_section(section.route, section.vehicle, options=SectionOptions(end_speed_mps=60 * KMH))
     assert_front(solve_exact(section, 0.5, grid=TINY), section, TINY, 0.5)
 
 
@@ -243,7 +243,9 @@ def test_what_cannot_be_done_is_refused() -> None:
     with pytest.raises(DasError, match=r"needs more than 0\.0 GB at node 2 of 6"):
         solve_exact(section, 0.4, grid=TINY, max_memory_bytes=500.0)
     with pytest.raises(DasError, match=r"a speed of 36 km/h at an end of the section, expected a multiple of 10 km/h"):
-        solve_exact(build_section(section.route, section.vehicle, start_speed_mps=10.0), 0.4, grid=TINY)
+        solve_exact(
+            build_section(section.route, section.vehicle, options=SectionOptions(start_speed_mps=10.0)), 0.4, grid=TINY
+        )
     with pytest.raises(InfeasibleError, match="no run on the exact front's grid beyond"):
         solve_exact(section, 0.4, grid=replace(TINY, step_m=20.0, speed_kmh=30.0))  # 23 km/h after 20 m
 

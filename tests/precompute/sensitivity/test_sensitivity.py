@@ -17,8 +17,9 @@ from das.domain.errors import DasError
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
-from das.solver.front import Solution, solve_front
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solution import Solution
+from das.solver.solve import solve_front
 from precompute.sensitivity.analysis import World, assess, by_effect, follow
 from precompute.sensitivity.variations import DEFAULT, RANGE_VALUES, Parameter, Variation, parse_variations
 from tests.support.making import das_precompute, flat, in_a_process, make_route, make_train
@@ -48,7 +49,7 @@ def real_train() -> Vehicle:
     train = make_train(resistance=(2000.0, 30.0, 6.0), power_w=2e6, loss=LOSSY)
     return replace(
         train,
-        length_m=150.0,
+        train_length_m=150.0,
         rotating_mass_ratio=0.08,
         adhesive_mass_kg=4e4,
         friction_brake_force_n=1.5e5,
@@ -258,7 +259,7 @@ def test_a_train_too_weak_for_the_end_speed_says_so() -> None:
     train = make_train(loss=EfficiencyLoss.from_efficiencies(0.9, 0.8))
 
     def there(conditions: Conditions) -> Section:
-        return build_section(flat(3000.0), conditions.train(train), end_speed_mps=30.0)
+        return build_section(flat(3000.0), conditions.train(train), options=SectionOptions(end_speed_mps=30.0))
 
     plan = planned(there(AS_PLANNED), 0.6)
     outcome = assess(plan, Variation.of(AS_PLANNED, Parameter.MASS, 50.0), there)

@@ -21,8 +21,10 @@ from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.trajectory import Trajectory
 from das.domain.units import KMH
-from das.solver.front import Front, Solution, solve_front
+from das.solver.front import Front
 from das.solver.section import build_section
+from das.solver.solution import Solution
+from das.solver.solve import solve_front
 from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, Restriction, lever_ratio, present
 from sim.drivers.command import DRIVERS
 from sim.drivers.human import Event, HumanDriver
@@ -175,7 +177,7 @@ def test_nobody_leaves_early_and_everyone_minds_restrictions_and_signals(kind: D
         cab = cab._replace(departure_s=20.0, may_depart=state.time_s >= 25.0)
         state = plant.advance(state, driver.command(cab), 0.2)
         assert state.s_m == 0 or state.time_s > 25.0
-        if 1500.0 < state.s_m < 1800.0 + train.length_m:
+        if 1500.0 < state.s_m < 1800.0 + train.train_length_m:
             assert state.speed_mps < 14.0 + 0.5
         if math.isfinite(signal_m):
             assert state.s_m < 4502.0
@@ -241,7 +243,7 @@ def cab_of(
 
 def test_a_ceiling_keeps_limits_over_the_whole_train_and_the_planned_braking() -> None:
     route = make_route(5000.0, [(0.0, 30.0), (2000.0, 15.0), (2400.0, 25.0)])
-    train = replace(make_train(), length_m=150.0)
+    train = replace(make_train(), train_length_m=150.0)
     habit = Habit(braking_mps2=0.5, below_mps=0.0)
     start = Plant(route, train).at(0.0)
     outlook = Foresight(LineKnowledge(route=route, vehicle=train), habit).outlook(cab_of(start, stop_m=5000.0))

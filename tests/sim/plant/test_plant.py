@@ -13,9 +13,10 @@ import pytest
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_route, load_vehicle
+from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
 from das.domain.losses import EfficiencyLoss, Level, LossMap
-from das.domain.route import Route, Stretches, Tunnel, Zone, curve_resistance_mps2
-from das.domain.vehicle import EffortEnvelope, Vehicle, adhesion_coefficient
+from das.domain.route import Route, Stretches, Tunnel, Zone
+from das.domain.vehicle import EffortEnvelope, Vehicle
 from sim.plant.plant import COAST, Command, Dynamics, Patch, Plant, PlantState, force, lever, speed
 from tests.support.making import flat, make_route, make_train
 
@@ -128,7 +129,7 @@ def hilly() -> Route:
 
 def long_train(**changes: object) -> Vehicle:
     train = blended(
-        length_m=260.0, tunnel_area_m2=(20.0, 40.0), tunnel_resistance_n_per_mps2=(15.0, 5.0), comfort_power_w=5e4
+        train_length_m=260.0, tunnel_area_m2=(20.0, 40.0), tunnel_resistance_n_per_mps2=(15.0, 5.0), comfort_power_w=5e4
     )
     return replace(
         train,
@@ -144,7 +145,7 @@ def test_gradient_curves_and_tunnels_are_felt_by_every_part_of_the_train() -> No
     """Against a train of 400 masses, each on its own gradient, in its own curve and tunnel, in small Euler steps."""
     route, train = hilly(), long_train()
     plant = Plant(route, train, dynamics=INSTANT)
-    offsets = -train.length_m * (np.arange(400) + 0.5) / 400
+    offsets = -train.train_length_m * (np.arange(400) + 0.5) / 400
 
     def resisting_n(s: float, v: float) -> float:
         at = s + offsets
@@ -202,7 +203,7 @@ def test_the_ledger_closes_whatever_the_driver_does(seed: int, length_m: float) 
     random = np.random.default_rng(seed)
     patches = (Patch(from_m=500.0, to_m=1500.0, adhesion_ratio=0.5), Patch(from_s=30.0, to_s=90.0, head_wind_mps=-9.0))
     train = long_train(adhesive_mass_kg=5e4)
-    plant = Plant(hilly(), replace(train, length_m=length_m), patches=patches)
+    plant = Plant(hilly(), replace(train, train_length_m=length_m), patches=patches)
     start = state = plant.at(0.0, 10.0)
     for _ in range(90):
         command = lever(random.uniform(-0.4, 1.0), friction_ratio=random.uniform(0, 1))
@@ -341,7 +342,7 @@ def test_on_a_slippery_rail_only_adhesion_is_transmitted_and_the_run_up_is_longe
 
 
 def test_patches_hold_for_the_share_of_the_train_on_them_and_for_their_time() -> None:
-    train = replace(blended(adhesive_mass_kg=2e4), length_m=200.0)
+    train = replace(blended(adhesive_mass_kg=2e4), train_length_m=200.0)
     patch = Patch(from_m=1000.0, to_m=5000.0, from_s=20.0, adhesion_ratio=0.5)
     plant = Plant(flat(9000.0), train, patches=(patch,), dynamics=INSTANT)
 

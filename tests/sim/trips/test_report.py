@@ -18,8 +18,8 @@ from das.bus.topics import LOCATION
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.vehicle import BrakePolicy, Vehicle
-from das.solver.front import solve_front
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solve import solve_front
 from sim.cli.options import ReplayOptions
 from sim.processes.lockstep import Traffic
 from sim.replay import report as replay_report
@@ -277,7 +277,9 @@ def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
     v, a = 0.5 * (run.speed_mps[1:] + run.speed_mps[:-1]), np.diff(run.speed_mps) / np.diff(run.time_s)
     for mass, more, wind, brakes in product((0.95, 1.05), (0.9, 1.1), (-5.0, 5.0), (ELECTRIC, FRICTION)):
         train = hand_made(mass, more, wind)
-        optimum = solve_front(build_section(section.route, train, brakes=brakes)).trajectory(trip_s)
+        optimum = solve_front(build_section(section.route, train, options=SectionOptions(brakes=brakes))).trajectory(
+            trip_s
+        )
         force = train.mass_kg * a + mass * more * C0_N + more * C2 * (v + wind) ** 2
         taken = np.maximum(force, 0.0) if brakes is FRICTION else force
         ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.ledger.input

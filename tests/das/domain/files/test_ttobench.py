@@ -94,7 +94,7 @@ def test_a_train_of_the_library_is_read(shared: Path, name: str) -> None:
 def test_the_flirt_by_hand(shared: Path) -> None:
     train = read_train(shared / "ttobench" / "trains" / "CH_Stadler_FLIRT_TPF.json")
     assert train.inertial_mass_kg == pytest.approx(134_200)
-    assert (train.length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
+    assert (train.train_length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
         (58.6, 44.4444444, 1.22e6)
     )
     assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 1.1)
@@ -300,4 +300,9 @@ def test_the_files_that_are_spoilt_here_are_good(tmp_path: Path) -> None:
         read(path)
     train = read_train(path)
     assert isinstance(train, Vehicle)
-    assert (train.id, train.rotating_mass_ratio, train.length_m, train.friction_brake_force_n) == ("good", 0, 0, 0)
+    assert (train.id, train.rotating_mass_ratio, train.train_length_m, train.friction_brake_force_n) == (
+        "good",
+        0,
+        0,
+        0,
+    )

@@ -1,0 +1,121 @@
+"""Forces and powers of a train in motion: resistance, traction, brakes, losses."""
+
+from __future__ import annotations
+
+from das.domain.route import NEUTRAL
+from das.solver.compiling import kernel
+from das.solver.params import NO_LIMIT_N, TrainParams
+
+
+@kernel
+def mean_resistance(v0, v1, q, p):
+    """Running and tunnel resistance averaged over the way at constant acceleration from v0 to v1 (exact)."""
+    total = v0 + v1
+    if total <= 0.0:
+        return p.c0_n
+    mean_v = (2.0 / 3.0) * (v0 * v0 + v0 * v1 + v1 * v1) / total
+    return p.c0_n + p.c1_n_per_mps * mean_v + (p.c2_n_per_mps2 + q) * 0.5 * (v0 * v0 + v1 * v1)
+
+
+@kernel
+def on_supply(p, u):
+    """The train on a stretch with supply u: without motors, without electric brake, or with the line's receptivity."""
+    traction = 0.0 if u == NEUTRAL else p.traction_force_n
+    electric = p.electric_force_n if u >= 0.0 or p.brakes_dissipate else 0.0
+    return TrainParams(
+        p.inertial_mass_kg,
+        p.c0_n,
+        p.c1_n_per_mps,
+        p.c2_n_per_mps2,
+        traction,
+        p.traction_power_w,
+        electric,
+        p.electric_power_w,
+        p.friction_force_n,
+        p.adhesive_force_n,
+        p.braked_adhesive_force_n,
+        p.max_acceleration_mps2,
+        p.max_deceleration_mps2,
+        max(u, 0.0),
+        p.brakes_dissipate,
+    )
+
+
+@kernel
+def adhesion_coefficient(v):
+    """Friction between wheel and rail by Curtius & Kniffler, as `das.domain.formulary.adhesion_coefficient`."""
+    return 0.161 + 7.5 / (3.6 * v + 44.0)
+
+
+@kernel
+def _effort_limit(v, force, power, adhesive_force):
+    limit = force if v * force <= power else power / v
+    if adhesive_force < NO_LIMIT_N:
+        return min(limit, adhesive_force * adhesion_coefficient(v))
+    return limit
+
+
+@kernel
+def traction_limit(v, p):
+    return _effort_limit(v, p.traction_force_n, p.traction_power_w, p.adhesive_force_n)
+
+
+@kernel
+def electric_limit(v, p):
+    return _effort_limit(v, p.electric_force_n, p.electric_power_w, p.adhesive_force_n)
+
+
+@kernel
+def brake_limit(v, p, friction_n):
+    """Electric brake and `friction_n` of friction brake together, at most what all axles can put on the rail."""
+    both = electric_limit(v, p) + friction_n
+    if p.braked_adhesive_force_n < NO_LIMIT_N:
+        return min(both, p.braked_adhesive_force_n * adhesion_coefficient(v))
+    return both
+
+
+@kernel
+def largest_gain(v, resisting, p):
+    """Acceleration at full traction against a resisting force: the train's largest, unless full brake leaves more."""
+    rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
+    if rate <= p.max_acceleration_mps2:
+        return rate
+    return max(p.max_acceleration_mps2, -(brake_limit(v, p, p.friction_force_n) + resisting) / p.inertial_mass_kg)
+
+
+@kernel
+def largest_loss(v, resisting, p, friction_n):
+    """Deceleration at full brake with a resisting force: the train's largest, unless full traction leaves more."""
+    rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
+    if rate <= p.max_deceleration_mps2:
+        return rate
+    return max(p.max_deceleration_mps2, (resisting - traction_limit(v, p)) / p.inertial_mass_kg)
+
+
+@kernel
+def loss_power(f, v, c):
+    """Component loss (W) at wheel force f and speed v > 0."""
+    if not c.is_map:
+        power = f * v
+        if power >= 0.0:
+            return c.traction_ratio * power + c.idle_w
+        return c.idle_w - c.brake_ratio * power
+    x = v * c.steps_per_mps
+    y = (f - c.force0_n) * c.steps_per_n
+    i = min(max(int(x), 0), c.table_w.shape[0] - 2)
+    j = min(max(int(y), 0), c.table_w.shape[1] - 2)
+    a = x - i
+    b = y - j
+    low = c.table_w[i, j] + b * (c.table_w[i, j + 1] - c.table_w[i, j])
+    high = c.table_w[i + 1, j] + b * (c.table_w[i + 1, j + 1] - c.table_w[i + 1, j])
+    return low + a * (high - low)
+
+
+@kernel
+def electric_share(f, v, p):
+    """The part of wheel force f that motors give or take: all traction; braking up to the electric limit."""
+    if f >= 0.0:
+        return f
+    if p.brakes_dissipate:
+        return 0.0
+    return max(f, -electric_limit(v, p))

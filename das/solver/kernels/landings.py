@@ -1,0 +1,107 @@
+"""Landings: the speeds after a decision step that are worth trying, and what a step costs."""
+
+from __future__ import annotations
+
+import math
+
+from das.solver.compiling import kernel
+from das.solver.kernels.forces import (
+    brake_limit,
+    electric_limit,
+    electric_share,
+    loss_power,
+    mean_resistance,
+    traction_limit,
+)
+from das.solver.tolerances import LANDINGS_BRAKE, LANDINGS_EFFORT
+
+SPECIAL_LANDINGS = 2
+"""Coasting, and holding the speed."""
+LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
+"""Most landings of a step."""
+
+_LANDING_STEPS = 4
+
+
+@kernel
+def landing_speed(v0, h, sign, g, q, p):
+    """Speed after a decision step at full traction (sign 1) or electric brake (−1) of its mean speed; 0 if it stops."""
+    v1 = v0
+    for _ in range(_LANDING_STEPS):
+        mid = 0.5 * (v0 + v1)
+        f = traction_limit(mid, p) if sign > 0.0 else -electric_limit(mid, p)
+        v1 = _speed_under(f, v0, v1, h, g, q, p)
+        if v1 <= 0.0:
+            return 0.0
+    return v1
+
+
+@kernel
+def landing_under(f, v0, h, g, q, p):
+    """Speed after a decision step under the constant wheel force f; 0 if it stops."""
+    v1 = v0
+    for _ in range(_LANDING_STEPS):
+        v1 = _speed_under(f, v0, v1, h, g, q, p)
+        if v1 <= 0.0:
+            return 0.0
+    return v1
+
+
+@kernel
+def _speed_under(f, v0, v1, h, g, q, p):
+    """Speed after a step under wheel force f, the resistance taken as for a landing at v1; 0 if it stops."""
+    rate = (f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
+    rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
+    w1 = v0 * v0 + 2.0 * h * rate
+    return math.sqrt(w1) if w1 > 0.0 else 0.0
+
+
+@kernel
+def step_cost(v0, v1, h, g, q, p, c):
+    """Time (s) and energy at the collector (J) of a decision step at constant acceleration from v0 to v1."""
+    mid = 0.5 * (v0 + v1)
+    dt = h / mid
+    f = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * h) + mean_resistance(v0, v1, q, p) + g
+    el = electric_share(f, mid, p)
+    energy = el * h + loss_power(el, mid, c) * dt
+    return dt, energy if energy > 0.0 else p.receptivity_ratio * energy
+
+
+@kernel
+def landings(v0, h, g, q, top, last, p, out):
+    """Fill `out` with the landing speeds worth trying from v0; returns how many, hardest brake first.
+
+    `top` is the envelope at the landing node; at the end of a section with one end speed it is the only landing.
+    """
+    high = landing_speed(v0, h, 1.0, g, q, p)
+    if last:
+        if high < top:
+            return 0
+        out[0] = top
+        return 1
+    high = min(high, top)
+    if high <= 0.0:
+        return 0
+    coast = landing_under(0.0, v0, h, g, q, p)
+    electric = coast
+    if not p.brakes_dissipate and p.electric_force_n > 0.0:
+        electric = landing_speed(v0, h, -1.0, g, q, p)
+    low = electric
+    if p.friction_force_n > 0.0 or p.brakes_dissipate:
+        # Both brakes together; the electric part is taken at its limit at v0, exact where that is a force limit.
+        low = min(landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p), electric)
+    low, electric, coast = min(low, high), min(electric, high), min(coast, high)
+    n = 0
+    if low < electric:
+        for i in range(LANDINGS_BRAKE):
+            out[n] = low + (electric - low) * i / LANDINGS_BRAKE
+            n += 1
+    for i in range(LANDINGS_EFFORT):
+        out[n] = electric + (high - electric) * i / (LANDINGS_EFFORT - 1)
+        n += 1
+    out[n] = coast
+    n += 1
+    if low < v0 < high:
+        out[n] = v0
+        n += 1
+    return n
