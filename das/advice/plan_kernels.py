@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from das.solver.kernels import kernel
+from das.solver.compiling import kernel
 
 
 @kernel

@@ -51,7 +51,7 @@ from das.domain.units import NS
 from das.estimate.calibration import Calibrator, Effort, Recalibration
 from das.estimate.localisation import Estimate, PositionFix, Quality
 from das.node.tls_command import tls_app
-from das.table.table import warm_up as warm_up_tables
+from das.table.warm_up import warm_up as warm_up_tables
 
 FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
 LOOK_S, SEARCH_LOOK_S = 0.1, 0.005

@@ -12,30 +12,13 @@ LossParams as `das.solver.section` makes them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numba import njit
 
 from das.domain.route import NEUTRAL
+from das.solver.compiling import compiled, kernel
 from das.solver.params import NO_LIMIT_N, TrainParams
 from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, SMALLEST_SHARE, UNREACHABLE
-
-
-def compiled(**options: Any) -> Callable[[Any], Any]:
-    """Compile once, release the GIL, divide as IEEE 754 does; with further options of numba's."""
-
-    def decorated(function: Any) -> Any:
-        try:
-            return njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-        except RuntimeError:  # no folder that could hold the cache: read-only; compiled at every start
-            return njit(nogil=True, error_model="numpy", **options)(function)
-
-    return decorated
-
-
-kernel = compiled()
 
 SPECIAL_LANDINGS = 2
 """Coasting and holding the speed."""

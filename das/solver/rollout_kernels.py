@@ -16,11 +16,11 @@ from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from das.solver.compiling import kernel
 from das.solver.kernels import (
     LANDINGS,
     brake_limit,
     full_traction_speed,
-    kernel,
     landing_speed,
     landings,
     largest_loss,

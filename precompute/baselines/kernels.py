@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from das.solver.kernels import electric_limit, electric_share, kernel, loss_power, mean_resistance, on_supply
+from das.solver.compiling import kernel
+from das.solver.kernels import electric_limit, electric_share, loss_power, mean_resistance, on_supply
 from das.solver.rollout_kernels import drive, trip_time
 from das.solver.tolerances import CREEP_MPS
 

@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
+from das.solver.compiling import kernel
 from das.solver.kernels import (
     brake_limit,
-    kernel,
     landing_speed,
     landing_under,
     mean_resistance,

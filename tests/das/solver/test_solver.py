@@ -21,8 +21,8 @@ from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.solver import tolerances as tol
+from das.solver.compiling import kernel
 from das.solver.front import Fit, Front, Solution, solve_front
-from das.solver.kernels import kernel
 from das.solver.section import Section, build_section
 from precompute.cli.report import solution_json
 from tests.support import raw_data

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.solver.kernels import LANDINGS, brake_limit, kernel, locate, mean_resistance, on_supply, traction_limit
+from das.solver.compiling import kernel
+from das.solver.kernels import LANDINGS, brake_limit, locate, mean_resistance, on_supply, traction_limit
 from das.solver.params import TrainParams
 from das.solver.rollout_kernels import best_landing, time_at
 from das.solver.tolerances import INFEASIBLE, MIN_STEP_M, TIME_TOLERANCE_S
