@@ -187,11 +187,9 @@ def read_table(folder: str | Path, section: Section) -> Front:
 
         front = das.read_table("tables/flat-6km", section)
     """
-    from das.table.table import Table
+    from das.table.reading import read_front
 
-    table = Table.open(Path(folder))
-    table.verify()
-    return table.bind(section).front
+    return read_front(Path(folder), section)
 
 
 def to_pandas(columns: Mapping[str, ArrayLike]) -> pd.DataFrame:

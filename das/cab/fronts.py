@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -19,8 +18,10 @@ from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_front
-from das.table.hashes import combined
-from das.table.table import MANIFEST, Table, TableError, hashes_of
+from das.solver.sources import SourcesMissingError
+from das.table.format import MANIFEST, TableError
+from das.table.hashes import combined, differing_parts, hashes_of, solver_code_sha256, with_code
+from das.table.reading import Table, read_front, why_not
 
 KEPT_BYTES = 60_000_000
 """Fronts found before are kept up to this size (30 km take 18 MB), the last one always."""
@@ -68,25 +69,31 @@ class Fronts:
 
     def _from_tables(self, section: Section, hashes: Mapping[str, str]) -> Found:
         notes, others = [], []
+        wanted = with_code(hashes) if self._tables else hashes
         for table in self._tables:
-            if table.inputs == hashes:
+            differing = differing_parts(table.inputs, wanted)
+            if not differing:
                 try:
-                    return Found(front=loaded_front(table.folder, section), source=Source.TABLE)
+                    return Found(front=read_front(table.folder, section), source=Source.TABLE)
                 except TableError as error:
                     notes.append(f"{error}; solved instead")
             elif table.is_meant_for(section):
-                others.append((table, [name for name, value in hashes.items() if table.inputs.get(name) != value]))
+                others.append((table, differing))
         if others and not notes:
             # The nearest one says it all: a folder may hold tables of many trains, loads and levels.
             nearest, differing = min(others, key=lambda other: len(other[1]))
-            said = ", ".join(differing)
-            notes.append(f"{nearest.folder}: not the table of {section.name}: other {said}; solved instead")
+            notes.append(f"{nearest.folder}: {why_not(section, differing)}; solved instead")
         front = solve_front(section, threads=self._threads, lambda_w=onboard_ladder(section))
         return Found(front=front, source=Source.SOLVED, notes=tuple(notes))
 
     def _listed(self, folder: Path) -> tuple[_Listed, ...]:
         if not folder.is_dir():
             raise DasError(f"{folder}: no such folder of tables")
+        try:
+            solver_code_sha256()
+        except SourcesMissingError as error:
+            self.notes.append(f"{folder}: nobody can tell which solver code made the tables ({error}); none is used")
+            return ()
         listed = []
         for manifest in sorted(folder.glob(f"*/{MANIFEST}")):
             try:
@@ -118,30 +125,6 @@ def _size(found: Found) -> int:
     front = found.front
     times = front.time_to_go_s
     return front.value_j.nbytes + (times.nbytes if isinstance(times, np.ndarray) else times[0].nbytes)
-
-
-def loaded_front(folder: Path, section: Section) -> Front:
-    """The front of a section from its table, read whole and checked; TableError says why it cannot be used.
-
-    The file is not mapped: what somebody writes into it, or cuts off it, later on cannot reach the advice (a cut file
-    ends a process that has it mapped).
-    """
-    table = Table.open(folder)
-    contents = {name: _checked(table, name) for name in table.arrays}
-    return replace(table, arrays=contents).bind(section).front
-
-
-def _checked(table: Table, name: str) -> NDArray[Any]:
-    """An array of a table in memory, as its hash says it was written."""
-    path, facts, mapped = table.folder / f"{name}.npy", table.manifest["arrays"][name], table.arrays[name]
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise TableError(f"{path}: cannot be read ({error.strerror})") from error
-    if hashlib.sha256(content).hexdigest() != facts["sha256"]:
-        raise TableError(f"{path}: was altered since it was written")
-    offset = len(content) - mapped.nbytes
-    return np.frombuffer(content, mapped.dtype, offset=offset).reshape(mapped.shape)
 
 
 def onboard_ladder(section: Section) -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ from das.node.clock import BusClock, Clock, WallClock
 from das.node.loop import prepare_process, run
 from das.node.node import Node
 from das.node.tls_command import tls_app
-from das.table.table import warm_up as warm_up_tables
+from das.table.warm_up import warm_up as warm_up_tables
 
 FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
 OWN_ENDPOINT = "tcp/127.0.0.1:7447"

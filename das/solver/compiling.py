@@ -1,24 +1,131 @@
-"""The decorators that make a Python function a kernel."""
+"""How kernels are compiled, and where the compiled code is kept.
+
+Numba keeps compiled code on disk, but looks only at the file of a kernel to tell whether it is still valid. A kernel
+also contains the kernels that it calls and the constants that it reads, whatever file they are in. Therefore the folder
+that keeps a module's compiled code is named by the hash of the module and of all our modules that it imports.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, lru_cache
+from pathlib import Path
+from threading import Lock
 from typing import Any
 
+import numba
 from numba import njit
+from numba.misc.appdirs import AppDirs
+
+from das.solver.sources import OUR_PACKAGES, SourcesMissingError, sources_of, text_sha256
+
+FOLDER = "das-kernels"
+KEPT_VERSIONS = 4
+"""Versions of a module's compiled code that are kept; older ones are removed when a new one is made."""
+HASH_DIGITS = 16
+_numba_settings: Any = numba.config
+_lock = Lock()
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
-    """Compile once, release the GIL, and divide as IEEE 754 does; `options` are further options of numba's `njit`."""
+    """A decorator that compiles a function once, without the GIL, with IEEE 754 division, and keeps the code on disk.
+
+    `options` are further options of `numba.njit`. Where no folder can keep the code, every start compiles it anew.
+    """
 
     def decorated(function: Any) -> Any:
-        try:
-            return njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-        except RuntimeError:  # no folder can hold the cache (a read-only installation): compile at every start
-            return njit(nogil=True, error_model="numpy", **options)(function)
+        folder = _folder(function.__module__)
+        if folder is not None:
+            with suppress(RuntimeError), _numba_keeps_code_in(folder):  # numba finds no way to keep it
+                return njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        return njit(nogil=True, error_model="numpy", **options)(function)
 
     return decorated
 
 
 kernel = compiled()
-"""The decorator of every kernel that needs no further options."""
+
+
+@lru_cache(maxsize=1)
+def cache_root() -> Path | None:
+    """The folder in which compiled code is kept; None, with a warning, where none can be written to.
+
+    The folder is inside NUMBA_CACHE_DIR where the user has set it, else beside our compiled modules, else in the user's
+    folder of caches.
+    """
+    for place in _places():
+        folder = place / FOLDER
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            return folder
+    warnings.warn(
+        "compiled kernels cannot be kept, so every start compiles them anew (some 15 s): "
+        "set NUMBA_CACHE_DIR to a folder that can be written to",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return None
+
+
+def _places() -> Iterator[Path]:
+    if _numba_settings.CACHE_DIR:
+        yield Path(_numba_settings.CACHE_DIR)
+    yield Path(__file__).parents[1] / "__pycache__"
+    user_dirs: Any = AppDirs
+    yield Path(user_dirs(appname="numba", appauthor=False).user_cache_dir)
+
+
+@cache
+def _folder(module: str) -> Path | None:
+    """The folder for the compiled code of a module as its source now is; None where nothing can be kept."""
+    root = cache_root()
+    key = _key(module)
+    if root is None or key is None:
+        return None
+    folder = root / module / key
+    try:
+        is_new = not folder.exists()
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)  # the versions used last are kept
+        if is_new:
+            _remove_old_versions(folder.parent)
+    except OSError:
+        return None
+    return folder
+
+
+def _key(module: str) -> str | None:
+    """The hash of all that a module's compiled code depends on; None where a source file is not installed."""
+    try:
+        text = text_sha256(sources_of([module], packages=OUR_PACKAGES | {module.partition(".")[0]}))
+    except (SourcesMissingError, ImportError, AttributeError, OSError):
+        return None
+    # Numba's own key leaves these settings out.
+    settings = f"{text} {_numba_settings.BOUNDSCHECK} {_numba_settings.OPT}"
+    return hashlib.sha256(settings.encode()).hexdigest()[:HASH_DIGITS]
+
+
+def _remove_old_versions(folder: Path) -> None:
+    with suppress(OSError):  # another process may be removing the same ones
+        versions = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        for path in versions[KEPT_VERSIONS:]:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+@contextmanager
+def _numba_keeps_code_in(folder: Path) -> Iterator[None]:
+    """Let numba choose this folder for the functions decorated meanwhile; what else uses numba is left alone."""
+    with _lock:
+        before = _numba_settings.CACHE_DIR
+        _numba_settings.CACHE_DIR = str(folder)
+        try:
+            yield
+        finally:
+            _numba_settings.CACHE_DIR = before

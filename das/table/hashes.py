@@ -1,23 +1,40 @@
-"""Hashes of everything that determines a solved section, so that a table is used for no other section than its own."""
+"""Hashes of everything that determines a solved section: a table is used for its own section and code alone."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
 from das.domain.losses import Level, LossMap
 from das.domain.route import Route, Stretches, Zone
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
+from das.solver.compiling import cache_root
+from das.solver.section import Section, build_section
+from das.solver.solution import trajectory_on
+from das.solver.solve import solve_front
+from das.solver.sources import code_sha256, sources_of, text_sha256
 
 Floats = NDArray[np.float64]
 
+CODE: Final = "code"
+"""The name of the hash of the solver's code among those of what determines a table."""
+_WORDS: Final = {CODE: "solver code", "solver": "solver settings"}
+_WITHOUT_PART: Final = frozenset({"das", "das.domain.errors", "das.solver.compiling", "das.solver.sources"})
+"""Modules that the solver imports and that have no part in what it computes."""
+_KEPT_CODES: Final = 20
 _KEPT_BITS = 30
 """Numbers count to about nine digits: the last bits differ between processors where a loss map is computed."""
 _LINE_IGNORES = frozenset({
@@ -35,37 +52,111 @@ _SOLVER_IGNORES = frozenset({
 _LOSSES_IGNORE = frozenset({"name", "filled_w", "force_low_n", "force_high_n"})
 
 
-def section_hashes(
-    route: Route,
-    vehicle: Vehicle,
-    *,
-    level: Level,
-    start_m: float,
-    end_m: float,
-    start_speed_mps: float = 0.0,
-    end_speed_mps: float = 0.0,
-    length_m: float | None = None,
-) -> dict[str, str]:
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """The part of a line that a section covers, and how it is driven.
+
+    `length_m` is the length of the train (m), 0 for a point mass; None: as the vehicle says.
+    """
+
+    level: Level
+    start_m: float
+    end_m: float
+    start_speed_mps: float = 0.0
+    end_speed_mps: float = 0.0
+    length_m: float | None = None
+
+
+def section_hashes(route: Route, vehicle: Vehicle, course: Course) -> dict[str, str]:
     """SHA-256 of each part of what determines a section: line, train, losses, ends, and the solver's settings.
 
-    Names, geometry and what lies outside the section do not count. `length_m` is the train's, 0 for a point mass.
-    Raises DasError where the vehicle has no such level.
+    Names, geometry and what lies outside the section do not count. Raises DasError where the vehicle has no such level.
     """
-    length_m = vehicle.train_length_m if length_m is None else length_m
+    length_m = vehicle.train_length_m if course.length_m is None else course.length_m
     line = {
-        field.name: _part(getattr(route, field.name), start_m - length_m, end_m)
+        field.name: _part(getattr(route, field.name), course.start_m - length_m, course.end_m)
         for field in fields(route)
         if field.name not in _LINE_IGNORES
     }
     train = {field.name: getattr(vehicle, field.name) for field in fields(vehicle) if field.name not in _TRAIN_IGNORES}
     parts = {
         "line": line,
-        "train": {**train, "length_m": length_m, "brakes": vehicle.brakes_at(level)},
-        "losses": vehicle.loss_model(level),
-        "ends": (start_m, end_m, start_speed_mps, end_speed_mps),
+        "train": {**train, "length_m": length_m, "brakes": vehicle.brakes_at(course.level)},
+        "losses": vehicle.loss_model(course.level),
+        "ends": (course.start_m, course.end_m, course.start_speed_mps, course.end_speed_mps),
         "solver": {name: value for name, value in vars(tol).items() if name.isupper() and name not in _SOLVER_IGNORES},
     }
     return {name: _sha256(part) for name, part in parts.items()}
+
+
+def hashes_of(section: Section) -> dict[str, str]:
+    """Hashes of what determines a section (see `section_hashes`)."""
+    course = Course(
+        level=section.level,
+        start_m=section.start_m,
+        end_m=section.end_m,
+        start_speed_mps=section.start_speed_mps,
+        end_speed_mps=section.end_speed_mps,
+        length_m=section.train_length_m,
+    )
+    return section_hashes(section.route, section.vehicle, course)
+
+
+def with_code(hashes: Mapping[str, str]) -> dict[str, str]:
+    """A section's hashes together with that of the code that solves it: all that determines a table.
+
+    Raises SourcesMissingError as `solver_code_sha256` does.
+    """
+    return {**hashes, CODE: solver_code_sha256()}
+
+
+def differing_parts(table: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
+    """What a table was made for otherwise than is wanted, in words: line, train, losses, ends, solver code, ….
+
+    Both are hashes by name, as `with_code` gives them.
+    """
+    return [_WORDS.get(name, name) for name, value in wanted.items() if table.get(name) != value]
+
+
+def is_other_code(differing: Sequence[str]) -> bool:
+    """Whether nothing but the solver's code differs (see `differing_parts`)."""
+    return list(differing) == [_WORDS[CODE]]
+
+
+@lru_cache(maxsize=1)
+def solver_code_sha256() -> str:
+    """SHA-256 of the code that makes a front: of the solver and of the domain modules that it imports.
+
+    Comments, docstrings and formatting do not count. Raises SourcesMissingError where the source files are not
+    installed: then nobody can tell whether a table was made by this code.
+    """
+    makers = {make.__module__ for make in (build_section, solve_front, trajectory_on)}
+    sources = {name: text for name, text in sources_of(makers).items() if name not in _WITHOUT_PART}
+    return _known_code_sha256(text_sha256({**sources, **sources_of([code_sha256.__module__])}), sources)
+
+
+def _known_code_sha256(key: str, sources: Mapping[str, bytes]) -> str:
+    """The hash of code, as it was found the last time these very bytes were read, or found now (0.1 s)."""
+    root = cache_root()
+    known = root / "code" / key if root is not None else None
+    if known is not None:
+        with suppress(OSError, ValueError):
+            found = known.read_text(encoding="ascii")
+            if len(found) == len(key) and set(found) <= set("0123456789abcdef"):
+                os.utime(known)
+                return found
+    found = code_sha256(sources)
+    if known is not None:
+        with suppress(OSError, DasError):
+            known.parent.mkdir(exist_ok=True)
+            write_whole(known, found.encode())
+            _remove_oldest(known.parent)
+    return found
+
+
+def _remove_oldest(folder: Path) -> None:
+    for path in sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns)[:-_KEPT_CODES]:
+        path.unlink(missing_ok=True)
 
 
 def combined(hashes: Mapping[str, str]) -> str:

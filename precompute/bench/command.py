@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 import time
 from dataclasses import asdict
 from itertools import pairwise
@@ -27,7 +28,13 @@ NAMES = (
 """The figures, in order."""
 ROUTE, VEHICLE = "zurich-luzern", "re460-ic"
 GIGA = 1e9
-TABLE_WIDTH = 150
+WIDTH = 80
+LEGEND = (
+    "median, least, most: of all rounds of the figure, in its unit.",
+    "baseline: the median of what it is compared with, measured in turns with it.",
+    "× better: how many times better than the baseline; below 1 it is worse.",
+    "roof %: the share of what memory and arithmetic of this machine allow.",
+)
 
 
 def bench(
@@ -44,11 +51,11 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Short lines and few rounds: whether it works.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
-    """How fast the solver is here, beside baselines and what the machine could do, all measured in the same run.
+    """Measure how fast the solver is on this machine, beside baselines and what the machine could do.
 
-    Each figure is a median, with the least and the most. "× better": than the baseline, which the last column names
-    after what is measured. "of roofline": the share of what memory and arithmetic of this machine allow. Half a
-    minute, and half a minute more the first time. Other work on the machine makes figures worse, ratios less so.
+    Everything is measured in the same run. Each figure is a median, with the least and the most; a legend below the
+    table explains its columns. It takes half a minute, and half a minute more the first time. Other work on the
+    machine makes the figures worse, and the ratios less so.
     """
     wanted = chosen(only)
     section = longest_section(track, train)
@@ -123,35 +130,48 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
 def _print(result: dict[str, Any]) -> None:
     about = result["machine"]
     load = "" if about["load_average"] is None else f", load {about['load_average']:.1f}"
-    title = f"{about['cpu']}, {about['cores']} cores{load}, numba {about['numba']}, {about['date']}"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    _print_wrapped(f"{about['cpu']}, {about['cores']} cores{load}, numba {about['numba']}, {about['date']}", "")
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = WIDTH
+    console.print(_table(result["figures"]))
+    for line in LEGEND:
+        _print_wrapped(line, "  ")
+    print()
+    for figure in result["figures"]:
+        _print_wrapped(f"{figure['name']}: {figure['what']}; baseline: {figure['baseline']}", "  ")
+    print()
+    for roofline in result["rooflines"]:
+        _print_wrapped(
+            f"{roofline['threads']} thread(s): {roofline['flops'] / GIGA:.0f} GFlop/s in vectors, "
+            f"{roofline['divisions_ps'] / GIGA:.2f} G divisions/s, copying {roofline['copy_bps'] / GIGA:.1f} GB/s, "
+            f"fresh memory {roofline['fresh_bps'] / GIGA:.1f} GB/s",
+            "  ",
+        )
+
+
+def _table(figures: list[dict[str, Any]]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("figure", no_wrap=True)
     for name in ("median", "least", "most"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for name in ("baseline", "× better", "of roofline"):
+    table.add_column("unit", no_wrap=True)
+    for name in ("base-\nline", "×\nbetter", "roof %"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("what; and the baseline")
-    for figure in result["figures"]:
+    for figure in figures:
         table.add_row(
             figure["name"],
             *(_number(figure[key]) for key in ("value", "least", "most")),
             figure["unit"],
             _number(figure["baseline_value"]),
             _number(figure["ratio"]),
-            f"{_number(100 * figure['bound_ratio'])} %",
-            f"{figure['what']}; {figure['baseline']}",
+            _number(100 * figure["bound_ratio"]),
         )
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = TABLE_WIDTH
-    console.print(table)
-    for roofline in result["rooflines"]:
-        print(
-            f"{roofline['threads']} thread(s): {roofline['flops'] / GIGA:.0f} GFlop/s in vectors, "
-            f"{roofline['divisions_ps'] / GIGA:.2f} G divisions/s, copying {roofline['copy_bps'] / GIGA:.1f} GB/s, "
-            f"fresh memory {roofline['fresh_bps'] / GIGA:.1f} GB/s"
-        )
+    return table
+
+
+def _print_wrapped(text: str, indent: str) -> None:
+    print(textwrap.fill(text, WIDTH, subsequent_indent=indent, break_long_words=False))
 
 
 def _number(value: float) -> str:

@@ -19,7 +19,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, in_parts, solve_front
 from das.solver.tolerances import LADDER_SIZE
 from precompute.bench.lines import made_up_line
-from precompute.bench.measuring import Figure, Times, in_turns, peak_bytes_of, timed
+from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of, timed
 from precompute.bench.plain import bisected, numpy_sweep
 from precompute.bench.roofline import Roofline
 from precompute.exact.front import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL, solve_exact
@@ -28,29 +28,29 @@ DIVISIONS_PER_TRANSITION = 7
 """Divisions and roots, counted in das/solver/kernels: step_cost 3 to 4, locate 1, and a landing's share of the four
 landing speeds of its state, 3. They are what the scalar code waits for."""
 DIVISIONS_PER_LANDING_TRIED = 5
-"""In a roll-out: step_cost 3 to 4, locate 1."""
+"""Divisions for each landing that a roll-out tries: step_cost has 3 to 4, locate has 1."""
 POLISHED_LANDINGS = 12
 """Landings that the golden section of a roll-out tries in each step, beyond those of the sweep."""
 FLOP_PER_RELAXATION = 6
-"""Three multiplications with addition (kernels.backward_sweep)."""
+"""Operations of a relaxation: three multiplications with addition (kernels.backward_sweep)."""
 RESULT_BYTES = 12
-"""Of a state and multiplier: its value and its time-to-go."""
+"""Size of the result for one state and multiplier: its value and its time-to-go."""
 MILLION, MEGA = 1e6, 1e6
 BUFFERS = (0.005, 0.3)
-"""Of the trajectories timed: from, to, as shares of the least time."""
+"""The trajectories that are timed have buffers from the first to the second, as shares of the least time."""
 RESOLVED_BUFFER = 0.1
 RESOLVED_SPEED_RATIO = 0.9
-"""The state solved anew: half-way, at this share of the braking envelope."""
+"""The section is solved anew from half-way, at this share of the speed of the braking envelope."""
 VEHICLE = "re460-ic"
 EXACT_ROUTE, EXACT_LEVEL = "flat-6km", Level.L1
 SHORT_KM = 30.0
-"""Fronts up to this length are quick enough for many rounds."""
+"""Fronts of lines up to this length are solved in many rounds, those of longer lines in few."""
 FRONT_BOUND = "its divisions and its vector arithmetic, or its result written to fresh memory"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """How much is measured: rounds of a figure, those of the slow ones, how many of what, and how large."""
+    """How much is measured: the rounds of each figure, the rounds of the slow figures, and the sizes of the tasks."""
 
     rounds: int
     slow_rounds: int
@@ -144,11 +144,16 @@ def front_of_reference(reference: Reference) -> list[Figure]:
     )
     return [
         times.figure(
-            "front", f"front of {LADDER_SIZE} multipliers, {section.name}", "one thread, all transitions first",
-            FRONT_BOUND, reference.workload.least_s(reference.all_threads),
-            unit="ms",
+            Subject(
+                name="front",
+                what=f"front of {LADDER_SIZE} multipliers, {section.name}",
+                unit="ms",
+                baseline="one thread, all transitions first",
+                bound=FRONT_BOUND,
+            ),
+            reference.workload.least_s(reference.all_threads),
         )
-    ]  # fmt: skip
+    ]
 
 
 def all_at_once(section: Section) -> Front:
@@ -170,10 +175,17 @@ def transition_rate(reference: Reference) -> list[Figure]:
     least_s = reference.all_threads.least_s(divisions=load.divisions)
     return [
         times.figure(
-            "transitions", f"transitions, {load.nodes} nodes × {load.states} speeds", "one thread",
-            "their divisions, one after another", least_s, unit="million/s", amount=load.landings / MILLION,
+            Subject(
+                name="transitions",
+                what=f"transitions, {load.nodes} nodes × {load.states} speeds",
+                unit="million/s",
+                baseline="one thread",
+                bound="their divisions, one after another",
+            ),
+            least_s,
+            amount=load.landings / MILLION,
         )
-    ]  # fmt: skip
+    ]
 
 
 def sweep_rate(reference: Reference) -> list[Figure]:
@@ -193,11 +205,17 @@ def sweep_rate(reference: Reference) -> list[Figure]:
     least_s = reference.one_thread.least_s(flop=load.flop, moved_bytes=moved)
     return [
         times.figure(
-            "sweep", f"relaxations of {LADDER_SIZE} multipliers, one thread", "the same in numpy",
-            "their arithmetic, or reading transitions and writing values", least_s, unit="million/s",
+            Subject(
+                name="sweep",
+                what=f"relaxations of {LADDER_SIZE} multipliers, one thread",
+                unit="million/s",
+                baseline="the same in numpy",
+                bound="their arithmetic, or reading transitions and writing values",
+            ),
+            least_s,
             amount=load.relaxations / MILLION,
         )
-    ]  # fmt: skip
+    ]
 
 
 def trajectory(reference: Reference) -> list[Figure]:
@@ -214,11 +232,17 @@ def trajectory(reference: Reference) -> list[Figure]:
     least_s = reference.one_thread.least_s(divisions=tried * DIVISIONS_PER_LANDING_TRIED)
     return [
         times.figure(
-            "trajectory", f"run for one time from the front, {len(buffers)} times, {BUFFERS[0]:.1%} to "
-            f"{BUFFERS[1]:.0%} above the least", "bisection of λ from end to end of the ladder",
-            "the divisions of one roll-out", least_s, unit="ms",
+            Subject(
+                name="trajectory",
+                what=f"run for one time from the front, {len(buffers)} times, {BUFFERS[0]:.1%} to "
+                f"{BUFFERS[1]:.0%} above the least",
+                unit="ms",
+                baseline="bisection of λ from end to end of the ladder",
+                bound="the divisions of one roll-out",
+            ),
+            least_s,
         )
-    ]  # fmt: skip
+    ]
 
 
 def resolve(reference: Reference) -> list[Figure]:
@@ -243,11 +267,16 @@ def resolve(reference: Reference) -> list[Figure]:
     )
     return [
         times.figure(
-            "re-solve", f"new front and run from km {s_m / KM:.1f} at {v_mps / KMH:.0f} km/h",
-            "the run from the front at hand", FRONT_BOUND,
-            Workload.of(rest()).least_s(reference.all_threads), unit="ms",
+            Subject(
+                name="re-solve",
+                what=f"new front and run from km {s_m / KM:.1f} at {v_mps / KMH:.0f} km/h",
+                unit="ms",
+                baseline="the run from the front at hand",
+                bound=FRONT_BOUND,
+            ),
+            Workload.of(rest()).least_s(reference.all_threads),
         )
-    ]  # fmt: skip
+    ]
 
 
 def exact(reference: Reference) -> list[Figure]:
@@ -267,11 +296,17 @@ def exact(reference: Reference) -> list[Figure]:
     moved = labels * 2 * (BYTES_PER_LABEL + BYTES_PER_OPEN_LABEL)
     return [
         times.figure(
-            "exact", f"exact front of {EXACT_ROUTE} + {VEHICLE}, {EXACT_LEVEL}, to {buffer_ratio:.1%}: "
-            f"{labels / MILLION:.2f} million partial runs", "the solver's front and one run",
-            "each partial run written and read once", reference.all_threads.least_s(moved_bytes=moved), unit="ms",
+            Subject(
+                name="exact",
+                what=f"exact front of {EXACT_ROUTE} + {VEHICLE}, {EXACT_LEVEL}, to {buffer_ratio:.1%}: "
+                f"{labels / MILLION:.2f} million partial runs",
+                unit="ms",
+                baseline="the solver's front and one run",
+                bound="each partial run written and read once",
+            ),
+            reference.all_threads.least_s(moved_bytes=moved),
         )
-    ]  # fmt: skip
+    ]
 
 
 def growth(reference: Reference) -> list[Figure]:
@@ -286,14 +321,15 @@ def growth(reference: Reference) -> list[Figure]:
         if not figures:
             baseline_s_per_landing = statistics.median(seconds) / load.landings
         times = Times(seconds=seconds, baseline_seconds=[baseline_s_per_landing * load.landings])
-        figure = times.figure(
-            f"growth-{length_km:g}km",
-            f"front of a made-up line, {length_km:g} km, {len(section.route.breakpoints_m())} breakpoints, "
+        subject = Subject(
+            name=f"growth-{length_km:g}km",
+            what=f"front of a made-up line, {length_km:g} km, {len(section.route.breakpoints_m())} breakpoints, "
             f"{load.nodes} nodes × {load.states} speeds, {load.landings / MILLION:.1f} million transitions",
-            f"as long per transition as at {reference.effort.lengths_km[0]:g} km",
-            FRONT_BOUND, load.least_s(reference.all_threads), unit="ms",
-        )  # fmt: skip
-        figures.append(figure)
+            unit="ms",
+            baseline=f"as long per transition as at {reference.effort.lengths_km[0]:g} km",
+            bound=FRONT_BOUND,
+        )
+        figures.append(times.figure(subject, load.least_s(reference.all_threads)))
     return figures
 
 

@@ -59,24 +59,35 @@ class Figure:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Subject:
+    """What a figure is about: its name, what is measured, in which unit, and what it is compared with, in words."""
+
+    name: str
+    what: str
+    unit: str
+    baseline: str
+    bound: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Times:
     """Durations (s) of something and of its baseline, measured in turns."""
 
     seconds: list[float]
     baseline_seconds: list[float]
 
-    def figure(
-        self, name: str, what: str, baseline: str, bound: str, bound_s: float, *, unit: str, amount: float | None = None
-    ) -> Figure:
-        """As a figure: a duration in ms, or with an `amount` (in the unit's multiples) a rate per s."""
+    def figure(self, subject: Subject, bound_s: float, *, amount: float | None = None) -> Figure:
+        """As a figure: a duration in ms, or with an `amount` (in the unit's multiples) a rate per s.
+
+        `bound_s` is the least duration that the machine could reach (s).
+        """
         times, typical = self.seconds, statistics.median(self.seconds)
         other = statistics.median(self.baseline_seconds)
         scaled = [_scaled(s, amount) for s in (typical, min(times), max(times), other, bound_s)]
         value, least, most, baseline_value, bound_value = scaled
         return Figure(
-            name=name, what=what, unit=unit, value=value, least=min(least, most), most=max(least, most),
-            rounds=len(times), baseline=baseline, baseline_value=baseline_value, bound=bound, bound_value=bound_value,
-            more_is_better=amount is not None,
+            **asdict(subject), value=value, least=min(least, most), most=max(least, most), rounds=len(times),
+            baseline_value=baseline_value, bound_value=bound_value, more_is_better=amount is not None,
         )  # fmt: skip
 
 
@@ -128,7 +139,7 @@ def peak_bytes_of(work: Callable[[], object]) -> float | None:
 
 
 def _give_back_free_memory() -> None:
-    """Else a call could take what an earlier one left, and its peak would not show it."""
+    """Give free memory back to the system, so that the peak of a call shows all that it takes."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -150,7 +161,7 @@ def _status_bytes(key: str) -> float | None:
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+    """The machine that the figures were measured on, and the versions of what they depend on."""
     return {
         "cpu": _cpu_model(),
         "cores": available_cores(),

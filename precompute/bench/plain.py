@@ -1,4 +1,4 @@
-"""What the solver does, written plainly: the baselines of the bench (and witnesses in its tests)."""
+"""The solver's steps written plainly in numpy: the baselines of the bench, and witnesses in its tests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 LADDER_TOLERANCE = 1e-4
-"""Part of a step of the ladder to which `bisected` follows a jump."""
+"""`bisected` ends when it has narrowed a jump to this part of a step of the ladder."""
 
 
 def numpy_sweep(moves: Transitions, lambda_w: Floats) -> tuple[Floats, Floats]:

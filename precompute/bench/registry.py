@@ -1,4 +1,4 @@
-"""What can be asked of the bench, by name and in order."""
+"""The figures that the bench can measure, by name and in order."""
 
 from __future__ import annotations
 

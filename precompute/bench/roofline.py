@@ -1,4 +1,4 @@
-"""What the machine could do at best: memory bandwidth and rate of arithmetic, measured here and now."""
+"""The best that this machine can do: memory bandwidth and rate of arithmetic, measured when they are needed."""
 
 from __future__ import annotations
 

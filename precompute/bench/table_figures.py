@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import time
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -12,15 +13,20 @@ from pathlib import Path
 import numpy as np
 
 from das.domain.files.load import load_vehicle
+from das.domain.route import Route, Stop
+from das.solver.front import Front
 from das.solver.kernels.landings import LANDINGS
 from das.solver.section import Section
-from das.table import table as tables
-from das.table.table import SectionTable, Table, TableSettings, make_table, write_table
+from das.table.hashes import Course
+from das.table.reading import Table
+from das.table.warm_up import warm_up
 from precompute.bench.figures import DIVISIONS_PER_LANDING_TRIED, MEGA, POLISHED_LANDINGS, VEHICLE, Reference
-from precompute.bench.measuring import Figure, Times, available_cores, in_turns, seconds_of
-from precompute.bench.synthetic import synthetic_routes
+from precompute.bench.measuring import Figure, Subject, Times, available_cores, in_turns, seconds_of
 from precompute.tables.job import Job
+from precompute.tables.look_up import LookUp
 from precompute.tables.pool import solve_locally
+from precompute.tables.synthetic import synthetic_routes
+from precompute.tables.writing import TableSettings, make_table, write_table
 
 POLICIES_TRIED = 6
 """First steps that a look-up tries, about: two neighbours of the ladder and what narrows between them."""
@@ -31,27 +37,31 @@ PER_BYTES = 100e6
 
 
 def look_up(reference: Reference) -> list[Figure]:
-    """Advice looked up in a memory-mapped table from many states, against rolling it out from the front."""
-    section = reference.section
+    """Advice looked up in a table from many states, against rolling it out from the front."""
     with tempfile.TemporaryDirectory(prefix="das-bench-") as folder:
-        table = _written(section, Path(folder) / "table").bind(section)
-        tables.warm_up()
-        states = _states(section, table, reference.effort.look_ups)
-        own = [seconds_of(partial(table.look_up, *state)) for state in states]
-        rolled = [
-            seconds_of(partial(reference.front.trajectory, left_s, s_m, v_mps))
-            for s_m, v_mps, left_s in states[::ROLLED_EVERY]
-        ]
+        front = _written(reference.section, Path(folder) / "table").front(reference.section)
+    warm_up()
+    answer, states = LookUp(front), _states(front, reference.effort.look_ups)
+    answer(*states[0])  # compiles
+    own = [seconds_of(partial(answer, *state)) for state in states]
+    rolled = [
+        seconds_of(partial(reference.front.trajectory, left_s, s_m, v_mps))
+        for s_m, v_mps, left_s in states[::ROLLED_EVERY]
+    ]
     tried = POLICIES_TRIED * (LANDINGS + POLISHED_LANDINGS)
     least_s = reference.one_thread.least_s(divisions=tried * DIVISIONS_PER_LANDING_TRIED)
-    what = f"advice looked up in a memory-mapped table, {len(states)} states"
     slow, slow_rolled = (float(np.percentile(seconds, 99)) for seconds in (own, rolled))
-    typical = Times(seconds=own, baseline_seconds=rolled)
-    rare = Times(seconds=[slow], baseline_seconds=[slow_rolled])
-    bound = "the divisions of the landings it tries"
+    typical = Subject(
+        name="look-up",
+        what=f"advice looked up in a table, {len(states)} states",
+        unit="ms",
+        baseline="the whole run rolled out",
+        bound="the divisions of the landings it tries",
+    )
+    rare = replace(typical, name="look-up-p99", what=f"{typical.what}, 99 of 100", baseline="the same of the roll-outs")
     return [
-        typical.figure("look-up", what, "the whole run rolled out", bound, least_s, unit="ms"),
-        rare.figure("look-up-p99", f"{what}, 99 of 100", "the same of the roll-outs", bound, least_s, unit="ms"),
+        Times(seconds=own, baseline_seconds=rolled).figure(typical, least_s),
+        Times(seconds=[slow], baseline_seconds=[slow_rolled]).figure(rare, least_s),
     ]
 
 
@@ -60,14 +70,13 @@ def _written(section: Section, folder: Path) -> Table:
     return Table.open(folder)
 
 
-def _states(section: Section, table: SectionTable, count: int) -> list[tuple[float, float, float]]:
+def _states(front: Front, count: int) -> list[tuple[float, float, float]]:
     """Positions, speeds and times left over the section, where a run is on its way; half a second to 30 % to spare."""
-    random = np.random.default_rng(SEED)
-    states = []
+    section, random, states = front.section, np.random.default_rng(SEED), []
     for i in random.integers(1, len(section.node_m) - 2, count):
         v_mps = float(section.envelope_mps[i] * random.uniform(0.5, 0.99))
         s_m = float(section.node_m[i])
-        least_s = table.front.least_time_s(s_m, v_mps)
+        least_s = front.least_time_s(s_m, v_mps)
         states.append((s_m, v_mps, 0.5 + least_s * (1 + 0.3 * random.random())))
     return states
 
@@ -88,8 +97,14 @@ def open_and_verify(reference: Reference) -> list[Figure]:
     scaled = Times(
         seconds=[scale * s for s in times.seconds], baseline_seconds=[scale * s for s in times.baseline_seconds]
     )
-    what = f"table opened and verified, per {PER_BYTES / MEGA:.0f} MB (this one has {size / MEGA:.1f} MB)"
-    return [scaled.figure("verify", what, "its files read into memory", "its hashes", scale * hashed_s, unit="ms")]
+    subject = Subject(
+        name="verify",
+        what=f"table opened and verified, per {PER_BYTES / MEGA:.0f} MB (this one has {size / MEGA:.1f} MB)",
+        unit="ms",
+        baseline="its files read into memory",
+        bound="its hashes",
+    )
+    return [scaled.figure(subject, scale * hashed_s)]
 
 
 def build(reference: Reference) -> list[Figure]:
@@ -98,25 +113,28 @@ def build(reference: Reference) -> list[Figure]:
     workers = min(available_cores(), reference.threads)
     alone_s, together_s = _build_s(jobs, 1), _build_s(jobs, workers)
     times = Times(seconds=[together_s], baseline_seconds=[alone_s])
-    what = f"{len(jobs)} sections (synthetic, seed {SEED}) + {VEHICLE} into tables, {workers} workers"
-    return [
-        times.figure(
-            "build", what, "one worker", "the baseline times the workers", alone_s / workers, unit="sections/s",
-            amount=float(len(jobs)),
-        )
-    ]  # fmt: skip
+    subject = Subject(
+        name="build",
+        what=f"{len(jobs)} sections (synthetic, seed {SEED}) + {VEHICLE} into tables, {workers} workers",
+        unit="sections/s",
+        baseline="one worker",
+        bound="the baseline times the workers",
+    )
+    return [times.figure(subject, alone_s / workers, amount=float(len(jobs)))]
 
 
 def _jobs(sections: int) -> list[Job]:
-    vehicle, settings = load_vehicle(VEHICLE), TableSettings()
+    vehicle = load_vehicle(VEHICLE)
+
+    def job(label: str, route: Route, start: Stop, end: Stop) -> Job:
+        course = Course(level=vehicle.default_level, start_m=start.position_m, end_m=end.position_m)
+        return Job.of(label, route, vehicle, course, TableSettings())
+
     return [
-        Job.of(
-            f"{route.id}-{i}", route, vehicle, level=vehicle.default_level, start_m=start.position_m,
-            end_m=end.position_m, settings=settings,
-        )
+        job(f"{route.id}-{i}", route, start, end)
         for route in synthetic_routes(sections, SEED)
         for i, (start, end) in enumerate(pairwise(route.stops))
-    ]  # fmt: skip
+    ]
 
 
 def _build_s(jobs: list[Job], workers: int) -> float:

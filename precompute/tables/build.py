@@ -1,4 +1,4 @@
-"""A build: what is missing is solved, what is there is kept, and what became of every section is reported."""
+"""A build solves the tables that are missing, keeps those that are whole, and reports on every section."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, Protocol
 
+from das.domain.files.locking import folder_held
 from precompute.tables.job import Job
 from precompute.tables.plan import Plan
 from precompute.tables.store import (
     Outcome,
     Status,
     finished,
-    locked,
     read_report,
     remove_superseded,
     remove_unfinished,
@@ -22,7 +22,7 @@ from precompute.tables.store import (
 )
 
 REPORT_EVERY_S = 5.0
-"""The report on disk is at most so old while a build goes on."""
+"""While a build goes on, its report on disk is never older than this."""
 
 
 class Solver(Protocol):
@@ -38,7 +38,7 @@ def build(
 
     Whatever ends the build, the report says how far it came. Raises DasError where another build has the folder.
     """
-    with locked(folder):
+    with folder_held(folder, "another build is writing to it"):
         remove_unfinished(folder)
         state = _State(plan, folder, facts)
         for outcome in state.outcomes_that_are(Status.KEPT):

@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from das.domain.errors import DasError
-from das.table.table import write_table
 from precompute.tables.environment import differences, environment
 from precompute.tables.job import Job
 from precompute.tables.store import Outcome, Status
+from precompute.tables.writing import write_table
 
 CONNECT_WITHIN_S = 10.0
 ADDRESS = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
 JOBS_PER_THREAD = 2
-"""Jobs on the cluster for each of its threads: one at work, one waiting."""
+"""Number of jobs on the cluster for each of its threads: one is solved, one waits."""
 
 
 class WorkerDiffersError(DasError):

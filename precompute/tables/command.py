@@ -14,17 +14,24 @@ import typer
 from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table as PrintedTable
+from rich.text import Text
 
 from das.command_line.running import busy, err, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 
 if TYPE_CHECKING:
-    from das.table.table import Table
+    from das.table.reading import Table
     from precompute.tables.build import Solver
 
 MB = 1e6
 EXIT_SOME_FAILED = 1
+LEGEND = """\
+least s: the least running time; runs: trajectories in the table.
+kWh: net energy at the current collector of the first and of the last run, which
+  is mostly the one of least energy.
+gap %: by how much at most the energy of a run lies above its lower bound, in %
+  of the irreversible energy. –: no bound is known."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
@@ -32,7 +39,7 @@ FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of t
 
 def build(
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Routes × trains × loads × levels.")],
-    folder: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of tables; it is created.")],
+    folder: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder of tables; it is created.")],
     workers: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Processes [default: one a core].", show_default=False)
     ] = None,
@@ -43,8 +50,9 @@ def build(
 ) -> None:
     """Solve every section of a plan into a table for the cab.
 
-    What is already there is kept unless an input has changed; a build that was stopped goes on where it was. A section
-    that fails is reported and does not stop the rest; then the exit code is 1. DIR/build.json says how each went.
+    A table that is already there is kept if it is whole and neither an input nor the solver has changed. A build that
+    was stopped goes on where it was. A section that fails is reported and does not stop the rest; the exit code is
+    then 1. DIR/build.json says how each went.
     """
     if workers is not None and scheduler is not None:
         raise DasError("give either --workers or --scheduler: a cluster has its own workers")
@@ -65,15 +73,13 @@ def build(
 
 
 def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Check tables byte by byte against their hashes, and that all the last build finished are there.
+    """Check every byte of tables, that this solver made them, and that all the last build finished are there.
 
-    The exit code is 1 where one is damaged or missing.
+    The exit code is 1 where one is damaged, missing, or made by other solver code.
     """
-    from das.table.table import Table, TableError
     from precompute.tables.store import REPORT, missing_tables, table_folders
 
-    paths = table_folders(folder)
-    missing = missing_tables(folder)
+    paths, missing = table_folders(folder), missing_tables(folder)
     if not paths and not missing:
         raise DasError(f"{folder}: no tables in it")
     results: list[dict[str, Any]] = [
@@ -83,13 +89,8 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
     began = time.perf_counter()
     with _bar("tables", len(paths)) as advance:
         for path in paths:
-            size, problem = 0, None
-            try:
-                table = Table.open(path)
-                table.verify()
-                size = table.size_bytes
-            except TableError as error:
-                problem = str(error)
+            table = _checked(path)
+            size, problem = (0, table) if isinstance(table, str) else (table.size_bytes, None)
             results.append({"name": path.name, "size_bytes": size, "problem": problem})
             advance()
     seconds, damaged = time.perf_counter() - began, [result for result in results if result["problem"]]
@@ -105,28 +106,41 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
 
 def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """What is in a folder of tables: sections, trains, sizes, times and energies, certificates.
+    """Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.
 
-    kWh: net energy at the current collector of the first and of the last trajectory (mostly that of least energy).
-    gap: how far the energy lies above its lower bound at most, in % of the irreversible energy (see
-    docs/explanation/solver.md).
+    Each table is checked first, as `verify` does; what is wrong with one is said below the list.
     """
-    from das.table.table import Table, TableError
     from precompute.tables.store import table_folders
 
-    rows, paths = [], table_folders(folder)
+    paths = table_folders(folder)
     if not paths:
         raise DasError(f"{folder}: no tables in it")
-    for path in paths:
-        try:
-            rows.append(_facts(Table.open(path)))
-        except TableError as error:
-            rows.append({"name": path.name, "problem": str(error), "size_bytes": 0})
+    rows: list[dict[str, Any]] = []
+    with _bar("tables", len(paths)) as advance:
+        for path in paths:
+            table = _checked(path)
+            rows.append(
+                {"name": path.name, "problem": table, "size_bytes": 0} if isinstance(table, str) else _facts(table)
+            )
+            advance()
     if as_json:
         size_bytes = sum(row["size_bytes"] for row in rows)
         print(json.dumps({"tables": rows, "size_bytes": size_bytes}, ensure_ascii=False))
     else:
         _print_tables(rows, folder)
+
+
+def _checked(path: Path) -> Table | str:
+    """A table that is whole and made by this solver, or what is wrong with it."""
+    from das.table.format import TableError
+    from das.table.reading import Table
+
+    try:
+        table = Table.open(path)
+        table.verify()
+    except TableError as error:
+        return str(error)
+    return table
 
 
 def _cores() -> int:
@@ -176,16 +190,16 @@ def _facts(table: Table) -> dict[str, Any]:
     gaps = [
         (run["energy_input_j"] - run["bound_j"]) / run["energy_irreversible_j"]
         for run in runs
-        if run["bound_j"] is not None
+        if run["bound_j"] is not None and run["energy_irreversible_j"] > 0
     ]
     return {
         "name": table.folder.name,
         "problem": None,
         **table.manifest["section"],
         "size_bytes": table.size_bytes,
-        "decision_nodes": table.manifest["grid"]["decision_nodes"],
-        "multipliers": len(table.manifest["lambda_w"]),
-        "trajectories": len(runs),
+        "decision_nodes": table.sizes.nodes,
+        "multipliers": table.sizes.multipliers,
+        "trajectories": table.sizes.runs,
         "least_time_s": table.manifest["least_time_s"],
         "first_buffer_percent": fastest["buffer_percent"],
         "first_energy_kwh": kwh(fastest["energy_input_j"]),
@@ -196,20 +210,29 @@ def _facts(table: Table) -> dict[str, Any]:
 
 
 def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
-    printed = PrintedTable(title=str(folder), title_justify="left", box=box.SIMPLE_HEAD)
-    for name in ("route", "from – to", "train", "level"):
-        printed.add_column(name)
-    for name in ("km", "least s", "runs", "kWh first", "kWh last", "gap %", "MB"):
-        printed.add_column(name, justify="right", no_wrap=True)
+    whole = [row for row in rows if not row["problem"]]
+    if whole:
+        print(folder)
+        print_table(_printed(whole))
+        print(LEGEND)
     for row in rows:
         if row["problem"]:
-            continue
+            print(row["problem"])
+    print(f"{len(rows)} tables, {sum(row['size_bytes'] for row in rows) / MB:.1f} MB")
+
+
+def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
+    """The rows of `show` in at most 80 columns, but for long names; each has two or three lines."""
+    printed = PrintedTable(box=box.SIMPLE_HEAD, pad_edge=False)
+    printed.add_column("route, section\ntrain, level")
+    for name in ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "gap\n%", "\nMB"):
+        printed.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
         gap = row["largest_gap_ratio"]
+        ends = f"{row['from']} – {row['to']}"
         printed.add_row(
-            row["route"],
-            f"{row['from']} – {row['to']}",
-            row["train"],
-            row["level"],
+            # Names come from a file: what could be markup is printed as it is.
+            Text(f"{row['route']}\n{ends}\n{row['train']}, {row['level']}"),
             f"{(row['end_m'] - row['start_m']) / KM:.1f}",
             f"{row['least_time_s']:.1f}",
             f"{row['trajectories']}",
@@ -218,8 +241,4 @@ def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
             f"{100 * gap:.3f}" if gap is not None else "–",
             f"{row['size_bytes'] / MB:.1f}",
         )
-    print_table(printed)
-    for row in rows:
-        if row["problem"]:
-            print(row["problem"])
-    print(f"{len(rows)} tables, {sum(row['size_bytes'] for row in rows) / MB:.1f} MB")
+    return printed

@@ -1,4 +1,4 @@
-"""What decides whether another machine solves as this one does: versions, and a hash of our own source."""
+"""Whether another machine solves as this one does: versions of packages, and a hash of our own source."""
 
 from __future__ import annotations
 

@@ -8,13 +8,12 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any
 
-from das.domain.losses import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.section import build_section
 from das.solver.warm_up import warm_up as compile_solver
-from das.table.hashes import section_hashes
-from das.table.table import TableSettings, make_table, table_key
+from das.table.hashes import Course, section_hashes, with_code
+from precompute.tables.writing import TableSettings, make_table, table_key
 
 HASH_DIGITS = 8
 """Digits of the hash in a table's name."""
@@ -36,32 +35,19 @@ class Job:
     key: str
     route: Route
     vehicle: Vehicle
-    level: Level
-    start_m: float
-    end_m: float
+    course: Course
     settings: TableSettings
 
     @classmethod
-    def of(
-        cls,
-        label: str,
-        route: Route,
-        vehicle: Vehicle,
-        *,
-        level: Level,
-        start_m: float,
-        end_m: float,
-        settings: TableSettings,
-    ) -> Job:
-        hashes = section_hashes(route, vehicle, level=level, start_m=start_m, end_m=end_m)
+    def of(cls, label: str, route: Route, vehicle: Vehicle, course: Course, settings: TableSettings) -> Job:
+        """A job with its hash; raises DasError where the vehicle has no such level or our source is not installed."""
+        hashes = with_code(section_hashes(route, vehicle, course))
         return cls(
             label=label,
             key=table_key(hashes, settings),
             route=route,
             vehicle=vehicle,
-            level=level,
-            start_m=start_m,
-            end_m=end_m,
+            course=course,
             settings=settings,
         )
 
@@ -73,7 +59,10 @@ class Job:
     def solve(self) -> dict[str, bytes]:
         """The files of the table; raises DasError with the reason where the section cannot be solved."""
         warm_up()
-        section = build_section(self.route, self.vehicle, level=self.level, start_m=self.start_m, end_m=self.end_m)
+        course = self.course
+        section = build_section(
+            self.route, self.vehicle, level=course.level, start_m=course.start_m, end_m=course.end_m
+        )
         return make_table(section, self.settings, threads=1)
 
 

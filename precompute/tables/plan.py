@@ -17,9 +17,10 @@ from das.domain.files.reading import Fields, number, read_toml
 from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
-from das.table.table import FEWEST_MULTIPLIERS, MULTIPLIERS, TableSettings
-from precompute.bench.synthetic import synthetic_routes
+from das.table.hashes import Course
 from precompute.tables.job import Job
+from precompute.tables.synthetic import synthetic_routes
+from precompute.tables.writing import FEWEST_MULTIPLIERS, MULTIPLIERS, TableSettings
 
 SCHEMA_VERSION = 1
 MOST_SECTIONS = 100_000
@@ -82,15 +83,14 @@ def read_plan(path: Path) -> Plan:
 
 def _job(route: Route, start: Stop, end: Stop, train: _Train, settings: TableSettings) -> Job:
     vehicle, level = train.vehicle, train.level
+    course = Course(level=level, start_m=start.position_m, end_m=end.position_m)
     ends = f"{_slug(start.name)}-{_slug(end.name)}"
     return Job.of(
         f"{_slug(route.id)}_{ends}_{_slug(vehicle.id)}_{level}",
         route,
         vehicle,
-        level=level,
-        start_m=start.position_m,
-        end_m=end.position_m,
-        settings=settings,
+        course,
+        settings,
     )
 
 

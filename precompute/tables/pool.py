@@ -23,14 +23,14 @@ from pathlib import Path
 
 from das.command_line.running import signals_held
 from das.domain.errors import DasError
-from das.table.table import write_table
 from precompute.tables.job import Job, warm_up
 from precompute.tables.store import Outcome, Status
+from precompute.tables.writing import write_table
 
 ATTEMPTS = 3
-"""So often a job may take its worker down before it is given up."""
+"""A job is given up after its worker has died this many times."""
 FALSE_STARTS = 3
-"""So many workers in a row may die before they are ready."""
+"""The build ends after this many workers in a row have died before they were ready."""
 OUT_OF_MEMORY_EXIT = 71
 STOP_WITHIN_S = 2.0
 _READY = "ready"
@@ -107,7 +107,7 @@ class _Pool:
             worker.connection.send(job)
 
     def _listen(self, worker: _Worker) -> Outcome | None:
-        """What a worker says; the end of its pipe is its death."""
+        """Take a message of a worker; a closed pipe means that the worker has died."""
         try:
             said = worker.connection.recv()
         except (EOFError, OSError):
@@ -128,7 +128,7 @@ class _Pool:
         )
 
     def _bury(self, worker: _Worker) -> Outcome | None:
-        """Replace a dead worker; its job waits for another attempt, or has had its last."""
+        """Replace a dead worker; its job waits for another attempt, or is given up."""
         self._workers.remove(worker)
         worker.connection.close()
         worker.process.join()
@@ -167,7 +167,7 @@ def _said(exit_code: int | None) -> str:
 
 
 def serve(connection: Connection, folder: str) -> None:
-    """A worker's life: jobs in, words about them out, until the parent closes the pipe or dies."""
+    """Solve jobs as a worker process, and report each, until the parent closes the pipe or ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     warm_up()
     connection.send(_READY)

@@ -1,13 +1,10 @@
-"""A folder of tables: who may write to it, what is finished in it, and the report of the last build."""
+"""A folder of tables: what is finished in it, and the report of the last build."""
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -15,10 +12,10 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.files.writing import UNFINISHED, write_whole
-from das.table.table import MANIFEST, Table, TableError
+from das.table.format import MANIFEST, TableError
+from das.table.reading import Table
 from precompute.tables.job import HASH_DIGITS, Job
 
-LOCK = ".lock"
 REPORT = "build.json"
 REPORT_VERSION = 1
 
@@ -47,32 +44,6 @@ class Outcome:
     size_bytes: int | None = None
 
 
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Create the folder and hold it: DasError where it cannot be written to, or another build holds it.
-
-    The lock ends with the process, however that ends.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-    except (FileExistsError, NotADirectoryError):
-        raise DasError(f"{folder}: is a file, expected a folder to write to") from None
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be written to ({error.strerror})") from error
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            pid = os.read(handle, 20).decode(errors="replace").strip() or "unknown"
-            raise DasError(f"{folder}: another build is writing to it (process {pid})") from None
-        os.ftruncate(handle, 0)
-        os.write(handle, f"{os.getpid()}\n".encode())
-        yield
-    finally:
-        os.close(handle)
-
-
 def remove_unfinished(folder: Path) -> None:
     """Remove what killed writers left."""
     for path in folder.glob(f"{UNFINISHED}*"):
@@ -80,12 +51,15 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def finished(folder: Path, job: Job) -> int | None:
-    """Size of the job's table (bytes) if it is there and whole (its hashes are `verify`'s), else None."""
+    """The size of the job's table (bytes) if it is there, whole and made for this job by this code, else None."""
     try:
         table = Table.open(folder / job.name)
+        if table.manifest["table_sha256"] != job.key:
+            return None
+        table.verify()
+        return table.size_bytes
     except TableError:
         return None
-    return table.size_bytes if table.manifest["table_sha256"] == job.key else None
 
 
 def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import json
 import os
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 from das.domain.errors import DasError
+from das.domain.files.locking import folder_held
 from das.domain.files.writing import write_whole
 
 
@@ -26,14 +26,8 @@ class Journal:
         self.rows: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> Journal:
-        try:
-            self._lock: IO[bytes] = (self.path.parent / ".lock").open("wb")
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            self._lock.close()
-            raise DasError(f"{self.path.parent}: another batch is at work here") from None
-        except OSError as error:
-            raise DasError(f"{self.path.parent}: cannot be written ({error.strerror})") from error
+        self._held = folder_held(self.path.parent, "another batch is at work here")
+        self._held.__enter__()
         try:
             self._read()
             self._file = self.path.open("ab", buffering=0)
@@ -45,7 +39,7 @@ class Journal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
-        self._lock.close()
+        self._held.__exit__(None, None, None)
 
     def add(self, row: dict[str, Any]) -> None:
         """Note a finished run, on disk at once."""

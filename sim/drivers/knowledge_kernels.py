@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from das.domain.route import NEUTRAL
-from sim.plant.kernels import brake_effort, kernel, running_resistance, traction_effort
+from das.solver.compiling import kernel
+from sim.plant.kernels import brake_effort, running_resistance, traction_effort
 
 _LEAST_BRAKING_MPS2 = 0.02
 """A train that brakes less than this is taken to brake so (the ceiling would rise without end)."""

@@ -10,14 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from das.domain.route import NEUTRAL
 from das.domain.units import STANDARD_GRAVITY_MPS2
-
-kernel = njit(cache=True, nogil=True, error_model="numpy")
-"""Compile once, release the GIL, divide as IEEE 754 does."""
+from das.solver.compiling import kernel
 
 NO_LIMIT_N = 1e30
 """A force no train reaches (finite, so that products stay defined)."""

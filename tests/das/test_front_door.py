@@ -21,7 +21,7 @@ import das.domain.files.load
 import das.front_door
 import sim
 import sim.front_door
-from das.table.table import TableSettings, make_table, write_table
+from precompute.tables.writing import TableSettings, make_table, write_table
 from tests.support.making import REPOSITORY
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +11,13 @@ from typing import Any
 import pytest
 
 from das.advice.advice import Source
-from das.cab.fronts import Fronts, loaded_front
+from das.cab.fronts import Fronts
 from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.solver.section import build_section
-from das.table.table import TableSettings, make_table, write_table
+from das.table.reading import read_front
+from precompute.tables.writing import TableSettings, make_table, write_table
+from tests.support.small_tables import seal_anew
 from tests.support.small_trips import LINE, TRAIN, at, train, trip
 
 
@@ -73,9 +76,40 @@ def other_schema(path: Path) -> None:
     path.write_text(path.read_text().replace('"schema_version": 1', '"schema_version": 99'))
 
 
+def pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def huge_shape(path: Path) -> None:
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["arrays"]["value_j"]["shape"] = [10**9, 10**9, 10**9]
+
+    seal_anew(path.parent, change)
+
+
+def null_facts(path: Path) -> None:
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["section"]["start_m"] = None
+
+    seal_anew(path.parent, change)
+
+
+def other_code_hash(path: Path) -> None:
+    def change(manifest: dict[str, Any]) -> None:
+        manifest["inputs_sha256"]["code"] = "0" * 64
+
+    seal_anew(path.parent, change)
+
+
 @pytest.mark.parametrize(
     ("name", "damage", "said"),
     [
+        ("manifest.json", huge_shape, "value_j.shape = [1000000000, 1000000000, 1000000000]: expected ["),
+        ("manifest.json", null_facts, "section.start_m = None: expected a finite number; not used"),
+        ("manifest.json", pipe, "manifest.json: is not a regular file; not used"),
+        ("value_j.npy", pipe, "value_j.npy: is not a regular file; not used"),
+        ("manifest.json", other_code_hash, "a-b: made by other solver code; solved instead"),
         ("value_j.npy", cut, "was it cut?; not used"),
         ("value_j.npy", alter, "was altered since it was written; solved instead"),
         ("grid.npy", alter, "grid.npy: was altered since it was written; solved instead"),
@@ -94,7 +128,7 @@ def test_a_table_that_cannot_be_trusted_is_refused_and_solved_instead(
 
 
 def test_a_table_damaged_while_in_use_cannot_reach_the_advice(tables: Path) -> None:
-    front = loaded_front(tables / "a-b", build_section(LINE, TRAIN, end_m=5000.0))
+    front = read_front(tables / "a-b", build_section(LINE, TRAIN, end_m=5000.0))
     before = front.trajectory(300.0).ledger.input
     for path in (tables / "a-b").glob("*.npy"):
         with path.open("r+b") as file:

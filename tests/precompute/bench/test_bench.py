@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from das.solver.solve import DecisionGrid, Transitions, solve_front
 from precompute.bench.command import NAMES, chosen, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
 from precompute.bench.lines import made_up_line
-from precompute.bench.measuring import Figure, Times, in_turns, peak_bytes_of
+from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep
 from precompute.bench.registry import FIGURES
 from precompute.bench.roofline import Roofline
@@ -122,8 +123,9 @@ def test_both_are_timed_in_turns() -> None:
 
 def test_a_duration_and_a_rate_say_how_many_times_better() -> None:
     times = Times(seconds=[0.3, 0.2, 0.1], baseline_seconds=[0.8, 0.8])
-    duration = times.figure("a", "what", "other", "bound", 0.05, unit="ms")
-    rate = times.figure("b", "what", "other", "bound", 0.05, unit="million/s", amount=10.0)
+    subject = Subject(name="a", what="what", unit="ms", baseline="other", bound="bound")
+    duration = times.figure(subject, 0.05)
+    rate = times.figure(replace(subject, name="b", unit="million/s"), 0.05, amount=10.0)
     assert (duration.value, duration.least, duration.most, duration.baseline_value) == pytest.approx(
         (200, 100, 300, 800)
     )
@@ -187,6 +189,8 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "re-solve" in printed
     assert "× better" in printed
     assert "2 thread(s):" in printed
+    assert "× better: how many times better than the baseline" in printed
+    assert max(map(len, printed.splitlines())) <= 80
 
 
 def test_the_longest_section_is_taken() -> None:

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -23,17 +23,20 @@ from distributed import Client
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_route
+from das.domain.files.locking import folder_held
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.vehicle import Vehicle
-from das.table.table import Table, TableSettings
-from precompute.bench.synthetic import synthetic_routes
+from das.table.hashes import Course
+from das.table.reading import Table
 from precompute.tables import cluster, pool
 from precompute.tables import environment as surroundings
 from precompute.tables.environment import differences, environment
 from precompute.tables.job import Job
 from precompute.tables.plan import read_plan
 from precompute.tables.pool import solve_locally
-from precompute.tables.store import Status, locked, table_folders
+from precompute.tables.store import Status, table_folders
+from precompute.tables.synthetic import synthetic_routes
+from precompute.tables.writing import TableSettings
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8)
@@ -55,10 +58,8 @@ def job(number: int, kind: type[Job] = Job) -> Job:
         f"job-{number}",
         flat(length_m, 25.0),
         small_train(),
-        level=Level.OWN,
-        start_m=0.0,
-        end_m=length_m,
-        settings=SMALL,
+        Course(level=Level.OWN, start_m=0.0, end_m=length_m),
+        SMALL,
     )
 
 
@@ -105,7 +106,7 @@ def test_a_plan_is_every_section_with_every_train(tmp_path: Path) -> None:
     assert plan.settings == TableSettings(buffers_percent=tuple(np.arange(0, 20.1, 2.5)), multipliers=20)
     back = plan.jobs[labels.index("zurich-luzern_luzern-zug_re460-ic_l3")]
     stops = {stop.name: stop.position_m for stop in load_route("zurich-luzern").stops}
-    assert back.end_m - back.start_m == pytest.approx(stops["Luzern"] - stops["Zug"])
+    assert back.course.end_m - back.course.start_m == pytest.approx(stops["Luzern"] - stops["Zug"])
     assert plan.jobs[labels.index("flat-6km_a-b_re460-ic-full_l3")].vehicle.mass_kg == 500e3
 
 
@@ -234,11 +235,15 @@ def test_workers_that_cannot_start_are_an_error(tmp_path: Path, monkeypatch: pyt
         list(solve_locally([job(1)], tmp_path, 1))
 
 
+def held(folder: Path) -> AbstractContextManager[None]:
+    return folder_held(folder, "another build is writing to it")
+
+
 def test_two_builds_in_one_folder_are_refused(tmp_path: Path) -> None:
     refused = pytest.raises(DasError, match=rf"another build is writing to it \(process {os.getpid()}\)")
-    with locked(tmp_path / "tables"), refused, locked(tmp_path / "tables"):
+    with held(tmp_path / "tables"), refused, held(tmp_path / "tables"):
         pass
-    with locked(tmp_path / "tables"):
+    with held(tmp_path / "tables"):
         pass
 
 
@@ -253,7 +258,7 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     (tmp_path / "slow.toml").write_text(route.replace('id = "flat-6km"', 'id = "slow"'))
     routes = ROUTE + '[[routes]]\nroute = "steep.toml"\n[[routes]]\nroute = "slow.toml"\n'
     plan_file(tmp_path, HEAD + routes + TRAIN + QUICK)
-    first = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--json", "--workers", "1")
+    first = das_precompute(tmp_path, "build", "plan.toml", "--out", "tables", "--json", "--workers", "1")
     assert first.returncode == 1, first.stderr
     report = json.loads(first.stdout)
     assert report["counts"] == {"built": 2, "kept": 0, "failed": 1, "poison": 0, "pending": 0}
@@ -273,7 +278,9 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 10
     printed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
     assert printed.returncode == 0
-    assert re.search(r"slow +A – B +re460-ic +l3 +6.0 +", printed.stdout)
+    assert re.search(r"slow +6\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", printed.stdout)
+    assert "gap %: by how much at most" in printed.stdout
+    assert max(map(len, printed.stdout.splitlines())) <= 80
     assert "2 tables, 3.1 MB" in printed.stdout
     damaged = tmp_path / "tables" / shown[0]["name"] / "value_j.npy"
     damaged.write_bytes(damaged.read_bytes()[:-1])
@@ -442,7 +449,7 @@ def test_a_cluster_that_differs_is_refused(address: str, tmp_path: Path, monkeyp
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)
         cluster.check_workers(client, address)
-    monkeypatch.setattr(surroundings, "_version", lambda _name: "0.1")
+    monkeypatch.setattr(surroundings, "version", lambda _name: "0.1")
     with pytest.raises(DasError, match=r"worker tcp://.*: numpy .*, here 0.1; numba .*, here 0.1"):
         list(cluster.solve_on_cluster([job(1)], tmp_path, address))
     monkeypatch.setattr(cluster, "check_workers", lambda *_: None)

@@ -1,4 +1,7 @@
-"""Advice from solved policies without a roll-out: what the optimum does next from any state, in well under 0.2 ms."""
+"""Looking up what the optimum does next from any state, without a roll-out, in well under 0.2 ms.
+
+The cab does not use it: on board the whole run is rolled out. It serves analyses of tables and the bench.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,10 @@ from dataclasses import dataclass
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.units import KMH
-from das.solver import look_up_kernels
 from das.solver.front import Front
 from das.solver.solution import Fit
 from das.solver.state import check_state
+from precompute.tables import look_up_kernels
 
 _FITS = {
     look_up_kernels.ON_TIME: Fit.ON_TIME,
@@ -39,7 +42,7 @@ class Continuation:
 
 
 class LookUp:
-    """Answers from the policies of a front, solved or mapped from disk."""
+    """Answers from the policies of a front, which was solved or read from a table."""
 
     def __init__(self, front: Front) -> None:
         section = front.section

@@ -1,0 +1,205 @@
+"""Compiled kernels are kept on disk, and never outlive the source that they were compiled from."""
+
+from __future__ import annotations
+
+import compileall
+from pathlib import Path
+
+import pytest
+
+from das.solver.compiling import FOLDER, KEPT_VERSIONS
+from das.solver.sources import SourcesMissingError, code_sha256, sources_of
+from tests.support.copies import copy_of, edit, run_copy
+from tests.support.making import REPOSITORY
+
+CALLER = """
+from das.solver.compiling import kernel
+from {package}.callee import twice
+from {package}.numbers import OFFSET
+
+@kernel
+def answer(x):
+    return twice(x) + OFFSET
+"""
+CALLEE = """
+from das.solver.compiling import kernel
+
+@kernel
+def twice(x):
+    return 2 * x
+"""
+RUN = """
+import numba
+before = numba.config.CACHE_DIR
+from {package}.caller import answer
+assert numba.config.CACHE_DIR == before
+print(answer(10), sum(answer.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def kernels(tmp_path: Path) -> Path:
+    """The package `das` with two more modules: a kernel that calls one of another file and reads its constant."""
+    copy_of(tmp_path, "das")
+    for name, text in (("caller", CALLER), ("callee", CALLEE), ("numbers", "OFFSET = 1\n")):
+        (tmp_path / "das" / f"{name}.py").write_text(text.format(package="das"))
+    return tmp_path
+
+
+def answered(folder: Path, **env: str) -> tuple[int, int, str]:
+    """What the kernel answers, how many compiled functions came from the disk, and what was said on the way."""
+    done = run_copy(folder, "-c", RUN.format(package="das"), env=env)
+    assert done.returncode == 0, done.stderr
+    value, hits = done.stdout.split()
+    return int(value), int(hits), done.stderr
+
+
+def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels: Path) -> None:
+    assert answered(kernels) == (21, 0, "")
+    assert answered(kernels) == (21, 1, "")
+    edit(kernels / "das/callee.py", "2 * x", "3 * x")
+    assert answered(kernels) == (31, 0, "")
+    assert answered(kernels) == (31, 1, "")
+    edit(kernels / "das/numbers.py", "OFFSET = 1", "OFFSET = 5")
+    assert answered(kernels) == (35, 0, "")
+    edit(kernels / "das/numbers.py", "OFFSET = 5", "OFFSET = 1")
+    assert answered(kernels) == (31, 1, "")
+
+
+def test_a_module_that_the_kernel_does_not_use_changes_nothing(kernels: Path) -> None:
+    assert answered(kernels)[:2] == (21, 0)
+    (kernels / "das/domain/units.py").write_text((kernels / "das/domain/units.py").read_text() + "MORE = 1\n")
+    assert answered(kernels)[:2] == (21, 1)
+
+
+def test_few_old_versions_are_kept(kernels: Path) -> None:
+    folder = kernels / "das/__pycache__" / FOLDER / "das.caller"
+    for offset in range(2, KEPT_VERSIONS + 4):
+        edit(kernels / "das/numbers.py", f"OFFSET = {offset - 1}", f"OFFSET = {offset}")
+        assert answered(kernels)[0] == 20 + offset
+    assert len(list(folder.iterdir())) == KEPT_VERSIONS
+
+
+def test_the_users_folder_is_used(kernels: Path) -> None:
+    place = kernels / "mine"
+    assert answered(kernels, NUMBA_CACHE_DIR=str(place))[:2] == (21, 0)
+    assert answered(kernels, NUMBA_CACHE_DIR=str(place))[:2] == (21, 1)
+    edit(kernels / "das/callee.py", "2 * x", "3 * x")
+    assert answered(kernels, NUMBA_CACHE_DIR=str(place))[:2] == (31, 0)
+    assert {path.name for path in place.iterdir()} == {FOLDER}
+    assert not (kernels / "das/__pycache__").exists()
+
+
+def test_an_installation_that_cannot_be_written_to_uses_the_users_folder_of_caches(kernels: Path) -> None:
+    (kernels / "das/__pycache__").write_text("a file: no folder can be made here, whoever we are")
+    home = {"HOME": str(kernels / "home"), "XDG_CACHE_HOME": str(kernels / "home/caches")}
+    assert answered(kernels, **home) == (21, 0, "")
+    assert answered(kernels, **home) == (21, 1, "")
+    assert list((kernels / "home").rglob(f"{FOLDER}/das.caller"))
+
+
+def test_where_nothing_can_be_kept_the_user_is_told_how_to_help(kernels: Path) -> None:
+    (kernels / "das/__pycache__").write_text("a file")
+    nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null/caches"}
+    value, hits, said = answered(kernels, **nowhere)
+    assert (value, hits) == (21, 0)
+    assert said.count("set NUMBA_CACHE_DIR to a folder that can be written to") == 1
+
+
+def test_bounds_checks_have_their_own_compiled_code(kernels: Path) -> None:
+    assert answered(kernels)[:2] == (21, 0)
+    assert answered(kernels, NUMBA_BOUNDSCHECK="1")[:2] == (21, 0)
+    assert answered(kernels)[:2] == (21, 1)
+
+
+# --- what a module depends on -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
+    """An importable package of its own name with an inner package."""
+    folder = tmp_path / f"own_{abs(hash(request.node.name))}"
+    (folder / "inner").mkdir(parents=True)
+    for name in ("__init__.py", "inner/__init__.py"):
+        (folder / name).write_text("")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return folder
+
+
+def test_all_ways_to_import_are_followed(package: Path) -> None:
+    name = package.name
+    (package / "start.py").write_text(
+        f"import os, {name}.a as x\n"
+        f"from {name} import b, nothing\n"
+        f"from {name}.inner import (\n    c,  # a comment\n    other as d,\n)\n"
+        f"def late():\n    from . import e\n    from .inner.f import g\n"
+        "from numpy import array\n"
+    )
+    for module in ("a", "b", "e", "inner/c", "inner/other", "inner/f", "unused"):
+        (package / f"{module}.py").write_text("X = 1\n")
+    (package / "b.py").write_text(f"import {name}.far\n")
+    (package / "far.py").write_text(f"import {name}.start  # round in a circle\n")
+    found = sources_of([f"{name}.start"], packages={name})
+    inner = f"{name}.inner"
+    modules = [f"{name}.{x}" for x in ("a", "b", "e", "far", "start")]
+    assert set(found) == {name, inner, *modules, f"{inner}.c", f"{inner}.other", f"{inner}.f"}
+
+
+def test_the_solver_depends_on_its_kernels_and_on_the_domain_and_on_nothing_else() -> None:
+    found = set(sources_of(["das.solver.front"]))
+    assert {"das.solver.front", "das.solver.section", "das.solver.tolerances", "das.solver.params"} <= found
+    assert {"das.domain.vehicle", "das.domain.route", "das.domain.losses", "das.domain.units"} <= found
+    assert any(name.startswith("das.solver.kernels") for name in found)
+    assert all(name.startswith(("das.solver", "das.domain")) for name in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "is_same"),
+    [
+        ('"""Another text."""\nA = 1  # why\n\n\ndef f(x):\n    "Other."\n    return (x +\n        A)\n', True),
+        ("A = 1\ndef f(x): return x + A\n", True),
+        ("A = 1\ndef f(x):\n    return x - A\n", False),
+        ("A = 2\ndef f(x):\n    return x + A\n", False),
+        ("A = 1.0\ndef f(x):\n    return x + A\n", False),
+        ("A = '1'\ndef f(x):\n    return x + A\n", False),
+        ("A = 1\ndef f(x):\n    return A + x\n", False),
+        ("A = 1\ndef f(x, y):\n    return x + A\n", False),
+        ("A = 1\ndef g(x):\n    return x + A\n", False),
+        ("A = 1\n@njit\ndef f(x):\n    return x + A\n", False),
+    ],
+)
+def test_only_what_code_does_counts(text: str, is_same: bool) -> None:
+    plain = b'"""A module."""\n\nA = 1\n"""A constant."""\n\ndef f(x):\n    """A function."""\n    return x + A\n'
+    assert (code_sha256({"m": text.encode()}) == code_sha256({"m": plain})) is is_same
+
+
+def test_an_order_counts() -> None:
+    first, second = b"A = 1\nB = A\n", b"B = A\nA = 1\n"
+    assert code_sha256({"m": first}) != code_sha256({"m": second})
+    assert code_sha256({"m": b"f(a, b)"}) != code_sha256({"m": b"f(a)(b)"})
+
+
+def test_a_module_without_its_source_is_refused(package: Path) -> None:
+    (package / "a.py").write_text("X = 1\n")
+    (package / "start.py").write_text(f"from {package.name} import a\n")
+    assert len(sources_of([f"{package.name}.start"], packages={package.name})) == 3
+    other = package.with_name(f"{package.name}_b")
+    package.rename(other)
+    compileall.compile_dir(other, quiet=1, legacy=True)
+    (other / "a.py").unlink()
+    (other / "start.py").write_text(f"from {other.name} import a\n")
+    with pytest.raises(SourcesMissingError, match=rf"{other.name}.a: its source file is not installed, only a comp"):
+        sources_of([f"{other.name}.start"], packages={other.name})
+    with pytest.raises(SourcesMissingError, match=r"das.nowhere: its source file is not installed"):
+        sources_of(["das.nowhere"])
+
+
+def test_every_kernel_of_ours_is_compiled_by_the_one_decorator() -> None:
+    """A kernel compiled by numba's own decorator would outlive a change of what it calls."""
+    own = [
+        str(path.relative_to(REPOSITORY))
+        for package in ("das", "precompute", "sim")
+        for path in (REPOSITORY / package).rglob("*.py")
+        if "import njit" in path.read_text(encoding="utf-8") or "numba.njit(" in path.read_text(encoding="utf-8")
+    ]
+    assert own == ["das/solver/compiling.py", "precompute/bench/roofline.py"]

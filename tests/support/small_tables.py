@@ -1,0 +1,59 @@
+"""A small section with its table: where both are read, written, damaged and looked up in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from das.domain.losses import EfficiencyLoss
+from das.domain.route import Route
+from das.domain.vehicle import Vehicle
+from das.solver.front import Front
+from das.table.format import MANIFEST, sealed
+from precompute.tables.writing import TableSettings
+from tests.support.making import make_route, make_train
+
+BUFFERS = (0.0, 2.0, 7.0, 20.0)
+SETTINGS = TableSettings(buffers_percent=BUFFERS)
+LENGTH_M = 5000.0
+LIMITS = [(0.0, 25.0), (1500.0, 35.0), (3800.0, 20.0)]
+GRADES = [(0.0, 0.0), (1000.0, 0.008), (2500.0, -0.006), (4000.0, 0.0)]
+
+
+def line(length_m: float = LENGTH_M) -> Route:
+    return make_route(length_m, LIMITS, GRADES)
+
+
+def train() -> Vehicle:
+    """100 t with a power limit, resistance and losses with an idle part; 60 m long."""
+    made = make_train(
+        resistance=(1500.0, 20.0, 5.0),
+        power_w=1.5e6,
+        loss=EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.2, idle_w=30e3),
+    )
+    return replace(made, train_length_m=60.0)
+
+
+def states(front: Front, count: int, buffers: tuple[float, float] = (0.02, 0.3)) -> list[tuple[float, float, float]]:
+    """Positions, speeds and times left all over a section."""
+    rng, section = np.random.default_rng(4), front.section
+    found = []
+    for _ in range(count):
+        s_m = float(rng.uniform(section.start_m + 10, section.end_m - 1000))
+        top = float(np.interp(s_m, section.node_m, section.envelope_mps))
+        v_mps = top * float(rng.uniform(0.4, 0.99))
+        found.append((s_m, v_mps, front.least_time_s(s_m, v_mps) * (1 + float(rng.uniform(*buffers)))))
+    return found
+
+
+def seal_anew(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change the manifest of a table and seal it anew, as somebody who knows the format could."""
+    manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    del manifest["manifest_sha256"]
+    change(manifest)
+    (folder / MANIFEST).write_bytes(sealed(manifest))
