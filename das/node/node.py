@@ -9,7 +9,7 @@ from das.bus.session import Bus, Received
 from das.cab.cab import Cab
 from das.cab.heard import Kind, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Severity, Status
-from das.command_line.running import say
+from das.command_line.printing import say
 from das.node.clock import Clock
 
 CAUGHT_UP = 1_000

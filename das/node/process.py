@@ -20,9 +20,10 @@ from das.cab.outputs import NodeState
 from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.cab.warm_up import warm_up
-from das.command_line.running import StopFlag, interrupt_on_termination, run_app, say, warn_unusual
+from das.command_line.loading import load_route, load_vehicle, warn_unusual
+from das.command_line.printing import say
+from das.command_line.running import StopFlag, interrupt_on_termination, run_app
 from das.domain.errors import DasError
-from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
 from das.domain.route import section_stops
 from das.node.clock import BusClock, Clock, WallClock

@@ -1,4 +1,4 @@
-"""The format of a table on disk (docs/tables.md): its files, its arrays and how they are packed.
+"""The format of a table on disk (docs/reference/tables.md): its files, its arrays and how they are packed.
 
 A table is a folder with `manifest.json` and plain `.npy` arrays. The policies of a front are packed: values as 32-bit
 numbers, times-to-go as 16-bit steps between the least and the greatest of each node and multiplier.

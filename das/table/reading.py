@@ -27,7 +27,7 @@ GRID_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """A table on disk: its folder and its checked manifest (docs/tables.md).
+    """A table on disk: its folder and its checked manifest (docs/reference/tables.md).
 
     Its arrays are read when they are needed, whole and checked against their hashes. They are not mapped: what somebody
     writes into a file, or cuts off it, later on cannot reach an answer.

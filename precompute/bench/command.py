@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import textwrap
 import time
 from dataclasses import asdict
@@ -15,7 +16,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.command_line.running import busy, err, warn_unusual
+from das.command_line.loading import warn_unusual
+from das.command_line.printing import busy, error_console
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import Section, build_section
@@ -114,7 +116,7 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
         )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     figures: list[Figure] = []
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
+    with Progress(*columns, console=error_console(), transient=True, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("", total=len(wanted))
         for name in wanted:
             progress.update(task, description=name)

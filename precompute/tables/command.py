@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table as PrintedTable
 from rich.text import Text
 
-from das.command_line.running import busy, err, print_table
+from das.command_line.printing import busy, error_console, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 
@@ -167,7 +168,7 @@ def _bar(what: str, total: int) -> Iterator[Callable[[], None]]:
         *(TextColumn(what), BarColumn(), MofNCompleteColumn()),
         *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
     )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
+    with Progress(*columns, console=error_console(), transient=True, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("", total=total)
         yield lambda: progress.advance(task)
 

@@ -25,7 +25,8 @@ from das.table.hashes import combined, hashes_of, with_code
 Floats = NDArray[np.float64]
 
 MULTIPLIERS = 28
-"""Multipliers of a table, of the 64 a front is solved with: fewer lose energy, more take room (docs/tables.md)."""
+"""Multipliers of a table, of the 64 a front is solved with: fewer lose energy, more take room
+(docs/reference/tables.md)."""
 FEWEST_MULTIPLIERS = 8
 LONGEST_BUFFER_RATIO = 1.0
 SHORTEST_BUFFER_RATIO = 0.0003

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from das.command_line.running import STOP_SIGNALS, busy, interrupt_on_termination, signals_held
+from das.command_line.entry import STOP_SIGNALS
+from das.command_line.printing import busy
+from das.command_line.running import interrupt_on_termination, signals_held
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.cli.shared import Kind, chosen, progress_bar

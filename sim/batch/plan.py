@@ -15,7 +15,7 @@ import das
 import precompute
 import sim
 from das import __version__
-from das.command_line.running import warn_unusual
+from das.command_line.loading import warn_unusual
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation

@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from das.command_line.running import PRINTED_WIDTH
+from das.command_line.printing import PRINTED_WIDTH
 from sim.world.outcome import SHARES
 
 SHARE_NAMES = {

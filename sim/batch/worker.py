@@ -12,7 +12,7 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from das.command_line.running import STOP_SIGNALS
+from das.command_line.entry import STOP_SIGNALS
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.batch.plan import Job

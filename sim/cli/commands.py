@@ -11,7 +11,9 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.running import busy, err, interrupt_on_termination, run_app, warn_unusual
+from das.command_line.loading import warn_unusual
+from das.command_line.printing import busy, error_console
+from das.command_line.running import interrupt_on_termination, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.writing import check_writable
@@ -76,7 +78,8 @@ def default(context: typer.Context) -> None:
     """Without a command, replay the bundled recording."""
     if context.invoked_subcommand is None:
         path = bundled_recording()
-        err.print(f"replaying the bundled recording {BUNDLED}: a late train on an illustrative Zürich–Luzern route")
+        what = f"replaying the bundled recording {BUNDLED}: a late train on an illustrative Zürich–Luzern route"
+        error_console().print(what)
         _replay(path, ReplayOptions())
 
 

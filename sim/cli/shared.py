@@ -15,7 +15,7 @@ from typing import Annotated, TypeVar
 import typer
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from das.command_line.running import err
+from das.command_line.printing import error_console
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 
@@ -72,7 +72,7 @@ def progress_bar(title: str, first: str, unit: str) -> Iterator[Callable[[float,
 
     Yields what to call with how much is done and the whole.
     """
-    if not err.is_terminal:
+    if not error_console().is_terminal:
         said = time.monotonic()
 
         def line(done: float, whole: float) -> None:
@@ -85,6 +85,6 @@ def progress_bar(title: str, first: str, unit: str) -> Iterator[Callable[[float,
         yield line
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=err, transient=True) as bar:
+    with Progress(*columns, console=error_console(), transient=True) as bar:
         task = bar.add_task(f"{title}: {first}", total=None)
         yield lambda done, whole: bar.update(task, completed=done, total=whole, description=title)

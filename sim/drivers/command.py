@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from das.command_line.running import print_table
+from das.command_line.printing import print_table
 from sim.drivers.parameters import HumanParameters, parameter_table
 
 FOLDED = 52

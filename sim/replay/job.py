@@ -14,7 +14,7 @@ from das.bus.config import bus_folder
 from das.bus.recording import extract_attachments
 from das.bus.topics import check_train_name
 from das.cab.warm_up import warm_up
-from das.command_line.running import warn_unusual
+from das.command_line.loading import warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
 from das.domain.files.loss_map_csv import read_loss_map

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from das.command_line.running import print_table, typed
+from das.command_line.printing import print_table, typed
 from das.domain.units import NS, kwh
 from das.solver.solution import Fit
 from sim.replay.replay import TICK_S, Job, Outcome

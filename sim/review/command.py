@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.running import busy, typed
+from das.command_line.printing import busy, typed
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.running import busy
+from das.command_line.printing import busy
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from sim.cli.options import (

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from das.command_line.running import print_table
+from das.command_line.printing import print_table
 from das.domain.units import KM, KMH, KN, NS, kwh
 from das.solver.section import Section
 from sim.trips.estimate import HELD_S, EnergyRange, energy_range, estimate_run, strongest_held_n

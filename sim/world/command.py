@@ -14,7 +14,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from das.command_line.running import PRINTED_WIDTH, busy, interrupt_on_termination, warn_unusual
+from das.command_line.loading import warn_unusual
+from das.command_line.printing import PRINTED_WIDTH, busy
+from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.losses import Level

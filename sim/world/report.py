@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from das.command_line.running import PRINTED_WIDTH, typed
+from das.command_line.printing import PRINTED_WIDTH, typed
 from das.domain.conditions import Conditions
 from sim.drivers.cab import AT_STOP_M
 from sim.world.outcome import SHARES

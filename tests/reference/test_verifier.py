@@ -241,8 +241,8 @@ def test_the_plan_has_something_to_find_errors_in(good: Planned) -> None:
 def test_the_commands_files_on_a_route_and_vehicle_of_ours(tmp_path: Path) -> None:
     """CSV, JSON and loss map as the commands write them; TOML as the verifier reads it."""
     for args in (
-        ("loss-map", "re460-ic", "--csv", "map.csv"),
-        ("solve", "zurich-luzern", "re460-ic", "--from", "Zug", "--to", "Luzern", "--buffer", "7", "--csv", "run.csv"),
+        ("loss-map", "re460-ic", "--out", "map.csv"),
+        ("solve", "zurich-luzern", "re460-ic", "--from", "Zug", "--to", "Luzern", "--buffer", "7", "--out", "run.csv"),
     ):
         done = das_precompute(tmp_path, *args, *(["--json"] if args[0] == "solve" else []))
         assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""The losses in a vehicle's TOML file: efficiencies, a loss map, or a chain of components (docs/file-formats.md)."""
+"""The losses in a vehicle's TOML file: efficiencies, a loss map, or a chain (docs/reference/file-formats.md)."""
 
 from __future__ import annotations
 

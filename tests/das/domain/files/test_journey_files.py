@@ -17,7 +17,9 @@ from das.domain.errors import DasError, InputError
 from das.domain.files.load import catalogue, load_journey, load_route
 from das.domain.journey import Call, Journey, Passing, Window, clock
 from das.domain.route import Route, Stop
-from precompute.journey.command import journey_command
+from precompute.cli.options import LineOptions, RunFiles, TrainOptions, WorldOptions
+from precompute.journey.command import StopsOptions
+from precompute.journey.command import journey as journey_command
 from tests.support.making import das_precompute, in_a_process, make_route
 
 NATIVE = """schema_version = 1
@@ -260,7 +262,7 @@ def test_times_are_shown_as_a_clock_shows_them(time_s: float, shown: str) -> Non
 def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """The bundled journey: what `--json` printed, and the folder with run.csv and run.png."""
     folder = tmp_path_factory.mktemp("planned")
-    words = ("journey", "zurich-luzern", "zurich-luzern", "re460-ic", "--json", "--csv", "run.csv", "--plot", "run.png")
+    words = ("journey", "zurich-luzern", "zurich-luzern", "re460-ic", "--json", "--out", "run.csv", "--plot", "run.png")
     done = in_a_process("precompute.cli", *words, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout), folder
@@ -301,8 +303,22 @@ def test_the_csv_is_the_whole_journey_on_its_clock(planned: tuple[dict[str, Any]
     assert (planned[1] / "run.png").read_bytes().startswith(b"\x89PNG")
 
 
+def plan_journey(
+    journey: str, route: str, *, out: Path | None = None, plot: Path | None = None, **times: float | None
+) -> None:
+    """The command as a function: the bundled train on a route."""
+    journey_command(
+        journey,
+        LineOptions(route=route),
+        TrainOptions(vehicle="re460-ic"),
+        WorldOptions(),
+        StopsOptions(**times),
+        RunFiles(out=out, plot=plot),
+    )
+
+
 def test_all_stops_are_a_journey_and_the_table_says_what_it_saves(capsys: pytest.CaptureFixture[str]) -> None:
-    journey_command("stops", "zurich-luzern", "re460-ic", buffer_percent=7.0, dwell_s=60.0)
+    plan_journey("stops", "zurich-luzern", buffer_percent=7.0, dwell_s=60.0)
     printed = capsys.readouterr().out
     # 1.07 × (528.9 + 592.0 + 997.6) s and two dwells
     found = re.search(r"in all 0:39:46\.\d, ([\d.]+) kWh, gap to the lower bound -?0\.\d+ %", printed)
@@ -318,7 +334,7 @@ def test_all_stops_are_a_journey_and_the_table_says_what_it_saves(capsys: pytest
     [
         ("stops", "flat-6km", {}, r"stops: give either --time \(s\) or --buffer \(%\)$"),
         ("stops", "flat-6km", {"time_s": 9.0, "buffer_percent": 9.0}, r"stops: give either --time \(s\) or --buffer"),
-        ("stops", "flat-6km", {"buffer_percent": -1.0}, r"--buffer -1\.0 %: expected a number from 0 to 10000$"),
+        ("stops", "flat-6km", {"buffer_percent": -1.0}, r"buffer -1\.0 %: expected a number from 0 to 10000$"),
         (
             "stops",
             "flat-6km",
@@ -337,17 +353,22 @@ def test_all_stops_are_a_journey_and_the_table_says_what_it_saves(capsys: pytest
             {},
             r".*zurich-luzern\.toml: journey\.route = 'zurich-luzern': expected flat-6km",
         ),
-        ("stops", "flat-6km", {"time_s": 300.0, "csv": Path("no/x")}, r"no/x: no such folder no$"),
-        ("stops", "flat-6km", {"csv": Path("x"), "plot": Path("x")}, r"x: --csv and --plot name the same file$"),
+        ("stops", "flat-6km", {"time_s": 300.0, "out": Path("no/x")}, r"no/x: no such folder no$"),
+        (
+            "stops",
+            "flat-6km",
+            {"out": Path("x.png"), "plot": Path("x.png")},
+            r"x\.png: two outputs name the same file$",
+        ),
     ],
 )
 def test_what_cannot_be_planned_is_refused(journey: str, route: str, options: dict[str, Any], expected: str) -> None:
     with pytest.raises(DasError, match=f"^{expected}"):
-        journey_command(journey, route, "re460-ic", **options)
+        plan_journey(journey, route, **options)
 
 
 def test_a_refusal_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, "journey", "nix", "flat-6km", "re460-ic", "--csv", "x.csv")
+    done = das_precompute(tmp_path, "journey", "nix", "flat-6km", "re460-ic", "--out", "x.csv")
     assert (done.returncode, done.stdout) == (2, "")
     expected = r"error: nix: not a bundled journey \(zurich-luzern\) and not a \.toml or \.json file\n"
     assert re.fullmatch(expected, done.stderr)
