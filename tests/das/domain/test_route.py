@@ -105,8 +105,8 @@ def test_a_route_reversed_twice_is_itself() -> None:
     assert again.tunnels == there.tunnels
     assert again.altitude_at_start_m == pytest.approx(400.0)
     assert again.breakpoints_m().tolist() == there.breakpoints_m().tolist() == [0, 100, 200, 300, 500, 600, 700]
-    for one, other in zip(there._lists(), again._lists(), strict=True):
-        assert one[1].value.tolist() == other[1].value.tolist(), one[0]
+    for name in ("limits_mps", "gradients_ratio", "curvature_per_m", "receptivity_ratio"):
+        assert getattr(there, name).value.tolist() == getattr(again, name).value.tolist(), name
     assert again.geometry_latitude_deg.tolist() == [47.0, 47.1]
 
 

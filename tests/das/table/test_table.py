@@ -37,6 +37,7 @@ from das.table.table import (
     warm_up,
     write_table,
 )
+from tests.support.benchmark import track_path, train_path
 from tests.support.making import make_route, make_train
 
 BUFFERS = (0.0, 2.0, 7.0, 20.0)
@@ -155,6 +156,7 @@ def test_table_answers_as_the_full_front_does(bound: SectionTable, front: Front)
         assert stored.ledger.input + later_j - full.ledger.input < 2e-3 * scale_j
 
 
+@pytest.mark.slow
 def test_look_up_agrees_with_the_roll_out(bound: SectionTable, front: Front) -> None:
     scale_j = abs(front.fastest().ledger.input)
     for s_m, v_mps, time_s in states(front, 40):
@@ -173,6 +175,7 @@ def test_look_up_agrees_with_the_roll_out(bound: SectionTable, front: Front) -> 
         assert found.force_n == pytest.approx(force_n + other_n, abs=0.05 * front.section.train.traction_force_n)
 
 
+@pytest.mark.slow
 def test_look_up_from_memory_and_from_disk_agree(bound: SectionTable, front: Front) -> None:
     solved = LookUp(front)
     for s_m, v_mps, time_s in states(front, 20):
@@ -391,10 +394,10 @@ def test_writing_replaces_a_table(copied: Path, folder: Path) -> None:
     assert [path.name for path in copied.parent.iterdir()] == ["table"]
 
 
-def test_a_31_km_section_fits_into_15_mb(shared: Path) -> None:
+def test_a_31_km_section_fits_into_15_mb() -> None:
     """With the 41 trajectories and the least-energy run that a table holds by default."""
-    route = load_route(str(shared / "ttobench/tracks/CH_Fribourg_Bern.json"))
-    vehicle = load_vehicle(str(shared / "ttobench/trains/CH_Stadler_FLIRT_TPF.json"))
+    route = load_route(str(track_path("CH_Fribourg_Bern")))
+    vehicle = load_vehicle(str(train_path("CH_Stadler_FLIRT_TPF")))
     files = make_table(build_section(route, vehicle), threads=2)
     manifest = json.loads(files["manifest.json"])
     assert len(manifest["trajectories"]) == 42
