@@ -25,6 +25,7 @@ from tests.support.flat_days import FLAT, run_of, signal_at, standing_m, states_
 
 @pytest.mark.parametrize("advice", list(Presentation))
 def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[str], Path], advice: str) -> None:
+    """Every state of the day is the same for one seed, whatever advice is shown; another seed differs."""
     path = flat()
     first = states_of(path, "human", advice, 5)
     assert first == states_of(path, "human", advice, 5)
@@ -33,6 +34,7 @@ def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[s
 
 @pytest.mark.parametrize("driver", list(DriverKind))
 def test_every_driver_arrives_on_a_flat_line(flat: Callable[[str], Path], driver: str) -> None:
+    """Each kind of driver stands within 10 m of the stop at the end."""
     states = states_of(flat(), driver, "vector", 2)
     assert abs(states[-1].s_m - 6000) < 10
     assert states[-1].speed_mps == 0
@@ -59,6 +61,7 @@ def test_a_signal_seen_too_late_stops_the_train_beyond_it(flat: Callable[[str], 
 
 
 def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) -> None:
+    """Four days: the driver stands at most 15 m before the signal and never more than half a metre beyond it."""
     service = prepare_service(read_scenario(flat(signal_at(3000, 1500))))
     for seed in range(4):
         driver = make_day(service, seed).driver(DriverKind.HUMAN)
@@ -102,6 +105,7 @@ class Hears(InProcess):
 
 
 def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Path]) -> None:
+    """The last delay that the node is told is the delay of the arrival."""
     service = prepare_service(
         read_scenario(flat("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 60"))
     )
@@ -112,10 +116,12 @@ def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Pa
 
 
 def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:
+    """On a slippery rail the train slides past its stop; the run ends there and says by how much."""
     slippery = "[[disturbances]]\nkind = 'slippery-rail'\nfrom_km = 4\nto_km = 6.5\nadhesion_ratio = 0.1\n"
     run = run_of(flat(f"[truth]\nadhesive_mass_t = 84\n{slippery}"), "perfect")
     assert run.calls[-1].missed_m > 100
 
 
 def test_a_train_that_resists_far_more_than_known_comes_to_a_stand(flat: Callable[[str], Path]) -> None:
+    """With ten times the resistance a train driven as fast as possible still stops at its stop."""
     assert abs(run_of(flat("[truth]\nresistance_ratio = 10\n"), "fast", "none").calls[-1].missed_m) < 1

@@ -214,6 +214,7 @@ def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
     assert all(advice.speed_mps <= advice.advised_speed_mps + 1.5 for advice in advices)
 
 
+@pytest.mark.slow
 def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stopping() -> None:
     driven = drive("train-ahead")
     ahead, service = driven.one(TrainAhead), driven.day.service
@@ -360,6 +361,7 @@ def test_node_restart_leaves_the_driver_without_advice_for_seconds() -> None:
     assert abs(driven.late_s()[-1]) <= 2.0
 
 
+@pytest.mark.slow
 def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Path) -> None:
     """With the forces measured the node plans with the mass it finds; without, with that of the file."""
     source = load_scenario("clear-day").source.read_text(encoding="utf-8")

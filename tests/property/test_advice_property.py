@@ -136,7 +136,9 @@ def drawn(random: np.random.Generator, section: Section) -> tuple[float, float, 
     return s_m, min(v_mps, 50.0), float((END_M - s_m) / 25.0 * random.uniform(-0.5, 4.0))
 
 
+@pytest.mark.slow
 def test_no_advice_is_above_limit_or_brake_curve() -> None:
+    """Random states, restrictions and times: advised speeds against limits and a brake curve of this file's own."""
     free = front_of(section_of(()))
     given = 0
     for _, random, restrictions in worlds():
@@ -210,6 +212,7 @@ def test_advice_is_continuous_in_what_is_heard(restrictions: tuple[Restriction, 
 
 
 def test_the_fastest_run_needs_no_front() -> None:
+    """The fastest run and its time are the same without a front as with the solved one."""
     section = section_of(())
     whole = front_of(section)
     assert fastest(section, 3000.0, 20.0).time_s == whole.fastest(3000.0, 20.0).time_s

@@ -67,6 +67,7 @@ def sampled(train: Vehicle, s_m: float) -> np.ndarray:
 
 
 def test_a_long_train_feels_the_gradient_under_each_of_its_masses() -> None:
+    """Speeds against an integration of 260 m of equal masses; the work of the weight against the height they gain."""
     grades = [(0.0, 0.0), (900.0, 0.02), (1100.0, -0.015), (1900.0, 0.0)]
     route = make_route(3000.0, [(0.0, 40.0)], grades)
     train = replace(make_train(power_w=2e6), train_length_m=260.0)
@@ -88,6 +89,7 @@ def test_a_long_train_feels_the_gradient_under_each_of_its_masses() -> None:
 
 
 def test_no_part_of_a_long_train_is_above_a_limit_and_it_hurries_once_the_tail_is_out() -> None:
+    """Forty points of the train against the limit at each; the slow stretch ends one train length after the limit."""
     route = make_route(4000.0, [(0.0, 30.0), (1500.0, 12.0), (1600.0, 35.0), (2600.0, 20.0)])
     train = replace(make_train(), train_length_m=180.0)
     run = solved(route, train).fastest().trajectory
@@ -102,6 +104,7 @@ def test_no_part_of_a_long_train_is_above_a_limit_and_it_hurries_once_the_tail_i
 
 
 def test_a_tunnel_holds_back_the_part_of_the_train_in_it() -> None:
+    """Speeds against an integration in which only the masses inside a tunnel feel its resistance."""
     tunnels = (
         Tunnel(start_m=800.0, length_m=300.0, area_m2=30.0),
         Tunnel(start_m=1500.0, length_m=900.0, area_m2=50.0),
@@ -148,6 +151,7 @@ rows = [[0.0, inf, inf], [0.2, inf, 400], [0.4, 400, 400], [0.6, 400, -1000], [0
 
 
 def test_a_clothoid_is_taken_at_its_mean_curvature(tmp_path: Path) -> None:
+    """Curvatures and resistances by hand from the radii; the formula's mean along the clothoid is a second figure."""
     path = tmp_path / "route.toml"
     path.write_text(CURVES)
     route = read_route(path)
@@ -165,6 +169,7 @@ def test_a_clothoid_is_taken_at_its_mean_curvature(tmp_path: Path) -> None:
 
 
 def test_adhesion_bounds_the_run_up() -> None:
+    """Curtius and Kniffler by hand; the time to 25 m/s against an integration in time steps of 2 ms."""
     train = replace(make_train(power_w=1.5e6), adhesive_mass_kg=2e4)  # 65 kN on the rail of 100 kN of the motors
     speeds = np.array([0.0, 5.0, 10.0, 20.0, 40.0])
     mu = 0.161 + 7.5 / (3.6 * speeds + 44)
@@ -184,6 +189,7 @@ def test_adhesion_bounds_the_run_up() -> None:
 
 
 def test_on_a_slippery_rail_all_brakes_together_hold_less() -> None:
+    """Deceleration against g times the coefficient of adhesion by hand: never above it, and near it while braking."""
     train = replace(make_train(), adhesive_mass_kg=4e4, friction_brake_force_n=3e5, brake_policy=BrakePolicy.BLENDED)
     slippery = Conditions(adhesion_ratio=0.3).train(train)
     run = solved(flat(3000.0, 30.0), slippery).fastest().trajectory
@@ -197,6 +203,7 @@ def test_on_a_slippery_rail_all_brakes_together_hold_less() -> None:
 
 
 def test_accelerations_are_bounded() -> None:
+    """Least time against the closed form of constant acceleration, cruise and constant deceleration."""
     train = replace(make_train(), max_acceleration_mps2=0.5, max_deceleration_mps2=0.8)
     fastest = solved(flat(4000.0, 25.0), train).fastest()
     run_up, run_down = 25.0**2 / (2 * 0.5), 25.0**2 / (2 * 0.8)
@@ -207,6 +214,7 @@ NEUTRAL_ZONES = (Zone(start_m=1000.0, length_m=150.0), Zone(start_m=2500.0, leng
 
 
 def test_through_a_neutral_section_the_train_coasts() -> None:
+    """No force of the motors inside; v² falls by 2·g·slope·length, the closed form without resistance."""
     grades = [(0.0, 0.0), (900.0, 0.01)]
     route = replace(make_route(4000.0, [(0.0, 30.0)], grades), neutral_sections=NEUTRAL_ZONES)
     for policy, friction_n in ((BrakePolicy.ELECTRIC, 0.0), (BrakePolicy.BLENDED, 1e5)):
@@ -225,6 +233,7 @@ def test_through_a_neutral_section_the_train_coasts() -> None:
 
 
 def test_a_neutral_section_on_a_climb_needs_a_run_up() -> None:
+    """The least speed at its beginning against √(2·g·slope·length)."""
     zone = Zone(start_m=1500.0, length_m=400.0)
     route = replace(
         make_route(3000.0, [(0.0, 40.0)], [(0.0, 0.0), (1500.0, 0.03), (1900.0, 0.0)]), neutral_sections=(zone,)
@@ -240,6 +249,7 @@ def test_a_neutral_section_on_a_climb_needs_a_run_up() -> None:
 
 
 def test_without_regeneration_the_friction_brake_does_it_all() -> None:
+    """The energy equals that of a train without an electric brake on a line without losses."""
     zone = (Zone(start_m=0.0, length_m=3000.0),)
     route = replace(flat(3000.0, 30.0), no_regeneration=zone)
     train = replace(make_train(), friction_brake_force_n=1e5, brake_policy=BrakePolicy.BLENDED)
@@ -259,6 +269,7 @@ def test_without_regeneration_the_friction_brake_does_it_all() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_the_line_takes_a_share_of_what_is_fed_back(share: float) -> None:
+    """Input and unreturned energy against (1 − share) of the kinetic energy at the highest speed."""
     route = replace(flat(3000.0, 30.0), receptivity_ratio=Stretches(start_m=np.zeros(1), value=np.array([share])))
     train = make_train()
     front = solved(route, train)
@@ -277,6 +288,7 @@ def test_the_line_takes_a_share_of_what_is_fed_back(share: float) -> None:
 
 
 def test_baselines_keep_to_the_supply_too() -> None:
+    """No force in neutral sections, no forbidden regeneration, a closed ledger, and never below the optimum."""
     route = replace(
         flat(4000.0, 30.0),
         neutral_sections=NEUTRAL_ZONES,
@@ -303,6 +315,7 @@ def test_baselines_keep_to_the_supply_too() -> None:
 
 
 def test_auxiliary_power_is_drawn_all_the_way_and_comfort_stays_beside() -> None:
+    """The energy rises by exactly power times time; comfort power is stated beside it."""
     loss = EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.1, idle_w=1e4)
     plain = make_train(resistance=(1e3, 0.0, 5.0), power_w=2e6, loss=loss)
     with_aux = replace(plain, auxiliary_power_w=5e4, comfort_power_w=3e4)
@@ -321,6 +334,7 @@ def test_auxiliary_power_is_drawn_all_the_way_and_comfort_stays_beside() -> None
 
 
 def test_a_load_changes_what_weighs_but_not_what_rotates() -> None:
+    """Masses and resistances by hand: rotating parts keep theirs, rolling friction grows with the weight."""
     train = replace(make_train(resistance=(1e3, 10.0, 5.0)), rotating_mass_ratio=0.08)
     loads = MappingProxyType({"full": Load(mass_kg=1.3e5), "known": Load(mass_kg=9e4, c0_n=800.0)})
     train = replace(train, loads=loads)
@@ -336,6 +350,7 @@ def test_a_load_changes_what_weighs_but_not_what_rotates() -> None:
 
 @pytest.mark.parametrize("wind_mps", [-6.0, 9.0])
 def test_wind_meets_the_train_with_its_own_speed(wind_mps: float) -> None:
+    """Speeds against an integration with c2·((v + w)² − v²) added to the resistance."""
     calm = make_train(resistance=(1e3, 20.0, 6.0), power_w=2e6)
     train = Conditions(head_wind_mps=wind_mps).train(calm)
     run = solved(flat(4000.0), train).trajectory(160.0).trajectory
@@ -347,6 +362,7 @@ def test_wind_meets_the_train_with_its_own_speed(wind_mps: float) -> None:
 
 
 def test_conditions_out_of_range_are_refused() -> None:
+    """One line with the name, the value and what was expected."""
     for options, message in (
         ({"mass_ratio": 0.0}, "mass_ratio = 0.0: expected more than 0"),
         ({"resistance_ratio": float("nan")}, "resistance_ratio = nan"),
@@ -358,6 +374,7 @@ def test_conditions_out_of_range_are_refused() -> None:
 
 
 def test_the_kernels_limits_are_the_vehicles() -> None:
+    """Two codes for the same force limits, the compiled one and the vehicle's own, at five speeds."""
     train = replace(
         make_train(power_w=2e6),
         adhesive_mass_kg=3e4,
@@ -373,6 +390,7 @@ def test_the_kernels_limits_are_the_vehicles() -> None:
 
 
 def test_zones_turn_round_with_the_line_and_overlapping_ones_are_refused() -> None:
+    """The supply of the reversed line at mirrored places, and messages for zones that cannot be."""
     route = replace(
         flat(4000.0),
         neutral_sections=NEUTRAL_ZONES,
@@ -413,6 +431,7 @@ c0_kn = 9.0
 
 
 def test_supply_adhesion_and_loads_are_read_from_files(tmp_path: Path) -> None:
+    """What the file says in km, t and kN arrives in SI; a misspelt table and a negative mass are refused."""
     folder = REPOSITORY / "das" / "domain" / "catalogue"
     path = tmp_path / "route.toml"
     path.write_text((folder / "routes" / "flat-6km.toml").read_text() + ZONES)

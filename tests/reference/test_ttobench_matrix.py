@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,15 +22,16 @@ from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
-from tests.das.domain.files.test_ttobench import TRACKS, TRAINS
+from tests.support.benchmark import TRACKS, TRAINS, track_path, tracks_here, train_path
 from tests.support.making import REPOSITORY, csv_rows
 from tests.support.raw_data import Floats, G, Line, Train
 from tests.support.verifier import Finding, verify
 
+pytestmark = pytest.mark.reference
 BUFFERS_RATIO = (0.0, 0.05, 0.15)
 AMPLE_RATIO = 1e4
 """So much buffer that the least-energy run results. These trains idle for nothing, so it creeps: see `verify`."""
-HILLY = [track for track in TRACKS if track.endswith("_10") or not track.startswith("00")]
+HILLY = [track for track in tracks_here() if track.endswith("_10") or not track.startswith("00")]
 OVERLOADS = ((4, True), (8, True), (15, False))
 """Times the mass, and whether only the motors brake."""
 PUBLISHED_RATIO = 2e-3
@@ -52,12 +52,9 @@ class Case:
     train: Train
 
     @classmethod
-    def read(cls, shared: Path, track: str, train: str) -> Case:
-        track_path = shared / "ttobench" / "tracks" / f"{track}.json"
-        train_path = shared / "ttobench" / "trains" / f"{train}.json"
-        return cls(
-            load_route(str(track_path)), load_vehicle(str(train_path)), Line.read(track_path), Train.read(train_path)
-        )
+    def read(cls, track: str, train: str) -> Case:
+        line, own = track_path(track), train_path(train)
+        return cls(load_route(str(line)), load_vehicle(str(own)), Line.read(line), Train.read(own))
 
     def heavier(self, factor: float, *, motors_only: bool) -> Case:
         """With so many times the mass behind the same motors and brakes."""
@@ -113,12 +110,14 @@ def published() -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in rows if row[0] in TRACKS and len(row) == 2 + len(TRAINS)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("train", TRAINS)
-@pytest.mark.parametrize("track", TRACKS)
-def test_every_track_and_train_is_solved_and_verified(shared: Path, track: str, train: str) -> None:
-    answer = solve_and_verify(Case.read(shared, track, train))
+@pytest.mark.parametrize("track", tracks_here())
+def test_every_track_and_train_is_solved_and_verified(track: str, train: str) -> None:
+    """Every run against the independent verifier, and times and energies against the table of docs/results.md."""
+    answer = solve_and_verify(Case.read(track, train))
     row = published()[track]
-    said = [float(number) for number in re.findall(r"[\d.]+", row[1 + list(TRAINS).index(train)])]
+    said = [float(number) for number in re.findall(r"[\d.]+", row[1 + TRAINS.index(train)])]
     assert int(row[0]) == answer.sections
     assert said == pytest.approx([answer.least_time_s, answer.energy_kwh], rel=PUBLISHED_RATIO)
 
@@ -186,12 +185,13 @@ def build(case: Case, ends_m: tuple[float, float]) -> Section | tuple[str, float
         return (named[1], float(named[2])) if named else (str(error), np.nan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("train", TRAINS)
 @pytest.mark.parametrize("track", HILLY)
-def test_an_overloaded_train_is_refused_for_the_true_reason(shared: Path, track: str, train: str) -> None:
+def test_an_overloaded_train_is_refused_for_the_true_reason(track: str, train: str) -> None:
     """Up to 15 times the mass, with and without friction brake: refused where it is impossible, else verified."""
     for factor, motors_only in OVERLOADS:
-        case = Case.read(shared, track, train).heavier(factor, motors_only=motors_only)
+        case = Case.read(track, train).heavier(factor, motors_only=motors_only)
         for ends_m in case.sections():
             expected, built = obstacle(case, *ends_m), build(case, ends_m)
             where = (factor, motors_only, ends_m, expected)
@@ -206,8 +206,9 @@ def test_an_overloaded_train_is_refused_for_the_true_reason(shared: Path, track:
                 assert out_of_balance(case, *built), where
 
 
-def test_the_overloaded_trains_meet_both_obstacles(shared: Path) -> None:
-    case = Case.read(shared, "CH_Stadelhofen_Altstetten", "NL_Intercity_VIRM6").heavier(4, motors_only=True)
+def test_the_overloaded_trains_meet_both_obstacles() -> None:
+    """The test above would prove little if no case stalled and none failed to brake: here both happen."""
+    case = Case.read("CH_Stadelhofen_Altstetten", "NL_Intercity_VIRM6").heavier(4, motors_only=True)
     met = [obstacle(case, *ends_m) for ends_m in case.sections()]
     assert [found and found[0] for found in met] == ["cannot brake on the descent", "stalls", None]
 
@@ -215,14 +216,14 @@ def test_the_overloaded_trains_meet_both_obstacles(shared: Path) -> None:
 # --- the table of docs/reference/results.md ---------------------------------------------------------------------
 
 
-def table(shared: Path) -> str:
-    names = list(TRAINS)
+def table() -> str:
+    names = TRAINS
     lines = [f"| track | sections | {' | '.join(names)} |", "|---|---|" + "---|" * len(names)]
     for track in TRACKS:
-        answers: list[Any] = [solve_and_verify(Case.read(shared, track, train)) for train in names]
+        answers: list[Any] = [solve_and_verify(Case.read(track, train)) for train in names]
         lines.append(f"| {track} | {answers[0].sections} | {' | '.join(map(str, answers))} |")
     return "\n".join(lines)
 
 
 if __name__ == "__main__":
-    print(table(REPOSITORY.parent / "shared" / "data"))
+    print(table())

@@ -139,7 +139,7 @@ def simple(rows: list[list[float]], **train: Any) -> Drive:
 
 
 def test_a_constant_force_without_resistance_is_uniform_acceleration() -> None:
-    # F = m·a with a = 1 m/s² from 10 to 20 m/s: 150 m in 10 s, 15 MJ.
+    """Closed form: F = m·a with 1 m/s² from 10 to 20 m/s is 150 m in 10 s, and 15 MJ."""
     drive = simple([[0, 0, 10, 1e5, 0, 0, 30], [150, 10, 20, 0, 0, 0, 30]])
     places, speeds = drive.driven
     assert speeds[-1] == pytest.approx([20.0], abs=1e-12)
@@ -150,7 +150,7 @@ def test_a_constant_force_without_resistance_is_uniform_acceleration() -> None:
 
 
 def test_coasting_against_the_air_follows_the_closed_form() -> None:
-    # m·dv/dt = −c·v²: v = v0/(1 + v0·c·t/m), s = m/c·ln(1 + v0·c·t/m).
+    """Closed form: m·dv/dt = −c·v² gives v = v0/(1 + v0·c·t/m) and s = m/c·ln(1 + v0·c·t/m)."""
     c, seconds = 50.0, 20.0
     drive = simple([[0, 0, 25, 0, 0, 0, 30], [400, seconds, 20, 0, 0, 0, 30]], r2_n_per_mps2=c)
     places, speeds = drive.driven
@@ -160,7 +160,7 @@ def test_coasting_against_the_air_follows_the_closed_form() -> None:
 
 
 def test_resistance_of_an_accelerated_way_by_hand() -> None:
-    # ∫ v dv/a = 150 m; ∫ v² dv/a = 7000/3; ∫ v³ dv/a = 37500 (a = 1, 10 → 20 m/s).
+    """Closed form: ∫v dv/a = 150 m, ∫v² dv/a = 7000/3, ∫v³ dv/a = 37500 for a = 1 m/s², 10 to 20 m/s."""
     drive = simple(
         [[0, 0, 10, 0, 0, 0, 30], [150, 10, 20, 0, 0, 0, 30]], r0_n=1e3, r1_n_per_mps=20.0, r2_n_per_mps2=4.0
     )
@@ -168,6 +168,7 @@ def test_resistance_of_an_accelerated_way_by_hand() -> None:
 
 
 def test_a_profile_under_the_train_is_its_mean_over_the_length() -> None:
+    """Means and integrals against sums over 20 000 points of the train."""
     steps = Steps(np.array([0.0, 100.0, 130.0, 500.0]), np.array([2.0, -7.0, 4.0, 1.0]))
     heads = np.array([50.0, 120.0, 200.0, 650.0])
     for length in (0.0, 60.0, 400.0):
@@ -180,6 +181,7 @@ def test_a_profile_under_the_train_is_its_mean_over_the_length() -> None:
 
 
 def test_curves_tunnels_and_grip_by_hand() -> None:
+    """The formulas written out with numbers, for a few radii, cross sections and speeds."""
     assert curve_resistance(1 / 500) == pytest.approx(9.81 * 0.5 / (500 - 30))
     assert curve_resistance(1 / 300) == pytest.approx(9.81 * 0.5 / (300 - 30))
     assert curve_resistance(1 / 200) == pytest.approx(9.81 * 0.65 / (200 - 55))
@@ -191,6 +193,7 @@ def test_curves_tunnels_and_grip_by_hand() -> None:
 
 
 def test_units_of_both_formats() -> None:
+    """Figures of a TOML and of a JSON file in SI, converted by hand."""
     line, train = Line.read(locate_route("zurich-luzern")), Train.read(locate_vehicle("re460-ic"))
     assert line.stops_m == (0.0, 12e3, 29e3, 57e3)
     assert (train.mass_kg, train.length_m, train.brakes) == (440e3, 200.0, "electric")
@@ -204,6 +207,7 @@ def test_units_of_both_formats() -> None:
 
 
 def test_a_loss_map_is_bilinear_and_goes_on_past_its_edge(tmp_path: Path) -> None:
+    """A map of five points, interpolated and continued by hand."""
     path = tmp_path / "map.csv"
     path.write_text("speed_kmh,force_kn,loss_kw\n0,0,1\n0,10,2\n0,20,3\n36,0,5\n36,10,9\n")
     loss = read_loss_map(path)
@@ -226,6 +230,7 @@ def test_a_limit_between_the_rows_is_kept_between_them() -> None:
 
 @pytest.mark.parametrize("buffer_ratio", [0.0, 0.05, 0.3])
 def test_nothing_is_wrong_with_what_the_solver_plans(tmp_path: Path, buffer_ratio: float) -> None:
+    """Two programs that share no code agree: limits, forces, motion, ledger."""
     assert found(planned(tmp_path, buffer_ratio=buffer_ratio)) == []
 
 
@@ -324,6 +329,7 @@ def drop(key: str) -> Change:
 def test_a_plan_for_another_problem_is_found_out(
     tmp_path: Path, buffer_ratio: float, change: Change, expected: str
 ) -> None:
+    """The verifier notices each error planted in what the planner was told, most of them of a few thousandths."""
     assert_found(found(planned(tmp_path, change, buffer_ratio)), expected)
 
 
@@ -337,10 +343,12 @@ def test_a_plan_for_another_problem_is_found_out(
     ],
 )
 def test_a_plan_for_a_train_without_a_bound_is_found_out(tmp_path: Path, true: dict[str, Any], expected: str) -> None:
+    """The verifier notices each bound that the planner was not told of."""
     assert_found(found(planned(tmp_path, buffer_ratio=0.0), train=replace(Train.of(TRAIN), **true)), expected)
 
 
 def test_an_end_at_another_speed_or_place_is_found(tmp_path: Path) -> None:
+    """The verifier notices an end 1 m short and an end that still rolls at 0.1 m/s."""
     assert_found(found(planned(tmp_path, end_speed_mps=0.1)), "not the speed at the section's end")
     assert_found(found(planned(tmp_path, end_m=LENGTH_M - 1.0)), "the section does not begin or end there")
 
@@ -412,6 +420,7 @@ def from_a_negative_time(rows: Floats) -> None:
     ],
 )
 def test_a_spoilt_row_is_found(good: Planned, spoil: Callable[[Floats], None], expected: str) -> None:
+    """The verifier notices each kind of damage planted in a single row."""
     rows, claim = good[0].copy(), good[1]
     spoil(rows)
     assert_found(found((rows, claim)), expected)
@@ -419,6 +428,7 @@ def test_a_spoilt_row_is_found(good: Planned, spoil: Callable[[Floats], None], e
 
 @pytest.mark.parametrize("name", ["resistance", "component_loss", "friction_brake", "potential", "input"])
 def test_an_energy_said_wrong_by_a_thousandth_is_found(good: Planned, name: str) -> None:
+    """The verifier notices a wrong term of the stated ledger, and names only that term."""
     rows, claim = good[0], copy.deepcopy(good[1])
     largest = max(map(abs, claim["ledger_kwh"].values()))
     claim["ledger_kwh"][name] += 1e-3 * largest
@@ -426,6 +436,7 @@ def test_an_energy_said_wrong_by_a_thousandth_is_found(good: Planned, name: str)
 
 
 def test_a_time_said_wrong_is_found(good: Planned) -> None:
+    """The verifier notices a stated time that is 0.01 s off."""
     rows, claim = good
     assert_found(found((rows, claim | {"time_s": claim["time_s"] + 0.01})), "the time said")
 
@@ -449,6 +460,7 @@ def test_a_dip_between_two_rows_is_driven_through() -> None:
 
 
 def test_a_steep_slope_is_weight() -> None:
+    """Closed form: at constant speed uphill the balance is m·g·slope, the potential energy m·g·height."""
     drive = simple([[0, 0, 20, 0, 0, 0.01, 30], [100, 5, 20, 0, 0, 0.01, 30]])
     uphill = replace(drive.line, gradients=Steps(np.zeros(1), np.full(1, 0.01)))
     climbing = replace(drive, line=uphill)

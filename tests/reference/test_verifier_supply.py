@@ -103,6 +103,7 @@ def found(folder: Path, plan: tuple[Floats, Any]) -> list[Finding]:
 
 
 def test_nothing_is_wrong_with_what_the_solver_plans(tmp_path: Path) -> None:
+    """Two programs that share no code agree on supply, adhesion, auxiliaries, load and wind."""
     plan = planned(tmp_path)
     assert found(tmp_path, plan) == []
     ledger = plan[1]["ledger_kwh"]
@@ -122,6 +123,7 @@ def test_nothing_is_wrong_with_what_the_solver_plans(tmp_path: Path) -> None:
     ],
 )
 def test_a_plan_for_another_supply_or_train_is_found_out(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    """The verifier notices each small error in what the planner was told of supply and train."""
     route, vehicle = ROUTE.replace(old, new), VEHICLE.replace(old, new)
     findings = found(tmp_path, planned(tmp_path, route, vehicle))
     assert any(finding.what.startswith(expected) for finding in findings), findings
@@ -137,5 +139,6 @@ def test_a_plan_for_another_supply_or_train_is_found_out(tmp_path: Path, old: st
     ],
 )
 def test_a_plan_for_other_conditions_is_found_out(tmp_path: Path, changed: dict[str, float], expected: str) -> None:
+    """The verifier notices each small error in what the planner was told of load, wind, rail and line."""
     findings = found(tmp_path, planned(tmp_path, here=replace(HERE, **changed)))
     assert any(finding.what.startswith(expected) for finding in findings), findings

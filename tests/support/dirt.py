@@ -1,4 +1,4 @@
-"""A clean record of a trip, and every kind of dirt that can be planted in it."""
+"""A clean record of a made-up trip, and every kind of defect that can be planted in it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.trips.findings import Kind
 from sim.trips.line import EARTH_RADIUS_M
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, Whereabouts, load_trip
-from tests.sim.trips.test_trips import motion, north, posts_file, route
+from tests.support.made_line import motion, north, posts_file, route
 
 LENGTH_M = 8000.0
 EPOCH_S = 1_469_780_000.0

@@ -1,4 +1,4 @@
-"""Days on a flat line: scenario files made for a test, driven in this process."""
+"""Simulated days on a flat line: a test writes the scenario file, and the day is driven in the test's own process."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ solved: list[Service] = []
 
 
 def service_of(path: Path) -> Service:
-    """The service of a scenario; the line is solved again only where it is planned otherwise than the last one."""
+    """The service of a scenario; the line is solved again only if it is planned differently from the last one."""
     scenario = read_scenario(path)
     if not solved or not solved[-1].plans(scenario):
         solved.append(prepare_service(scenario))
@@ -38,6 +38,7 @@ def service_of(path: Path) -> Service:
 
 
 def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:
+    """Every state of the train on a day of a scenario, with a kind of driver who sees one kind of advice."""
     service = service_of(path)
     day = make_day(service, seed)
     made = make_driver(DriverKind(driver), service.line, seed=seed)
@@ -45,15 +46,17 @@ def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantSta
 
 
 def run_of(path: Path, driver: str, advice: str = "vector") -> Run:
+    """The whole run on the day of seed 1; its service is prepared anew, from the file."""
     service = prepare_service(read_scenario(path))
     made = make_driver(DriverKind(driver), service.line, seed=1)
     return World(make_day(service, 1), made, Presentation(advice), InProcess(service)).run()
 
 
 def standing_m(run: Run) -> list[float]:
-    """Where the train came to stand."""
+    """The places (m) where the train came to a stand, in order."""
     return [after.s_m for before, after in pairwise(run.states) if before.speed_mps > 0 >= after.speed_mps]
 
 
 def signal_at(at_m: float, seen_m: float) -> str:
+    """A disturbance for a scenario file: a signal at danger that clears 2 min after it was seen."""
     return f"[[disturbances]]\nkind = 'signal-stop'\nat_m = {at_m}\nseen_m = {seen_m}\nclears_after_s = 120\n"

@@ -1,4 +1,4 @@
-"""What several tests make: routes, trains, a loss chain, and commands run here or as a process."""
+"""What several tests need: small routes, trains and a loss chain, and commands run here or as a process."""
 
 from __future__ import annotations
 
@@ -116,17 +116,17 @@ def csv_rows(run: Trajectory) -> NDArray[np.float64]:
 
 
 def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    """Run das-precompute in a folder, within this process (no imports, no kernels to load again)."""
+    """Run das-precompute in a folder, within this process: imports and kernels need not be loaded again."""
     return _run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
 
 
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run das-sim in a folder, within this process; node, recorder and workers it starts are processes as ever."""
+    """Run das-sim in a folder, within this process; a node, a recorder and workers are still processes of their own."""
     return _run_here(sim.cli.commands.main, sim.cli.commands.__file__, args, cwd)
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
-    """Run a command of this checkout as users do: for each command one test shows that it stands on its own feet."""
+    """Run a command of this checkout as a process, as users do. One test of each command does so."""
     paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.run(
         [sys.executable, "-m", module, *args],
@@ -142,7 +142,7 @@ def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -
 def _run_here(
     main: Callable[[], object], program: str, args: Sequence[str], cwd: Path
 ) -> subprocess.CompletedProcess[str]:
-    """Call an entry point as a process would be: its arguments, folder and output; signals are as before afterwards."""
+    """Call an entry point with the arguments, folder and output of a process; put signal handlers back afterwards."""
     command = [program, *args]
     output, errors = io.StringIO(), io.StringIO()
     handlers = [(number, signal.getsignal(number)) for number in STOP_SIGNALS]

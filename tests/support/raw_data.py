@@ -214,6 +214,7 @@ class Train:
             tunnel_rows=tuple(sorted((area, coefficient) for area, coefficient in tunnel)),
             adhesive_kg=_named(data.get("adhesion", {}), "adhesive_mass", np.inf),
             auxiliary_w=_named(main, "auxiliary_power", 0.0),
+            efficiencies=_efficiencies(data.get("losses", {}).get("own")),
         )
 
     @property
@@ -328,6 +329,11 @@ def _named(table: Mapping[str, Any], quantity: str, default: float | None = None
     if default is None:
         raise KeyError(quantity)
     return default
+
+
+def _efficiencies(own: Mapping[str, Any] | None) -> tuple[float, float] | None:
+    """Efficiencies of traction and electric brake, where the file states them."""
+    return (_named(own, "traction_efficiency"), _named(own, "brake_efficiency")) if own else None
 
 
 def _effort(table: Mapping[str, Any]) -> Effort:

@@ -23,6 +23,7 @@ from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS
 from sim.processes.lockstep import Crew, Lockstep
 
+pytestmark = pytest.mark.processes
 TRAIN = "T1"
 TIMEOUT_S = 120.0
 LOG_TIMEOUT_S = 20.0
@@ -226,6 +227,7 @@ def test_floods_and_giants_of_the_right_sender_do_not_stop_the_advice(site: Site
     assert advised(site).s_m < 1_500.0
 
 
+@pytest.mark.slow
 def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: Path) -> None:
     ports = dict(zip(LISTENERS, free_ports(len(LISTENERS)), strict=True))
     write_bus_folder(tmp_path / "bus", TRAIN, ports, days=1.0)
@@ -250,6 +252,7 @@ def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: 
     assert lockstep.traffic.lost == 0
 
 
+@pytest.mark.slow
 def test_what_was_recorded_is_what_the_right_ones_said(site: Site) -> None:
     """Last: ends node and recorder."""
     for process in site.processes.values():

@@ -85,6 +85,7 @@ def test_without_a_signal_all_is_as_before() -> None:
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == mask
 
 
+@pytest.mark.processes
 def test_a_process_started_meanwhile_is_born_deaf() -> None:
     asks = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
     with signals_held([signal.SIGINT]):
@@ -92,6 +93,7 @@ def test_a_process_started_meanwhile_is_born_deaf() -> None:
     assert said.strip() == "True"
 
 
+@pytest.mark.processes
 def test_ctrl_c_while_the_program_is_being_imported_ends_cleanly(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text("import time\nprint('importing', flush=True)\ntime.sleep(60)\n")
     command = [sys.executable, "-c", "from das.command_line.entry import start\nstart('slow')"]

@@ -102,8 +102,7 @@ def _blank() -> Calibrator:
 
 def fresh() -> Calibrator:
     """One for the planned train that has heard nothing; the line is integrated once."""
-    blank = _blank()
-    return copy.deepcopy(blank, {id(shared): shared for shared in (blank._line, blank._vehicle)})
+    return copy.deepcopy(_blank(), {id(VEHICLE): VEHICLE})  # its tables of losses cannot be copied, and never change
 
 
 def heard_by(calibrator: Calibrator, states: States) -> Estimates:

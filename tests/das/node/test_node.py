@@ -108,6 +108,8 @@ def journey(route: str = "flat-6km", arrival_s: float = 240.0) -> das_pb2.Journe
     )
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_takes_a_journey_advises_at_ticks_and_stops_on_sigterm() -> None:
     with node("--clock", "bus") as (bus, child):
         until(bus, status(das_pb2.Status.STATE_WAITING), child)
@@ -136,6 +138,8 @@ def test_node_takes_a_journey_advises_at_ticks_and_stops_on_sigterm() -> None:
         assert child.wait(20) == 0
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_says_that_positions_are_rejected_and_taken_up_anew() -> None:
     with node("--clock", "bus") as (bus, child):
         until(bus, status(das_pb2.Status.STATE_WAITING), child)
@@ -157,6 +161,8 @@ def test_node_says_that_positions_are_rejected_and_taken_up_anew() -> None:
         ]
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_publishes_its_plan_and_events() -> None:
     with node("--clock", "bus") as (bus, child):
         until(bus, status(das_pb2.Status.STATE_WAITING), child)
@@ -171,6 +177,8 @@ def test_node_publishes_its_plan_and_events() -> None:
         assert child.wait(20) == 0
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_advises_once_a_second_by_the_wall_clock() -> None:
     with node() as (bus, child):
         first = until(bus, lambda r: r.topic is ADVICE, child)
@@ -183,6 +191,8 @@ def test_node_advises_once_a_second_by_the_wall_clock() -> None:
         assert (second.time_ns - first.time_ns) * 1e-9 == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_refuses_a_foreign_journey_with_the_reason() -> None:
     with node("--clock", "bus") as (bus, child):
         until(bus, status(das_pb2.Status.STATE_WAITING), child)
@@ -195,6 +205,8 @@ def test_node_refuses_a_foreign_journey_with_the_reason() -> None:
         until(bus, status(das_pb2.Status.STATE_READY), child)
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_refuses_journeys_it_cannot_drive() -> None:
     wrong = {
         "it drives the route in reverse, this node has it forwards": {"reversed": True},
@@ -229,6 +241,8 @@ def test_node_refuses_journeys_it_cannot_drive() -> None:
             assert reason in said.reason
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_with_the_wall_clock_does_not_obey_control() -> None:
     with node() as (bus, child):
         until(bus, lambda r: r.topic is ADVICE, child)
@@ -238,6 +252,7 @@ def test_node_with_the_wall_clock_does_not_obey_control() -> None:
         assert child.poll() is None
 
 
+@pytest.mark.processes
 def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
     """Kept for late subscribers, so that a node that was restarted knows them; a tick waits until they are heard."""
     one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
@@ -269,6 +284,8 @@ def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
         assert "restrictions that cannot be heeded" in ask(2).reason
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
     one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
     ours, theirs = (endpoint(port) for port in free_ports(2))
@@ -297,6 +314,8 @@ def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
                 child.wait()
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_node_survives_times_at_the_ends_of_the_clock() -> None:
     last = 2**63 - 1
     with node("--clock", "bus") as (bus, child):
@@ -326,6 +345,7 @@ def test_docs_list_every_topic() -> None:
         assert f"| `{topic.key('<train>')}` | `{name}` |" in page
 
 
+@pytest.mark.processes
 def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
     with node("--clock", "bus") as (bus, child):
         until(bus, status(das_pb2.Status.STATE_WAITING), child)
@@ -334,6 +354,7 @@ def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
         assert child.poll() is None
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -356,6 +377,7 @@ def test_node_refuses_bad_arguments_in_one_line(arguments: list[str], message: s
     assert len(said.strip().splitlines()) == 1
 
 
+@pytest.mark.processes
 def test_node_says_when_its_port_is_taken() -> None:
     taken = endpoint(free_ports(1)[0])
     with (
@@ -383,6 +405,7 @@ def send_and_record(out: Path, ticks: int) -> tuple[subprocess.Popen[str], Any]:
     return child, None
 
 
+@pytest.mark.processes
 def test_recorder_writes_everything_in_order_and_finishes_on_sigterm(tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     child, _ = send_and_record(out, 500)
@@ -395,6 +418,7 @@ def test_recorder_writes_everything_in_order_and_finishes_on_sigterm(tmp_path: P
     assert recording.of(CONTROL)[-1].log_time_ns == START_NS + 500 * 10**9
 
 
+@pytest.mark.processes
 def test_a_killed_recorder_loses_nothing_older_than_a_second(tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     child, _ = send_and_record(out, 300)
@@ -406,6 +430,7 @@ def test_a_killed_recorder_loses_nothing_older_than_a_second(tmp_path: Path) -> 
     assert len(recording.of(POSITION)) == 300
 
 
+@pytest.mark.processes
 def test_a_recorder_started_anew_keeps_what_was_recorded(tmp_path: Path) -> None:
     for name, ticks in (("run.mcap", 20), ("run-2.mcap", 30)):
         child, _ = send_and_record(tmp_path / "run.mcap", ticks)
@@ -415,6 +440,7 @@ def test_a_recorder_started_anew_keeps_what_was_recorded(tmp_path: Path) -> None
     assert len(read_recording(tmp_path / "run.mcap").of(POSITION)) == 20
 
 
+@pytest.mark.processes
 def test_recorder_names_a_file_it_cannot_write() -> None:
     with process(
         "das.bus.recorder", "--train", TRAIN, "--listen", endpoint(free_ports(1)[0]), "--out", "/nowhere/x.mcap"
@@ -488,6 +514,7 @@ def test_zenoh_default_session_is_never_opened() -> None:
     assert users == ["das/bus/session.py"]
 
 
+@pytest.mark.processes
 def test_the_example_of_the_documentation_is_advised() -> None:
     text = (REPOSITORY / "docs" / "how-to" / "connect-to-the-bus.md").read_text(encoding="utf-8")
     example = text.split("```python\n")[1].split("```")[0]

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import random
 import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,6 +28,7 @@ from das.solver.journey.chains import Split
 from das.solver.journey.plan import HopPlan, JourneyPlan, JourneyPlanner, plan_journey
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
+from tests.support.benchmark import journey_path, track_path, train_path
 from tests.support.making import csv_rows, flat, make_route, make_train
 from tests.support.raw_data import Line, Loss, Train, constant_efficiencies
 from tests.support.verifier import verify
@@ -401,6 +400,7 @@ def test_a_point_that_is_not_on_the_route_is_refused() -> None:
 # --- properties -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_windows_are_kept_or_the_journey_is_refused(seed: int) -> None:
@@ -446,41 +446,43 @@ def test_more_time_never_costs_more() -> None:
 # --- the public benchmark ---------------------------------------------------------------------------------------
 
 
-def st_gallen(shared: Path, train: str) -> tuple[Journey, Route, Vehicle]:
-    bench = shared / "ttobench"
-    route = load_route(str(bench / "tracks" / "CH_StGallen_Wil.json"))
-    asked = load_journey(str(bench / "journeys" / "CH_StGallen_Wil_Journey_01.json"), route)
-    return asked, route, load_vehicle(str(bench / "trains" / f"{train}.json"))
+def st_gallen(train: str) -> tuple[Journey, Route, Vehicle]:
+    route = load_route(str(track_path("CH_StGallen_Wil")))
+    return load_journey(str(journey_path()), route), route, load_vehicle(str(train_path(train)))
 
 
+@pytest.mark.reference
 @pytest.mark.parametrize("train", ["CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF"])
-def test_the_journey_of_the_benchmark_asks_for_more_than_the_limits_allow(shared: Path, train: str) -> None:
+def test_the_journey_of_the_benchmark_asks_for_more_than_the_limits_allow(train: str) -> None:
     """Earliest at 20 000 m: 1200 s, latest at the end: 1450 s. At the limits, without braking: 345.5 s."""
     with pytest.raises(InfeasibleError) as caught:
-        JourneyPlanner(*st_gallen(shared, train))
+        JourneyPlanner(*st_gallen(train))
     found = re.search(
         r"arrival at 29556\.1 m \(latest 0:24:10\.0\) is ([\d.]+) s too tight: after passing 20000 m \(earliest 0:20",
         str(caught.value),
     )
     assert found, str(caught.value)
-    rows = json.loads((shared / "ttobench" / "tracks" / "CH_StGallen_Wil.json").read_text())["speed limits"]["values"]
-    ends = [*(row[0] for row in rows[1:]), 29_556.1]
-    at_limits_s = sum(max(b - max(a, 20_000.0), 0.0) * 3.6 / v for (a, v), b in zip(rows, ends, strict=True))
+    limits = Line.read(track_path("CH_StGallen_Wil")).limits
+    ends = [*limits.start_m[1:], 29_556.1]
+    stretches = zip(limits.start_m, limits.value, ends, strict=True)
+    at_limits_s = sum(max(b - max(a, 20_000.0), 0.0) / v for a, v, b in stretches)
     assert at_limits_s - 250.0 < float(found[1]) < at_limits_s - 250.0 + 15.0
 
 
+@pytest.mark.slow
+@pytest.mark.reference
 @pytest.mark.parametrize("train", ["CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF"])
-def test_the_journey_of_the_benchmark_with_a_later_end_is_planned(shared: Path, train: str) -> None:
-    asked, route, vehicle = st_gallen(shared, train)
+def test_the_journey_of_the_benchmark_with_a_later_end_is_planned(train: str) -> None:
+    asked, route, vehicle = st_gallen(train)
     later = replace(asked.points[-1], arrival=Window(earliest_s=1400.0, latest_s=1600.0))
     plan = JourneyPlanner(replace(asked, points=(*asked.points[:-1], later)), route, vehicle, point_mass=True).plan()
     assert_kept(plan)
     held = [x.timing.held for hop in plan.hops for x in hop.passings]
     assert held == [Held.LATEST, Held.EARLIEST]
     assert abs(plan.gap_ratio) < 2e-3
-    raw = Train.read(shared / "ttobench" / "trains" / f"{train}.json")
+    raw = Train.read(train_path(train))
     raw = replace(raw, length_m=0.0)  # planned as a point mass
-    line = Line.read(shared / "ttobench" / "tracks" / "CH_StGallen_Wil.json")
+    line = Line.read(track_path("CH_StGallen_Wil"))
     for hop in plan.hops:
         assert_driven(hop, line, raw, constant_efficiencies(0.9, 0.9))
 
@@ -492,10 +494,11 @@ def assert_driven(hop: HopPlan, line: Line, train: Train, loss: Loss) -> None:
     assert found == []
 
 
-def test_the_metro_of_the_benchmark_is_planned_over_its_13_sections(shared: Path) -> None:
-    bench = shared / "ttobench"
-    route = load_route(str(bench / "tracks" / "CN_Songjiazhuang_Yizhuang.json"))
-    train = load_vehicle(str(bench / "trains" / "CN_Beijing_Subway.json"))
+@pytest.mark.slow
+@pytest.mark.reference
+def test_the_metro_of_the_benchmark_is_planned_over_its_13_sections() -> None:
+    route = load_route(str(track_path("CN_Songjiazhuang_Yizhuang")))
+    train = load_vehicle(str(train_path("CN_Beijing_Subway")))
     total_s = 1_451.0 + 12 * 30.0
     planner = JourneyPlanner(Journey.over_stops(route.stops, time_s=total_s, dwell_s=30.0), route, train)
     plan = planner.plan()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from dataclasses import replace
@@ -28,7 +27,8 @@ from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.support import raw_data
-from tests.support.making import REPOSITORY, csv_rows, flat, make_route, make_train
+from tests.support.benchmark import ReferenceResult, least_times, reference_results, track_path, train_path
+from tests.support.making import csv_rows, flat, make_route, make_train
 from tests.support.raw_data import Effort, Line, Loss, Train, constant_efficiencies
 from tests.support.verifier import verify
 
@@ -352,32 +352,22 @@ def test_bundled_routes_at_every_level(route: str, reverse: bool, level: Level) 
             assert (solution.trajectory.force_el_n >= 0).all()
 
 
-def reference_rows() -> list[dict[str, str]]:
-    path = REPOSITORY.parent / "shared" / "data" / "reference_results.csv"
-    if not path.is_file():
-        return []
-    with path.open() as file:
-        return [row for row in csv.DictReader(file) if int(row["intervals"]) >= 300]
-
-
-def pose_reference(row: dict[str, str], data: Path) -> tuple[Section, Line, Train, Loss]:
-    """A reference problem as the solver gets it, and as the verifier reads it."""
-    track = data / "ttobench" / "tracks" / f"{row['track']}.json"
-    train_path = data / "ttobench" / "trains" / f"{row['train']}.json"
-    map_path = data / "loss_maps" / "NL_Intercity_VIRM6_chain.csv"
-    vehicle, train = load_vehicle(str(train_path)), replace(Train.read(train_path), length_m=0.0)
-    if row["brakes"] == "electric":
+def pose_reference(result: ReferenceResult, map_path: Path | None) -> tuple[Section, Line, Train, Loss]:
+    """A problem of the benchmark as the solver gets it, and as the verifier reads it."""
+    track, own_path = track_path(result.route), train_path(result.vehicle)
+    vehicle, train = load_vehicle(str(own_path)), replace(Train.read(own_path), length_m=0.0)
+    if result.brakes == "electric":
         vehicle = replace(vehicle, brake_policy=BrakePolicy.ELECTRIC)
         train = replace(train, brakes="electric", friction_n=0.0)
-    if row["loss_model"].startswith("map"):
+    if map_path:
         vehicle = vehicle.with_loss_map(read_loss_map(map_path))
         loss = raw_data.read_loss_map(map_path)
     else:
-        driving, braking = map(float, row["loss_model"].split()[1].split("/"))
+        driving, braking = map(float, result.losses.split("/"))
         own = EfficiencyLoss.from_efficiencies(driving, braking)
         vehicle = replace(vehicle, losses=MappingProxyType({Level.OWN: own}))
         loss = constant_efficiencies(driving, braking)
-    if row["loss_model"].startswith("map") or row["brakes"] == "electric":
+    if map_path or result.brakes == "electric":
         envelope, effort = EffortEnvelope(max_force_n=213.9e3, max_power_w=3129.278e3), Effort(213.9e3, 3129.278e3)
         vehicle = replace(vehicle, traction=envelope, electric_brake=envelope, max_speed_mps=160 / 3.6)
         train = replace(train, traction=effort, electric=effort, max_speed_mps=160 / 3.6)
@@ -387,38 +377,45 @@ def pose_reference(row: dict[str, str], data: Path) -> tuple[Section, Line, Trai
     return section, Line.read(track), train, loss
 
 
-def test_public_benchmark(shared: Path) -> None:
+def assert_no_worse(results: list[ReferenceResult], map_path: Path | None = None) -> None:
     """Energy at most 0.1 % above the best public optimiser at the same time, and nothing the verifier finds wrong."""
-    rows = reference_rows()
-    assert len(rows) > 15
     fronts: dict[tuple[str, ...], tuple[Front, Line, Train, Loss]] = {}
-    for row in rows:
-        key = tuple(row[name] for name in ("track", "train", "loss_model", "brakes"))
+    for result in results:
+        key = result.problem
         if key not in fronts:
-            section, line, train, loss = pose_reference(row, shared)
+            section, line, train, loss = pose_reference(result, map_path)
             fronts[key] = (solve_front(section), line, train, loss)
         front, line, train, loss = fronts[key]
-        solution = front.trajectory(float(row["time_s"]))
-        assert abs(solution.time_s - float(row["time_s"])) < 0.1
+        solution = front.trajectory(result.time_s)
+        assert abs(solution.time_s - result.time_s) < 0.1
         assert_possible(solution, front.section)
-        reference = float(row["energy_reintegrated_kwh"] or row["energy_kwh"])
-        assert solution.ledger.input / KWH <= reference * 1.001, (key, row["time_s"])
+        assert solution.ledger.input / KWH <= result.energy_kwh * 1.001, (key, result.time_s)
         claim = solution_json(solution, solution.least_time_s, 0.0)
         ends_m, run = (front.section.start_m, front.section.end_m), csv_rows(solution.trajectory)
         assert verify(run, line, train, loss, ends_m=ends_m, end_speeds_mps=(1.0, 1.0), claim=claim) == [], key
 
 
-def test_least_times_of_the_public_benchmark(shared: Path) -> None:
-    """Against an independent fine-step calculation (data README): within 0.05 %, never optimistic by over 0.1 s."""
-    cases = (
-        ("CH_Fribourg_Bern", "CH_Stadler_FLIRT_TPF", 1103.3),
-        ("SE_Vasteras_Kolback", "NL_Intercity_VIRM6", 594.8),
-        ("00_var_speed_limit_100", "NL_Intercity_VIRM6", 1460.0),
-        ("CH_StGallen_Wil", "CH_Stadler_KISS_SBB", 995.1),
-    )
-    for track, train, expected in cases:
-        route = load_route(str(shared / "ttobench" / "tracks" / f"{track}.json"))
-        vehicle = load_vehicle(str(shared / "ttobench" / "trains" / f"{train}.json"))
+@pytest.mark.reference
+def test_public_benchmark_with_constant_efficiencies() -> None:
+    results = [result for result in reference_results() if result.losses != "map"]
+    assert len(results) == 14
+    assert_no_worse(results)
+
+
+@pytest.mark.reference
+def test_public_benchmark_with_the_loss_map_of_the_virm6(shared: Path) -> None:
+    """The loss map is a third party's table of 11 569 points; it stays in ../shared."""
+    results = [result for result in reference_results() if result.losses == "map"]
+    assert len(results) == 8
+    assert_no_worse(results, shared / "loss_maps" / "NL_Intercity_VIRM6_chain.csv")
+
+
+@pytest.mark.reference
+def test_least_times_of_the_public_benchmark() -> None:
+    """Against an independent calculation in fine steps: within 0.05 %, never optimistic by more than 0.1 s."""
+    assert len(least_times()) == 4
+    for track, train, expected in least_times():
+        route, vehicle = load_route(str(track_path(track))), load_vehicle(str(train_path(train)))
         front = solve_front(
             build_section(
                 route, vehicle, options=SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -31,6 +30,7 @@ from precompute.baselines.strategies import (
     warm_up,
 )
 from precompute.cli.report import solution_json
+from tests.support.benchmark import track_path, train_path
 from tests.support.making import csv_rows, make_route
 from tests.support.raw_data import Line, Train
 from tests.support.verifier import verify
@@ -151,6 +151,7 @@ def test_fastest_is_half_acceleration_half_braking() -> None:
     assert run.requested_s == run.least_time_s == run.time_s
 
 
+@pytest.mark.slow
 def test_four_modes_with_dissipative_brakes_and_no_resistance() -> None:
     """Without resistance, energy only buys speed and no brake gives it back: least energy is the least top speed that
     makes the time, held to the brake point, which is the RMS run; E = m·v²/2."""
@@ -347,18 +348,18 @@ def test_a_hill_that_needs_momentum() -> None:
 TRACKS = {"CH_Fribourg_Bern": "CH_Stadler_FLIRT_TPF", "SE_Vasteras_Kolback": "NL_Intercity_VIRM6"}
 
 
+@pytest.mark.slow
+@pytest.mark.reference
 @pytest.mark.parametrize("track", TRACKS)
-def test_public_tracks(shared: Path, track: str) -> None:
+def test_public_tracks(track: str) -> None:
     """Limits, gradients and both brakes of real lines; the forces once more by the independent integrator."""
-    track_path = shared / "ttobench" / "tracks" / f"{track}.json"
-    train_path = shared / "ttobench" / "trains" / f"{TRACKS[track]}.json"
-    vehicle = load_vehicle(str(train_path))
+    line_path, own_path = track_path(track), train_path(TRACKS[track])
     section = build_section(
-        load_route(str(track_path)),
-        vehicle,
+        load_route(str(line_path)),
+        load_vehicle(str(own_path)),
         options=SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0),
     )
-    train, line = replace(Train.read(train_path), length_m=0.0), Line.read(track_path)
+    train, line = replace(Train.read(own_path), length_m=0.0), Line.read(line_path)
     ends_m = (section.start_m, section.end_m)
     front = solve_front(section)
     for buffer_ratio in (0.05, 0.2):
@@ -444,10 +445,12 @@ def test_warm_up_runs_every_strategy() -> None:
     warm_up()
 
 
-def test_four_modes_on_a_metro_section_stay_near_the_optimum(shared: Path) -> None:
+@pytest.mark.slow
+@pytest.mark.reference
+def test_four_modes_on_a_metro_section_stay_near_the_optimum() -> None:
     # With hills a coasting arc grazes the base run: a little more speed must not end it there.
-    route = load_route(str(shared / "ttobench/tracks/CN_Songjiazhuang_Yizhuang.json"))
-    vehicle = load_vehicle(str(shared / "ttobench/trains/CN_Beijing_Subway.json"))
+    route = load_route(str(track_path("CN_Songjiazhuang_Yizhuang")))
+    vehicle = load_vehicle(str(train_path("CN_Beijing_Subway")))
     section = build_section(route, vehicle, end_m=route.stops[1].position_m)
     front = solve_front(section)
     least_s = fastest(section).time_s

@@ -153,6 +153,8 @@ def test_the_roofline_adds_arithmetic_and_takes_the_longer_of_it_and_memory() ->
 # --- the command ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_every_figure_has_a_baseline_and_a_roofline() -> None:
     assert set(FIGURES) == set(NAMES)
     result = measure(list(NAMES), longest_section("flat-6km", "re460-ic"), 2, quick=True)
@@ -172,6 +174,8 @@ def test_every_figure_has_a_baseline_and_a_roofline() -> None:
     assert [roofline["threads"] for roofline in result["rooflines"]] == [1, 2]
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_the_command_prints_json(tmp_path: Path) -> None:
     words = ("bench", "--quick", "--only", "memory,trajectory", "--threads", "1", "--json")
     run = in_a_process("precompute.cli", *words, cwd=tmp_path)

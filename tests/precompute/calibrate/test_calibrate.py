@@ -169,6 +169,8 @@ def test_table_2_of_a_constant_efficiency_is_a_closed_form(vehicles: dict[str, V
         assert l1 == pytest.approx(reg + k.traction_ratio * (2 * noreg - reg), rel=1e-6), row
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_check_prints_every_target_and_what_is_reached(tmp_path: Path, figures: paper.Figures) -> None:
     done = in_a_process("precompute.cli", "calibrate", "--check", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -202,6 +204,8 @@ def test_nonsense_is_refused_in_one_line(tmp_path: Path, args: list[str], expect
     assert len(done.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_a_map_goes_to_csv_and_back_with_the_same_figures(tmp_path: Path) -> None:
     files = ("--out", "m.csv", "--plot", "m.png")
     first = in_a_process("precompute.cli", "loss-map", IGBT, *files, "--json", cwd=tmp_path)

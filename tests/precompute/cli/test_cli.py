@@ -42,6 +42,8 @@ def rows(solved: tuple[dict[str, object], Path]) -> dict[str, np.ndarray]:
     return {name: table[:, i] for i, name in enumerate(header)}
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_solve_prints_one_json_object(solved: tuple[dict[str, object], Path]) -> None:
     result = solved[0]
     numbers = ("min_time_s", "time_s", "energy_input_kwh", "energy_irreversible_kwh", "gap_ratio", "solve_s")
@@ -60,6 +62,7 @@ def test_solve_prints_one_json_object(solved: tuple[dict[str, object], Path]) ->
     assert 0 < result["solve_s"] < 30
 
 
+@pytest.mark.processes
 def test_the_least_time_is_that_of_full_effort_cruising_and_full_brake(solved: tuple[dict[str, object], Path]) -> None:
     """∫m·dv/(F ∓ R) up to the limit and down, by quadrature; the rest at the limit."""
     v = np.linspace(0, LIMIT_MPS, 200_001)
@@ -71,6 +74,7 @@ def test_the_least_time_is_that_of_full_effort_cruising_and_full_brake(solved: t
     assert solved[0]["min_time_s"] == pytest.approx(time_s + (LENGTH_M - way_m) / LIMIT_MPS, abs=0.2)
 
 
+@pytest.mark.processes
 def test_the_csv_has_a_row_a_node(rows: dict[str, np.ndarray], solved: tuple[dict[str, object], Path]) -> None:
     assert list(rows) == ["s_m", "t_s", "v_mps", "force_el_n", "force_friction_n", "grade_ratio", "limit_mps"]
     s, t, v = rows["s_m"], rows["t_s"], rows["v_mps"]
@@ -84,6 +88,7 @@ def test_the_csv_has_a_row_a_node(rows: dict[str, np.ndarray], solved: tuple[dic
     assert not rows["grade_ratio"].any()
 
 
+@pytest.mark.processes
 def test_the_forces_of_the_csv_reproduce_its_speeds_and_time(rows: dict[str, np.ndarray]) -> None:
     """m·a = F − R(v), integrated over the way with Runge–Kutta of order 4 in w = v², from one end to the other."""
 
@@ -105,6 +110,7 @@ def test_the_forces_of_the_csv_reproduce_its_speeds_and_time(rows: dict[str, np.
     assert time_s == pytest.approx(rows["t_s"][-1], abs=0.3)
 
 
+@pytest.mark.processes
 def test_the_energies_follow_from_the_csv(rows: dict[str, np.ndarray], solved: tuple[dict[str, object], Path]) -> None:
     step, v = np.diff(rows["s_m"]), rows["v_mps"]
     between = v[:-1, None] + np.diff(v)[:, None] * np.linspace(0, 1, 21)
@@ -116,6 +122,7 @@ def test_the_energies_follow_from_the_csv(rows: dict[str, np.ndarray], solved: t
     assert ledger["input"] - ledger["component_loss"] == pytest.approx(rows["force_el_n"][:-1] @ step / 3.6e6, rel=1e-6)
 
 
+@pytest.mark.processes
 def test_the_plot_is_a_png(solved: tuple[dict[str, object], Path]) -> None:
     content = (solved[1] / "run.png").read_bytes()
     assert content.startswith(b"\x89PNG\r\n\x1a\n")
@@ -130,6 +137,7 @@ def test_solve_for_people_says_what_it_wrote(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["run.csv"]
 
 
+@pytest.mark.processes
 def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
     words = ("front", "flat-6km", "re460-ic", "--buffers", "0,2,7,20", "--json")
     done = in_a_process("precompute.cli", *words, cwd=tmp_path)
@@ -147,6 +155,7 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, obje
     assert points[2]["energy_input_kwh"] == pytest.approx(solved[0]["energy_input_kwh"], rel=1e-9)
 
 
+@pytest.mark.processes
 def test_baseline_strategies(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
     """Same keys, time and files as the optimal run, and each needs more energy than the better one."""
     energies = []
@@ -181,6 +190,7 @@ def test_a_baseline_for_people(tmp_path: Path) -> None:
     assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", done.stdout, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
     done = das_precompute(
         tmp_path, "front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--out", "front.csv", "--json"

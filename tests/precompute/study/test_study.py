@@ -148,6 +148,7 @@ def test_a_friction_brake_counts_as_brake(vehicle: Vehicle) -> None:
     assert (effort.driving_modes(friction, vehicle) == effort.EffortMode.FULL).all()
 
 
+@pytest.mark.slow
 def test_four_modes_are_not_called_reduced_and_l3_is(bench: Workbench) -> None:
     vehicle = bench.vehicle(L3)
     run = baselines.four_modes(bench.section(COMPLETE, L1), bench.time_s(COMPLETE, 7)).trajectory
@@ -214,6 +215,7 @@ def test_energy_shares_close_and_follow_the_friction(vehicle: Vehicle) -> None:
     assert energy_shares.friction_for(trip, 99.0) is None
 
 
+@pytest.mark.slow
 def test_largest_buffers(bench: Workbench) -> None:
     """Slow runs are dropped at L2 and L3; L0 and L1 go down to the paper's 20 km/h (sections 4.3, 4.5)."""
     for variant in (L2, L3):
@@ -255,6 +257,8 @@ def test_only_takes_known_items() -> None:
             chosen(wrong)
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_an_item_end_to_end_and_again_with_the_same_bytes(tmp_path: Path) -> None:
     """By the command as a process, and once more here."""
     words = ("study", "-o", "new/folder", "--only", "fig4", "--json")
@@ -272,6 +276,7 @@ def test_an_item_end_to_end_and_again_with_the_same_bytes(tmp_path: Path) -> Non
         assert (folder / file).read_bytes() == (tmp_path / "again" / file).read_bytes(), file
 
 
+@pytest.mark.slow
 def test_fig8_has_every_level_from_the_fastest_run_on(
     bench: Workbench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -336,6 +341,7 @@ def test_table2_savings_of_l3(cells: list[table2.Cell]) -> None:
     assert table2.gains(cells, L3_IGBT)["saves_against_second_best_ratio"] >= 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", printed.SAVINGS, ids=lambda s: f"{s.case}-{s.buffer_percent:g}")
 def test_savings_at_the_named_buffers(bench: Workbench, wanted: printed.PrintedSaving) -> None:
     found = figures_savings.saving(bench, wanted)
@@ -343,6 +349,7 @@ def test_savings_at_the_named_buffers(bench: Workbench, wanted: printed.PrintedS
     assert found.ours_percent == pytest.approx(wanted.saving_percent, abs=1.0)
 
 
+@pytest.mark.slow
 def test_l0_reg_is_worst_when_braking(bench: Workbench) -> None:
     """Section 4.4: L0 REG has the highest energy at L3."""
     for buffer in (5.0, 15.0):

@@ -24,6 +24,7 @@ from precompute.tables.writing import (
     table_ladder,
     write_table,
 )
+from tests.support.benchmark import track_path, train_path
 from tests.support.small_tables import SETTINGS, line, train
 
 
@@ -90,10 +91,11 @@ def test_writing_replaces_a_table(copied: Path, folder: Path) -> None:
     assert [path.name for path in copied.parent.iterdir()] == ["table"]
 
 
-def test_a_31_km_section_fits_into_15_mb(shared: Path) -> None:
+@pytest.mark.slow
+def test_a_31_km_section_fits_into_15_mb() -> None:
     """With the 41 trajectories and the least-energy run that a table holds by default."""
-    route = load_route(str(shared / "ttobench/tracks/CH_Fribourg_Bern.json"))
-    vehicle = load_vehicle(str(shared / "ttobench/trains/CH_Stadler_FLIRT_TPF.json"))
+    route = load_route(str(track_path("CH_Fribourg_Bern")))
+    vehicle = load_vehicle(str(train_path("CH_Stadler_FLIRT_TPF")))
     files = make_table(build_section(route, vehicle), threads=2)
     manifest = json.loads(files["manifest.json"])
     assert len(manifest["trajectories"]) == 42

@@ -97,6 +97,8 @@ def first(folder: Path) -> First:
     return First(found, rows(path), path.read_bytes())
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_the_table_has_a_row_for_every_run(first: First) -> None:
     assert (first.found["runs"], first.found["made"]) == (8, 8)
     keys = [(row["scenario"], row["driver"], row["advice"], row["seed"]) for row in first.table]
@@ -125,6 +127,7 @@ def test_every_column_is_documented() -> None:
     assert [name for name in SCHEMA_NAMES if f"`{name}`" not in said] == []
 
 
+@pytest.mark.processes
 def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) -> None:
     failed = work(jobs(folder, scenarios=[str(folder / "stuck.toml")])[0])
     write_table(folder / "failed.parquet", [failed, first.table[0]])
@@ -137,6 +140,8 @@ def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) ->
     assert [(group["failed"], group["error"]) for group in groups] == [(1, row["error"]), (0, None)]
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_finished_runs_are_not_made_again_unless_an_input_changed(folder: Path, first: First) -> None:
     table, scenario = folder / "a" / "runs.parquet", folder / "late.toml"
     assert made(*ASKED, "-o", "a", "--workers", "1", cwd=folder)["made"] == 0
@@ -158,6 +163,8 @@ def finished(folder: Path) -> int:
     return len(path.read_bytes().splitlines()) if path.exists() else 0
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number: int) -> None:
     name = f"stopped-{number}"
@@ -187,6 +194,8 @@ def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number
     assert all(theirs[seed] == first.row("vector", seed) for seed in range(4))
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
     asked = ("late.toml", "--seeds", "1", "--drivers", "perfect", "--record", "-o", "b")
     assert made(*asked, cwd=folder)["made"] == 1
@@ -285,6 +294,7 @@ def test_bad_input_of_batch_is_one_line(folder: Path, arguments: list[str], mess
     assert not (folder / "x").exists()
 
 
+@pytest.mark.processes
 def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     done = batch(*ASKED, "-o", "a", cwd=folder)
     for text in ("8 runs, 0 of them made now", "late, perfect, vector", "written: a/runs.parquet", "comfort"):
@@ -304,6 +314,7 @@ def test_an_altered_line_is_no_result(tmp_path: Path) -> None:
     assert path.read_bytes() == lines[2] + b"\n"
 
 
+@pytest.mark.processes
 def test_a_run_that_failed_is_made_again(folder: Path, first: First) -> None:
     asked = ("late.toml", "--seeds", "0", "--drivers", "perfect", "-o", "again")
     (folder / "again").mkdir()
@@ -314,6 +325,8 @@ def test_a_run_that_failed_is_made_again(folder: Path, first: First) -> None:
     assert rows(folder / "again" / "runs.parquet") == [first.row("vector", 0)]
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_ctrl_c_at_a_terminal_spares_workers_that_are_being_started(folder: Path) -> None:
     """It goes to all processes of the command; a worker must not die of it before it knows to ignore it."""
     asked = ["late.toml", "--seeds", "0-9", "--drivers", "perfect", "--workers", "1", "-o", "started"]

@@ -520,6 +520,8 @@ for seed, stream in ((11, 0), (12, 0), (11, 1)):
 """
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_a_seed_and_a_stream_drive_the_same_to_the_last_bit_in_two_processes() -> None:
     def digests(hash_seed: str) -> list[str]:
         environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONHASHSEED": hash_seed}
@@ -559,6 +561,7 @@ def test_every_parameter_is_documented_with_its_source() -> None:
     assert parameter_markdown() in page, said
 
 
+@pytest.mark.processes
 def test_das_sim_lists_the_drivers(tmp_path: Path) -> None:
     done = in_a_process("sim.cli", "drivers", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

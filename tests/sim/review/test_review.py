@@ -135,6 +135,7 @@ def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pyte
         rerun_view.save_view(whole, tmp_path / "view.rrd")
 
 
+@pytest.mark.processes
 def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     command = rerun_view.viewer_command(tmp_path / "x.rrd")
     assert command[command.index("--bind") + 1] == "127.0.0.1"

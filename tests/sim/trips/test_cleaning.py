@@ -20,7 +20,6 @@ from sim.trips import cleaning
 from sim.trips.findings import Kind
 from sim.trips.reading import read_trip
 from sim.trips.trip import Whereabouts, load_trip
-from tests.sim.trips.test_trips import route
 from tests.support.dirt import (
     DEFECTS,
     EPOCH_S,
@@ -39,6 +38,7 @@ from tests.support.dirt import (
     load,
     spikes,
 )
+from tests.support.made_line import route
 
 
 @pytest.mark.parametrize(("plant", "expected"), DEFECTS.values(), ids=DEFECTS)

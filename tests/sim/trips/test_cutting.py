@@ -15,7 +15,6 @@ from sim.trips.findings import Kind
 from sim.trips.reading import read_trip
 from sim.trips.standing import slowed_to
 from sim.trips.trip import Whereabouts, load_trip
-from tests.sim.trips.test_trips import motion, route
 from tests.support.dirt import (
     LENGTH_M,
     STOOD_S,
@@ -29,6 +28,7 @@ from tests.support.dirt import (
     long_posts,
     write,
 )
+from tests.support.made_line import motion, route
 
 
 def beyond_both_ends() -> Points:

@@ -14,7 +14,6 @@ from sim.trips.findings import Kind
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, Whereabouts, load_trip
 from sim.trips.writing import write_cleaned
-from tests.sim.trips.test_trips import route
 from tests.support.dirt import (
     LENGTH_M,
     Points,
@@ -35,6 +34,7 @@ from tests.support.dirt import (
     times_back,
     write,
 )
+from tests.support.made_line import route
 
 
 def reread(folder: Path, trip: Trip, name: str) -> tuple[bytes, Trip]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -40,10 +39,10 @@ from sim.trips.picture import FORCES_SHOWN_RATIO
 from sim.trips.reading import read_trip
 from sim.trips.saving import saving_range
 from sim.trips.trip import Trip, Whereabouts, load_trip
-from tests.behaviour.test_replay import kolback
-from tests.sim.trips.test_trips import north, posts_file
-from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, write
+from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, dropouts, late_end, spikes, write
+from tests.support.made_line import north, posts_file, route
 from tests.support.making import das_sim, flat, in_a_process, make_train
+from tests.support.tracks import as_gpx
 
 C0_N, C2, LIMIT_MPS = 2000.0, 8.0, 35.0
 ELECTRIC, FRICTION = BrakePolicy.ELECTRIC, BrakePolicy.FRICTION
@@ -106,85 +105,43 @@ def test_dirt_hardly_changes_the_energy(tmp_path: Path, driven: tuple[Trip, Sect
 
 
 def _meridian() -> dict[str, Any]:
-    from tests.sim.trips.test_trips import route
-
     with_geometry = route(LENGTH_M, geometry=True)
     names = ("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg")
     return {name: getattr(with_geometry, name) for name in names}
 
 
-def test_the_command_shows_writes_and_draws(shared: Path, tmp_path: Path) -> None:
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_command_shows_writes_and_draws(tmp_path: Path) -> None:
+    """A made-up trip with many defects: they are named, the picture is drawn, and the cleaned file has none left."""
+    trip = write(tmp_path, late_end(dropouts(spikes(clean(6000.0)))))
+    posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
+    where = ("--route", "flat-6km", "--vehicle", "re460-ic", "--no-reverse", "--line", str(posts))
     files = ("--write", "cleaned.csv", "--plot", "trip.png")
-    done = in_a_process("sim.cli", "trip", *kolback(shared, "dropouts"), *files, cwd=tmp_path)
+    done = in_a_process("sim.cli", "trip", str(trip), *where, *files, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for told in (
-        "589 of 603 points kept",
+        "points kept",
+        "impossible speed",
         "speed dropout",
         "long stand at the end",
         "median / 95 % / most",
-        "not known",
+        "running resistance",
     ):
         assert told in done.stdout
     assert (tmp_path / "trip.png").read_bytes().startswith(b"\x89PNG")
-    assert "running resistance" in done.stdout
-    assert "speed gained" not in done.stdout  # it rounds to 0
-    again = das_sim("trip", "cleaned.csv", *kolback(shared, "dropouts")[1:], "--json", cwd=tmp_path)
+    again = das_sim("trip", "cleaned.csv", *where, "--json", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     found = json.loads(again.stdout)
     assert found["cleaning"]["findings"] == []
-    assert "kmposts.csv is not used: cleaned.csv has positions on the route" in found["line_not_used"]
+    assert "posts.csv is not used: cleaned.csv has positions on the route" in found["line_not_used"]
     assert found["whole_section"]
-    assert found["trip_time_s"] == 559
+    assert found["trip_time_s"] == 260
     energy = found["energy"]
     assert energy["input_low_kwh"] < energy["input_kwh"] < energy["input_high_kwh"]
-    assert energy["input_kwh"] == pytest.approx(217.7, rel=0.02)
-    assert 180 < energy["strongest_braking_kn"] < 260  # the last two seconds of the stop alone ask 383
 
 
-def as_gpx(rows: list[list[str]]) -> str:
-    """A GPS record as GPX without speeds."""
-    points = "".join(
-        f'<trkpt lat="{a}" lon="{b}"><time>{np.datetime64(int(float(ms)), "ms")}Z</time></trkpt>\n'
-        for a, b, _, ms in rows
-    )
-    return f'<gpx xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>\n{points}</trkseg></trk></gpx>\n'
-
-
-def dirtied(rows: list[list[str]]) -> Iterator[list[str]]:
-    """A real record with points given twice, times back, jumps, and a hole of 14 s."""
-    for i, (latitude, longitude, speed, ms) in enumerate(rows):
-        if 300 <= i < 313:
-            continue
-        moved = float(latitude) + (0.02 if i in (100, 101, 250) else 0.0)
-        yield [f"{moved!r}", longitude, speed, f"{float(ms) - 3.3e3 * (i == 200)}"]
-        if i in (50, 51):
-            yield [latitude, longitude, speed, ms]
-
-
-def test_a_dirty_track_becomes_a_reviewed_recording(shared: Path, tmp_path: Path) -> None:
-    """The real record with planted defects, turned into GPX without speeds: replay, then view."""
-    rows = [line.split(",") for line in Path(kolback(shared, "dropouts")[0]).read_text().split()]
-    (tmp_path / "dirty.gpx").write_text(as_gpx(list(dirtied(rows))))
-    options = kolback(shared, "dropouts")[1:]
-    done = das_sim("replay", "dirty.gpx", *options, "--out", "run.mcap", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    counts = {f["kind"]: f["count"] for f in found["cleaning"]["findings"]}
-    planted = {"duplicate_time": 2, "time_back": 1, "position_jump": 3, "gap": 1}
-    assert {kind: counts[kind] for kind in planted} == planted
-    assert counts["speed_missing"] > 500
-    assert found["messages_lost"] == found["advices_above_limit"] == 0
-    assert found["whole_section"]
-    assert found["trip_time_s"] == pytest.approx(559, abs=4)
-    assert found["energy_driven_low_kwh"] < found["energy_driven_kwh"] < found["energy_driven_high_kwh"]
-    assert found["energy_driven_kwh"] == pytest.approx(217.7, rel=0.05)
-    recording = read_recording(tmp_path / "run.mcap")
-    assert recording.metadata["run"]["cleaning"] == found["cleaning_summary"]
-    assert "3 × position jump (dropped)" in found["cleaning_summary"]
-    viewed = das_sim("view", "run.mcap", "--save", "run.rrd", cwd=tmp_path)
-    assert viewed.returncode == 0, viewed.stderr
-
-
+@pytest.mark.slow
 def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> None:
     """The plant integrates on its own: its true energy against that from a track without speeds, and the direction."""
     made = das_sim(
@@ -267,6 +224,7 @@ def hand_made(mass: float, resistance: float, wind_mps: float) -> Vehicle:
     return replace(make_train(resistance=(c0 + c2 * wind_mps**2, 2 * c2 * wind_mps, c2)), mass_kg=mass * 1e5)
 
 
+@pytest.mark.slow
 def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
     driven: tuple[Trip, Section, EnergyRange],
 ) -> None:

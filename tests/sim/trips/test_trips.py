@@ -1,9 +1,7 @@
-"""Recorded trips: posts, matching, dropouts, the even run; synthetic ones with known answers, and real ones."""
+"""Recorded trips: posts, matching, dropouts, the even run; made-up ones with known answers."""
 
 from __future__ import annotations
 
-import os
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,109 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from das.domain.errors import DasError
-from das.domain.files.load import load_route
-from das.domain.route import Floats, Route, Stop, Stretches
-from das.domain.units import KMH
-from sim.trips.csv_record import read_csv
 from sim.trips.findings import Kind
-from sim.trips.line import EARTH_RADIUS_M, Line, read_kilometre_posts
-from sim.trips.matching import MatchedTrip, match_trip
+from sim.trips.line import Line, read_kilometre_posts
+from sim.trips.matching import match_trip
 from sim.trips.profile import to_profile
-from sim.trips.record import Record
-from tests.support.making import REPOSITORY
-
-DATA = REPOSITORY.parent / "shared" / "data"
-ORIGIN = (59.5, 16.2)
-START_NS = 1_469_780_350_000_000_000
-
-
-def shared(*parts: str) -> Path:
-    """A file of the shared data: its absence fails the test where CI is set and skips it elsewhere."""
-    path = DATA.joinpath(*parts)
-    if not path.exists():
-        if os.environ.get("CI"):
-            pytest.fail(f"shared data missing: {path}")
-        pytest.skip(f"shared data missing: {path}")
-    return path
-
-
-def north(s_m: Floats, east_m: Floats | float = 0.0) -> tuple[Floats, Floats]:
-    """Points on a meridian: arc length s north of the origin is exactly R·Δφ; `east_m` beside it."""
-    latitude = ORIGIN[0] + np.degrees(s_m / EARTH_RADIUS_M)
-    return latitude, ORIGIN[1] + np.degrees(east_m / EARTH_RADIUS_M / np.cos(np.radians(latitude)))
-
-
-def arc(s_m: Floats, radius_m: float) -> tuple[Floats, Floats]:
-    """Points at arc length s along a circle that starts northwards from the origin."""
-    angle = s_m / radius_m
-    latitude = ORIGIN[0] + np.degrees(radius_m * np.sin(angle) / EARTH_RADIUS_M)
-    east = radius_m * (1 - np.cos(angle))
-    return latitude, ORIGIN[1] + np.degrees(east / EARTH_RADIUS_M / np.cos(np.radians(ORIGIN[0])))
-
-
-def posts_file(folder: Path, latitude: Floats, longitude: Floats, first: int = 3490130, step: int = -1) -> Path:
-    path = folder / "posts.csv"
-    rows = zip(latitude, longitude, strict=True)
-    path.write_text("".join(f"{a:.12f},{b:.12f},{first + step * i}\n" for i, (a, b) in enumerate(rows)))
-    return path
-
-
-def posts(folder: Path, length_m: float = 10_000.0) -> Line:
-    """Kilometre posts along the meridian; chainage 0 at the origin."""
-    return read_kilometre_posts(posts_file(folder, *north(np.arange(0, length_m + 1, 1000.0))))
-
-
-def route(length_m: float = 8000.0, *, geometry: bool = False) -> Route:
-    """A flat route; with geometry along the meridian, position 0 at the origin."""
-    position = np.arange(0, length_m + 1, 500.0) if geometry else np.array([])
-    latitude, longitude = north(position)
-    constant = Stretches(start_m=np.array([0.0]), value=np.array([0.0]))
-    return Route(
-        id="test",
-        name="test",
-        source="test.toml",
-        illustrative=True,
-        length_m=length_m,
-        stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=length_m)),
-        limits_mps=Stretches(start_m=np.array([0.0]), value=np.array([40.0])),
-        gradients_ratio=constant,
-        curvature_per_m=constant,
-        geometry_position_m=position,
-        geometry_latitude_deg=latitude,
-        geometry_longitude_deg=longitude,
-    )
-
-
-def motion(length_m: float = 8000.0, a: float = 0.5, top: float = 30.0) -> tuple[Floats, Floats, Floats]:
-    """t, s, v once a second of a run that accelerates at a, cruises, brakes at a; its whole time is whole seconds."""
-    ramp = top / a
-    cruise = (length_m - top * ramp) / top
-    t = np.append(np.arange(0.0, 2 * ramp + cruise), 2 * ramp + cruise)
-    late = np.maximum(t - ramp - cruise, 0.0)
-    v = np.minimum(a * t, top) - a * late
-    s = np.where(t < ramp, a * t**2 / 2, top * (t - ramp / 2)) - a * late**2 / 2
-    return t, s, v
-
-
-def record(t: Floats, s: Floats, v: Floats, *, from_m: float = 1500.0, east_m: Floats | float = 0.0) -> Record:
-    """A record of a motion along the meridian that starts `from_m` north of the origin."""
-    latitude, longitude = north(from_m + s, np.broadcast_to(east_m, s.shape))
-    return Record.of(
-        "trip.csv",
-        np.arange(len(t)) + 1,
-        START_NS + np.rint(t * 1e9).astype(np.int64),
-        latitude_deg=latitude,
-        longitude_deg=longitude,
-        speed_mps=v.copy(),
-    )
-
-
-def counts(trip: MatchedTrip) -> dict[Kind, int]:
-    return {finding.kind: finding.count for finding in trip.report.cleaning.findings}
-
-
-def matched(trip: Record, line: Line, on: Route) -> MatchedTrip:
-    return match_trip(trip, line, on, on.stops[0], on.stops[-1])
+from tests.support.made_line import START_NS, arc, counts, matched, motion, north, posts, posts_file, record, route
 
 
 def test_posts_may_rise_or_fall(tmp_path: Path) -> None:
@@ -378,62 +278,3 @@ def test_a_run_of_two_seconds_is_too_short() -> None:
     on = route(geometry=True)
     with pytest.raises(DasError, match="a run of 2 s is too short, expected at least 3 s"):
         to_profile(matched(record(t, s, v, from_m=0.0), Line.from_route(on), on))
-
-
-def real(name: str) -> MatchedTrip:
-    on = load_route(shared("ttobench", "tracks", "SE_Vasteras_Kolback.json")).reversed()
-    line = read_kilometre_posts(shared("trips", "kolback_vasteras_kmposts.csv"))
-    return matched(read_csv(shared("trips", f"kolback_vasteras_{name}.csv")), line, on)
-
-
-@pytest.mark.parametrize("name", ["clean", "dropouts"])
-def test_a_real_trip_fits_the_line(name: str) -> None:
-    """By the posts the stations are 19 279 m apart, on the track 19 305 m: a scale of 1.0013 within GPS accuracy."""
-    result = real(name)
-    assert result.report.anchor == "start and end"
-    assert result.report.scale == pytest.approx(19305 / 19279, abs=0.0012)
-    assert result.report.offset_m == pytest.approx(133, abs=15)  # Kolbäck lies 133 m before the post km 130
-    assert result.report.median_cross_track_m < 15
-    assert result.report.max_cross_track_m < 100
-    assert (result.s_m[0], result.s_m[-1]) == pytest.approx((0, 19305.4))
-
-
-@pytest.mark.parametrize(("name", "duration_s"), [("clean", 551), ("dropouts", 559)])
-def test_the_run_of_a_real_trip_is_plausible(name: str, duration_s: float) -> None:
-    """The clean record stands after 553 s by a speed that comes 2.5 s late."""
-    run = to_profile(real(name))
-    assert run.time_s[-1] == duration_s
-    assert run.speed_lag_s == pytest.approx({"clean": 2.5, "dropouts": 0.75}[name], abs=0.3)
-    assert np.percentile(np.abs(run.acceleration_mps2), 99) < 1.0
-    assert np.abs(run.acceleration_mps2).max() < 1.5
-    assert run.speed_mps.min() == 0
-    assert 160 * KMH < run.speed_mps.max() < 167 * KMH
-    assert np.sum(run.speed_mps) == pytest.approx(19305.4, abs=1.0)
-    assert run.s_m[-1] == pytest.approx(19305.4, abs=1e-6)
-    assert run.position_rms_m < 10
-
-
-def test_the_dropouts_of_the_real_trip_are_found() -> None:
-    assert counts(real("clean")) == {Kind.GAP: 1}
-    result = real("dropouts")
-    assert (np.flatnonzero(result.dropout) + 1).tolist() == [42, 43, 44, 59, 62, 63]
-    run = to_profile(result)
-    around = slice(35, 75)  # accelerating all the time: no spike either way
-    assert run.acceleration_mps2[around].min() > 0
-    assert run.acceleration_mps2[around].max() < 1.0
-
-
-def test_a_real_trip_without_its_speeds_is_the_same_trip() -> None:
-    """It begins and ends with one point at a stand, which no slope of positions shows."""
-    on = load_route(shared("ttobench", "tracks", "SE_Vasteras_Kolback.json")).reversed()
-    line = read_kilometre_posts(shared("trips", "kolback_vasteras_kmposts.csv"))
-    whole = read_csv(shared("trips", "kolback_vasteras_clean.csv"))
-    bare = matched(replace(whole, speed_mps=np.full(len(whole), np.nan)), line, on)
-    known = real("clean")
-    assert bare.report.anchor == "start and end"
-    assert 0 < bare.report.stand_uncertainty_m < 5
-    assert bare.s_m == pytest.approx(known.s_m, abs=0.5)
-    run, with_speeds = to_profile(bare), to_profile(known)
-    assert run.time_s[-1] == pytest.approx(with_speeds.time_s[-1], abs=3)  # the speeds' lag is 2.5 s
-    off_mps = np.interp(with_speeds.time_s, run.time_s, run.speed_mps) - with_speeds.speed_mps
-    assert np.sqrt(np.mean(off_mps**2)) < 1.0

@@ -20,6 +20,7 @@ from das.domain.route import Route, Stop
 from precompute.cli.options import LineOptions, RunFiles, TrainOptions, WorldOptions
 from precompute.journey.command import StopsOptions
 from precompute.journey.command import journey as journey_command
+from tests.support.benchmark import journey_path, track_path
 from tests.support.making import das_precompute, in_a_process, make_route
 
 NATIVE = """schema_version = 1
@@ -203,9 +204,9 @@ def test_a_bad_ttobench_journey_is_refused_in_one_line(tmp_path: Path, index: in
         ttobench(tmp_path, data)
 
 
-def test_the_journey_of_the_library_is_read(shared: Path) -> None:
-    route = load_route(str(shared / "ttobench" / "tracks" / "CH_StGallen_Wil.json"))
-    journey = load_journey(str(shared / "ttobench" / "journeys" / "CH_StGallen_Wil_Journey_01.json"), route)
+def test_the_journey_of_the_benchmark_is_read() -> None:
+    """It is in this project's own format; test_ttobench.py compares it with the library's file."""
+    journey = load_journey(str(journey_path()), load_route(str(track_path("CH_StGallen_Wil"))))
     assert [point.position_m for point in journey.points] == [0.0, 12_500.0, 15_000.0, 20_000.0, 29_556.1]
     assert [call.position_m for call in journey.calls] == [0.0, 15_000.0, 29_556.1]
     assert journey.points[2] == Call(
@@ -268,6 +269,8 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], P
     return json.loads(done.stdout), folder
 
 
+@pytest.mark.processes
+@pytest.mark.slow
 def test_the_bundled_journey_keeps_its_windows(planned: tuple[dict[str, Any], Path]) -> None:
     result, hops = planned[0], planned[0]["hops"]
     assert [(hop["from"], hop["to"]) for hop in hops] == [
@@ -291,6 +294,7 @@ def test_the_bundled_journey_keeps_its_windows(planned: tuple[dict[str, Any], Pa
     assert 0.05 < sum(hop["time_s"] for hop in hops) / sum(hop["min_time_s"] for hop in hops) - 1 < 0.08
 
 
+@pytest.mark.processes
 def test_the_csv_is_the_whole_journey_on_its_clock(planned: tuple[dict[str, Any], Path]) -> None:
     with (planned[1] / "run.csv").open() as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]

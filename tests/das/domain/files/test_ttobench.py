@@ -1,4 +1,4 @@
-"""TTOBench files: all of the library read, units honoured, a table of bad files with their messages."""
+"""TTOBench files: our own and all of the library are read, units are honoured, bad files get their messages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import copy
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -15,134 +15,66 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
+from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.domain.files.ttobench import read_track, read_train
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.vehicle import BrakePolicy, Vehicle
+from tests.support.benchmark import DATA, JOURNEY, SHARED, TRACKS, TRAINS, journey_path, track_path, train_path
 
-TRACKS = [
-    "00_reference",
-    "00_reference_with_tunnels",
-    "00_var_gradient_minus_10",
-    "00_var_gradient_minus_5",
-    "00_var_gradient_minusplus_6",
-    "00_var_gradient_plus_10",
-    "00_var_gradient_plus_5",
-    "00_var_speed_limit_100",
-    "00_var_speed_limit_110",
-    "00_var_speed_limit_120",
-    "00_var_speed_limit_wind",
-    "CH_Fribourg_Bern",
-    "CH_StGallen_Wil",
-    "CH_Stadelhofen_Altstetten",
-    "CN_Songjiazhuang_Yizhuang",
-    "SE_Vasteras_Kolback",
-]
-TRAINS = {  # mass kg, kN and kW of traction, R(72 km/h) in kN by hand, brakes
+TRAIN_FIGURES = {  # mass kg, kN and kW of traction, R(72 km/h) in kN by hand, brakes
+    "own": (100_000, 100, 2000, 2 + 0.01 * 72 + 0.0005 * 72**2, BrakePolicy.BLENDED),
     "CH_Stadler_FLIRT_TPF": (122_000, 200, 2600, 2.37888 + 0.01698165 * 72 + 0.00093264 * 72**2, BrakePolicy.BLENDED),
     "CN_Beijing_Subway": (278_000, 310, 3100, 3.9476 + 0.0022294 * 72**2, BrakePolicy.ELECTRIC),
     "NL_Intercity_VIRM6": (391_000, 213.9, 2157, 5.854 + 0.0206 * 72 + 0.001 * 72**2, BrakePolicy.BLENDED),
     "CH_Stadler_KISS_SBB": (297_000, None, None, None, BrakePolicy.BLENDED),
 }
+LIBRARY_IS_HERE = SHARED.is_dir()
 
 
+@pytest.mark.reference
 def test_every_file_of_the_library_is_in_these_tests(shared: Path) -> None:
+    """Without the library its tracks and trains are tested by this file's own and by those of tests/data alone."""
     assert {p.stem for p in (shared / "ttobench" / "tracks").glob("*.json")} == set(TRACKS)
     assert {p.stem for p in (shared / "ttobench" / "trains").glob("*.json")} == set(TRAINS)
+    assert set(TRAINS) == set(TRAIN_FIGURES) - {"own"}
 
 
-@pytest.mark.parametrize("name", TRACKS)
-def test_a_track_of_the_library_is_read(shared: Path, name: str) -> None:
-    path = shared / "ttobench" / "tracks" / f"{name}.json"
-    route, data = read_track(path), json.loads(path.read_text())
-    assert (route.id, route.illustrative) == (name, False)
-    assert [stop.position_m for stop in route.stops] == data["stops"]["values"]
-    assert route.length_m == data["stops"]["values"][-1]
-    positions, limits_kmh = zip(*data["speed limits"]["values"], strict=True)
-    assert route.limits_mps.start_m.tolist() == list(positions)
-    assert route.limits_mps.value * 3.6 == pytest.approx(np.array(limits_kmh))
-    positions, slopes = zip(*data["gradients"]["values"], strict=True)
-    assert route.gradients_ratio.start_m.tolist() == list(positions)
-    assert route.gradients_ratio.value * 1000 == pytest.approx(np.array(slopes))
-    assert route.altitude_at_start_m == data["altitude"]["value"]
-    assert len(route.tunnels) == len(data.get("tunnels", {"values": []})["values"])
-    assert route.reversed().reversed().stops[0].position_m == route.stops[0].position_m
+def same(one: Any, other: Any, where: str = "") -> None:
+    """Two frozen data trees hold the same figures; where a file lies and what it calls things may differ."""
+    if is_dataclass(one):
+        for field in fields(one):
+            if field.name not in ("source", "name"):
+                same(getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}")
+    elif isinstance(one, tuple):
+        assert len(one) == len(other), where
+        for i, (a, b) in enumerate(zip(one, other, strict=True)):
+            same(a, b, f"{where}[{i}]")
+    elif isinstance(one, np.ndarray):
+        assert one.tolist() == other.tolist(), where
+    elif isinstance(one, Mapping):
+        assert one.keys() == other.keys(), where
+        for key in one:
+            same(one[key], other[key], f"{where}[{key}]")
+    else:
+        assert one == (pytest.approx(other, rel=1e-14) if isinstance(other, float) else other), where
 
 
-def test_clothoids_count_with_their_mean_curvature(shared: Path) -> None:
-    path = shared / "ttobench" / "tracks" / "CH_StGallen_Wil.json"
-    rows = json.loads(path.read_text())["curvatures"]["values"]
-    curvature = read_track(path).curvature_per_m
-    expected = [abs(sum(0 if r == "infinity" else 1 / r for r in row[1:])) / 2 for row in rows]
-    assert curvature.start_m.tolist() == [row[0] for row in rows]
-    assert curvature.value == pytest.approx(expected)
-    assert any(row[1] != row[2] for row in rows)
-
-
-@pytest.mark.parametrize("name", TRAINS)
-def test_a_train_of_the_library_is_read(shared: Path, name: str) -> None:
-    train = read_train(shared / "ttobench" / "trains" / f"{name}.json")
-    mass_kg, force_kn, power_kw, resistance_kn, brakes = TRAINS[name]
-    assert (train.id, train.mass_kg, train.brake_policy) == (name, mass_kg, brakes)
-    assert train.default_level is Level.OWN
-    if force_kn:
-        assert (train.traction.max_force_n, train.traction.max_power_w) == pytest.approx(
-            (force_kn * 1e3, power_kw * 1e3)
-        )
-        assert float(train.resistance.force_n(20.0)) == pytest.approx(resistance_kn * 1e3)
-
-
-def test_the_flirt_by_hand(shared: Path) -> None:
-    train = read_train(shared / "ttobench" / "trains" / "CH_Stadler_FLIRT_TPF.json")
-    assert train.inertial_mass_kg == pytest.approx(134_200)
-    assert (train.train_length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
-        (58.6, 44.4444444, 1.22e6)
-    )
-    assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 1.1)
-    assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - 0.9)
-    assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(1.1698 * 12.96)
-    assert train.tunnel_coefficient_n_per_mps2(32) == pytest.approx(0.5 * (1.1698 + 0.5579) * 12.96)
-
-
-OTHER_UNITS = {
-    ("kg", "mass"): ("t", 1e-3),
-    ("m", "length"): ("km", 1e-3),
-    ("%", ""): ("-", 1e-2),
-    ("kN", ""): ("N", 1e3),
-    ("kW", ""): ("W", 1e3),
-    ("km/h", ""): ("m/s", 1 / 3.6),
-    ("kN/(km/h)", ""): ("N/(m/s)", 3600),
-    ("kN/(km/h)^2", ""): ("N/(m/s)^2", 12_960),
-}
-
-
-def numbers(thing: Any) -> list[float]:
-    """Every number in a dataclass, in order."""
-    if is_dataclass(thing):
-        return [x for f in fields(thing) for x in numbers(getattr(thing, f.name))]
-    if isinstance(thing, tuple):
-        return [x for item in thing for x in numbers(item)]
-    return [] if isinstance(thing, str) or not isinstance(thing, int | float) else [float(thing)]
-
-
-def test_the_same_train_in_other_units_is_the_same_train(shared: Path, tmp_path: Path) -> None:
-    path = shared / "ttobench" / "trains" / "CH_Stadler_FLIRT_TPF.json"
-    data, changed = json.loads(path.read_text()), 0
-    for key, entry in data.items():
-        unit, factor = OTHER_UNITS.get((entry.get("unit"), key)) or OTHER_UNITS.get((entry.get("unit"), ""), (None, 1))
-        if unit:
-            entry.update(unit=unit, value=entry["value"] * factor)
-            changed += 1
-    tunnel = data["tunnel resistance"]
-    tunnel["units"]["coefficient"] = "N/(m/s)^2"
-    tunnel["values"] = [[area, c * 12_960] for area, c in reversed(tunnel["values"])]
-    other_path = tmp_path / "other.json"
-    other_path.write_text(json.dumps(data))
-    one, other = read_train(path), read_train(other_path)
-    assert changed == 14
-    assert numbers(other) == pytest.approx(numbers(one), rel=1e-12)
-    assert len(numbers(one)) > 15
-    assert numbers(other.losses[Level.OWN]) == pytest.approx(numbers(one.losses[Level.OWN]), rel=1e-12)
-    assert (other.brake_policy, other.default_level) == (one.brake_policy, one.default_level)
+@pytest.mark.reference
+def test_the_figures_of_tests_data_are_those_of_the_library(shared: Path) -> None:
+    """Routes, vehicles and the journey of tests/data say what the library says, to the last bit of a position."""
+    carried = [track for track in TRACKS if track_path(track).suffix == ".toml"]
+    assert {path.stem for path in (DATA / "routes").iterdir()} == set(carried)
+    assert {path.stem for path in (DATA / "vehicles").iterdir()} == set(TRAINS)
+    for track in carried:
+        same(read_track(shared / "ttobench" / "tracks" / f"{track}.json"), load_route(str(track_path(track))), track)
+    for train in TRAINS:
+        same(read_train(shared / "ttobench" / "trains" / f"{train}.json"), load_vehicle(str(train_path(train))), train)
+    library, route = shared / "ttobench" / "journeys", load_route(str(track_path("CH_StGallen_Wil")))
+    assert [path.stem for path in library.iterdir()] == [JOURNEY]
+    asked = load_journey(str(library / f"{JOURNEY}.json"), route)
+    own = load_journey(str(journey_path()), route)
+    same(asked, own, "journey")
+    assert [point.name for point in asked.points] == [point.name for point in own.points]
 
 
 def rows(units: dict[str, str], *values: list[Any]) -> dict[str, Any]:
@@ -174,6 +106,143 @@ TRAIN = {
     "efficiency reg brake": {"unit": "%", "value": 80},
     "tunnel resistance": rows({"cross section": "m^2", "coefficient": "kN/(km/h)^2"}, [24, 0.001], [40, 0.0005]),
 }
+FULL_TRAIN = {
+    **TRAIN,
+    "metadata": {"id": "own"},
+    "length": {"unit": "m", "value": 75},
+    "rho": {"unit": "%", "value": 8},
+    "max pn braking force": {"unit": "kN", "value": 300},
+    "max acceleration": {"unit": "m/s^2", "value": 1.1},
+    "max deceleration": {"unit": "m/s^2", "value": 0.9},
+}
+"""A train with everything that the format can say."""
+
+
+def written(folder: Path, data: Any) -> Path:
+    """A file of our own in the format of the library."""
+    path = folder / "own.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+@pytest.mark.parametrize("name", ["own", *(TRACKS if LIBRARY_IS_HERE else [])])
+def test_a_track_is_read(tmp_path: Path, name: str) -> None:
+    own = {**TRACK, "metadata": {"id": "own"}}
+    path = written(tmp_path, own) if name == "own" else SHARED / "ttobench" / "tracks" / f"{name}.json"
+    route, data = read_track(path), json.loads(path.read_text())
+    assert (route.id, route.illustrative) == (name, False)
+    assert [stop.position_m for stop in route.stops] == data["stops"]["values"]
+    assert route.length_m == data["stops"]["values"][-1]
+    positions, limits_kmh = zip(*data["speed limits"]["values"], strict=True)
+    assert route.limits_mps.start_m.tolist() == list(positions)
+    assert route.limits_mps.value * 3.6 == pytest.approx(np.array(limits_kmh))
+    positions, slopes = zip(*data["gradients"]["values"], strict=True)
+    assert route.gradients_ratio.start_m.tolist() == list(positions)
+    assert route.gradients_ratio.value * 1000 == pytest.approx(np.array(slopes))
+    assert route.altitude_at_start_m == data["altitude"]["value"]
+    assert len(route.tunnels) == len(data.get("tunnels", {"values": []})["values"])
+    assert route.reversed().reversed().stops[0].position_m == route.stops[0].position_m
+
+
+@pytest.mark.parametrize("name", ["own", *(["CH_StGallen_Wil"] if LIBRARY_IS_HERE else [])])
+def test_clothoids_count_with_their_mean_curvature(tmp_path: Path, name: str) -> None:
+    bends = [
+        [0, "infinity", "infinity"],
+        [900, "infinity", -500],
+        [1000, -500, -500],
+        [1500, -500, 800],
+        [1700, 800, 800],
+    ]
+    own = {**TRACK, "curvatures": {**TRACK["curvatures"], "values": bends}}
+    path = written(tmp_path, own) if name == "own" else SHARED / "ttobench" / "tracks" / f"{name}.json"
+    rows = json.loads(path.read_text())["curvatures"]["values"]
+    curvature = read_track(path).curvature_per_m
+    expected = [abs(sum(0 if r == "infinity" else 1 / r for r in row[1:])) / 2 for row in rows]
+    assert curvature.start_m.tolist() == [row[0] for row in rows]
+    assert curvature.value == pytest.approx(expected)
+    assert any(row[1] != row[2] for row in rows)
+
+
+@pytest.mark.parametrize("name", ["own", *(TRAINS if LIBRARY_IS_HERE else [])])
+def test_a_train_is_read(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path, FULL_TRAIN) if name == "own" else SHARED / "ttobench" / "trains" / f"{name}.json"
+    train = read_train(path)
+    mass_kg, force_kn, power_kw, resistance_kn, brakes = TRAIN_FIGURES[name]
+    assert (train.id, train.mass_kg, train.brake_policy) == (name, mass_kg, brakes)
+    assert train.default_level is Level.OWN
+    if force_kn:
+        assert (train.traction.max_force_n, train.traction.max_power_w) == pytest.approx(
+            (force_kn * 1e3, power_kw * 1e3)
+        )
+        assert float(train.resistance.force_n(20.0)) == pytest.approx(resistance_kn * 1e3)
+
+
+def test_a_train_by_hand(tmp_path: Path) -> None:
+    train = read_train(written(tmp_path, FULL_TRAIN))
+    assert train.inertial_mass_kg == pytest.approx(108_000)
+    assert (train.length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx((75, 44.4444444, 3e5))
+    assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 0.9)
+    assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - 0.8)
+    assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(1.0 * 12.96)
+    assert train.tunnel_coefficient_n_per_mps2(32) == pytest.approx(0.5 * (1.0 + 0.5) * 12.96)
+
+
+def test_the_flirt_by_hand() -> None:
+    train = load_vehicle(str(train_path("CH_Stadler_FLIRT_TPF")))
+    assert train.inertial_mass_kg == pytest.approx(134_200)
+    assert (train.length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
+        (58.6, 44.4444444, 1.22e6)
+    )
+    assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 1.1)
+    assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - 0.9)
+    assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(1.1698 * 12.96)
+    assert train.tunnel_coefficient_n_per_mps2(32) == pytest.approx(0.5 * (1.1698 + 0.5579) * 12.96)
+
+
+OTHER_UNITS = {
+    ("kg", "mass"): ("t", 1e-3),
+    ("t", "mass"): ("kg", 1e3),
+    ("m", "length"): ("km", 1e-3),
+    ("%", ""): ("-", 1e-2),
+    ("kN", ""): ("N", 1e3),
+    ("kW", ""): ("W", 1e3),
+    ("km/h", ""): ("m/s", 1 / 3.6),
+    ("kN/(km/h)", ""): ("N/(m/s)", 3600),
+    ("kN/(km/h)^2", ""): ("N/(m/s)^2", 12_960),
+}
+
+
+def numbers(thing: Any) -> list[float]:
+    """Every number in a dataclass, in order."""
+    if is_dataclass(thing):
+        return [x for f in fields(thing) for x in numbers(getattr(thing, f.name))]
+    if isinstance(thing, tuple):
+        return [x for item in thing for x in numbers(item)]
+    return [] if isinstance(thing, str) or not isinstance(thing, int | float) else [float(thing)]
+
+
+@pytest.mark.parametrize("name", ["own", *(["CH_Stadler_FLIRT_TPF"] if LIBRARY_IS_HERE else [])])
+def test_the_same_train_in_other_units_is_the_same_train(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path, FULL_TRAIN) if name == "own" else SHARED / "ttobench" / "trains" / f"{name}.json"
+    data, changed = json.loads(path.read_text()), 0
+    for key, entry in data.items():
+        unit, factor = OTHER_UNITS.get((entry.get("unit"), key)) or OTHER_UNITS.get((entry.get("unit"), ""), (None, 1))
+        if unit:
+            entry.update(unit=unit, value=entry["value"] * factor)
+            changed += 1
+    tunnel = data["tunnel resistance"]
+    tunnel["units"]["coefficient"] = "N/(m/s)^2"
+    tunnel["values"] = [[area, c * 12_960] for area, c in reversed(tunnel["values"])]
+    other_path = tmp_path / "other.json"
+    other_path.write_text(json.dumps(data))
+    one, other = read_train(path), read_train(other_path)
+    assert changed == 14
+    assert numbers(other) == pytest.approx(numbers(one), rel=1e-12)
+    assert len(numbers(one)) > 15
+    assert numbers(other.losses[Level.OWN]) == pytest.approx(numbers(one.losses[Level.OWN]), rel=1e-12)
+    assert (other.brake_policy, other.default_level) == (one.brake_policy, one.default_level)
+
+
 NAN, INF = math.nan, math.inf
 BAD_TRACKS: list[tuple[tuple[str | int, ...], Any, str]] = [
     (("stops",), ..., r"stops is missing: expected a table"),

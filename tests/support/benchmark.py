@@ -1,0 +1,113 @@
+"""The public benchmark library TTOBench: its figures in tests/data, and all of it where ../shared is present."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.support.making import REPOSITORY
+
+DATA = REPOSITORY / "tests" / "data"
+SHARED = REPOSITORY.parent / "shared" / "data"
+"""Third-party data beside the checkout; a user's clone has none (the fixture `shared` skips or fails then)."""
+
+TRACKS = [
+    "00_reference",
+    "00_reference_with_tunnels",
+    "00_var_gradient_minus_10",
+    "00_var_gradient_minus_5",
+    "00_var_gradient_minusplus_6",
+    "00_var_gradient_plus_10",
+    "00_var_gradient_plus_5",
+    "00_var_speed_limit_100",
+    "00_var_speed_limit_110",
+    "00_var_speed_limit_120",
+    "00_var_speed_limit_wind",
+    "CH_Fribourg_Bern",
+    "CH_StGallen_Wil",
+    "CH_Stadelhofen_Altstetten",
+    "CN_Songjiazhuang_Yizhuang",
+    "SE_Vasteras_Kolback",
+]
+TRAINS = ["CH_Stadler_FLIRT_TPF", "CN_Beijing_Subway", "NL_Intercity_VIRM6", "CH_Stadler_KISS_SBB"]
+JOURNEY = "CH_StGallen_Wil_Journey_01"
+
+
+def shared_data(*, module: bool = True) -> Path:
+    """The third-party data beside the checkout: where they are missing, a failure in CI and a skip elsewhere.
+
+    With `module` a whole test file is skipped, for tests that are about these data and nothing else.
+    """
+    if not SHARED.is_dir():
+        if os.environ.get("CI"):
+            pytest.fail(f"{SHARED} is missing, and CI is set", pytrace=False)
+        pytest.skip(
+            f"{SHARED} is not here: third-party data beside the checkout, not part of the project",
+            allow_module_level=module,
+        )
+    return SHARED
+
+
+def track_path(track: str) -> Path:
+    """The file of a track: this project's own where tests/data has one, else the library's."""
+    own = DATA / "routes" / f"{track}.toml"
+    return own if own.is_file() else SHARED / "ttobench" / "tracks" / f"{track}.json"
+
+
+def train_path(train: str) -> Path:
+    """The file of a train: tests/data has them all."""
+    return DATA / "vehicles" / f"{train}.toml"
+
+
+def journey_path() -> Path:
+    """The file of the library's only journey, in this project's own format."""
+    return DATA / "journeys" / f"{JOURNEY}.toml"
+
+
+def tracks_here() -> list[str]:
+    """Tracks that can be read: all of the library, or on a user's clone those of tests/data."""
+    return [track for track in TRACKS if track_path(track).is_file()]
+
+
+@dataclass(frozen=True)
+class ReferenceResult:
+    """What another optimiser found for a problem of the benchmark.
+
+    `losses` is "η/η" (efficiency of traction and of the electric brake) or "map"; `brakes` is "electric" or
+    "electric+pneumatic".
+    """
+
+    route: str
+    vehicle: str
+    losses: str
+    brakes: str
+    time_s: float
+    energy_kwh: float
+    intervals: int
+
+    @property
+    def problem(self) -> tuple[str, ...]:
+        """What results with several times have in common."""
+        return self.route, self.vehicle, self.losses, self.brakes
+
+
+def reference_results() -> list[ReferenceResult]:
+    """Every result of tests/data/reference_results.toml."""
+    table = _reference()["results"]
+    return [ReferenceResult(**dict(zip(table["columns"], row, strict=True))) for row in table["rows"]]
+
+
+def least_times() -> list[tuple[str, str, float]]:
+    """Track, train and least time (s) of an independent calculation in fine steps."""
+    return [(route, vehicle, time_s) for route, vehicle, time_s in _reference()["least_times"]["rows"]]
+
+
+def _reference() -> dict[str, dict[str, list[list[object]]]]:
+    loaded: dict[str, dict[str, list[list[object]]]] = tomllib.loads(
+        (DATA / "reference_results.toml").read_text(encoding="utf-8")
+    )
+    return loaded
