@@ -26,7 +26,8 @@ from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, Received, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
-from das.command_line.running import StopFlag, run_command, say
+from das.command_line.printing import say
+from das.command_line.running import StopFlag, run_command
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 

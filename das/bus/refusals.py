@@ -16,7 +16,7 @@ from collections import deque
 import zenoh
 
 from das.cab.moderation import Moderation
-from das.command_line.running import say
+from das.command_line.printing import say
 
 LEVELS = (
     "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"

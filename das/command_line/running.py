@@ -6,32 +6,28 @@ import contextlib
 import errno
 import io
 import os
-import select
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 
 import typer
-from rich.console import Console
-from rich.table import Table
+from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
-from das.command_line.entry import EXIT_INTERRUPTED, STDERR
+from das.command_line.entry import EXIT_INTERRUPTED, STOP_SIGNALS
+from das.command_line.printing import one_line
 from das.domain.errors import DasError
 
-PRINTED_WIDTH = 110
-"""Least width of tables that go to a file or a pipe."""
-WIDEST = 1000
 EXIT_BAD_INPUT = 2
-STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
-
-err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
-def run_app(app: typer.Typer) -> None:
-    """Run a command line; see `run_command`. What the user mistypes is one line as well."""
-    run_command(lambda: app(standalone_mode=False))
+def run_app(app: TyperGroup | TyperCommand | typer.Typer, name: str | None = None) -> None:
+    """Run a program; see `run_command`. A mistyped option ends in one line as well.
+
+    `name` is the word with which the user starts the program; its own help uses it.
+    """
+    run_command(lambda: app(standalone_mode=False, prog_name=name))
 
 
 def run_command(main: Callable[[], object]) -> None:
@@ -45,10 +41,10 @@ def run_command(main: Callable[[], object]) -> None:
         sys.exit(code if isinstance(code, int) else 0)
     except TyperException as error:
         message = error.format_message()
-        print(message if message.startswith("Usage:") else f"error: {' '.join(message.split())}", file=sys.stderr)
+        print(message if message.startswith("Usage:") else f"error: {one_line(message)}", file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
     except DasError as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"error: {one_line(str(error))}", file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         for number in STOP_SIGNALS:  # who asks twice means the same
@@ -71,36 +67,6 @@ def _say_what_can_be_said() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-
-
-def print_table(table: Table) -> None:
-    """Print a table with no figure or name cut: wider than a narrow terminal where it must be."""
-    console = Console(highlight=False)
-    needed = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
-    console.width = max(console.width if console.is_terminal else PRINTED_WIDTH, needed)
-    console.print(table)
-
-
-def typed(command: str) -> str:
-    """How the user types a command of ours: with `uv run` where that started us."""
-    return f"uv run {command}" if "UV_RUN_RECURSION_DEPTH" in os.environ else command
-
-
-@contextlib.contextmanager
-def busy(what: str) -> Iterator[None]:
-    """Show on a terminal that something is under way."""
-    with err.status(what):
-        yield
-
-
-def say(text: str) -> None:
-    """Say a line on standard error, if it is taken at once.
-
-    A log on a full disk, or read by nobody any more, must not end or hold up a process that has better things to do.
-    """
-    with contextlib.suppress(OSError):
-        if select.select([], [STDERR], [], 0)[1]:
-            os.write(STDERR, f"{text}\n".encode(sys.stderr.encoding, errors="replace"))
 
 
 class StopFlag:

@@ -8,29 +8,18 @@ standstill it is zero at every level.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
+from das.domain.levels import Level as Level  # noqa: PLC0414 (other modules import it from here)
 from das.domain.units import KMH
 
 Floats = NDArray[np.float64]
 
 GRID_EVENNESS = 1e-6
 """Relative deviation from even spacing allowed on the axes of a loss map."""
-
-
-class Level(StrEnum):
-    """Realism of the loss model (Nold & Corman 2024, section 3); OWN: the losses the vehicle's file gives."""
-
-    L0_NOREG = "l0-noreg"
-    L0_REG = "l0-reg"
-    L1 = "l1"
-    L2 = "l2"
-    L3 = "l3"
-    OWN = "own"
 
 
 @dataclass(frozen=True, kw_only=True)

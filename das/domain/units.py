@@ -5,12 +5,13 @@ A quantity read from a file names its unit; `to_si` multiplies by the factor of 
 
 from __future__ import annotations
 
-from typing import Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
-_Number = TypeVar("_Number", float, NDArray[np.float64])
+_Number = TypeVar("_Number", float, "NDArray[np.float64]")
 
 STANDARD_GRAVITY_MPS2: Final = 9.81
 """Gravity used by the public benchmark and by this project (m/s²)."""

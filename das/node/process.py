@@ -42,7 +42,8 @@ from das.cab.guard import Guard
 from das.cab.moderation import Moderation
 from das.cab.trains import Trains
 from das.cab.trip import Target, Trip
-from das.command_line.running import StopFlag, interrupt_on_termination, run_app, say
+from das.command_line.printing import say
+from das.command_line.running import StopFlag, interrupt_on_termination, run_app
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from das.bus.topics import check_train_name
-from das.command_line.running import typed
+from das.command_line.printing import typed
 from das.domain.errors import DasError
 
 tls_app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)

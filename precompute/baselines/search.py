@@ -46,7 +46,7 @@ MAX_TUNED, ENOUGH_TUNED = 20, 3
 """Sets of arcs tried, and how many on time suffice."""
 
 
-class Run(NamedTuple):
+class BaselineRun(NamedTuple):
     """Speeds at the nodes, the time (inf after a stall), the cruising speed and which intervals are coasted."""
 
     speeds_mps: Floats
@@ -68,14 +68,14 @@ class Driving:
         self.fastest = self.cruise(float(self.envelope_mps.max()))
         self.top_mps = float(self.fastest.speeds_mps.max())
 
-    def cruise(self, cruise_mps: float) -> Run:
+    def cruise(self, cruise_mps: float) -> BaselineRun:
         """The base run of a cruising speed."""
         speeds = self._start()
         time_s = kernels.cruise_run(cruise_mps, *self.line, *self.bounds, self.section.train, speeds)
         return _run(speeds, time_s, cruise_mps, np.zeros(len(speeds) - 1, np.bool_))
 
-    def coast(self, cruise_mps: float, ends: Ints) -> Run:
-        """A base run with coasting arcs (see baseline_kernels.four_mode_run)."""
+    def coast(self, cruise_mps: float, ends: Ints) -> BaselineRun:
+        """A base run with coasting arcs (see `precompute.baselines.kernels.four_mode_run`)."""
         base = self.cruise(cruise_mps)
         speeds, coasting = self._start(), np.empty(len(ends), np.bool_)
         time_s = kernels.four_mode_run(
@@ -83,11 +83,11 @@ class Driving:
         )
         return _run(speeds, time_s, cruise_mps, coasting)
 
-    def cruise_in(self, time_s: float) -> Run:
+    def cruise_in(self, time_s: float) -> BaselineRun:
         """The base run that takes a time, or the one nearest to it."""
         return hit(self.cruise, LOWEST_CRUISE_MPS, self.top_mps, time_s)
 
-    def energy_j(self, run: Run) -> float:
+    def energy_j(self, run: BaselineRun) -> float:
         """Net energy at the current collector."""
         section = self.section
         return trajectory_on(section, section, run.speeds_mps).ledger(section.vehicle, section.loss).input
@@ -98,8 +98,8 @@ class Driving:
         return speeds
 
 
-def _run(speeds: Floats, time_s: float, cruise_mps: float, coasting: NDArray[np.bool_]) -> Run:
-    return Run(speeds, float(time_s) if time_s >= 0 else math.inf, cruise_mps, coasting)
+def _run(speeds: Floats, time_s: float, cruise_mps: float, coasting: NDArray[np.bool_]) -> BaselineRun:
+    return BaselineRun(speeds, float(time_s) if time_s >= 0 else math.inf, cruise_mps, coasting)
 
 
 def driven_with_motors(section: Section) -> Driving | None:
@@ -113,7 +113,7 @@ def driven_with_motors(section: Section) -> Driving | None:
     return Driving(section, envelope)
 
 
-def hit(drive: Callable[[float], Run], slow_mps: float, quick_mps: float, time_s: float) -> Run:
+def hit(drive: Callable[[float], BaselineRun], slow_mps: float, quick_mps: float, time_s: float) -> BaselineRun:
     """Bisection of the cruising speed for a trip time; the nearer end where the time is not between the ends."""
     slow, quick = drive(slow_mps), drive(quick_mps)
     if not quick.time_s <= time_s <= slow.time_s:
@@ -149,7 +149,7 @@ class _Edges(NamedTuple):
 class _Arcs:
     """All coasting arcs of a base run, and the best of them for a time to spare."""
 
-    def __init__(self, driving: Driving, base: Run, spare_s: float) -> None:
+    def __init__(self, driving: Driving, base: BaselineRun, spare_s: float) -> None:
         section = driving.section
         n = len(section.step_m)
         self.base, self.spare_s = base, spare_s
@@ -233,7 +233,7 @@ class _Arcs:
         return mixed[:MAX_TUNED]
 
     def ends(self, path: _Path) -> Ints:
-        """A path as baseline_kernels.four_mode_run takes it."""
+        """The end node of the arc that starts at each node (0: none): what the kernel `four_mode_run` takes."""
         edges, arcs = self._edges(), list(path.arcs)
         result = np.zeros(len(self._table[0]), np.int64)
         result[edges.start[arcs]] = edges.end[arcs]
@@ -271,7 +271,7 @@ class FourModeSearch:
     def __init__(self, driving: Driving, time_s: float) -> None:
         self.driving, self.time_s = driving, time_s
 
-    def run(self) -> list[Run]:
+    def run(self) -> list[BaselineRun]:
         """Good runs of that time; a quicker one only where more time would cost energy."""
         rms = self.driving.cruise_in(self.time_s)
         speeds = self._best_speeds(rms.cruise_mps)
@@ -289,10 +289,10 @@ class FourModeSearch:
                 break
         return runs
 
-    def _runs_on_time(self, cruise_mps: float) -> list[Run]:
+    def _runs_on_time(self, cruise_mps: float) -> list[BaselineRun]:
         """Up to `ENOUGH_TUNED` runs of the wanted time near a cruising speed."""
         arcs = self.arcs(cruise_mps)
-        runs: list[Run] = []
+        runs: list[BaselineRun] = []
         for path in arcs.near_time():
             run = self._on_time(cruise_mps, arcs.ends(path))
             if abs(run.time_s - self.time_s) <= tol.TIME_TOLERANCE_S:
@@ -308,10 +308,10 @@ class FourModeSearch:
             raise InfeasibleError(f"{self.driving.section.name}: the train stalls at {cruise_mps / KMH:.1f} km/h")
         return _Arcs(self.driving, base, max(self.time_s - base.time_s, 0.0))
 
-    def _on_time(self, cruise_mps: float, ends: Ints) -> Run:
+    def _on_time(self, cruise_mps: float, ends: Ints) -> BaselineRun:
         """The run with these arcs whose cruising speed, near the given one, makes it take the time wanted."""
 
-        def drive(speed_mps: float) -> Run:
+        def drive(speed_mps: float) -> BaselineRun:
             return self.driving.coast(speed_mps, ends)
 
         run = drive(cruise_mps)

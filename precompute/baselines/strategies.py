@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +20,10 @@ from das.solver import tolerances as tol
 from das.solver.front import Fit, trajectory_on
 from das.solver.section import Section, build_section
 from das.solver.warm_up import tiny_route, tiny_vehicle
-from precompute.baselines.search import Driving, FourModeSearch, Run, driven_with_motors
+from precompute.baselines.search import BaselineRun, Driving, FourModeSearch, driven_with_motors
+from precompute.baselines.strategy import Strategy
 
 Floats = NDArray[np.float64]
-
-
-class Strategy(StrEnum):
-    """How a section is driven."""
-
-    OPTIMAL = "optimal"
-    FASTEST = "fastest"
-    RMS = "rms"
-    FOUR_MODE = "four-mode"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,7 +151,7 @@ def _time_s(section: Section, speeds: Floats) -> float:
     return float(rollout_kernels.trip_time(section.step_m, speeds))
 
 
-def _coasting(run: Run, section: Section) -> tuple[tuple[float, float], ...]:
+def _coasting(run: BaselineRun, section: Section) -> tuple[tuple[float, float], ...]:
     """Begin and end (m) of each unbroken stretch of coasting."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], run.coasting, [False])).astype(np.int8)))
     return tuple((float(section.node_m[a]), float(section.node_m[b])) for a, b in edges.reshape(-1, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from dataclasses import asdict
 from itertools import pairwise
@@ -14,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.command_line.running import busy, err
+from das.command_line.printing import busy, error_console
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import Section, build_section
@@ -44,7 +45,7 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Short lines and few rounds: whether it works.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
-    """How fast the solver is here, beside baselines and what the machine could do, all measured in the same run.
+    """Measure how fast the solver is on this machine, beside baselines and what the machine could do.
 
     Each figure is a median, with the least and the most. "× better": than the baseline, which the last column names
     after what is measured. "of roofline": the share of what memory and arithmetic of this machine allow. Half a
@@ -106,7 +107,7 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
         )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     figures: list[Figure] = []
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
+    with Progress(*columns, console=error_console(), transient=True, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("", total=len(wanted))
         for name in wanted:
             progress.update(task, description=name)

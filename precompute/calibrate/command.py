@@ -1,45 +1,23 @@
-"""Calibration of the Re 460's loss chains to what is published: the command `das-precompute calibrate`.
-
-Stage 1 (static): three parameters of the GTO chain such that its map has the published L2 fit (efficiency and idle
-part) and loss at full power: three equations, three unknowns. For the IGBT chain, which is the GTO chain with another
-converter: its parameters such that runs that do not depend on the map consume what Table 2 prints for them.
-Stage 2 (trajectories, GTO): a search without derivatives (Nelder & Mead 1965) over a few parameters of the shape, each
-trial with its own stage 1, so that the optimal runs save what the paper prints. Everything starts from fixed numbers,
-which a wider search by hand led to (docs/loss-maps.md), and is deterministic.
-"""
+"""The command `das-precompute calibrate`: the Re 460's loss chains against what the paper prints."""
 
 from __future__ import annotations
 
-import json
 import math
-import sys
-from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
-from rich import box
-from rich.table import Table
 
-from das.command_line.running import busy, err, print_table
+from das.command_line.compiling import loading_solver
+from das.command_line.options import JsonOption, OutFolderOption
+from das.command_line.printing import busy, error_console
 from das.domain.errors import DasError
-from das.domain.files.load import load_vehicle, locate_vehicle
-from das.domain.files.native import read_loss_chain
-from das.domain.files.writing import check_writable, write_whole
-from das.domain.loss_chain import LossChain
-from das.domain.losses import Level, LossMap, fit_mean_efficiency
-from das.domain.trajectory import consumed_j
-from das.domain.units import KMH, KN, KW
-from das.domain.vehicle import Vehicle
-from precompute.calibrate import targets as paper
-from precompute.calibrate.targets import Figures, Runs
-from precompute.loss_maps.command import cruising_deviation_ratio
 
-GTO, IGBT = "re460-ic", "re460-ic-igbt"
+if TYPE_CHECKING:
+    from das.domain.loss_chain import LossChain
+    from das.domain.vehicle import Vehicle
 
 
 class What(StrEnum):
@@ -49,326 +27,111 @@ class What(StrEnum):
     IGBT = "igbt"
 
 
-STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
-    {"auxiliaries.base_w": 35e3, "transformer.copper_w": 190e3, "converter.line_ratio": 0.05, "gear.churning_w": 20e3}
-)
-"""Free parameters of the GTO chain's stage 1, with their start."""
-EFFICIENCY_AIM, IDLE_AIM_W, FULL_POWER_AIM_W = 0.8885, 115e3, 1043e3
-"""What stage 1 solves for: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), no mean deviation of
-the fit when cruising. Efficiency and loss at full power are at the lossy end of what rounds to print: Table 2's fastest
-run consumes more at L3 for its mechanical work than a less lossy map gives."""
-
-STAGE_2_START: Final[Mapping[str, float]] = MappingProxyType(
-    {
-        "auxiliaries.fan_w": 120e3,
-        "converter.line_brake_ratio": 0.042,
-        "converter.switching_w": 45e3,
-        "converter.snubber_w": 55e3,
-        "motors.brake_current_ratio": 0.86,
-        "motors.copper_w": 48e3,
-    }
-)
-"""Parameters of the shape that stage 2 varies, with their start."""
-STAGE_2_TRIALS: Final = 100
-STAGE_2_STEP: Final = 0.03
-"""First step of each parameter (relative)."""
-STAGE_2_MARGIN: Final = 0.05
-"""Stage 2 aims inside the accepted intervals by this share of their half-width."""
-IMPOSSIBLE: Final = 1e3
-"""Cost of parameters for which stage 1 has no solution."""
-STAGE_2_TARGETS: Final = (
-    *paper.SAVING_TARGETS,
-    *paper.TRIP_TARGETS[:2],
-    *(target for target in paper.CELL_TARGETS if "igbt" not in target.name),
-)
-
-IGBT_START: Final[Mapping[str, float]] = MappingProxyType({"converter.conduction_w": 150e3})
-"""Free parameters of the IGBT chain, with their start."""
-OWN_OF_IGBT: Final = ("converter.", "motors.brake_current_ratio")
-"""What the refit changes: the converter, and how well the electric brake uses the motors."""
-CALIBRATED: Final[Mapping[str, Mapping[str, float]]] = MappingProxyType(
-    {
-        GTO: {**STAGE_1_START, **STAGE_2_START},
-        IGBT: {
-            **{n: x for n, x in {**STAGE_1_START, **STAGE_2_START}.items() if not n.startswith(OWN_OF_IGBT)},
-            **IGBT_START,
-        },
-    }
-)
-"""Parameters that the command writes, by vehicle, with their start; all others are assumptions of the files."""
-DIGITS: Final = 4
-"""Significant digits of a calibrated parameter in a file."""
-
-
-def value_of(chain: LossChain, name: str) -> float:
-    """A parameter of a chain by its dotted name, like "motors.copper_w"."""
-    component, key = name.split(".")
-    return float(getattr(getattr(chain, component), key))
-
-
-def with_values(chain: LossChain, values: Mapping[str, float]) -> LossChain:
-    """The chain with some parameters replaced."""
-    for name, value in values.items():
-        component, key = name.split(".")
-        part = replace(getattr(chain, component), **{key: float(value)})
-        chain = replace(chain, **{component: part})
-    return chain
-
-
-def rounded(chain: LossChain, names: Mapping[str, float]) -> LossChain:
-    """The chain with the named parameters rounded to `DIGITS`, as they are written to a file."""
-    return with_values(chain, {name: float(f"{value_of(chain, name):.{DIGITS}g}") for name in names})
-
-
-def with_chain(vehicle: Vehicle, chain: LossChain) -> Vehicle:
-    """The vehicle with the L3 map of a chain; L1 and L2 are fitted to it."""
-    loss_map = chain.to_map(
-        vehicle.source, vehicle.traction.max_force_n, vehicle.electric_brake.max_force_n, vehicle.max_speed_mps
-    )
-    return vehicle.with_loss_map(loss_map)
-
-
-def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
-    """The GTO chain with the free parameters of stage 1 solved for; the others as in `chain`.
-
-    Raises DasError where no set of positive parameters has the published fit and loss at full power.
-    """
-
-    def residuals(trial: LossChain) -> list[float]:
-        train = with_chain(vehicle, trial)
-        loss_map = train.loss_model(Level.L3)
-        assert isinstance(loss_map, LossMap)
-        l2 = fit_mean_efficiency(loss_map, train.traction.max_power_w, with_idle=True)
-        return [
-            l2.traction_ratio / (1.0 / EFFICIENCY_AIM - 1.0) - 1.0,
-            l2.idle_w / IDLE_AIM_W - 1.0,
-            paper.full_power_loss_w(loss_map, train) / FULL_POWER_AIM_W - 1.0,
-            float(cruising_deviation_ratio(loss_map, l2, train) or 0.0),
-        ]
-
-    return _least_squares(residuals, with_values(chain, STAGE_1_START), STAGE_1_START, exact=True)
-
-
-def solve_igbt(vehicle: Vehicle, chain: LossChain, gto: Vehicle, runs: Runs) -> LossChain:
-    """The IGBT chain whose free parameters meet Table 2's last column for the runs that do not depend on a map."""
-    whole_j = consumed_j(runs["fastest"], gto, Level.L3)
-    column = paper.COLUMNS.index("l3-igbt")
-
-    def residuals(trial: LossChain) -> list[float]:
-        train = with_chain(vehicle, trial)
-        return [
-            100 * consumed_j(runs[row], train, Level.L3) / whole_j / paper.TABLE_2[row][column] - 1.0
-            for row in ("fastest", "rms", *paper.L0_TO_L2)
-        ]
-
-    return _least_squares(residuals, with_values(chain, IGBT_START), IGBT_START)
-
-
-def _least_squares(
-    residuals: Callable[[LossChain], list[float]],
-    chain: LossChain,
-    start: Mapping[str, float],
-    *,
-    exact: bool = False,
-) -> LossChain:
-    """Least squares over the named parameters, each relative to its start; `exact`: the residuals must vanish."""
-    names, scale = list(start), np.array(list(start.values()))
-
-    def at(x: np.ndarray) -> LossChain:
-        return with_values(chain, dict(zip(names, x * scale, strict=True)))
-
-    solved = _optimize().least_squares(
-        lambda x: residuals(at(x)), np.ones(len(names)), bounds=(0.0, np.inf), xtol=1e-12, ftol=1e-12, gtol=1e-12
-    )
-    if exact and np.abs(solved.fun).max() > 1e-6:
-        raise DasError(
-            f"calibration: no {', '.join(names)} >= 0 meet the static targets (left over: "
-            f"{', '.join(f'{100 * x:+.2f} %' for x in solved.fun)}); change the parameters that are assumed"
-        )
-    return at(solved.x)
-
-
-def search_stage_2(
-    vehicle: Vehicle, chain: LossChain, runs: Runs, report: Callable[[float], None] = lambda _cost: None
-) -> LossChain:
-    """The GTO chain whose optimal runs meet `STAGE_2_TARGETS`, by Nelder–Mead over the parameters of stage 2.
-
-    `report` is called with the cost after each trial. The parameters of stage 2 come back rounded, those of stage 1
-    solved for them.
-    """
-    names, scale = list(STAGE_2_START), np.array(list(STAGE_2_START.values()))
-
-    def at(x: np.ndarray) -> LossChain:
-        return with_values(chain, dict(zip(names, x * scale, strict=True)))
-
-    def cost(x: np.ndarray) -> float:
-        try:
-            value = stage_2_cost(with_chain(vehicle, solve_stage_1(vehicle, at(x))), runs)
-        except DasError:
-            value = IMPOSSIBLE
-        report(value)
-        return value
-
-    first = np.ones(len(names))
-    found = _optimize().minimize(
-        cost,
-        first,
-        method="Nelder-Mead",
-        options={
-            "maxfev": STAGE_2_TRIALS,
-            "initial_simplex": np.vstack((first, first + STAGE_2_STEP * np.eye(len(names)))),
-            "xatol": 1e-3,
-            "fatol": 1e-3,
-        },
-    )
-    return solve_stage_1(vehicle, rounded(at(found.x), STAGE_2_START))
-
-
-def stage_2_cost(vehicle: Vehicle, runs: Runs) -> float:
-    """Sum of the misses of `STAGE_2_TARGETS` with the margin (see `Target.miss`); 0 where all are met with it."""
-    own = paper.l3_runs(vehicle, runs)
-    optimum = paper.trip_run(vehicle, runs)
-    # The column and row of the other inverter are not looked at.
-    every = {**runs, **own, "l3-gto": optimum, "l3-igbt": optimum}
-    figures = paper.saving_figures(vehicle, every) | paper.trip_figures(vehicle, vehicle, every)
-    return sum(target.miss(figures[target.name], STAGE_2_MARGIN) for target in STAGE_2_TARGETS)
-
-
-def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> Figures:
-    """Everything in `calibration_targets.TARGETS`, as the two vehicles reach it."""
-    every = {
-        **runs,
-        **paper.l3_runs(gto, runs),
-        "l3-gto": paper.trip_run(gto, runs),
-        "l3-igbt": paper.trip_run(igbt, runs),
-    }
-    return paper.map_figures(gto_chain, gto) | paper.saving_figures(gto, every) | paper.trip_figures(gto, igbt, every)
-
-
-def _optimize() -> Any:
-    try:
-        from scipy import optimize
-    except ImportError:
-        raise DasError("calibrate needs scipy: install the extra, pip install '.[study]' in the checkout") from None
-    return optimize
-
-
-# --- the vehicle file ---------------------------------------------------------------------------------------------
-
-_UNITS: Final = {"w": ("kw", KW), "n": ("kn", KN), "mps": ("kmh", KMH)}
-"""Suffix of a field → suffix and factor of its key in the file."""
-
-
-def vehicle_toml(name: str, chain: LossChain, parameters: Mapping[str, float]) -> str:
-    """The bundled vehicle's file with the named parameters of its block [losses.l3] as in `chain`.
-
-    Sources and everything else stay. Raises DasError where the file has no line for one of them.
-    """
-    path = locate_vehicle(name)
-    wanted = {_key(parameter): value_of(chain, parameter) for parameter in parameters}
-    table, lines = "", []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        table = line.strip("[]") if line.startswith("[") else table
-        key = (table, line.partition(" = ")[0])
-        lines.append(f"{key[1]} = {_in_file(key[1], wanted.pop(key))}" if key in wanted else line)
-    if wanted:
-        raise DasError(f"{path}: no line {' = … in '.join(reversed(next(iter(wanted))))}")
-    return "\n".join(lines) + "\n"
-
-
-def _key(parameter: str) -> tuple[str, str]:
-    """Table and key of a parameter like "motors.copper_w" in a vehicle file."""
-    component, name = parameter.split(".")
-    stem, _, suffix = name.rpartition("_")
-    return f"losses.l3.{component}", f"{stem}_{_UNITS[suffix][0]}" if suffix in _UNITS else name
-
-
-def _in_file(key: str, value_si: float) -> str:
-    factors = dict(_UNITS.values())
-    return f"{value_si / factors.get(key.rpartition('_')[2], 1.0):.{DIGITS}g}"
-
-
-# --- the command ------------------------------------------------------------------------------------------------
-
-
 def calibrate(
-    what: Annotated[What | None, typer.Option(help="Only this vehicle [default: both].", show_default=False)] = None,
+    what: Annotated[What | None, typer.Option("--what", help="Only this vehicle [default: both].")] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Only hold the bundled vehicles against the targets (seconds).")
     ] = False,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the vehicle files with the new parameters.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    out: OutFolderOption = None,
+    as_json: JsonOption = False,
 ) -> None:
-    """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints; a few minutes.
+    """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints.
 
-    Prints every target with what is reached. Exit code 1 where one is missed.
+    Every target is printed with what is reached; the exit code is 1 where one is missed. The vehicle files with the new
+    parameters go to the folder of --out. This takes a few minutes.
     """
-    if check and output is not None:
-        raise DasError("--check writes nothing: leave out --output, or --check")
-    names = [name for name, kind in ((GTO, What.GTO), (IGBT, What.IGBT)) if what in (None, kind)]
-    if output is not None:
-        if not output.is_dir():
-            raise DasError(f"{output}: no such folder")
-        for name in names:
-            check_writable(output / f"{name}.toml")
-    chains = {name: read_loss_chain(locate_vehicle(name)) for name in (GTO, IGBT)}
+    if check and out is not None:
+        raise DasError("--check writes nothing: leave out --out, or --check")
+    with loading_solver():
+        from das.command_line.loading import load_vehicle
+        from das.domain.files.load import locate_vehicle
+        from das.domain.files.native import read_loss_chain
+        from das.solver.warm_up import warm_up
+        from precompute.calibrate import fit
+        from precompute.calibrate import targets as paper
+        from precompute.calibrate.report import report
+
+        vehicle_ids = {What.GTO: fit.GTO, What.IGBT: fit.IGBT}
+        names = [vehicle_ids[kind] for kind in What if what in (None, kind)]
+        _check_folder(out, [f"{name}.toml" for name in names])
+        warm_up()
+    chains = {name: read_loss_chain(locate_vehicle(name)) for name in (fit.GTO, fit.IGBT)}
     if not check:
         chains = _calibrated(chains, what)
-    vehicles = {name: with_chain(load_vehicle(name), chain) for name, chain in chains.items()}
-    with busy("compiling the solver (once on a machine, about 10 s), solving the runs that do not depend on a map …"):
-        runs = paper.other_runs(vehicles[GTO])
+    vehicles = {name: fit.with_chain(load_vehicle(name), chain) for name, chain in chains.items()}
+    with busy("solving the runs that do not depend on a map …"):
+        runs = paper.other_runs(vehicles[fit.GTO])
     with busy("evaluating …"):
-        figures = evaluate(vehicles[GTO], chains[GTO], vehicles[IGBT], runs)
-    written = []
-    if output is not None:
-        for name in names:
-            path = output / f"{name}.toml"
-            write_whole(path, vehicle_toml(name, chains[name], CALIBRATED[name]).encode())
-            written.append(path)
-    _report(figures, {name: chains[name] for name in names}, written, as_json)
+        figures = fit.evaluate(vehicles[fit.GTO], chains[fit.GTO], vehicles[fit.IGBT], runs)
+    chosen = {name: chains[name] for name in names}
+    report(figures, chosen, _written(out, chosen), as_json=as_json)
     if not all(target.met(figures[target.name]) for target in paper.TARGETS):
         raise typer.Exit(1)
 
 
+def _check_folder(folder: Path | None, names: list[str]) -> None:
+    """Refuse, before the work begins, a folder that is not there or files that cannot be written."""
+    from das.domain.files.writing import check_writable
+
+    if folder is None:
+        return
+    if not folder.is_dir():
+        raise DasError(f"{folder}: no such folder")
+    for name in names:
+        check_writable(folder / name)
+
+
+def _written(folder: Path | None, chains: Mapping[str, LossChain]) -> list[Path]:
+    """Write the vehicle files with the parameters of the chains; where they are."""
+    from das.domain.files.writing import write_whole
+    from precompute.calibrate.fit import CALIBRATED
+    from precompute.calibrate.vehicle_file import vehicle_toml
+
+    if folder is None:
+        return []
+    for name, chain in chains.items():
+        write_whole(folder / f"{name}.toml", vehicle_toml(name, chain, CALIBRATED[name]).encode())
+    return [folder / f"{name}.toml" for name in chains]
+
+
 def _calibrated(chains: Mapping[str, LossChain], what: What | None) -> dict[str, LossChain]:
     """The chains after calibration: of the GTO vehicle unless only the other is asked for, then of the IGBT one."""
-    gto, igbt = chains[GTO], chains[IGBT]
-    train = load_vehicle(GTO)
+    from das.command_line.loading import load_vehicle
+    from precompute.calibrate import fit
+    from precompute.calibrate.targets import other_runs
+
+    gto, igbt = chains[fit.GTO], chains[fit.IGBT]
+    train = load_vehicle(fit.GTO)
     if what is not What.IGBT:
         gto = _calibrated_gto(train, gto)
     if what is not What.GTO:
         with busy("IGBT …"):
-            train = with_chain(train, gto)
-            solved = solve_igbt(load_vehicle(IGBT), refitted(gto, igbt), train, paper.other_runs(train))
-            igbt = rounded(solved, IGBT_START)
-    return {GTO: gto, IGBT: igbt}
+            train = fit.with_chain(train, gto)
+            solved = fit.solve_igbt(load_vehicle(fit.IGBT), fit.refitted(gto, igbt), train, other_runs(train))
+            igbt = fit.rounded(solved, fit.IGBT_START)
+    return {fit.GTO: gto, fit.IGBT: igbt}
 
 
 def _calibrated_gto(train: Vehicle, chain: LossChain) -> LossChain:
+    from precompute.calibrate import fit
+    from precompute.calibrate.targets import other_runs
+
     with busy("GTO, stage 1, and the runs that do not depend on a map …"):
-        start = solve_stage_1(train, with_values(chain, STAGE_2_START))
+        start = fit.solve_stage_1(train, fit.with_values(chain, fit.STAGE_2_START))
         # From the start, not from the bundled parameters: the outcome must not depend on what is calibrated.
-        runs = paper.other_runs(with_chain(train, start))
-    with _Progress("GTO, stage 2") as progress:
-        return rounded(search_stage_2(train, start, runs, progress.trial), STAGE_1_START)
+        runs = other_runs(fit.with_chain(train, start))
+    with _Trials(fit.STAGE_2_TRIALS) as progress:
+        return fit.rounded(fit.search_stage_2(train, start, runs, progress.trial), fit.STAGE_1_START)
 
 
-def refitted(gto: LossChain, igbt: LossChain) -> LossChain:
-    """The GTO chain with what the refit changes taken from an IGBT chain."""
-    brake_current_ratio = igbt.motors.brake_current_ratio
-    return replace(gto, converter=igbt.converter, motors=replace(gto.motors, brake_current_ratio=brake_current_ratio))
+class _Trials:
+    """Shows on a terminal the trials of the search of stage 2."""
 
+    def __init__(self, most: int) -> None:
+        self._most, self._trials, self._best = most, 0, math.inf
+        self._status = error_console().status("GTO, stage 2 …")
 
-class _Progress:
-    """Trials of a search on the terminal."""
-
-    def __init__(self, what: str) -> None:
-        self._what, self._trials, self._best = what, 0, math.inf
-        self._status = err.status(f"{what} …")
-
-    def __enter__(self) -> _Progress:
+    def __enter__(self) -> _Trials:
         self._status.__enter__()
         return self
 
@@ -376,71 +139,9 @@ class _Progress:
         self._status.__exit__(*args)
 
     def trial(self, cost: float) -> None:
+        """Count a trial and keep the least cost."""
         self._trials, self._best = self._trials + 1, min(self._best, cost)
         self._status.update(
-            f"{self._what}: trial {self._trials} of at most {STAGE_2_TRIALS}, targets missed by {self._best:.3f} "
+            f"GTO, stage 2: trial {self._trials} of at most {self._most}, targets missed by {self._best:.3f} "
             "(0 = all met with a margin)"
         )
-
-
-def _report(figures: Figures, chains: Mapping[str, LossChain], written: list[Path], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(_as_json(figures, chains, written)))
-        return
-    table = Table(box=box.SIMPLE_HEAD)
-    for name, justify in (("target", "left"), ("printed", "right"), ("reached", "right"), ("accepted", "right")):
-        table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    table.add_column("")
-    for target in paper.TARGETS:
-        reached = figures[target.name]
-        unit = f" {target.unit}" if target.unit else ""
-        table.add_row(
-            target.name,
-            f"{target.printed}{unit}" if target.printed[0].isdigit() else target.printed,
-            f"{reached:.4g}{unit}" if "%" not in unit else f"{reached:.2f}{unit}",
-            _interval(target),
-            "" if target.met(reached) else "missed",
-        )
-    print_table(table)
-    missed = sum(not target.met(figures[target.name]) for target in paper.TARGETS)
-    print(f"{len(paper.TARGETS) - missed} of {len(paper.TARGETS)} targets met")
-    for path in written:
-        print(f"written: {path}")
-    sys.stdout.flush()
-
-
-def _interval(target: paper.Target) -> str:
-    if math.isinf(target.high):
-        return f">= {target.low:.4g}"
-    if target.low == target.high:
-        return f"{target.low:.4g}"
-    return f"{target.low:.4g} … {target.high:.4g}"
-
-
-def _as_json(figures: Figures, chains: Mapping[str, LossChain], written: list[Path]) -> dict[str, Any]:
-    return {
-        "targets": [
-            {
-                "name": target.name,
-                "printed": target.printed,
-                "low": target.low,
-                "high": target.high if math.isfinite(target.high) else None,
-                "unit": target.unit,
-                "source": target.source,
-                "reached": figures[target.name],
-                "met": target.met(figures[target.name]),
-            }
-            for target in paper.TARGETS
-        ],
-        "parameters": {
-            name: {
-                component.name: {
-                    item.name: getattr(getattr(chain, component.name), item.name)
-                    for item in fields(getattr(chain, component.name))
-                }
-                for component in fields(chain)
-            }
-            for name, chain in chains.items()
-        },
-        "written": [str(path) for path in written],
-    }

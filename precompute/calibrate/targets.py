@@ -26,8 +26,8 @@ from das.domain.units import KMH, KW
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front, solve_front
 from precompute.baselines import strategies as baselines
-from precompute.loss_maps.command import cruising_deviation_ratio
-from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, Case
+from precompute.loss_maps.figures import cruising_deviation_ratio
+from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, StudyCase
 from precompute.study.printed import TABLE2_BUFFER_PERCENT, TABLE2_ROWS
 
 Floats = NDArray[np.float64]
@@ -64,7 +64,7 @@ LARGE_BUFFER: Final = 0.10
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class PublishedFigure:
     """A published figure and what is accepted for it: low <= reached <= high."""
 
     name: str
@@ -87,8 +87,8 @@ class Target:
         return max(low + inner - reached, reached - high + inner, 0.0) / half
 
 
-def _target(name: str, printed: str, low: float, high: float, unit: str, source: str) -> Target:
-    return Target(name=name, printed=printed, low=low, high=high, unit=unit, source=source)
+def _target(name: str, printed: str, low: float, high: float, unit: str, source: str) -> PublishedFigure:
+    return PublishedFigure(name=name, printed=printed, low=low, high=high, unit=unit, source=source)
 
 
 INF: Final = float("inf")
@@ -135,7 +135,7 @@ def cell_name(row: str, column: str) -> str:
     return f"Table 2: {row} at {column}"
 
 
-def _cell_targets() -> tuple[Target, ...]:
+def _cell_targets() -> tuple[PublishedFigure, ...]:
     cells = [
         (row, column, value)
         for row, values in TABLE_2.items()
@@ -202,11 +202,11 @@ Runs = dict[str, Trajectory]
 """Row of Table 2, or "<case> <buffer>", → run."""
 
 
-def _front(case: Case, vehicle: Vehicle, level: Level) -> Front:
+def _front(case: StudyCase, vehicle: Vehicle, level: Level) -> Front:
     return solve_front(case.section(vehicle, level), threads=1)
 
 
-def _fastest(case: Case, vehicle: Vehicle) -> Trajectory:
+def _fastest(case: StudyCase, vehicle: Vehicle) -> Trajectory:
     """The fastest run; it is the same at every level."""
     return baselines.fastest(case.section(vehicle, Level.L0_REG)).trajectory
 
@@ -232,7 +232,7 @@ def l3_runs(vehicle: Vehicle, runs: Runs) -> Runs:
     return found
 
 
-def _buffered(case: Case, vehicle: Vehicle, level: Level, buffers: tuple[float, ...], least_s: float) -> Runs:
+def _buffered(case: StudyCase, vehicle: Vehicle, level: Level, buffers: tuple[float, ...], least_s: float) -> Runs:
     front = _front(case, vehicle, level)
     return {f"{case.name} {buffer} {level}": front.trajectory(least_s * (1 + buffer)).trajectory for buffer in buffers}
 

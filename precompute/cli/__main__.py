@@ -5,7 +5,7 @@ from das.command_line.entry import start
 
 def main() -> None:
     """Entry point of das-precompute."""
-    start("precompute.cli.commands")
+    start("precompute.cli.program")
 
 
 if __name__ == "__main__":

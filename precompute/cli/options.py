@@ -1,61 +1,176 @@
-"""Options that the commands of das-precompute share, and the problem they pose."""
+"""Options that only das-precompute has, in groups: what is driven, where, under which conditions, in which time."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from das.command_line.options import (
+    FromOption,
+    JsonOption,
+    LevelOption,
+    LoadOption,
+    LossMapOption,
+    OutCsvOption,
+    PlotOption,
+    PointMassOption,
+    ReverseOption,
+    RouteArgument,
+    ToOption,
+    VehicleArgument,
+)
+from das.command_line.outputs import check_outputs, check_picture
+from das.command_line.printing import tell
 from das.domain.errors import DasError
-from das.domain.losses import Level
-from precompute.cli.pose import Pose
 
-RouteArgument = Annotated[str, typer.Argument(help="Bundled route name, TOML file or TTOBench track (JSON).")]
-VehicleArgument = Annotated[str, typer.Argument(help="Bundled vehicle name, TOML file or TTOBench train (JSON).")]
-FromOption = Annotated[str | None, typer.Option("--from", help="First stop: name or number [default: the route's].")]
-ToOption = Annotated[str | None, typer.Option("--to", help="Last stop [default: the route's]; no stop between.")]
-ReverseOption = Annotated[bool, typer.Option("--reverse", help="Drive the route the other way.")]
-LevelOption = Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")]
-LossMapOption = Annotated[
-    Path | None, typer.Option(help="CSV loss map (speed_kmh, force_n, loss_w): its losses and nothing else.")
+MOST_PERCENT = 1e4
+FASTEST_END_MPS = 200.0
+LARGEST = 1e9
+"""Upper bound of powers (kW), forces (kN) and speeds (km/h) on the command line."""
+
+TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
+BufferOption = Annotated[
+    float | None, typer.Option("--buffer", metavar="PERCENT", help="Trip time as % above the least possible one.")
 ]
-PointMassOption = Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")]
-BoundaryOption = Annotated[float, typer.Option(help="Speed at both ends of the section.")]
-StartSpeedOption = Annotated[float | None, typer.Option(help="Speed at the start only.", show_default=False)]
-EndSpeedOption = Annotated[float | None, typer.Option(help="Speed at the end only.", show_default=False)]
-PowerOption = Annotated[float | None, typer.Option(help="Power of traction and of the electric brake.")]
-ForceOption = Annotated[float | None, typer.Option(help="Largest traction force.")]
-BrakeForceOption = Annotated[float | None, typer.Option(help="Largest force of the electric brake.")]
-SpeedOption = Annotated[float | None, typer.Option(help="Largest speed of the train.")]
-NoFrictionOption = Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")]
-LoadOption = Annotated[str | None, typer.Option(help="Load state that the vehicle's file names [default: its mass].")]
-MassOption = Annotated[float, typer.Option("--mass", help="Mass, as a multiple of the plan's.")]
-ResistanceOption = Annotated[float, typer.Option("--resistance", help="Running resistance, as a multiple.")]
-WindOption = Annotated[float, typer.Option(help="Wind against the train in km/h (tail wind < 0).")]
-ReceptivityOption = Annotated[float, typer.Option("--receptivity", help="Share of fed back power the line takes.")]
-AdhesionOption = Annotated[float, typer.Option("--adhesion", help="Adhesion, as a multiple of a dry rail's.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
-
-COMPILING = "compiling the solver (once on a machine, about 10 s) …"
+OutTrajectoryOption = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Trajectory to write (.csv): one row a grid node.")
+]
 
 
-def posed(options: dict[str, Any]) -> Pose:
-    """The problem posed by the options of a command (its `locals()`); DasError for a number that cannot be."""
-    pose = Pose(**{name: options[name] for name in Pose.__dataclass_fields__})
-    for name in ("max_power_kw", "max_force_kn", "max_brake_force_kn", "max_speed_kmh"):
-        value = getattr(pose, name)
-        if value is not None and not 0 < value < 1e9:
-            raise DasError(f"--{name.replace('_', '-')} {value}: expected a number > 0 and below 1e9")
-    for name in ("boundary_speed_mps", "start_speed_mps", "end_speed_mps"):
-        value = getattr(pose, name)
-        if value is not None and not 0 <= value < 200:
-            raise DasError(f"--{name.replace('_', '-')} {value}: expected a speed from 0 to 200 m/s")
-    return pose
+@dataclass(frozen=True, kw_only=True)
+class LineOptions:
+    """Which line is driven, and which way; `reverse`: from its end to its start."""
+
+    route: RouteArgument
+    reverse: ReverseOption = False
 
 
-def buffered(min_time_s: float, buffer_percent: float | None) -> float:
+@dataclass(frozen=True, kw_only=True)
+class EndsOptions:
+    """Where a section begins and ends, and how fast the train is there (m/s); None = as the route or the other says.
+
+    Raises DasError for a speed that cannot be.
+    """
+
+    from_stop: FromOption = None
+    to_stop: ToOption = None
+    boundary_speed_mps: Annotated[float, typer.Option(help="Speed at both ends of the section in m/s.")] = 0.0
+    start_speed_mps: Annotated[float | None, typer.Option(help="Speed at the start only in m/s.")] = None
+    end_speed_mps: Annotated[float | None, typer.Option(help="Speed at the end only in m/s.")] = None
+
+    def __post_init__(self) -> None:
+        for name in ("boundary_speed_mps", "start_speed_mps", "end_speed_mps"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value < FASTEST_END_MPS:
+                raise DasError(f"{_spelled(name)} {value}: expected a speed from 0 to {FASTEST_END_MPS:g} m/s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions:
+    """Which train runs, and what is changed of it; None = as its file says.
+
+    Raises DasError for a value that cannot be.
+    """
+
+    vehicle: VehicleArgument
+    level: LevelOption = None
+    loss_map: LossMapOption = None
+    load: LoadOption = None
+    point_mass: PointMassOption = False
+    max_power_kw: Annotated[
+        float | None, typer.Option(help="Largest power of traction and of the electric brake in kW.")
+    ] = None
+    max_force_kn: Annotated[float | None, typer.Option(help="Largest traction force in kN.")] = None
+    max_brake_force_kn: Annotated[float | None, typer.Option(help="Largest force of the electric brake in kN.")] = None
+    max_speed_kmh: Annotated[float | None, typer.Option(help="Largest speed of the train in km/h.")] = None
+    no_friction_brake: Annotated[bool, typer.Option("--no-friction-brake", help="Brake with the motors only.")] = False
+
+    def __post_init__(self) -> None:
+        for name in ("max_power_kw", "max_force_kn", "max_brake_force_kn", "max_speed_kmh"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < LARGEST:
+                raise DasError(f"{_spelled(name)} {value}: expected a number > 0 and below 1e9")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldOptions:
+    """What differs from the files about load, weather, supply and rail; the defaults change nothing."""
+
+    mass_ratio: Annotated[float, typer.Option("--mass", help="Mass, as a multiple of the file's.")] = 1.0
+    resistance_ratio: Annotated[
+        float, typer.Option("--resistance", help="Running resistance, as a multiple of the file's.")
+    ] = 1.0
+    head_wind_kmh: Annotated[float, typer.Option(help="Wind against the train in km/h; tail wind is negative.")] = 0.0
+    receptivity_ratio: Annotated[
+        float, typer.Option("--receptivity", help="Share of the recovered power that the line takes, 0 to 1.")
+    ] = 1.0
+    adhesion_ratio: Annotated[float, typer.Option("--adhesion", help="Adhesion, as a multiple of a dry rail's.")] = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TripTime:
+    """The time in which a section is driven: in s, or in % above the least possible time."""
+
+    time_s: TimeOption = None
+    buffer_percent: BufferOption = None
+
+    def check(self, *, needed: bool) -> None:
+        """Refuse both at once, and neither where a time is `needed`."""
+        given = (self.time_s is not None) + (self.buffer_percent is not None)
+        if given > 1 or (needed and not given):
+            raise DasError("give either --time (s) or --buffer (%)")
+
+    def wanted_s(self, min_time_s: float) -> float | None:
+        """The trip time (s) for a least time; None where none is asked for. DasError for a buffer that cannot be."""
+        return self.time_s if self.buffer_percent is None else buffered(min_time_s, self.buffer_percent)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableFiles:
+    """What a command writes besides what it prints: rows as CSV, a picture; and whether it prints JSON."""
+
+    out: OutCsvOption = None
+    plot: PlotOption = None
+    as_json: JsonOption = False
+
+    def check(self, *inputs: str | Path | None) -> None:
+        """Refuse, before the work begins, files that cannot be written or would replace an input."""
+        check_picture(self.plot)
+        check_outputs(self.out, self.plot, inputs=inputs)
+
+    def tell(self) -> None:
+        """Say what was written."""
+        for path in (self.out, self.plot):
+            if path is not None:
+                tell(f"written: {path}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunFiles(TableFiles):
+    """What a command writes of one run: its trajectory as CSV, a picture; and whether it prints JSON."""
+
+    out: OutTrajectoryOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapFiles(TableFiles):
+    """What `loss-map` writes: the map as CSV, a picture; and whether it prints JSON."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Loss map to write (.csv), as --loss-map reads it."),
+    ] = None
+
+
+def buffered(min_time_s: float, buffer_percent: float) -> float:
     """Trip time (s) of a buffer in % on the least time; DasError for a buffer that cannot be."""
-    if buffer_percent is None or not 0 <= buffer_percent < 1e4:
-        raise DasError(f"buffer {buffer_percent} %: expected a number from 0 to 10000")
+    if not 0 <= buffer_percent < MOST_PERCENT:
+        raise DasError(f"buffer {buffer_percent} %: expected a number from 0 to {MOST_PERCENT:.0f}")
     return min_time_s * (1 + buffer_percent / 100)
+
+
+def _spelled(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

@@ -1,21 +1,20 @@
-"""What a solution looks like as JSON, as a table in the terminal, and as a picture."""
+"""What a run looks like as JSON and as a picture."""
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from das.domain.errors import DasError
-from das.domain.files.writing import write_whole
+from das.command_line.outputs import offscreen_pyplot, save_figure
 from das.domain.trajectory import Ledger, Trajectory
 from das.domain.units import KM, KMH, KN, KW, PERMILLE, kwh
 from das.solver.front import Fit, Solution
 from das.solver.section import Section
-from precompute.baselines.strategies import Baseline, Strategy
+from precompute.baselines.strategies import Baseline
+from precompute.baselines.strategy import Strategy
 
 
 class Answer(Protocol):
@@ -81,7 +80,7 @@ def _parameters(answer: Answer) -> dict[str, Any]:
 
 
 def draw_solution(path: Path, section: Section, answer: Answer) -> None:
-    """Speed with limit, altitude, and wheel forces over the line, as a PNG."""
+    """Draw speed with limit, altitude, and wheel forces over the line."""
     pyplot = offscreen_pyplot()
     run = answer.trajectory
     x_km = run.s_m / KM
@@ -110,22 +109,8 @@ def draw_solution(path: Path, section: Section, answer: Answer) -> None:
     force.set_ylabel("wheel force, kN")
     force.set_xlabel("position, km")
     force.legend(loc="upper right")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=120)
+    save_figure(path, figure)
     pyplot.close(figure)
-    write_whole(path, buffer.getvalue())
-
-
-def offscreen_pyplot() -> Any:
-    """matplotlib.pyplot that draws without a screen; DasError where it is missing."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise DasError("--plot needs matplotlib: install the extra, pip install '.[view]' in the checkout") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
 
 
 def _altitude(section: Section, s_m: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -56,10 +57,18 @@ class Known:
 class Duals:
     """V(λ, state): least energy + λ·time to go (J), per node an array (states, multipliers); `runs`: the optimal ones.
 
-    `runs` (multipliers, nodes) holds the speeds of a run of least energy + λ·time from the start for every multiplier.
+    `layer_done` is called after each interval. `runs` (multipliers, nodes) holds the speeds of a run of least
+    energy + λ·time from the start for every multiplier.
     """
 
-    def __init__(self, graph: Graph, layers: list[Layer], lambda_w: Floats, threads: int) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        layers: list[Layer],
+        lambda_w: Floats,
+        threads: int,
+        layer_done: Callable[[], None] = lambda: None,
+    ) -> None:
         self.lambda_w = lambda_w
         self.value_j = [np.zeros((len(layer.speed), len(lambda_w))) for layer in layers]
         self._layers = layers
@@ -78,6 +87,7 @@ class Duals:
                     )  # fmt: skip
 
                 list(pool.map(block, pairwise(edges)))
+                layer_done()
         every = np.arange(len(lambda_w))
         self.runs = self._followed(every, every, np.zeros_like(every))
 

@@ -10,57 +10,60 @@ from typing import Any
 
 import numpy as np
 from rich import box
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from das.command_line.running import err, print_table
+from das.command_line.printing import paragraph, print_table, tell
+from das.command_line.progress import progress_bar
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from das.solver.front import Front
 from das.solver.section import Section
-from precompute.exact.front import ExactFront, solve_exact
+from precompute.exact.forecast import Forecast, in_words
+from precompute.exact.front import BUCKETS_NS, STATES, ExactFront, solve_exact
 
+LEGEND = {
+    "buffer": "time above the least possible on the grid",
+    "exact": "least energy on the grid for that time",
+    "supported": "the same on the front's lower convex hull, which a price of time can find",
+    "solver": "least energy that the fast solver finds for that time; it is not bound to the grid",
+}
 COLUMNS = ("time_s", "energy_input_j", "supported_j")
 
 
 def exact_front(
-    section: Section,
-    fast: Front,
-    max_buffer_percent: float,
-    buffers_percent: list[float],
-    csv: Path | None,
-    *,
-    as_json: bool,
+    fast: Front, max_buffer_percent: float, buffers_percent: list[float], out: Path | None, *, as_json: bool
 ) -> None:
-    """Print the exact front at some buffers beside the fast solver's energy for the same times."""
+    """Print the exact front of a section at some buffers beside the fast solver's energy for the same times.
+
+    `fast` is the solver's front of the section; `out` is the CSV file for every point of the exact front, or None.
+    """
     beyond = [x for x in buffers_percent if x > max_buffer_percent]
     if beyond:
         raise DasError(f"--buffers {beyond[0]:g}: expected at most --max-buffer, {max_buffer_percent:g} %")
     began = time.perf_counter()
-    with _progress() as progress:
-        task = progress.add_task("states", total=None)
-        exact = solve_exact(
-            section,
-            max_buffer_percent / 100,
-            progress=lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
-        )
+    forecast = Forecast(passes=len(BUCKETS_NS), clock=time.perf_counter)
+    with progress_bar(STATES) as show:
+
+        def layer_done(what: str, done: int, layers: int) -> None:
+            if what == STATES:
+                forecast.begin()
+            else:
+                forecast.layer_done(layers)
+            show(f"{what}{in_words(forecast.left_s())}", done, layers)
+
+        exact = solve_exact(fast.section, max_buffer_percent / 100, progress=layer_done)
     solve_s = time.perf_counter() - began
-    if csv is not None:
-        _write(csv, exact)
+    if out is not None:
+        _write(out, exact)
     points = [_point(exact, fast, buffer) for buffer in buffers_percent]
     result = {**_summary(exact), "max_buffer_percent": max_buffer_percent, "solve_s": solve_s, "points": points}
     if as_json:
         print(json.dumps(result))
         return
-    _print(section, result)
-    if csv is not None:
-        print(f"written: {csv}")
-
-
-def _progress() -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    return Progress(*columns, console=err, transient=True, disable=not sys.stderr.isatty())
+    _print(fast.section, result)
+    if out is not None:
+        tell(f"written: {out}")
 
 
 def _summary(exact: ExactFront) -> dict[str, Any]:
@@ -115,7 +118,7 @@ def _write(path: Path, exact: ExactFront) -> None:
 
 def _print(section: Section, result: dict[str, Any]) -> None:
     table = Table(title=f"{section.name}, exact front", title_justify="left", box=box.SIMPLE_HEAD)
-    for name in ("buffer %", "time s", "exact kWh", "supported kWh", "fast solver kWh", "fast − exact %"):
+    for name in ("buffer\n%", "time\ns", "exact\nkWh", "supported\nkWh", "solver\nkWh", "solver −\nexact %"):
         table.add_column(name, justify="right", no_wrap=True)
     for point in result["points"]:
         table.add_row(
@@ -126,18 +129,18 @@ def _print(section: Section, result: dict[str, Any]) -> None:
             f"{point['fast_energy_input_kwh']:.3f}",
             f"{100 * point['fast_difference_ratio']:+.3f}",
         )
-    print_table(table)
+    print_table(table, LEGEND)
     memory = f", {result['peak_memory_gb']:.2f} GB" if result["peak_memory_gb"] is not None else ""
-    print(
+    paragraph(
         f"{result['front_points']} undominated runs on a grid of {result['step_m']:g} m × {result['speed_kmh']:g} km/h "
         f"(coasting {result['coast_kmh']:g} km/h), {result['labels']} partial runs, "
         f"{result['solve_s']:.1f} s{memory}"
     )
-    print(
+    paragraph(
         f"the supported front lies at most {100 * result['worst_gap_ratio']:.3f} % below it "
         f"(at {result['worst_gap_time_s']:.3f} s), {100 * result['mean_gap_ratio']:.4f} % in the mean"
     )
-    print(
+    paragraph(
         f"the fast solver's method on the same grid: {result['swept_runs']} runs, "
         f"{100 * result['swept_least_gap_ratio']:.4f} to {100 * result['swept_worst_gap_ratio']:.4f} % above it, "
         f"{100 * result['swept_mean_gap_ratio']:.4f} % in the mean"

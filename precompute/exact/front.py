@@ -36,6 +36,8 @@ Ints = NDArray[np.int64]
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many layers of it are done, and how many there are."""
+STATES = "states"
+"""What is being done while the states of the grid and the bounds are looked for."""
 
 BUCKETS_NS = (50_000_000, 10_000_000, 2_000_000, 0)
 """One pass each; the last one, without buckets, is exact."""
@@ -112,18 +114,22 @@ def solve_exact(
     """
     graph = Graph.of(section, grid or Grid())
     memory = default_memory_bytes() if max_memory_bytes is None else max_memory_bytes
-    layers, latest_ns = viable_layers(graph, max_buffer_ratio)
+    told = _States(progress, graph.intervals)
+    layers, latest_ns = viable_layers(graph, max_buffer_ratio, told)
     known = Known.none().with_runs(*totals(graph, fastest_run(graph, layers)[np.newaxis]))
     ladder = first_ladder(section.train.traction_power_w)
     for _ in range(2):
-        duals = Duals(graph, layers, ladder, threads)
+        duals = Duals(graph, layers, ladder, threads, told)
         time_ns, energy_mj = totals(graph, duals.runs)
         known = known.with_runs(time_ns, energy_mj).until(latest_ns)
         ladder = refined_ladder(ladder, time_ns, int(known.time_ns[0]), latest_ns)
     swept = known.with_runs(*totals(graph, duals.switched_runs())).until(latest_ns)
     known, labels = swept, 0
+    search = _Search(
+        graph=graph, layers=layers, duals=duals, latest_ns=latest_ns, threads=threads, max_memory_bytes=memory
+    )
     for bucket_ns in BUCKETS_NS:
-        last = _Pass(graph, layers, duals, known, latest_ns, bucket_ns, threads, memory, progress)
+        last = _Pass(search, known, bucket_ns, progress)
         known = known.with_runs(last.final.time_ns, last.final.energy_mj)
         labels = last.count
     time_s, energy_j = last.final.time_ns / kernels.NS, last.final.energy_mj / kernels.MJ
@@ -160,24 +166,39 @@ class _Labels:
     energy_mj: Ints
 
 
+class _States:
+    """Counts the intervals that come before the passes: two sweeps for the states, two for the bounds."""
+
+    SWEEPS = 4
+
+    def __init__(self, progress: Progress | None, intervals: int) -> None:
+        self._progress, self._intervals, self._done = progress, intervals, 0
+
+    def __call__(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress(STATES, min(self._done, self.SWEEPS * self._intervals), self.SWEEPS * self._intervals)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Search:
+    """What all passes share: the grid and its states, the bounds, the latest arrival, threads and memory."""
+
+    graph: Graph
+    layers: list[Layer]
+    duals: Duals
+    latest_ns: int
+    threads: int
+    max_memory_bytes: float
+
+
 class _Pass:
     """One forward pass over all layers; keeps times and energies of the last layer, and the exact pass all parents."""
 
-    def __init__(
-        self,
-        graph: Graph,
-        layers: list[Layer],
-        duals: Duals,
-        known: Known,
-        latest_ns: int,
-        bucket_ns: int,
-        threads: int,
-        max_memory_bytes: float,
-        progress: Progress | None,
-    ) -> None:
-        self.graph, self.layers, self.duals = graph, layers, duals
-        self.latest_ns, self.bucket_ns, self.max_memory_bytes = latest_ns, bucket_ns, max_memory_bytes
-        allowed = allowed_j(known, latest_ns, duals)
+    def __init__(self, search: _Search, known: Known, bucket_ns: int, progress: Progress | None) -> None:
+        self.search, self.bucket_ns = search, bucket_ns
+        graph, duals = search.graph, search.duals
+        allowed = allowed_j(known, search.latest_ns, duals)
         self.watching = np.isfinite(allowed)
         self.allowed = np.ascontiguousarray(allowed[self.watching])
         self.lambda_w = np.ascontiguousarray(duals.lambda_w[self.watching])
@@ -187,7 +208,7 @@ class _Pass:
         self.offsets = [labels.offset]
         self.parents = [np.zeros(1, np.uint32)]
         what = f"bounds, {bucket_ns / 1e6:g} ms" if bucket_ns else "exact front"
-        with ThreadPoolExecutor(threads) as pool:
+        with ThreadPoolExecutor(search.threads) as pool:
             for k in range(graph.intervals):
                 labels = self._advance(pool, k, labels)
                 self._check_memory(k, len(labels.time_ns))
@@ -196,21 +217,22 @@ class _Pass:
         self.final = labels
 
     def _check_memory(self, k: int, open_labels: int) -> None:
+        graph = self.search.graph
         kept = sum(len(parents) for parents in self.parents)
         needed = kept * BYTES_PER_LABEL + open_labels * BYTES_PER_OPEN_LABEL
-        if needed > self.max_memory_bytes or open_labels >= np.iinfo(np.uint32).max:
+        if needed > self.search.max_memory_bytes or open_labels >= np.iinfo(np.uint32).max:
             raise DasError(
-                f"{self.graph.section.name}: the exact front needs more than {self.max_memory_bytes / 1e9:.1f} GB at "
-                f"node {k + 1} of {self.graph.intervals} ({self.count} partial runs); ask for a smaller buffer"
+                f"{graph.section.name}: the exact front needs more than {self.search.max_memory_bytes / 1e9:.1f} GB at "
+                f"node {k + 1} of {graph.intervals} ({self.count} partial runs); ask for a smaller buffer"
             )
 
     def _advance(self, pool: ThreadPoolExecutor, k: int, labels: _Labels) -> _Labels:
         """The labels of node k + 1 from those of node k."""
-        graph, here, there = self.graph, self.layers[k], self.layers[k + 1]
+        graph, here, there = self.search.graph, self.search.layers[k], self.search.layers[k + 1]
         cost = np.empty((len(here.speed), len(self.lambda_w)))
         kernels.least_costs(labels.offset, labels.time_ns, labels.energy_mj, self.lambda_w, cost)
-        ahead = np.ascontiguousarray(self.duals.value_j[k + 1][:, self.watching])
-        latest = self.latest_ns - there.to_go_ns
+        ahead = np.ascontiguousarray(self.search.duals.value_j[k + 1][:, self.watching])
+        latest = self.search.latest_ns - there.to_go_ns
         coast_start, coast_source = _coasting_sources(here, there)
 
         def block(part: tuple[int, int]) -> tuple[Ints, Ints, NDArray[np.uint32], Ints]:
@@ -236,10 +258,11 @@ class _Pass:
 
     def run(self, label: int) -> Ints:
         """Speeds (grid units) at the nodes of the run that ends in a label of the last node."""
-        speeds = np.empty(len(self.layers), np.int64)
-        for k in range(len(self.layers) - 1, -1, -1):
+        layers = self.search.layers
+        speeds = np.empty(len(layers), np.int64)
+        for k in range(len(layers) - 1, -1, -1):
             state = int(np.searchsorted(self.offsets[k], label, side="right")) - 1
-            speeds[k] = self.layers[k].speed[state]
+            speeds[k] = layers[k].speed[state]
             label = int(self.parents[k][label])
         return speeds
 

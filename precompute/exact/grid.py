@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,17 +130,21 @@ class Layer:
     row: Ints
 
 
-def viable_layers(graph: Graph, max_buffer_ratio: float) -> tuple[list[Layer], int]:
+def viable_layers(
+    graph: Graph, max_buffer_ratio: float, layer_done: Callable[[], None] = lambda: None
+) -> tuple[list[Layer], int]:
     """Layers of the states that lie on a run of at most (1 + buffer) times the least time, and that time (ns).
 
-    Raises InfeasibleError where the grid has no run at all.
+    `layer_done` is called after each interval, on the way there and on the way back. Raises InfeasibleError where the
+    grid has no run at all.
     """
-    reached, moves = _reached(graph)
+    reached, moves = _reached(graph, layer_done)
     least_ns = int(reached[-1][1][0])
     latest_ns = round(least_ns * (1 + max_buffer_ratio))
     layers: list[Layer] = []
     ahead = np.zeros(1, np.int64)
     for k in range(graph.intervals, -1, -1):
+        layer_done()
         speed, time = reached[k]
         first, last, coast = moves[k]
         to_go = np.zeros(len(speed), np.int64)
@@ -168,7 +173,9 @@ def viable_layers(graph: Graph, max_buffer_ratio: float) -> tuple[list[Layer], i
     return layers[::-1], latest_ns
 
 
-def _reached(graph: Graph) -> tuple[list[tuple[Ints, Ints]], list[tuple[Ints, Ints, Ints]]]:
+def _reached(
+    graph: Graph, layer_done: Callable[[], None]
+) -> tuple[list[tuple[Ints, Ints]], list[tuple[Ints, Ints, Ints]]]:
     """Per node the speeds that can be reached, with earliest arrival (ns), and what they can reach in turn."""
     reached = [(np.array([graph.lowest[0]]), np.zeros(1, np.int64))]
     moves = []
@@ -185,6 +192,7 @@ def _reached(graph: Graph) -> tuple[list[tuple[Ints, Ints]], list[tuple[Ints, In
                 f"{graph.section.name}: no run on the exact front's grid beyond {graph.line.node_m[k]:.0f} m"
             )
         reached.append((index + graph.lowest[k + 1], result[index]))
+        layer_done()
     nothing = np.full(1, -1, np.int64)
     moves.append((nothing, nothing, nothing))
     return reached, moves

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,14 +10,21 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from das.command_line.running import print_table
-from das.domain.files.writing import write_whole
+from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.printing import print_table, tell
 from das.domain.journey import Held, Window, clock
 from das.domain.units import KM, KMH, KW, kmh, kwh
 from das.solver.journey.plan import HopPlan, JourneyPlan, Timing
-from precompute.cli.report import ledger_kwh, offscreen_pyplot
+from precompute.cli.report import ledger_kwh
 
 MINUTE_S = 60.0
+LEGEND = {
+    "≥, ≤, =": "held at the earliest, the latest, the only time of a window",
+    "run": "running time",
+    "buffer": "running time above the least possible",
+    "input": "net energy at the current collector",
+    "λ": "price of time, what one second less would cost, between two points with a window",
+}
 _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: "="}
 
 
@@ -70,7 +76,7 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> Non
     """Hops and passings as a table, then the totals."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("section")
-    for name in ("departs", "arrives", "km/h", "run s", "buffer %", "input kWh", "λ kW"):
+    for name in ("departs", "arrives", "km/h", "run\ns", "buffer\n%", "input\nkWh", "λ\nkW"):
         table.add_column(name, justify="right", no_wrap=True)
     for hop in plan.hops:
         table.add_row(
@@ -81,13 +87,13 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> Non
             f"{hop.trajectory.time_s:.1f}",
             f"{100 * hop.buffer_ratio:.2f}",
             f"{kwh(hop.ledger.input):.2f}",
-            " / ".join(f"{price_w / KW:.0f}" if math.isfinite(price_w) else "∞" for price_w in hop.lambda_w),
+            "/".join(f"{price_w / KW:.0f}" if math.isfinite(price_w) else "∞" for price_w in hop.lambda_w),
         )
         for x in hop.passings:
             table.add_row(f"  {x.passing.name}", "", _shown(x.timing), f"{kmh(x.speed_mps):.1f}")
-    print_table(table)
+    print_table(table, LEGEND)
     for line in _totals(plan, others_j):
-        print(line)
+        tell(line)
 
 
 def _shown(timing: Timing) -> str:
@@ -97,7 +103,6 @@ def _shown(timing: Timing) -> str:
 
 def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
     gap = f", gap to the lower bound {100 * plan.gap_ratio:.3f} %" if math.isfinite(plan.gap_ratio) else ""
-    yield "held at the earliest (≥), the latest (≤), the only time (=) of a window"
     yield f"in all {clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh{gap}"
     names = {"proportional": "with the same buffer everywhere", "fastest": "as fast as possible, waiting at the stops"}
     for name, energy_j in others_j.items():
@@ -105,7 +110,7 @@ def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
 
 
 def draw(path: Path, plan: JourneyPlan, title: str) -> None:
-    """Speed with limit, and time with its windows, over the line, as a PNG."""
+    """Draw speed with limit, and time with its windows, over the line."""
     pyplot = offscreen_pyplot()
     run, begin_s = plan.trajectory(), plan.hops[0].departure.time_s
     x_km = run.s_m / KM
@@ -124,10 +129,8 @@ def draw(path: Path, plan: JourneyPlan, title: str) -> None:
     time.set_ylabel(f"min after {clock(begin_s)}")
     time.set_xlabel("position, km")
     time.set_title("▲ not before, ▼ not after (green: departure, red: arrival, orange: passing)", fontsize="small")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=120)
+    save_figure(path, figure)
     pyplot.close(figure)
-    write_whole(path, buffer.getvalue())
 
 
 def _windows(plan: JourneyPlan) -> Iterator[tuple[float, Window, str]]:

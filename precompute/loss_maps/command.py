@@ -1,310 +1,84 @@
-"""Pictures and figures of loss maps: efficiency and loss over speed and force; `das-precompute loss-map`."""
+"""The command `das-precompute loss-map`."""
 
 from __future__ import annotations
 
-import io
 import json
-from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
-from das.command_line.running import PRINTED_WIDTH, busy
-from das.domain.errors import DasError
-from das.domain.files.load import load_vehicle
-from das.domain.files.loss_map_csv import read_loss_map
-from das.domain.files.writing import check_writable, write_whole
-from das.domain.losses import (
-    EfficiencyLoss,
-    Level,
-    LossMap,
-    deviation_ratio,
-    fit_error,
-    fit_mean_efficiency,
-    operating_points,
-)
-from das.domain.units import KMH, KN, KW
-from das.domain.vehicle import EffortEnvelope, Vehicle
+from das.command_line.printing import busy, print_table, tell
+from das.domain.units import KW
+from precompute.cli.options import MapFiles
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from das.domain.losses import LossMap
+    from das.domain.vehicle import Vehicle
 
-CRUISING_MPS = np.arange(40.0, 160.5) * KMH
-"""Speeds at which the deviation of a fit is taken when cruising on the level."""
-CSV_VEHICLE = "re460-ic"
-"""The train whose forces bound a CSV map, unless another is named."""
-_LOWEST_SHOWN_EFFICIENCY = 0.70
-_LEVELS = 17
-_BAND_KW = 50.0
-_MOST_BANDS = 60
-"""A picture of losses has bands of 50 kW; where these were more than 60, as many as one of efficiency."""
+LEGEND = {
+    "fit": "level whose constant efficiency is fitted to the map",
+    "idle": "constant loss of the fit",
+    "mean/in": "mean deviation of the fit over the mean power that goes in",
+    "mean/max, rms/max": "mean and root mean square deviation over the largest loss",
+    "cruising": "mean of (map − fit)/fit at 40 to 160 km/h on the level, |cruising| of its magnitude",
+}
 
 
-def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
-    """Efficiency over speed (km/h) and wheel force (kN), both quadrants, bright = efficient; returns the mappable.
-
-    Driving: power at the wheel over power at the collector; braking: power recovered over power taken at the wheel.
-    Outside the vehicle's force envelope nothing is drawn. `axes` are matplotlib's; trajectories can be drawn on top.
-    """
-    speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
-    power = np.abs(force * speed)
-    loss = loss_map.loss_w(np.where(inside, force, 0.0), speed)
-    into = np.where(force < 0, power, power + loss)
-    efficiency = np.maximum(into - loss, 0.0) / np.maximum(into, 1.0)
-    highest = max(float(efficiency[inside].max()), _LOWEST_SHOWN_EFFICIENCY + 0.01)
-    # Ever finer towards the best: that is where the runs differ.
-    levels = highest - (highest - _LOWEST_SHOWN_EFFICIENCY) * np.linspace(1.0, 0.0, _LEVELS) ** 2
-    shown = np.ma.masked_array(efficiency, ~inside)
-    colours = {"cmap": "viridis", "norm": _norm(levels), "extend": "min"}
-    return _filled(axes, (speed, force, shown), vehicle, levels=levels, **colours)
-
-
-def _norm(levels: Floats) -> Any:
-    """The same difference of colour from each level to the next."""
-    from matplotlib.colors import BoundaryNorm
-
-    return BoundaryNorm(levels, 256, extend="min")
-
-
-def draw_loss_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
-    """Loss in kW over speed (km/h) and wheel force (kN), both quadrants; returns the mappable (see efficiency)."""
-    speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
-    loss = loss_map.loss_w(np.where(inside, force, 0.0), speed) / KW
-    highest = max(float(loss[inside].max()), 1.0)
-    round_steps = 4 * _BAND_KW < highest < _MOST_BANDS * _BAND_KW
-    levels = np.arange(0.0, highest + _BAND_KW, _BAND_KW) if round_steps else np.linspace(0.0, highest, _LEVELS)
-    return _filled(axes, (speed, force, np.ma.masked_array(loss, ~inside)), vehicle, levels=levels, cmap="inferno_r")
-
-
-def _filled(axes: Any, field: tuple[Floats, Floats, Any], vehicle: Vehicle, **style: Any) -> Any:
-    speed, force, value = field
-    filled = axes.contourf(speed / KMH, force / KN, value, **style)
-    filled.set_edgecolor("face")  # no hairlines between the bands
-    top = speed.max()
-    v = np.linspace(0.0, top, 400)
-    for envelope, sign in ((vehicle.traction, 1.0), (vehicle.electric_brake, -1.0)):
-        # Covers the steps that the grid leaves along the hyperbola.
-        axes.plot(v / KMH, sign * envelope.force_n(v) / KN, color="0.15", linewidth=1.2)
-    axes.axhline(0, color="0.15", linewidth=0.6)
-    axes.set_xlim(0, top / KMH)
-    axes.set_xlabel("speed, km/h")
-    axes.set_ylabel("wheel force, kN")
-    return filled
-
-
-def _grid(loss_map: LossMap, vehicle: Vehicle, top_speed_mps: float | None) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Speeds and forces of the map's grid, and which of them the train can use."""
-    top = min(vehicle.max_speed_mps if top_speed_mps is None else top_speed_mps, float(loss_map.speed_mps[-1]))
-    speeds = loss_map.speed_mps[(loss_map.speed_mps > 0) & (loss_map.speed_mps <= top * (1 + 1e-9))]
-    speed, force = np.meshgrid(speeds, loss_map.force_n, indexing="ij")
-    inside = (force <= vehicle.traction.force_n(speed)) & (force >= -vehicle.electric_brake.force_n(speed))
-    inside &= loss_map.covers(force, speed)
-    if not inside.any():
-        raise DasError(f"{loss_map.name}: no point of the map is within the forces of {vehicle.id}")
-    return speed, force, inside
-
-
-def loss_map_summary(loss_map: LossMap, vehicle: Vehicle) -> dict[str, Any]:
-    """What describes a map: coverage, the fits of L1 and L2 with their errors, and the best points."""
-    power_w, force_n = vehicle.traction.max_power_w, vehicle.traction.max_force_n
-    points = operating_points(loss_map, power_w, force_n)
-    full = points.power_w >= 0.99 * power_w
-    return {
-        "coverage": {
-            "speed_kmh": [float(loss_map.speed_mps[0] / KMH), float(loss_map.speed_mps[-1] / KMH)],
-            "force_kn": [float(loss_map.force_low_n.min() / KN), float(loss_map.force_high_n.max() / KN)],
-            "points": int(np.isfinite(loss_map.loss_w_table).sum()),
-            "operating_points": len(points.loss_w),
-        },
-        "largest_loss_kw": float(points.loss_w.max() / KW),
-        "full_power_loss_kw": {
-            name: _mean_kw(points.loss_w[full & (np.sign(points.force_n) == sign)])
-            for name, sign in (("driving", 1), ("braking", -1))
-        },
-        "fits": {str(level): _fit_json(loss_map, vehicle, level is Level.L2) for level in (Level.L1, Level.L2)},
-        "best": {name: _best(loss_map, vehicle, sign) for name, sign in (("driving", 1), ("braking", -1))},
-    }
-
-
-def _mean_kw(losses_w: Floats) -> float | None:
-    return float(losses_w.mean() / KW) if len(losses_w) else None
-
-
-def _fit_json(loss_map: LossMap, vehicle: Vehicle, with_idle: bool) -> dict[str, float | None]:
-    fit = fit_mean_efficiency(loss_map, vehicle.traction.max_power_w, with_idle=with_idle)
-    error = fit_error(loss_map, fit, vehicle.traction.max_power_w)
-    return {
-        "mean_efficiency_ratio": 1.0 / (1.0 + fit.traction_ratio),
-        "idle_kw": fit.idle_w / KW,
-        "error_mean_to_input_ratio": error.mean_to_input_ratio,
-        "error_mean_to_largest_ratio": error.mean_to_largest_ratio,
-        "error_rms_to_largest_ratio": error.rms_to_largest_ratio,
-        "error_largest_kw": error.largest_w / KW,
-        "cruising_deviation_ratio": cruising_deviation_ratio(loss_map, fit, vehicle),
-        "cruising_absolute_deviation_ratio": cruising_deviation_ratio(loss_map, fit, vehicle, absolute=True),
-    }
-
-
-def cruising_deviation_ratio(
-    loss_map: LossMap, fit: EfficiencyLoss, vehicle: Vehicle, *, absolute: bool = False
-) -> float | None:
-    """Mean of (map − fit)/fit, or of its magnitude, when cruising on the level at 40 to 160 km/h.
-
-    None where that leaves the map.
-    """
-    speed = CRUISING_MPS[vehicle.max_speed_mps >= CRUISING_MPS]
-    force = vehicle.resistance.force_n(speed)
-    if not len(speed) or not loss_map.covers(force, speed).all():
-        return None
-    deviation = deviation_ratio(loss_map, fit, force, speed)
-    return float((np.abs(deviation) if absolute else deviation).mean())
-
-
-def _best(loss_map: LossMap, vehicle: Vehicle, sign: int) -> dict[str, float] | None:
-    """The most efficient operating point of one quadrant, within the vehicle's forces."""
-    envelope: EffortEnvelope = vehicle.traction if sign > 0 else vehicle.electric_brake
-    points = operating_points(loss_map, envelope.max_power_w, envelope.max_force_n)
-    quadrant = np.flatnonzero((np.sign(points.force_n) == sign) & (points.speed_mps <= vehicle.max_speed_mps))
-    if not len(quadrant):
-        return None
-    best = quadrant[points.efficiency_ratio()[quadrant].argmax()]
-    return {
-        "efficiency_ratio": float(points.efficiency_ratio()[best]),
-        "speed_kmh": float(points.speed_mps[best] / KMH),
-        "force_kn": float(points.force_n[best] / KN),
-        "power_share_ratio": float(points.power_w[best] / envelope.max_power_w),
-    }
-
-
-def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
-    """A vehicle's L3 map, or a map from a CSV file with the forces of `vehicle`; DasError where there is none."""
-    if Path(name).suffix.lower() == ".csv":
-        return read_loss_map(Path(name)), load_vehicle(vehicle or CSV_VEHICLE)
-    if vehicle is not None:
-        raise DasError(f"--vehicle {vehicle}: belongs to a CSV map, {name} is a train itself")
-    train = load_vehicle(name)
-    model = train.loss_model(Level.L3)
-    if not isinstance(model, LossMap):
-        raise DasError(f"{train.source}: its losses at level {Level.L3} are not a map")
-    return model, train
-
-
-def csv_bytes(loss_map: LossMap) -> bytes:
-    """The map in the format that `das.domain.files.loss_map_csv` reads."""
-    lines = ["speed_kmh,force_n,loss_w"]
-    for i, speed in enumerate(loss_map.speed_mps):
-        for force, loss in zip(loss_map.force_n, loss_map.loss_w_table[i], strict=True):
-            if np.isfinite(loss):
-                lines.append(f"{speed / KMH:.10g},{force:.10g},{loss:.9g}")
-    return ("\n".join(lines) + "\n").encode()
-
-
-def draw_maps(path: Path, loss_map: LossMap, vehicle: Vehicle) -> None:
-    """Efficiency and loss side by side, as a PNG."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise DasError("--plot needs matplotlib: install the extra, pip install '.[view]' in the checkout") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-    from matplotlib.ticker import PercentFormatter
-
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(13, 6), sharey=True, layout="constrained")
-    efficiency = draw_efficiency_map(left, loss_map, vehicle)
-    left.set_title("efficiency of the traction chain")
-    figure.colorbar(efficiency, ax=left, format=PercentFormatter(1.0, decimals=1))
-    for sign in (1, -1):
-        best = _best(loss_map, vehicle, sign)
-        if best is not None:
-            left.plot(best["speed_kmh"], best["force_kn"], "x", color="black", markersize=8)
-            left.annotate(
-                f"{best['efficiency_ratio']:.1%}",
-                (best["speed_kmh"], best["force_kn"]),
-                xytext=(6, 6),
-                textcoords="offset points",
-            )
-    loss = draw_loss_map(right, loss_map, vehicle)
-    right.set_title("loss, kW")
-    right.set_ylabel("")
-    figure.colorbar(loss, ax=right)
-    figure.suptitle(vehicle.name if loss_map is vehicle.losses.get(Level.L3) else Path(loss_map.name).name)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    pyplot.close(figure)
-    write_whole(path, buffer.getvalue())
-
-
-def loss_map_command(
-    loss_map: Annotated[
-        str, typer.Argument(metavar="VEHICLE|MAP.csv", help="Bundled vehicle name, vehicle file, or loss map (CSV).")
+def loss_map(
+    source: Annotated[
+        str, typer.Argument(metavar="VEHICLE|MAP.csv", help="Bundled vehicle, vehicle file, or loss map (CSV).")
     ],
+    files: MapFiles,
     vehicle: Annotated[
-        str | None, typer.Option(help=f"Train whose forces bound a CSV map [default: {CSV_VEHICLE}].")
+        str | None,
+        typer.Option("--vehicle", metavar="VEHICLE", help="Train whose forces bound a CSV map [default: re460-ic]."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG): efficiency and loss.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Write the map as CSV.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> None:
-    """What a loss map says: coverage, fits of L1 and L2 with their errors, best efficiency, loss at full power.
+    """Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses."""
+    files.check(source, vehicle)
+    from das.domain.files.writing import write_whole
+    from precompute.loss_maps.figures import csv_bytes, loss_map_summary, map_of
 
-    Fit errors: mean |residual| over the mean input power (mean/input) and over the largest loss (mean/max), root mean
-    square residual over the largest loss (rms/max). Cruising: mean of (map − fit)/fit at 40 to 160 km/h on the level,
-    and of its magnitude.
-    """
-    if plot is not None and csv is not None and plot.resolve() == csv.resolve():
-        raise DasError(f"{csv}: --csv and --plot name the same file")
-    for path in (plot, csv):
-        if path is not None:
-            check_writable(path)
-    model, train = map_of(loss_map, vehicle)
+    model, train = map_of(source, vehicle)
     summary = loss_map_summary(model, train)
-    if plot is not None:
+    if files.plot is not None:
+        from precompute.loss_maps.drawing import draw_maps
+
         with busy("drawing …"):
-            draw_maps(plot, model, train)
-    if csv is not None:
-        write_whole(csv, csv_bytes(model))
-    if as_json:
+            draw_maps(files.plot, model, train)
+    if files.out is not None:
+        write_whole(files.out, csv_bytes(model))
+    if files.as_json:
         print(json.dumps(summary))
         return
-    _print_summary(model, train, summary)
-    for path in (csv, plot):
-        if path is not None:
-            print(f"written: {path}")
+    _print_facts(model, train, summary)
+    _print_fits(summary)
+    files.tell()
 
 
-def _print_summary(loss_map: LossMap, train: Vehicle, summary: dict[str, Any]) -> None:
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
+def _print_facts(model: LossMap, train: Vehicle, summary: dict[str, Any]) -> None:
     cover = summary["coverage"]
-    console.print(
-        f"{loss_map.name}\ncovers {cover['speed_kmh'][0]:g} … {cover['speed_kmh'][1]:g} km/h, "
-        f"{cover['force_kn'][0]:g} … {cover['force_kn'][1]:g} kN; {cover['operating_points']} operating points "
-        f"within {train.traction.max_power_w / KW:g} kW of {train.id}",
-        markup=False,
-    )
+    (slow, fast), (least, most) = cover["speed_kmh"], cover["force_kn"]
+    tell(f"{model.name}\ncovers {slow:g} … {fast:g} km/h, {least:g} … {most:g} kN")
+    tell(f"{cover['operating_points']} operating points within {train.traction.max_power_w / KW:g} kW of {train.id}")
     full = [f"{name} {loss:.0f} kW" for name, loss in summary["full_power_loss_kw"].items() if loss is not None]
-    console.print(f"largest loss {summary['largest_loss_kw']:.0f} kW; mean at full power: {', '.join(full) or 'none'}")
+    tell(f"largest loss {summary['largest_loss_kw']:.0f} kW; mean at full power: {', '.join(full) or 'none'}")
     for name, best in summary["best"].items():
         if best is not None:
-            console.print(
+            tell(
                 f"best efficiency {name}: {best['efficiency_ratio']:.1%} at {best['speed_kmh']:.0f} km/h, "
                 f"{best['force_kn']:.0f} kN ({best['power_share_ratio']:.0%} of the power)"
             )
+
+
+def _print_fits(summary: dict[str, Any]) -> None:
+    from rich import box
+    from rich.table import Table
+
     table = Table(box=box.SIMPLE_HEAD)
     for name in (
-        "fit",
-        "mean efficiency",
-        "idle kW",
-        "mean/input %",
-        "mean/max %",
-        "rms/max %",
-        "cruising %",
-        "|cruising| %",
+        *("fit", "mean\nefficiency", "idle\nkW", "mean/in\n%", "mean/max\n%", "rms/max\n%"),
+        *("cruising\n%", "|cruising|\n%"),
     ):
         table.add_column(name, justify="right", no_wrap=True)
     for level, fit in summary["fits"].items():
@@ -320,4 +94,4 @@ def _print_summary(loss_map: LossMap, train: Vehicle, summary: dict[str, Any]) -
             f"{100 * cruising:+.2f}" if cruising is not None else "–",
             f"{100 * absolute:.2f}" if absolute is not None else "–",
         )
-    console.print(table)
+    print_table(table, LEGEND)

@@ -51,7 +51,7 @@ class Followed:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
+class VariationOutcome:
     """What a variation does to a plan.
 
     `followed`: the plan as driven. Beside it the optimum of the changed world, `on_time` for the planned time (or the
@@ -102,9 +102,9 @@ class Outcome:
         return (run.ledger.input - base.ledger.input) / planned_j
 
 
-def assess(plan: Solution, variation: Variation, world: World) -> Outcome:
+def assess(plan: Solution, variation: Variation, world: World) -> VariationOutcome:
     """Drive a plan in another world, and plan anew there."""
-    outcome = Outcome(plan=plan, variation=variation)
+    outcome = VariationOutcome(plan=plan, variation=variation)
     try:
         section = world(variation.conditions)
         front = solve_front(section)
@@ -175,19 +175,19 @@ def _wrong_end(followed: Followed, section: Section) -> str | None:
     return f"following the plan the train ends at {end_mps / KMH:.1f} km/h, not {section.end_speed_mps / KMH:.1f} km/h"
 
 
-def by_effect(outcomes: list[Outcome]) -> list[list[Outcome]]:
+def by_effect(outcomes: list[VariationOutcome]) -> list[list[VariationOutcome]]:
     """Pairs of what is as far from the plan on either side, the one that moves the energy most first.
 
     What cannot be driven comes before all.
     """
-    pairs: dict[tuple[str, float], list[Outcome]] = {}
+    pairs: dict[tuple[str, float], list[VariationOutcome]] = {}
     for outcome in sorted(outcomes, key=lambda x: x.variation.value):
         variation = outcome.variation
         pairs.setdefault((variation.parameter, round(abs(variation.step), 9)), []).append(outcome)
     return sorted(pairs.values(), key=_effect_ratio, reverse=True)
 
 
-def _effect_ratio(pair: list[Outcome]) -> float:
+def _effect_ratio(pair: list[VariationOutcome]) -> float:
     if any(outcome.followed is None for outcome in pair):
         return math.inf
     return max(abs(outcome.extra_ratio or 0.0) for outcome in pair)

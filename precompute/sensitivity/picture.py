@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from das.domain.errors import DasError
-from das.domain.files.writing import write_whole
+from das.command_line.outputs import save_figure
 from das.domain.units import kwh
 from das.solver.front import Solution
 from das.solver.section import Section
-from precompute.sensitivity.analysis import Outcome
+from precompute.sensitivity.analysis import VariationOutcome
 
 MORE, LESS = "#d55e00", "#0072b2"
 """Colours of more and of less than planned (Okabe and Ito's, told apart by the colour-blind)."""
@@ -22,9 +20,8 @@ BAR_HEIGHT = 0.36
 ROOM = 0.16
 """Share of the bars' span that the axis goes on beyond them, for the figures at their ends."""
 
-
 SHOWN = 0.05
-"""What rounds to 0.0 in a figure."""
+"""A number below this is printed as 0.0."""
 
 
 class _Bar(NamedTuple):
@@ -36,16 +33,8 @@ class _Bar(NamedTuple):
     mark: float | None
 
 
-def require_matplotlib() -> None:
-    """Raise DasError where matplotlib is missing."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise DasError("--plot needs matplotlib: install the extra, pip install '.[view]' in the checkout") from None
-
-
-def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[Outcome]]) -> None:
-    """Write bars of time and energy against the plan as a PNG, a row to each pair of variations."""
+def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[VariationOutcome]]) -> None:
+    """Write bars of time and energy against the plan as a picture, a row to each pair of variations."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 1.8 + 0.5 * len(pairs)), layout="constrained")
@@ -61,12 +50,10 @@ def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[
         f"{plan.time_s:.1f} s, {kwh(plan.ledger.input):.2f} kWh"
     )
     figure.legend(handles=_handles(), loc="outside lower center", ncols=3, frameon=False)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=120)
-    write_whole(path, content.getvalue())
+    save_figure(path, figure)
 
 
-def _draw_bars(axes: Any, pairs: list[list[Outcome]], effect: str, replanned: str, scale: float) -> None:
+def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, replanned: str, scale: float) -> None:
     """A bar to each outcome, from the plan to an attribute of it, and a mark where planning anew would be."""
     bars = [
         _Bar(y, outcome.variation.step < 0, *(_scaled(outcome, name, scale) for name in (effect, replanned)))
@@ -85,7 +72,7 @@ def _draw_bars(axes: Any, pairs: list[list[Outcome]], effect: str, replanned: st
     axes.set_axisbelow(True)
 
 
-def _scaled(outcome: Outcome, name: str, scale: float) -> float | None:
+def _scaled(outcome: VariationOutcome, name: str, scale: float) -> float | None:
     value = getattr(outcome, name)
     return None if value is None else scale * value
 
@@ -116,7 +103,7 @@ def _draw_bar(axes: Any, bar: _Bar, room: float) -> None:
     )
 
 
-def _pair_label(pair: list[Outcome]) -> str:
+def _pair_label(pair: list[VariationOutcome]) -> str:
     first, last = pair[0].variation, pair[-1].variation
     if first.value == -last.value and len(pair) > 1:
         return f"{last.parameter} ±{last.value:g} {last.unit}"

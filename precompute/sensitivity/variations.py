@@ -25,7 +25,6 @@ class Parameter(StrEnum):
 
 RELATIVE = (Parameter.MASS, Parameter.RESISTANCE)
 """Varied in % of the plan's value; the others are given as values in place of the plan's."""
-DEFAULT = "mass=±5%,±10%, resistance=±10%,±20%, wind=-20..20, receptivity=0.5,0, adhesion=0.6,0.3"
 RANGE_VALUES = 5
 """Values of a range a..b, evenly from one end to the other."""
 _FIELDS = {

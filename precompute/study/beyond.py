@@ -12,7 +12,7 @@ from das.domain.losses import LossModel
 from das.domain.trajectory import Trajectory
 from das.domain.units import KW
 from precompute.baselines import strategies as baselines
-from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L3, LEVELS, Case
+from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L3, LEVELS, StudyCase
 from precompute.study.drawing import LEVEL_COLOURS, new_figure
 from precompute.study.output import Output, markdown_table
 from precompute.study.runs import Workbench
@@ -125,7 +125,7 @@ def beyond(bench: Workbench, output: Output) -> dict[str, Any]:
     }
 
 
-def _runs(bench: Workbench, case: Case, buffer_percent: float) -> dict[str, Trajectory]:
+def _runs(bench: Workbench, case: StudyCase, buffer_percent: float) -> dict[str, Trajectory]:
     """Each level's run and the reduced maximum speed, where there is one with this buffer."""
     found = {variant.name: bench.run(case, variant, buffer_percent) for variant in LEVELS}
     if case is COMPLETE and buffer_percent > 0:

@@ -43,7 +43,7 @@ ALL_VARIANTS: Final = (*LEVELS, L3_IGBT)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class StudyCase:
     """A straight stretch of constant gradient with given speeds at both ends; at most 160 km/h."""
 
     name: str
@@ -70,12 +70,12 @@ class Case:
         return replace(load_route(ROUTE), gradients_ratio=gradients)
 
 
-ACCELERATION: Final = Case(
+ACCELERATION: Final = StudyCase(
     name="acceleration", title="0 to 160 km/h over 4 km", length_m=4 * KM, end_speed_mps=TOP_SPEED_MPS
 )
-DECELERATION: Final = Case(
+DECELERATION: Final = StudyCase(
     name="deceleration", title="160 km/h to 0 over 4 km", length_m=4 * KM, start_speed_mps=TOP_SPEED_MPS
 )
-COMPLETE: Final = Case(name="complete", title="standstill to standstill over 6 km", length_m=6 * KM)
-UPHILL: Final = Case(name="uphill", title="6 km at +10 ‰", length_m=6 * KM, gradient_ratio=0.010)
-DOWNHILL: Final = Case(name="downhill", title="6 km at −10 ‰", length_m=6 * KM, gradient_ratio=-0.010)
+COMPLETE: Final = StudyCase(name="complete", title="standstill to standstill over 6 km", length_m=6 * KM)
+UPHILL: Final = StudyCase(name="uphill", title="6 km at +10 ‰", length_m=6 * KM, gradient_ratio=0.010)
+DOWNHILL: Final = StudyCase(name="downhill", title="6 km at −10 ‰", length_m=6 * KM, gradient_ratio=-0.010)

@@ -5,43 +5,53 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from das.command_line.running import busy, err
+from das.command_line.compiling import loading_solver
+from das.command_line.options import JsonOption, OutFolder
+from das.command_line.outputs import offscreen_pyplot
+from das.command_line.printing import tell
+from das.command_line.progress import shown
 from das.domain.errors import DasError
-from precompute.study.cases import GTO_VEHICLE, IGBT_VEHICLE
-from precompute.study.drawing import require_matplotlib, style
-from precompute.study.output import Output, plain
+
+if TYPE_CHECKING:
+    from precompute.study.output import Output
 
 ITEMS = ("fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "table2", "shares", "beyond", "gradients")
 """Everything the study makes, in the paper's order, then what goes beyond it."""
 
 
 def study(
-    folder: Annotated[Path, typer.Option("-o", "--output", help="Folder to write to; it is created.")],
+    out: OutFolder,
     only: Annotated[
-        str | None, typer.Option(help=f"Make only these, with commas between: {', '.join(ITEMS)}.", show_default=False)
+        str | None, typer.Option("--only", metavar="LIST", help=f"Only these, with commas between: {', '.join(ITEMS)}.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what summary.json holds.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Redo the study of the paper: figures 4 to 10 (PNG, SVG, curves as CSV), Table 2, the Zürich–Luzern shares.
+    """Redo the study of the paper: figures 4 to 10, Table 2, the Zürich–Luzern shares.
 
-    Beyond the paper: peak power and jerk per level (beyond), Table 2 on a gradient of ±10 ‰ (gradients). What is asked
-    for is overwritten in the folder, summary.json as well; it holds the items of this run.
+    Figures are written as PNG and SVG, their curves as CSV. Beyond the paper go peak power and jerk per level
+    ("beyond") and Table 2 on a gradient of ±10 ‰ ("gradients"). The folder is created. The files of what is asked for
+    are overwritten, and summary.json as well, which holds the items of this run.
     """
     wanted = chosen(only)
-    require_matplotlib()
-    output = Output(folder)
+    offscreen_pyplot()  # refuse before the work begins
+    with loading_solver():
+        from das.solver.warm_up import warm_up
+        from precompute.baselines import strategies
+        from precompute.study.output import Output, plain
+
+        output = Output(out)
+        warm_up()
+        strategies.warm_up()
     began = time.perf_counter()
     summary = make(wanted, output)
     if as_json:
         print(json.dumps(plain(summary), ensure_ascii=False))
         return
-    print(f"written: {len(output.written)} files in {folder} ({time.perf_counter() - began:.0f} s)")
+    tell(f"written: {len(output.written)} files in {out} ({time.perf_counter() - began:.0f} s)")
 
 
 def chosen(only: str | None) -> list[str]:
@@ -57,23 +67,13 @@ def chosen(only: str | None) -> list[str]:
 
 def make(wanted: list[str], output: Output) -> dict[str, Any]:
     """Make items and summary.json; returns what that holds."""
-    with busy("compiling the solver (once on a machine, about 20 s) …"):
-        from das.solver.warm_up import warm_up
-        from precompute.baselines import strategies as baselines
-        from precompute.study.runs import Workbench
+    from precompute.study.cases import GTO_VEHICLE, IGBT_VEHICLE
+    from precompute.study.drawing import style
+    from precompute.study.runs import Workbench
 
-        warm_up()
-        baselines.warm_up()
-        makers = _makers()
-    bench = Workbench()
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    items: dict[str, Any] = {}
-    with style(), Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
-        task = progress.add_task("", total=len(wanted))
-        for name in wanted:
-            progress.update(task, description=name)
-            items[name] = makers[name](bench, output)
-            progress.advance(task)
+    makers, bench = _makers(), Workbench()
+    with style():
+        items = {name: makers[name](bench, output) for name in shown(wanted)}
     summary = {
         "paper": "M. Nold, F. Corman, Railway Engineering Science, 2024",
         "vehicles": {"gto": GTO_VEHICLE, "igbt": IGBT_VEHICLE},

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.errors import DasError
 from das.domain.losses import LossMap
 from das.domain.trajectory import Trajectory
 from das.domain.units import KM, KMH, KN
@@ -53,16 +52,6 @@ SHADES = 24
 """Number of shades along a run."""
 CROSS_STEP_M = 200.0
 """Crosses along a run are this far apart."""
-
-
-def require_matplotlib() -> None:
-    """Raise DasError where matplotlib is missing."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise DasError(
-            "the study draws with matplotlib: install the extra, pip install '.[study]' in the checkout"
-        ) from None
 
 
 @contextmanager
@@ -140,7 +129,7 @@ def draw_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, highest_mps: float)
     """The efficiency map in pale colours, bright = efficient, up to a speed; returns it for `efficiency_bar`."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    from precompute.loss_maps.command import draw_efficiency_map
+    from precompute.loss_maps.drawing import draw_efficiency_map
 
     drawn = draw_efficiency_map(axes, loss_map, vehicle)
     drawn.set_cmap(LinearSegmentedColormap.from_list("pale", list(MAP_COLOURS)))

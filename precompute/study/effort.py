@@ -41,7 +41,7 @@ LEAST_KINETIC_RATIO = 0.05
 """Stretches that change the kinetic energy by less (of the run's highest) are as well."""
 
 
-class Mode(IntEnum):
+class EffortMode(IntEnum):
     """How the train is driven on an interval."""
 
     OTHER = 0
@@ -74,20 +74,20 @@ class Reduced:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effort:
+class ReducedEffort:
     """Reduced effort of a run, both ways."""
 
     acceleration: Reduced
     braking: Reduced
 
 
-def effort(trajectory: Trajectory, vehicle: Vehicle) -> Effort:
+def effort(trajectory: Trajectory, vehicle: Vehicle) -> ReducedEffort:
     """Reduced acceleration and braking of a run of this vehicle (definition: see the module)."""
     ratio = force_ratio(trajectory, vehicle)
     modes = driving_modes(trajectory, vehicle)
-    return Effort(
-        acceleration=_reduced(trajectory, ratio, modes == Mode.REDUCED_ACCELERATION),
-        braking=_reduced(trajectory, ratio, modes == Mode.REDUCED_BRAKING),
+    return ReducedEffort(
+        acceleration=_reduced(trajectory, ratio, modes == EffortMode.REDUCED_ACCELERATION),
+        braking=_reduced(trajectory, ratio, modes == EffortMode.REDUCED_BRAKING),
     )
 
 
@@ -111,15 +111,15 @@ def force_ratio(trajectory: Trajectory, vehicle: Vehicle) -> Floats:
 
 
 def driving_modes(trajectory: Trajectory, vehicle: Vehicle) -> NDArray[np.int64]:
-    """The `Mode` of each interval."""
+    """The `EffortMode` of each interval."""
     ratio = force_ratio(trajectory, vehicle)
     change = np.diff(trajectory.v_mps) / trajectory.interval_s()
-    modes = np.full(len(ratio), int(Mode.OTHER))
-    modes[(ratio > 0) & (change > 0)] = Mode.REDUCED_ACCELERATION
-    modes[(ratio < 0) & (change < 0)] = Mode.REDUCED_BRAKING
-    modes[np.abs(ratio) >= FULL_RATIO] = Mode.FULL
-    modes[np.abs(ratio) <= COAST_RATIO] = Mode.COASTING
-    modes[(np.abs(change) <= CRUISE_MPS2) & (np.abs(ratio) < FULL_RATIO)] = Mode.CRUISING
+    modes = np.full(len(ratio), int(EffortMode.OTHER))
+    modes[(ratio > 0) & (change > 0)] = EffortMode.REDUCED_ACCELERATION
+    modes[(ratio < 0) & (change < 0)] = EffortMode.REDUCED_BRAKING
+    modes[np.abs(ratio) >= FULL_RATIO] = EffortMode.FULL
+    modes[np.abs(ratio) <= COAST_RATIO] = EffortMode.COASTING
+    modes[(np.abs(change) <= CRUISE_MPS2) & (np.abs(ratio) < FULL_RATIO)] = EffortMode.CRUISING
     return modes
 
 

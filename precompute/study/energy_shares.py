@@ -40,7 +40,7 @@ SHARE_STEPS = 40
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trip:
+class DrivenTrip:
     """The sections of a trip as driven, with the train and its losses."""
 
     vehicle: Vehicle
@@ -73,7 +73,7 @@ class Shares:
         return float(getattr(self, name)) / self.total / PERCENT
 
 
-def drive(driver: str) -> Trip:
+def drive(driver: str) -> DrivenTrip:
     """The trip with a kind of driver; every section with the same buffer."""
     route, vehicle = load_route(ROUTE), load_vehicle(GTO_VEHICLE)
     runs = []
@@ -81,7 +81,7 @@ def drive(driver: str) -> Trip:
         section = build_section(route, vehicle, level=Level.L3, start_m=start.position_m, end_m=end.position_m)
         time_s = baselines.fastest(section).time_s * (1 + BUFFER_PERCENT * PERCENT)
         runs.append(DRIVERS[driver](section, time_s).trajectory)
-    return Trip(vehicle=vehicle, runs=tuple(runs))
+    return DrivenTrip(vehicle=vehicle, runs=tuple(runs))
 
 
 def braked_with_friction(run: Trajectory, friction_ratio: float) -> Trajectory:
@@ -91,7 +91,7 @@ def braked_with_friction(run: Trajectory, friction_ratio: float) -> Trajectory:
     return replace(run, force_el_n=total - friction, force_friction_n=friction)
 
 
-def shares(trip: Trip, friction_ratio: float) -> Shares:
+def shares(trip: DrivenTrip, friction_ratio: float) -> Shares:
     """The energies of a trip with a share of friction braking."""
     loss = trip.vehicle.loss_model(Level.L3)
     ledgers = [braked_with_friction(run, friction_ratio).ledger(trip.vehicle, loss) for run in trip.runs]
@@ -109,7 +109,7 @@ def shares(trip: Trip, friction_ratio: float) -> Shares:
     )
 
 
-def friction_for(trip: Trip, friction_brake_percent: float) -> float | None:
+def friction_for(trip: DrivenTrip, friction_brake_percent: float) -> float | None:
     """The share of friction braking at which the friction brake takes this share of the energy; None if none does."""
     if shares(trip, 1.0).percent("friction_brake") < friction_brake_percent:
         return None

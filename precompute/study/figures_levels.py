@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from das.domain.trajectory import Trajectory
 from das.domain.units import KM, KMH, KN, PERCENT, kwh
-from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L0_NOREG, L3, LEVELS, Case, Variant
+from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L0_NOREG, L3, LEVELS, StudyCase, Variant
 from precompute.study.drawing import (
     BUFFER_COLOURS,
     LEVEL_COLOURS,
@@ -21,7 +21,7 @@ from precompute.study.drawing import (
     efficiency_bar,
     new_figure,
 )
-from precompute.study.effort import Effort, Reduced, effort
+from precompute.study.effort import Reduced, ReducedEffort, effort
 from precompute.study.output import Output
 from precompute.study.printed import BUFFERS_PERCENT
 from precompute.study.runs import Workbench
@@ -52,7 +52,7 @@ class EnergyCurve:
     loss_percent: Floats
 
 
-def energy_curve(bench: Workbench, case: Case, variant: Variant) -> EnergyCurve:
+def energy_curve(bench: Workbench, case: StudyCase, variant: Variant) -> EnergyCurve:
     """The curve up to 40 %, or to the level's largest useful buffer where that is smaller."""
     slowest = bench.slowest(case, variant)
     largest = min(LARGEST_DRAWN_PERCENT, slowest.buffer_percent)
@@ -69,7 +69,7 @@ def energy_curve(bench: Workbench, case: Case, variant: Variant) -> EnergyCurve:
     )
 
 
-def level_runs(bench: Workbench, case: Case, variant: Variant) -> dict[str, Trajectory | None]:
+def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str, Trajectory | None]:
     """A level's runs by the name of their buffer ("0" … "25", "max"), None where it has no use for the buffer."""
     runs: dict[str, Trajectory | None] = {f"{b:g}": bench.run(case, variant, b) for b in BUFFERS_PERCENT}
     return {**runs, MAX: bench.slowest(case, variant).trajectory}
@@ -90,7 +90,7 @@ def fig9(bench: Workbench, output: Output) -> dict[str, Any]:
     return _figure("fig9", bench, output, COMPLETE)
 
 
-def _figure(name: str, bench: Workbench, output: Output, case: Case) -> dict[str, Any]:
+def _figure(name: str, bench: Workbench, output: Output, case: StudyCase) -> dict[str, Any]:
     runs = {variant: level_runs(bench, case, variant) for variant in LEVELS}
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
     write_runs(output, f"{name}-runs.csv", {variant.name: drawn for variant, drawn in runs.items()})
@@ -112,7 +112,7 @@ def _figure(name: str, bench: Workbench, output: Output, case: Case) -> dict[str
     }
 
 
-def effort_json(found: Effort) -> dict[str, Any]:
+def effort_json(found: ReducedEffort) -> dict[str, Any]:
     """Detected reduced effort as the summary holds it."""
     return {"acceleration": _reduced_json(found.acceleration), "braking": _reduced_json(found.braking)}
 
@@ -162,7 +162,7 @@ def _write_curves(output: Output, name: str, curves: dict[Variant, EnergyCurve])
 
 def _draw(
     bench: Workbench,
-    case: Case,
+    case: StudyCase,
     runs: dict[Variant, dict[str, Trajectory | None]],
     curves: dict[Variant, EnergyCurve],
 ) -> Any:
@@ -196,7 +196,7 @@ def _draw(
     return figure
 
 
-def _draw_speeds(axes: Any, case: Case, runs: dict[str, Trajectory | None]) -> None:
+def _draw_speeds(axes: Any, case: StudyCase, runs: dict[str, Trajectory | None]) -> None:
     for colour, run in zip(BUFFER_COLOURS, runs.values(), strict=True):
         if run is not None:
             draw_speed(axes, run, colour)
@@ -204,7 +204,7 @@ def _draw_speeds(axes: Any, case: Case, runs: dict[str, Trajectory | None]) -> N
     axes.set_ylim(0, 170)
 
 
-def _draw_forces(axes: Any, bench: Workbench, case: Case, runs: dict[str, Trajectory | None]) -> Any:
+def _draw_forces(axes: Any, bench: Workbench, case: StudyCase, runs: dict[str, Trajectory | None]) -> Any:
     mappable = draw_map(axes, bench.loss_map(L3), bench.vehicle(L3), HIGHEST_DRAWN_MPS)
     for colour, run in zip(BUFFER_COLOURS, runs.values(), strict=True):
         if run is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import PERCENT
-from precompute.study.cases import ACCELERATION, DECELERATION, L0_NOREG, L1, L2, L3, LEVELS, Case, Variant
+from precompute.study.cases import ACCELERATION, DECELERATION, L0_NOREG, L1, L2, L3, LEVELS, StudyCase, Variant
 from precompute.study.drawing import LEVEL_COLOURS, new_figure
 from precompute.study.figures_levels import LARGEST_DRAWN_PERCENT, EnergyCurve, energy_curve
 from precompute.study.output import Output
@@ -41,7 +41,7 @@ OTHER_LEVELS = (L0_NOREG, L1, L2)
 braking and driving again cost nothing, so that its optimum is hardly determined."""
 
 
-def saving_percent(bench: Workbench, case: Case, variant: Variant, buffer_percent: float) -> float | None:
+def saving_percent(bench: Workbench, case: StudyCase, variant: Variant, buffer_percent: float) -> float | None:
     """What L3's run saves against a level's at a buffer, at L3, in % of the fastest run; None without such runs."""
     ours, other = bench.run(case, L3, buffer_percent), bench.run(case, variant, buffer_percent)
     if ours is None or other is None:
@@ -68,7 +68,7 @@ def saving(bench: Workbench, printed: PrintedSaving) -> Saving:
     return best
 
 
-def savings(bench: Workbench, case: Case) -> list[Saving]:
+def savings(bench: Workbench, case: StudyCase) -> list[Saving]:
     """All savings printed for a case, with ours."""
     return [saving(bench, printed) for printed in SAVINGS if printed.case == case.name]
 
@@ -87,7 +87,7 @@ _DASHES = {"l1": (0, (5, 3)), "l0-noreg": (0, (1, 1.5))}
 """Levels whose curves lie upon another's are drawn last and dashed."""
 
 
-def _figure(name: str, bench: Workbench, output: Output, case: Case) -> dict[str, Any]:
+def _figure(name: str, bench: Workbench, output: Output, case: StudyCase) -> dict[str, Any]:
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
     saved = {variant: _saved_percent(curve, curves[L3]) for variant, curve in curves.items()}
     found = savings(bench, case)
@@ -106,7 +106,9 @@ def _saved_percent(curve: EnergyCurve, l3: EnergyCurve) -> Floats:
     return curve.l3_percent - np.interp(curve.buffer_percent, l3.buffer_percent, l3.l3_percent, right=np.nan)
 
 
-def _draw(case: Case, curves: dict[Variant, EnergyCurve], saved: dict[Variant, Floats], found: list[Saving]) -> Any:
+def _draw(
+    case: StudyCase, curves: dict[Variant, EnergyCurve], saved: dict[Variant, Floats], found: list[Saving]
+) -> Any:
     figure = new_figure(9.5, 7.5)
     energy, gain = figure.subplots(2, 1, sharex=True, height_ratios=(1.5, 1))
     for variant, curve in sorted(curves.items(), key=lambda item: item[0].name in _DASHES):

@@ -7,7 +7,7 @@ from typing import Any
 from das.domain.errors import DasError
 from das.domain.trajectory import Trajectory
 from das.domain.units import PERMILLE, kwh
-from precompute.study.cases import ALL_VARIANTS, DOWNHILL, L3, UPHILL, Case
+from precompute.study.cases import ALL_VARIANTS, DOWNHILL, L3, UPHILL, StudyCase
 from precompute.study.effort import effort
 from precompute.study.figures_levels import effort_json
 from precompute.study.output import Output, markdown_table
@@ -39,7 +39,7 @@ def gradients(bench: Workbench, output: Output) -> dict[str, Any]:
     return result
 
 
-def _json(bench: Workbench, case: Case, runs: dict[str, Trajectory], found: list[Cell]) -> dict[str, Any]:
+def _json(bench: Workbench, case: StudyCase, runs: dict[str, Trajectory], found: list[Cell]) -> dict[str, Any]:
     ledger = bench.ledger(runs["fastest"], L3)
     return {
         "gradient_permille": case.gradient_ratio / PERMILLE,
@@ -54,7 +54,7 @@ def _json(bench: Workbench, case: Case, runs: dict[str, Trajectory], found: list
     }
 
 
-def _markdown(bench: Workbench, case: Case, found: list[Cell]) -> str:
+def _markdown(bench: Workbench, case: StudyCase, found: list[Cell]) -> str:
     names = list(dict.fromkeys(c.trajectory for c in found))
     rows = [[label(name), *(f"{c.ours:.2f}" for c in found if c.trajectory == name)] for name in names]
     reference = kwh(bench.reference_j(case))

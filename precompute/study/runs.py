@@ -15,7 +15,7 @@ from das.domain.units import KMH, PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front, solve_front
 from das.solver.section import Section
-from precompute.study.cases import L0_REG, L3, Case, Variant
+from precompute.study.cases import L0_REG, L3, StudyCase, Variant
 from precompute.study.printed import LOWEST_CRUISE_KMH
 
 Floats = NDArray[np.float64]
@@ -57,8 +57,8 @@ class Workbench:
 
     def __init__(self) -> None:
         self._vehicles: dict[str, Vehicle] = {}
-        self._fronts: dict[tuple[Case, Variant], Front] = {}
-        self._slowest: dict[tuple[Case, Variant], Slowest] = {}
+        self._fronts: dict[tuple[StudyCase, Variant], Front] = {}
+        self._slowest: dict[tuple[StudyCase, Variant], Slowest] = {}
 
     def vehicle(self, variant: Variant) -> Vehicle:
         """The train of a variant."""
@@ -73,7 +73,7 @@ class Workbench:
             raise TypeError(f"{variant.vehicle}: its L3 losses are {type(model).__name__}, not a LossMap")
         return model
 
-    def front(self, case: Case, variant: Variant) -> Front:
+    def front(self, case: StudyCase, variant: Variant) -> Front:
         """The solved front of a case at a level."""
         key = (case, variant)
         if key not in self._fronts:
@@ -83,19 +83,19 @@ class Workbench:
             self._fronts[key] = solve_front(case.section(vehicle, level))
         return self._fronts[key]
 
-    def section(self, case: Case, variant: Variant) -> Section:
+    def section(self, case: StudyCase, variant: Variant) -> Section:
         """The section of a case at a level."""
         return self.front(case, variant).section
 
-    def fastest(self, case: Case) -> Trajectory:
+    def fastest(self, case: StudyCase) -> Trajectory:
         """The fastest run (the force limits are the same at every level, and so is this run)."""
         return self.front(case, L3).fastest().trajectory
 
-    def time_s(self, case: Case, buffer_percent: float) -> float:
+    def time_s(self, case: StudyCase, buffer_percent: float) -> float:
         """Running time with a buffer (in % of the least running time)."""
         return self.fastest(case).time_s * (1 + buffer_percent * PERCENT)
 
-    def run(self, case: Case, variant: Variant, buffer_percent: float) -> Trajectory | None:
+    def run(self, case: StudyCase, variant: Variant, buffer_percent: float) -> Trajectory | None:
         """The least-energy run of a level with a buffer; None where the level has no use for so large a buffer."""
         if buffer_percent > self.slowest(case, variant).buffer_percent + 1e-9:
             return None
@@ -109,22 +109,22 @@ class Workbench:
         """Energy ledger of any run at a level."""
         return evaluated_at(trajectory, self.vehicle(variant), variant.level)
 
-    def reference_j(self, case: Case) -> float:
+    def reference_j(self, case: StudyCase) -> float:
         """100 %: the energy of the fastest run at L3 with the GTO map."""
         return self.energy_j(self.fastest(case), L3)
 
-    def percent(self, case: Case, trajectory: Trajectory, variant: Variant) -> float:
+    def percent(self, case: StudyCase, trajectory: Trajectory, variant: Variant) -> float:
         """Energy of a run at a level in % of `reference_j`."""
         return self.energy_j(trajectory, variant) / self.reference_j(case) / PERCENT
 
-    def slowest(self, case: Case, variant: Variant) -> Slowest:
+    def slowest(self, case: StudyCase, variant: Variant) -> Slowest:
         """The run with the largest useful buffer of a level."""
         key = (case, variant)
         if key not in self._slowest:
             self._slowest[key] = self._find_slowest(case, variant)
         return self._slowest[key]
 
-    def _find_slowest(self, case: Case, variant: Variant) -> Slowest:
+    def _find_slowest(self, case: StudyCase, variant: Variant) -> Slowest:
         front, least_s = self.front(case, variant), self.fastest(case).time_s
 
         def run(time_s: float) -> Trajectory:

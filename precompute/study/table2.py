@@ -7,7 +7,7 @@ from typing import Any
 
 from das.domain.trajectory import Trajectory
 from precompute.baselines import strategies as baselines
-from precompute.study.cases import ALL_VARIANTS, COMPLETE, L0_NOREG, L1, L2, L3, Case, Variant
+from precompute.study.cases import ALL_VARIANTS, COMPLETE, L0_NOREG, L1, L2, L3, StudyCase, Variant
 from precompute.study.output import Output, markdown_table
 from precompute.study.printed import TABLE2, TABLE2_BUFFER_PERCENT, TABLE2_LEVELS, TABLE2_TRAJECTORIES
 from precompute.study.runs import Workbench
@@ -33,7 +33,7 @@ class Cell:
         return None if self.printed is None else self.ours / self.printed - 1
 
 
-def trajectories(bench: Workbench, case: Case, buffer_percent: float) -> dict[str, Trajectory]:
+def trajectories(bench: Workbench, case: StudyCase, buffer_percent: float) -> dict[str, Trajectory]:
     """The rows of the table: fastest, reduced maximum speed, each level's run; all but the first with the buffer."""
     time_s = bench.time_s(case, buffer_percent)
     rows = {
@@ -45,7 +45,7 @@ def trajectories(bench: Workbench, case: Case, buffer_percent: float) -> dict[st
     return rows
 
 
-def _best_run(bench: Workbench, case: Case, variant: Variant, time_s: float) -> Trajectory:
+def _best_run(bench: Workbench, case: StudyCase, variant: Variant, time_s: float) -> Trajectory:
     """The solver's run, or a four-mode run where that needs less: the two may differ by the solver's 0.01 to 0.05 %."""
     runs = [bench.front(case, variant).trajectory(time_s).trajectory]
     if variant in FOUR_MODE_LEVELS:
@@ -53,7 +53,7 @@ def _best_run(bench: Workbench, case: Case, variant: Variant, time_s: float) -> 
     return min(runs, key=lambda run: bench.energy_j(run, variant))
 
 
-def cross_evaluation(bench: Workbench, case: Case, rows: dict[str, Trajectory]) -> list[Cell]:
+def cross_evaluation(bench: Workbench, case: StudyCase, rows: dict[str, Trajectory]) -> list[Cell]:
     """Every trajectory's energy at every level, without printed values."""
     return [
         Cell(trajectory=name, level=variant.name, ours=bench.percent(case, run, variant))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table as PrintedTable
 
-from das.command_line.running import busy, err, print_table
+from das.command_line.printing import busy, error_console, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 
@@ -32,7 +33,7 @@ FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of t
 
 def build(
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Routes × trains × loads × levels.")],
-    folder: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of tables; it is created.")],
+    folder: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder of tables; it is created.")],
     workers: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Processes [default: one a core].", show_default=False)
     ] = None,
@@ -65,7 +66,7 @@ def build(
 
 
 def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Check tables byte by byte against their hashes, and that all the last build finished are there.
+    """Check every byte of tables, that this solver made them, and that all the last build finished are there.
 
     The exit code is 1 where one is damaged or missing.
     """
@@ -105,7 +106,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
 
 def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """What is in a folder of tables: sections, trains, sizes, times and energies, certificates.
+    """Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.
 
     kWh: net energy at the current collector of the first and of the last trajectory (mostly that of least energy).
     gap: how far the energy lies above its lower bound at most, in % of the irreversible energy (see docs/physics.md).
@@ -152,7 +153,7 @@ def _bar(what: str, total: int) -> Iterator[Callable[[], None]]:
         *(TextColumn(what), BarColumn(), MofNCompleteColumn()),
         *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
     )
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
+    with Progress(*columns, console=error_console(), transient=True, disable=not sys.stderr.isatty()) as progress:
         task = progress.add_task("", total=total)
         yield lambda: progress.advance(task)
 
@@ -197,8 +198,8 @@ def _facts(table: Table) -> dict[str, Any]:
 def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
     printed = PrintedTable(title=str(folder), title_justify="left", box=box.SIMPLE_HEAD)
     for name in ("route", "from – to", "train", "level"):
-        printed.add_column(name)
-    for name in ("km", "least s", "runs", "kWh first", "kWh last", "gap %", "MB"):
+        printed.add_column(name, no_wrap=name != "from – to")
+    for name in ("km", "least\ns", "runs", "kWh\nfirst", "kWh\nlast", "gap\n%", "MB"):
         printed.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         if row["problem"]:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 from das.cab.trip import Target
 from das.estimate.calibration import Effort
 from das.estimate.localisation import PositionFix
-from sim.drivers.cab import Cab, Restriction
+from sim.drivers.cab import CabView, PostedRestriction
 from sim.plant.plant import Command, PlantState
 
 
@@ -18,7 +18,7 @@ class Heard(NamedTuple):
     now_ns: int
     measured: PositionFix | None
     delay_s: float | None
-    restrictions: tuple[Restriction, ...] | None
+    restrictions: tuple[PostedRestriction, ...] | None
     """All that are in force, whenever they change."""
     effort: Effort | None
     targets: tuple[Target, ...] | None
@@ -29,7 +29,7 @@ class Told(NamedTuple):
     """What is recorded beside: the truth, the cab with what it shows, what the driver last asked for, what happened."""
 
     state: PlantState
-    cab: Cab
+    cab: CabView
     command: Command
     events: tuple[str, ...]
 

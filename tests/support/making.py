@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import precompute.cli.commands
+import precompute.cli.program
 import sim.cli.commands
-from das.command_line.running import EXIT_INTERRUPTED, STOP_SIGNALS
+from das.command_line.entry import EXIT_INTERRUPTED, STOP_SIGNALS
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import LOSSLESS, Level, LossModel
 from das.domain.route import Route, Stop, Stretches
@@ -117,7 +117,7 @@ def csv_rows(run: Trajectory) -> NDArray[np.float64]:
 
 def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
     """Run das-precompute in a folder, within this process (no imports, no kernels to load again)."""
-    return _run_here(precompute.cli.commands.main, precompute.cli.commands.__file__, args, folder)
+    return _run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
 
 
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -292,7 +292,7 @@ def read_loss_map(path: Path) -> Loss:
 
 
 def read_rows(path: Path) -> Floats:
-    """The rows of a trajectory as `das-precompute solve --csv` writes it."""
+    """The rows of a trajectory as `das-precompute solve --out` writes it."""
     return np.loadtxt(path, delimiter=",", skiprows=1)
 
 

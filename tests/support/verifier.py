@@ -1,6 +1,6 @@
 """An independent verifier of trajectories: shares no code with the solver, reads raw data (raw_data.py).
 
-A trajectory is the rows of `das-precompute solve --csv`: s, t, v, F_el, F_fr, gradient, limit. A row's forces are means
+A trajectory is the rows of `das-precompute solve --out`: s, t, v, F_el, F_fr, gradient, limit. A row's forces are means
 over the way to the next row, which the train covers at constant acceleration: the *stated* motion. It must keep every
 bound to the last digits, everywhere. The forces are also held constant from row to row and integrated in time, by
 Runge–Kutta steps: the *driven* motion. Where the slope changes under the train the two are not quite the same.

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.running import say, signals_held
+from das.command_line.printing import say
+from das.command_line.running import signals_held
 
 
 @pytest.fixture(autouse=True)

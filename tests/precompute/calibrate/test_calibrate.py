@@ -14,9 +14,10 @@ from das.domain.files.native import read_loss_chain, read_vehicle
 from das.domain.loss_chain import LossChain
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.vehicle import Vehicle
-from precompute.calibrate import command as calibration
+from precompute.calibrate import fit as calibration
 from precompute.calibrate import targets as paper
-from precompute.calibrate.command import GTO, IGBT, IGBT_START, STAGE_1_START, value_of, with_chain, with_values
+from precompute.calibrate.fit import GTO, IGBT, IGBT_START, STAGE_1_START, value_of, with_chain, with_values
+from precompute.calibrate.vehicle_file import vehicle_toml
 from tests.support.making import das_precompute, in_a_process
 
 
@@ -41,7 +42,9 @@ def figures(chains: dict[str, LossChain], vehicles: dict[str, Vehicle], runs: pa
 
 
 @pytest.mark.parametrize("target", paper.TARGETS, ids=lambda target: target.name)
-def test_the_bundled_vehicles_meet_every_published_target(target: paper.Target, figures: paper.Figures) -> None:
+def test_the_bundled_vehicles_meet_every_published_target(
+    target: paper.PublishedFigure, figures: paper.Figures
+) -> None:
     reached = figures[target.name]
     assert target.met(reached), f"{target.name}: {reached:.4f}, accepted {target.low:g} … {target.high:g}"
 
@@ -104,7 +107,7 @@ def test_the_cost_of_stage_2_is_small_for_the_bundled_chain_and_large_for_a_line
 
 def test_the_file_with_the_bundled_parameters_is_the_bundled_file(chains: dict[str, LossChain]) -> None:
     for name, parameters in calibration.CALIBRATED.items():
-        text = calibration.vehicle_toml(name, chains[name], parameters)
+        text = vehicle_toml(name, chains[name], parameters)
         assert text == locate_vehicle(name).read_text(encoding="utf-8")
 
 
@@ -112,7 +115,7 @@ def test_changed_parameters_are_written_and_read_again(tmp_path: Path, chains: d
     parameters = calibration.CALIBRATED[GTO]
     changed = with_values(chains[GTO], {name: 1.25 * value_of(chains[GTO], name) for name in parameters})
     path = tmp_path / "t.toml"
-    path.write_text(calibration.vehicle_toml(GTO, changed, parameters), encoding="utf-8")
+    path.write_text(vehicle_toml(GTO, changed, parameters), encoding="utf-8")
     again = read_loss_chain(path)
     for name in parameters:
         assert value_of(again, name) == pytest.approx(value_of(changed, name), rel=1e-3), name
@@ -124,7 +127,7 @@ def test_changed_parameters_are_written_and_read_again(tmp_path: Path, chains: d
     ("reached", "margin", "miss"), [(5.0, 0.0, 0.0), (6.0, 0.0, 0.0), (7.0, 0.0, 1.0), (3.5, 0.0, 0.5), (5.9, 0.2, 0.1)]
 )
 def test_a_miss_is_counted_in_half_widths(reached: float, margin: float, miss: float) -> None:
-    target = paper.Target(name="t", printed="5", low=4.0, high=6.0, unit="", source="")
+    target = paper.PublishedFigure(name="t", printed="5", low=4.0, high=6.0, unit="", source="")
     assert target.met(reached) == (4 <= reached <= 6)
     assert target.miss(reached, margin) == pytest.approx(miss)
 
@@ -200,7 +203,7 @@ def test_nonsense_is_refused_in_one_line(tmp_path: Path, args: list[str], expect
 
 
 def test_a_map_goes_to_csv_and_back_with_the_same_figures(tmp_path: Path) -> None:
-    files = ("--csv", "m.csv", "--plot", "m.png")
+    files = ("--out", "m.csv", "--plot", "m.png")
     first = in_a_process("precompute.cli", "loss-map", IGBT, *files, "--json", cwd=tmp_path)
     assert (first.returncode, first.stderr) == (0, "")
     again = das_precompute(tmp_path, "loss-map", "m.csv", "--vehicle", IGBT, "--json")

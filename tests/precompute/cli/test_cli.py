@@ -28,7 +28,7 @@ def resistance_n(v: np.ndarray | float) -> np.ndarray | float:
 def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object], Path]:
     """The flat section at 7 % buffer: what `--json` printed, and the folder with run.csv and run.png."""
     folder = tmp_path_factory.mktemp("solved")
-    files = ("--csv", "run.csv", "--plot", "run.png")
+    files = ("--out", "run.csv", "--plot", "run.png")
     done = in_a_process("precompute.cli", *SOLVE, "--buffer", "7", "--json", *files, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout), folder
@@ -123,7 +123,7 @@ def test_the_plot_is_a_png(solved: tuple[dict[str, object], Path]) -> None:
 
 
 def test_solve_for_people_says_what_it_wrote(tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, *SOLVE, "--time", "100", "--csv", "run.csv")
+    done = das_precompute(tmp_path, *SOLVE, "--time", "100", "--out", "run.csv")
     assert (done.returncode, done.stderr) == (0, "")
     assert "late" in done.stdout
     assert "written: run.csv" in done.stdout
@@ -152,7 +152,7 @@ def test_baseline_strategies(tmp_path: Path, solved: tuple[dict[str, object], Pa
     energies = []
     for strategy in ("four-mode", "rms", "fastest"):
         time_given = () if strategy == "fastest" else ("--buffer", "7")
-        files = ("--csv", f"{strategy}.csv", "--plot", f"{strategy}.png")
+        files = ("--out", f"{strategy}.csv", "--plot", f"{strategy}.png")
         done = das_precompute(tmp_path, *SOLVE, "--strategy", strategy, *time_given, "--json", *files)
         assert (done.returncode, done.stderr) == (0, "")
         result = json.loads(done.stdout)
@@ -183,7 +183,7 @@ def test_a_baseline_for_people(tmp_path: Path) -> None:
 
 def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
     done = das_precompute(
-        tmp_path, "front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--csv", "front.csv", "--json"
+        tmp_path, "front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--out", "front.csv", "--json"
     )
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -246,14 +246,14 @@ REFUSED = {
     ),
     "buffer without exact": (
         ["front", "flat-6km", "re460-ic", "--max-buffer", "3"],
-        "--csv and --max-buffer belong to --exact",
+        "--out and --max-buffer belong to --exact",
     ),
     "exact off the grid": (
         ["front", "flat-6km", "re460-ic", "--exact", "--boundary-speed-mps", "1"],
         "a speed of 3.6 km/h at an end of the section, expected a multiple of 0.25 km/h",
     ),
     "exact csv in no folder": (
-        ["front", "flat-6km", "re460-ic", "--exact", "--csv", "no/front.csv"],
+        ["front", "flat-6km", "re460-ic", "--exact", "--out", "no/front.csv"],
         "no/front.csv: no such folder no",
     ),
     "missing map": ([*SOLVE, "--buffer", "7", "--loss-map", "no.csv"], "no.csv: cannot be read (No such file"),
@@ -261,8 +261,8 @@ REFUSED = {
         ["solve", "flat-6km", "train.json", "--buffer", "7", "--level", "l3"],
         "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map",
     ),
-    "csv in no folder": ([*SOLVE, "--buffer", "7", "--csv", "no/run.csv"], "no/run.csv: no such folder no"),
-    "csv is a folder": ([*SOLVE, "--buffer", "7", "--csv", "folder"], "folder: is a folder, expected a file to write"),
+    "csv in no folder": ([*SOLVE, "--buffer", "7", "--out", "no/run.csv"], "no/run.csv: no such folder no"),
+    "csv is a folder": ([*SOLVE, "--buffer", "7", "--out", "folder"], "folder: is a folder, expected a file to write"),
     "plot in a file": ([*SOLVE, "--buffer", "7", "--plot", "small.csv/a.png"], "small.csv/a.png: no such folder"),
     "unknown unit": (["solve", "flat-6km", "lb.toml", "--buffer", "7"], "lb.toml: vehicle.mass_lb = 970000.0: expecte"),
 }

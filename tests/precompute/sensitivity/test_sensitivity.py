@@ -20,7 +20,8 @@ from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
 from das.solver.front import Solution, solve_front
 from das.solver.section import Section, build_section
 from precompute.sensitivity.analysis import World, assess, by_effect, follow
-from precompute.sensitivity.variations import DEFAULT, RANGE_VALUES, Parameter, Variation, parse_variations
+from precompute.sensitivity.command import DEFAULT
+from precompute.sensitivity.variations import RANGE_VALUES, Parameter, Variation, parse_variations
 from tests.support.making import das_precompute, flat, in_a_process, make_route, make_train
 
 AS_PLANNED = Conditions()
@@ -340,7 +341,7 @@ COMMAND = ("sensitivity", "flat-6km", "re460-ic")
 
 
 def test_the_command_writes_json_csv_and_a_picture(tmp_path: Path) -> None:
-    files = ("--csv", "rows.csv", "--plot", "rows.png")
+    files = ("--out", "rows.csv", "--plot", "rows.png")
     vary = "mass=±10%,+900%,resistance=0%,receptivity=0.5,wind=-20..20"
     words = (*COMMAND, "--buffer", "7", "--vary", vary, "--json", *files)
     done = in_a_process("precompute.cli", *words, cwd=tmp_path)
@@ -375,8 +376,8 @@ def test_the_command_for_people(tmp_path: Path) -> None:
     done = das_precompute(tmp_path, *COMMAND, "--buffer", "7")
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
-    assert max(map(len, lines)) <= 110
-    assert sum(line.startswith(("  mass", "  resistance", "  head", "  tail", "  receptivity")) for line in lines) == 14
+    assert max(map(len, lines)) <= 80
+    assert sum(line.startswith((" mass ", " resistance", " head", " tail", " receptivity")) for line in lines) == 14
     assert "adhesion: left out, re460-ic has no data of it ([adhesion] in its file)" in lines
     assert os.listdir(tmp_path) == []
 
@@ -386,7 +387,7 @@ REFUSED = {
     "both": (["--buffer", "7", "--time", "220"], "give either --time (s) or --buffer (%)"),
     "vary": (["--buffer", "7", "--vary", "mass"], "--vary mass: cannot read 'mass'"),
     "adhesion": (["--buffer", "7", "--vary", "adhesion=0.5"], "adhesion is missing: expected [adhesion] adhesive_mass"),
-    "one file": (["--buffer", "7", "--csv", "a", "--plot", "a"], "a: --csv and --plot name the same file"),
+    "one file": (["--buffer", "7", "--out", "a.png", "--plot", "a.png"], "a.png: two outputs name the same file"),
     "no folder": (["--buffer", "7", "--plot", "no/a.png"], "no/a.png: no such folder no"),
 }
 

@@ -103,7 +103,7 @@ def test_full_effort_cruising_and_coasting_are_not_reduced(vehicle: Vehicle) -> 
     assert not found.acceleration.used
     assert not found.braking.used
     seen = effort.driving_modes(run, vehicle)
-    order = [effort.Mode.FULL, effort.Mode.CRUISING, effort.Mode.COASTING, effort.Mode.FULL]
+    order = [effort.EffortMode.FULL, effort.EffortMode.CRUISING, effort.EffortMode.COASTING, effort.EffortMode.FULL]
     assert [int(seen[i]) for i in (50, 200, 300, 400)] == [int(mode) for mode in order]
 
 
@@ -145,7 +145,7 @@ def test_a_blended_step_is_not_reduced_effort(vehicle: Vehicle) -> None:
 def test_a_friction_brake_counts_as_brake(vehicle: Vehicle) -> None:
     run = driven(vehicle, lambda _s, _v: -1.0, 40.0, 800)
     friction = replace(run, force_el_n=np.zeros(len(run.force_el_n)), force_friction_n=run.force_el_n)
-    assert (effort.driving_modes(friction, vehicle) == effort.Mode.FULL).all()
+    assert (effort.driving_modes(friction, vehicle) == effort.EffortMode.FULL).all()
 
 
 def test_four_modes_are_not_called_reduced_and_l3_is(bench: Workbench) -> None:
@@ -199,7 +199,7 @@ def test_jerk_and_peak_power_of_a_step_of_force(vehicle: Vehicle) -> None:
 def test_energy_shares_close_and_follow_the_friction(vehicle: Vehicle) -> None:
     section = build_section(load_route("flat-6km"), vehicle, level=Level.L3)
     run = baselines.reduced_maximum_speed(section, 1.07 * baselines.fastest(section).time_s).trajectory
-    trip = energy_shares.Trip(vehicle=vehicle, runs=(run, run))
+    trip = energy_shares.DrivenTrip(vehicle=vehicle, runs=(run, run))
     electric, friction = energy_shares.shares(trip, 0.0), energy_shares.shares(trip, 1.0)
     assert electric.friction_brake == 0.0
     assert friction.resistance == pytest.approx(electric.resistance)
@@ -293,7 +293,7 @@ def test_fig8_has_every_level_from_the_fastest_run_on(
         (("-o", "file"), "error: file: is a file, expected a folder to write to"),
         (("-o", "file/sub"), "error: file/sub: is a file, expected a folder to write to"),
         (("-o", "out", "--only", "fig11"), "error: --only fig11: no item 'fig11'; expected some of fig4, fig5"),
-        ((), "error: Missing option '-o'"),
+        ((), "error: Missing option '--out' / '-o'"),
     ],
 )
 def test_refusals_are_one_line(tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:

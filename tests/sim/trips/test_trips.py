@@ -16,7 +16,7 @@ from das.domain.files.load import load_route
 from das.domain.route import Floats, Route, Stop, Stretches
 from das.domain.units import KMH
 from sim.trips.csv_record import read_csv
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.line import EARTH_RADIUS_M, Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.profile import to_profile
@@ -109,12 +109,12 @@ def record(t: Floats, s: Floats, v: Floats, *, from_m: float = 1500.0, east_m: F
     )
 
 
-def counts(trip: MatchedTrip) -> dict[Kind, int]:
+def counts(trip: MatchedTrip) -> dict[FindingKind, int]:
     return {finding.kind: finding.count for finding in trip.report.cleaning.findings}
 
 
 def matched(trip: Record, line: Line, on: Route) -> MatchedTrip:
-    return match_trip(trip, line, on, on.stops[0], on.stops[-1])
+    return match_trip(trip, line, on, (on.stops[0], on.stops[-1]))
 
 
 def test_posts_may_rise_or_fall(tmp_path: Path) -> None:
@@ -246,7 +246,7 @@ def test_small_backward_steps_are_made_flat_and_counted(tmp_path: Path) -> None:
     noisy = s.copy()
     noisy[100] -= 45  # 15 m behind the point before, at 30 m/s
     result = matched(record(t, noisy, v), posts(tmp_path), route())
-    assert counts(result) == {Kind.STEP_BACK: 1}
+    assert counts(result) == {FindingKind.STEP_BACK: 1}
     assert result.s_m[100] == result.s_m[99]
     assert np.diff(result.s_m).min() >= 0
 
@@ -288,7 +288,7 @@ def test_a_trip_that_does_not_fit_is_refused(tmp_path: Path, make, expected: str
 def test_stops_in_the_wrong_order_are_refused(tmp_path: Path) -> None:
     on = route()
     with pytest.raises(DasError, match="B does not lie before A on the route as driven"):
-        match_trip(record(*motion()), posts(tmp_path), on, on.stops[1], on.stops[0])
+        match_trip(record(*motion()), posts(tmp_path), on, (on.stops[1], on.stops[0]))
 
 
 @pytest.mark.parametrize("first", [30, 120, 150])
@@ -299,7 +299,7 @@ def test_dropouts_are_found_and_bridged(tmp_path: Path, first: int, count: int) 
     reported[first : first + count] *= 0.02
     result = matched(record(t, s, reported), posts(tmp_path), route())
     assert np.flatnonzero(result.dropout).tolist() == list(range(first, first + count))
-    assert counts(result) == {Kind.SPEED_DROPOUT: count}
+    assert counts(result) == {FindingKind.SPEED_DROPOUT: count}
     assert result.speed_mps == pytest.approx(v, abs=1.0)
     run = to_profile(result)
     assert np.abs(run.acceleration_mps2).max() < 0.6
@@ -414,7 +414,7 @@ def test_the_run_of_a_real_trip_is_plausible(name: str, duration_s: float) -> No
 
 
 def test_the_dropouts_of_the_real_trip_are_found() -> None:
-    assert counts(real("clean")) == {Kind.GAP: 1}
+    assert counts(real("clean")) == {FindingKind.GAP: 1}
     result = real("dropouts")
     assert (np.flatnonzero(result.dropout) + 1).tolist() == [42, 43, 44, 59, 62, 63]
     run = to_profile(result)

@@ -1,0 +1,133 @@
+"""Command lines that are all alike, and start fast: a command's module is imported when the command is called.
+
+`application` makes a program of several commands, `single_command` a program that is one command. Both have `-h` and
+`--help`, `--version`, `--install-completion` and `--show-completion`, and print text without markup.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+from das import __version__
+from das.command_line.entry import ended_by_signals
+from das.command_line.groups import with_options
+
+HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One command of a program.
+
+    `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
+    imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
+    help prints it. `examples`: command lines that a user can copy.
+    """
+
+    name: str
+    where: str
+    summary: str
+    examples: tuple[str, ...]
+
+    def function(self) -> Callable[..., Any]:
+        """Import the command's module; its function."""
+        module, _, name = self.where.partition(":")
+        with ended_by_signals():
+            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+        return function
+
+    def load(self) -> TyperCommand:
+        """The command with its options and its help."""
+        return _command(self.name, self.function(), self.examples)
+
+
+def application(
+    name: str, about: str, entries: Sequence[Entry], *, without_command: Callable[[], None] | None = None
+) -> TyperGroup:
+    """A program of several commands; `without_command` is what it does when none is given (default: print its help)."""
+    app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
+
+    @app.callback(help=about, epilog=f"{name} COMMAND -h explains a command.")
+    def nothing_yet(context: typer.Context) -> None:
+        if context.invoked_subcommand is None and without_command is not None:
+            without_command()
+
+    group = get_command(app)
+    assert isinstance(group, TyperGroup)
+    group.name = name
+    for entry in entries:
+        group.add_command(_LazyCommand(entry))
+    group.params.append(_version_parameter())
+    return group
+
+
+def single_command(name: str, function: Callable[..., Any], examples: Sequence[str]) -> TyperCommand:
+    """A program that is one command: the function's parameters are its options, its docstring is its help."""
+    command = _command(name, function, examples, add_completion=True)
+    command.params.append(_version_parameter())
+    return command
+
+
+class _LazyCommand(TyperCommand):
+    """Stands for a command in lists and completions; becomes the real one when it is called."""
+
+    def __init__(self, entry: Entry) -> None:
+        super().__init__(name=entry.name, help=entry.summary, short_help=entry.summary, rich_markup_mode=None)
+        self.entry = entry
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """The context of the real command, whose module is imported here."""
+        return self.entry.load().make_context(info_name, args, parent=parent, **extra)
+
+
+def _typer(**settings: Any) -> typer.Typer:
+    return typer.Typer(
+        **{"add_completion": True, **settings},
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings=dict(HELP_OPTIONS),
+    )
+
+
+def _command(
+    name: str, function: Callable[..., Any], examples: Sequence[str], *, add_completion: bool = False
+) -> TyperCommand:
+    app = _typer(add_completion=add_completion)
+    app.command(name, epilog=_epilog(examples), context_settings=dict(HELP_OPTIONS))(with_options(function))
+    command = get_command(app)
+    assert isinstance(command, TyperCommand)
+    return command
+
+
+def _epilog(examples: Sequence[str]) -> str:
+    """The examples, one a line; the first character keeps the lines apart."""
+    return "\b\n" + "\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
+
+
+def _version_parameter() -> Any:
+    app = _typer(add_completion=False)
+    app.command()(_only_version)
+    parameter = get_command(app).params[0]
+    parameter.expose_value = False  # no function has to take it
+    return parameter
+
+
+def _print_version(context: typer.Context, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        print(f"{context.find_root().info_name} {__version__}")
+        raise typer.Exit
+
+
+def _only_version(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Carry the option `--version`, which every program has."""

@@ -1,0 +1,119 @@
+"""Options that several commands have: each is declared once, here, with its type, its spelling and its help.
+
+Nothing heavy is imported: a command's options are read before its work is. Where "default: …" is written in a help
+text, the option itself defaults to None.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from das.domain.levels import Level
+
+DEFAULT_TRAIN: Final = "train-1"
+"""Name of the train on the bus where the user gives none."""
+
+_ROUTE = "bundled route, TOML file or TTOBench track (JSON)"
+_VEHICLE = "bundled vehicle, TOML file or TTOBench train (JSON)"
+_OF_RECORDING = "[default: the recording's]"
+
+# --- what is driven -----------------------------------------------------------------------------------------------
+
+RouteArgument = Annotated[str, typer.Argument(metavar="ROUTE", help=f"Route: {_ROUTE}.")]
+VehicleArgument = Annotated[str, typer.Argument(metavar="VEHICLE", help=f"Vehicle: {_VEHICLE}.")]
+RouteOption = Annotated[str, typer.Option("--route", metavar="ROUTE", help=f"Route: {_ROUTE}.")]
+VehicleOption = Annotated[str, typer.Option("--vehicle", metavar="VEHICLE", help=f"Vehicle: {_VEHICLE}.")]
+RecordedRouteOption = Annotated[
+    str | None, typer.Option("--route", metavar="ROUTE", help=f"Route: {_ROUTE} {_OF_RECORDING}.")
+]
+RecordedVehicleOption = Annotated[
+    str | None, typer.Option("--vehicle", metavar="VEHICLE", help=f"Vehicle: {_VEHICLE} {_OF_RECORDING}.")
+]
+FromOption = Annotated[
+    str | None,
+    typer.Option("--from", metavar="STOP", help="Stop where the section begins: its name or number [default: first]."),
+]
+ToOption = Annotated[
+    str | None,
+    typer.Option("--to", metavar="STOP", help="Stop where the section ends: its name or number [default: last]."),
+]
+ReverseOption = Annotated[bool, typer.Option("--reverse", help="Drive the route from its end to its start.")]
+DirectionOption = Annotated[
+    bool | None,
+    typer.Option("--reverse/--no-reverse", help="The trip runs from the route's end to its start, or it does not."),
+]
+LevelOption = Annotated[Level | None, typer.Option("--level", help="Loss level [default: the vehicle's].")]
+LossMapOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--loss-map",
+        metavar="CSV",
+        help="Loss map (columns speed_kmh, force_n, loss_w) instead of the vehicle's losses; nothing else changes.",
+    ),
+]
+PointMassOption = Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")]
+LoadOption = Annotated[
+    str | None,
+    typer.Option("--load", metavar="NAME", help="Load state named in the vehicle's file [default: its mass]."),
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
+StrictOption = Annotated[
+    bool, typer.Option("--strict", help="Refuse a trip with rows that would be dropped or turned round.")
+]
+
+# --- the bus ------------------------------------------------------------------------------------------------------
+
+TrainOption = Annotated[
+    str, typer.Option("--train", metavar="NAME", help="Name of the train: the second part of every key on the bus.")
+]
+ListenOption = Annotated[
+    str | None,
+    typer.Option(
+        "--listen",
+        metavar="ENDPOINT",
+        help="Own endpoint on this machine, like tcp/127.0.0.1:7447.",
+        show_default=False,
+    ),
+]
+ConnectOption = Annotated[
+    list[str] | None,
+    typer.Option("--connect", metavar="ENDPOINT", help="Endpoint of another process; may be given several times."),
+]
+BusFileOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--bus", metavar="FILE", help="Zenoh configuration of the site (JSON5) [default: this machine alone]."
+    ),
+]
+BusFolderOption = Annotated[
+    Path | None,
+    typer.Option("--bus", metavar="DIR", help="Folder made by das-node tls-init [default: this machine alone]."),
+]
+InsecureBusOption = Annotated[
+    bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
+]
+TablesOption = Annotated[
+    Path | None, typer.Option("--tables", metavar="DIR", help="Folder of tables made by das-precompute build.")
+]
+
+# --- what comes out -----------------------------------------------------------------------------------------------
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+OutFolder = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
+OutFolderOption = Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
+OutRecording = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write.")]
+OutRecordingOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", "-o", metavar="FILE", help="Recording (.mcap) to write [default: a new file in ./recordings]."
+    ),
+]
+OutCsvOption = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Table (.csv) to write: one row a point.")
+]
+PlotOption = Annotated[
+    Path | None, typer.Option("--plot", metavar="FILE", help="Picture to write: .png, .pdf or .svg.")
+]

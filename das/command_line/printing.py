@@ -1,0 +1,145 @@
+"""What commands print: text from files and the bus made harmless, tables, legends, and what is under way.
+
+Text that comes from a file, from the bus or from the user is never read as markup, and control characters in it are
+shown as escapes (`\\x1b`), so that no name of a stop can break a table or command the terminal.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import select
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from das.command_line.entry import STDERR
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+PRINTED_WIDTH = 80
+"""Width in columns of what goes to a file or a pipe; on a terminal the terminal's own width counts."""
+WIDEST_TABLE = 1000
+WIDEST_PARAGRAPH = 110
+"""Widest lines of running text, on a terminal that is wider."""
+LONGEST_LINE = 600
+"""Longest message in characters that is printed in one line; the middle of a longer one is left out."""
+
+_DELETE, _C1_END = 0x7F, 0x9F
+_DIRECTION_MARKS = frozenset("\u2028\u2029\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+"""Characters that turn or break a line without being seen."""
+
+
+def visible(text: str) -> str:
+    """The text with control characters as escapes, so that it cannot command a terminal; newlines and tabs stay."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(
+        one if one in "\n\t" or not _commands_the_terminal(one) else one.encode("unicode_escape").decode()
+        for one in text
+    )
+
+
+def _commands_the_terminal(one: str) -> bool:
+    code = ord(one)
+    return code < ord(" ") or _DELETE <= code <= _C1_END or one in _DIRECTION_MARKS
+
+
+def one_line(text: str) -> str:
+    """The text in one line that is safe to print; beyond `LONGEST_LINE` characters it loses its middle."""
+    if len(text) > 2 * LONGEST_LINE:  # do not walk through a hundred megabytes
+        text = f"{text[:LONGEST_LINE]} … {text[-LONGEST_LINE:]}"
+    line = visible(" ".join(text.split()))
+    if len(line) <= LONGEST_LINE:
+        return line
+    half = LONGEST_LINE // 2 - 2
+    return f"{line[:half]} … {line[-half:]}"
+
+
+@functools.cache
+def _plain_console() -> type[Console]:
+    """A console that takes every string as it is: without markup, emoji codes, highlighting or control characters."""
+    from rich.console import Console
+    from rich.text import Text
+
+    class PlainConsole(Console):
+        """A console that never reads markup in a string."""
+
+        def render_str(self, text: str, **settings: Any) -> Text:
+            """Turn a string into text without looking for markup in it."""
+            return super().render_str(visible(text), **{**settings, "markup": False, "emoji": False})
+
+    return PlainConsole
+
+
+def error_console() -> Console:
+    """A console on standard error, for progress and status lines."""
+    return _plain_console()(stderr=True, highlight=False, markup=False, emoji=False, soft_wrap=True)
+
+
+def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:
+    """Print a table, and below it a legend: what each abbreviation in it stands for.
+
+    All tables have the same narrow spaces between columns. Columns that do not wrap are never cut: the table becomes
+    wider than the terminal where it must.
+    """
+    console = _plain_console()(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = PRINTED_WIDTH
+    unbounded = console.options.update(max_width=WIDEST_TABLE)
+    table.pad_edge, table.collapse_padding = False, True
+    for column in table.columns:
+        if column.no_wrap:
+            cells = (column.header, *column.cells)
+            column.min_width = max(console.measure(cell, options=unbounded).maximum for cell in cells)
+    console.width = max(console.width, console.measure(table, options=unbounded).minimum)
+    console.print(table)
+    if legend:
+        paragraph("; ".join(f"{name}: {meaning}" for name, meaning in legend.items()) + ".")
+
+
+def paragraph(text: str, hanging: str = "") -> None:
+    """Print text on standard output, broken into lines as wide as the terminal; `hanging` begins all but the first."""
+    width = shutil.get_terminal_size((PRINTED_WIDTH, 24)).columns
+    tell(textwrap.fill(text, min(width, WIDEST_PARAGRAPH), break_on_hyphens=False, subsequent_indent=hanging))
+
+
+def tell(text: str) -> None:
+    """Print text on standard output; control characters in it are shown as escapes."""
+    print(visible(text))
+
+
+def warn(text: str) -> None:
+    """Print one line on standard error that begins with "warning:"."""
+    print(f"warning: {one_line(text)}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def busy(what: str) -> Iterator[None]:
+    """Show on a terminal that something is under way; print nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with error_console().status(what):
+        yield
+
+
+def say(text: str) -> None:
+    """Say a line on standard error, if it is taken at once.
+
+    A log on a full disk, or one that nobody reads any more, must not end or hold up a process that has better things
+    to do.
+    """
+    with contextlib.suppress(OSError):
+        if select.select([], [STDERR], [], 0)[1]:
+            os.write(STDERR, f"{visible(text)}\n".encode(sys.stderr.encoding, errors="replace"))
+
+
+def typed(command: str) -> str:
+    """A command of ours as the user types it: with `uv run` where that started this process."""
+    return f"uv run {command}" if "UV_RUN_RECURSION_DEPTH" in os.environ else command

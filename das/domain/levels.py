@@ -1,0 +1,16 @@
+"""The loss levels by name, in a module that imports nothing heavy: command lines need the names before they work."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Level(StrEnum):
+    """Realism of the loss model (Nold & Corman 2024, section 3); OWN: the losses the vehicle's file gives."""
+
+    L0_NOREG = "l0-noreg"
+    L0_REG = "l0-reg"
+    L1 = "l1"
+    L2 = "l2"
+    L3 = "l3"
+    OWN = "own"

@@ -1,0 +1,235 @@
+"""What a train and a line can hardly be: limits that find a unit mixed up or a digit too many, and a way past them.
+
+A value beyond a limit is refused (`check_vehicle`, `check_route`) unless the file accepts that check by its name. A
+value that is only unusual, or was accepted, is a line of `warnings_of`. Nothing here is printed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from das.domain.errors import InputError
+from das.domain.route import Route
+from das.domain.units import KM, KMH, PERMILLE, STANDARD_GRAVITY_MPS2, TONNE
+from das.domain.vehicle import Vehicle
+
+ACCEPTED = "implausible_accepted"
+"""The key in a TOML file that names the checks whose refusal is accepted."""
+SPEEDS = 200
+"""Efforts are looked at, at so many speeds from standstill to the top speed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Range:
+    """From `least` to `most` a value is possible; outside `usual_least` to `usual_most` it is worth a warning."""
+
+    least: float = 0.0
+    usual_least: float = 0.0
+    usual_most: float
+    most: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleLimits:
+    """What a train can be, in SI units; each limit is of the check of its name."""
+
+    max_deceleration: Range = Range(usual_least=0.3, usual_most=1.6, most=3.0)
+    """All brakes over mass, at most the train's largest deceleration (m/s²).
+
+    Assumption: 3 is more than magnetic track brakes reach; service brakes of passenger trains stay below 1.6, and with
+    less than 0.3 a train needs kilometres to stop.
+    """
+    max_acceleration: Range = Range(usual_least=0.01, usual_most=1.6, most=3.0)
+    """Traction over mass, at most the train's largest acceleration (m/s²).
+
+    With all axles driven, adhesion on a dry rail ends at 3.2 (Curtius & Kniffler 1944, at standstill). Assumption:
+    metros reach 1.3.
+    """
+    mass: Range = Range(least=1e3, usual_least=1e4, usual_most=1e7, most=2e7)
+    """Mass of the whole train (kg). Assumption: from a trolley to the heaviest coal trains."""
+    max_speed: Range = Range(least=1.0, usual_least=5.0, usual_most=400 * KMH, most=600 * KMH)
+    """Top speed (m/s). The fastest a train on wheels has been is 574.8 km/h (2007); none in service goes above 400."""
+    power_per_mass: Range = Range(least=0.05, usual_least=0.2, usual_most=50.0, most=150.0)
+    """Traction power over mass (W/kg, the same as kW/t).
+
+    Assumption: a heavy freight train has 0.5, a high-speed train 25, a locomotive alone up to 75.
+    """
+    brake_power_per_mass: Range = Range(usual_most=50.0, most=150.0)
+    """Power of the electric brake over mass (W/kg). Assumption: as for traction; a train may have none."""
+    resistance_per_weight: Range = Range(usual_least=0.0005, usual_most=0.1, most=1.0)
+    """Running resistance at the top speed over weight.
+
+    Assumption: 0.007 to 0.03 is usual; a resistance above the weight is a unit mixed up.
+    """
+    rotating_mass: Range = Range(usual_most=0.3, most=0.5)
+    """Share of rotating mass on top of the mass. Assumption: 0.02 to 0.15 is usual, 0.3 is a light locomotive."""
+    length: Range = Range(usual_most=2e3, most=1e4)
+    """Length (m). Assumption: 10 km is beyond the longest train ever run, of 7.4 km; a length of 0 is a point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteLimits:
+    """What a line can be, in SI units; each limit is of the check of its name."""
+
+    length: Range = Range(least=1.0, usual_least=10.0, usual_most=1e7, most=2e7)
+    """Length (m). Half the way around the Earth; the longest line there is, Moscow to Vladivostok, has 9 289 km."""
+    speed_limit: Range = Range(usual_least=3 * KMH, usual_most=400 * KMH, most=600 * KMH)
+    """Every speed limit (m/s). The bounds are those of a train's top speed."""
+    gradient: Range = Range(usual_most=0.08, most=0.2)
+    """Every gradient, up or down (m/m). Assumption: adhesion railways end at 120 ‰, and hardly any is above 80 ‰."""
+
+
+class Unit(NamedTuple):
+    """How a value is written for people: SI divided by `si`."""
+
+    name: str
+    si: float = 1.0
+
+
+class Finding(NamedTuple):
+    """A value outside a range: the check, where in the file, the value and its range as people write them."""
+
+    check: str
+    key: str
+    value: float
+    range: Range
+    unit: Unit
+
+    @property
+    def refused(self) -> bool:
+        """Whether it is outside what is possible."""
+        return not self.range.least <= self.value <= self.range.most
+
+    def expected(self) -> str:
+        """What a possible value is, in words."""
+        return self._bounds(self.range.least, self.range.most)
+
+    def in_words(self) -> str:
+        """The value and what is usual."""
+        usual = self._bounds(self.range.usual_least, self.range.usual_most)
+        unit = f" {self.unit.name}" if self.unit.name else ""
+        return f"{self.key} = {self.shown():g}{unit}: {usual} is usual"
+
+    def shown(self) -> float:
+        """The value in the unit people use, to four figures."""
+        return float(f"{self.value / self.unit.si:.4g}")
+
+    def _bounds(self, least: float, most: float) -> str:
+        unit = f" {self.unit.name}" if self.unit.name else ""
+        upper = f"at most {most / self.unit.si:g}{unit}"
+        return f"{least / self.unit.si:g} to {most / self.unit.si:g}{unit}" if least > 0 else upper
+
+
+_ACCELERATION, _RATIO = Unit("m/s²"), Unit("")
+_VEHICLE: Mapping[str, tuple[str, Unit]] = {
+    "max_deceleration": ("all brakes over mass", _ACCELERATION),
+    "max_acceleration": ("traction over mass", _ACCELERATION),
+    "mass": ("mass", Unit("t", TONNE)),
+    "max_speed": ("max_speed", Unit("km/h", KMH)),
+    "power_per_mass": ("traction power over mass", Unit("kW/t")),
+    "brake_power_per_mass": ("electric brake power over mass", Unit("kW/t")),
+    "resistance_per_weight": ("resistance at top speed over weight", _RATIO),
+    "rotating_mass": ("rotating_mass_ratio", _RATIO),
+    "length": ("length", Unit("m")),
+}
+_ROUTE: Mapping[str, tuple[str, Unit]] = {
+    "length": ("length", Unit("km", KM)),
+    "speed_limit": ("speed_limits", Unit("km/h", KMH)),
+    "gradient": ("gradients", Unit("‰", PERMILLE)),
+}
+VEHICLE_CHECKS, ROUTE_CHECKS = tuple(_VEHICLE), tuple(_ROUTE)
+"""Names of the checks, as a file accepts them."""
+
+
+def check_vehicle(vehicle: Vehicle, accepted: Collection[str] = (), *, insist: str) -> Vehicle:
+    """The vehicle; InputError for the first value that no train has, in any load state, unless its check is accepted.
+
+    `insist` says how somebody who means the value gets past, with `{check}` where the name of the check goes.
+    """
+    _refuse(vehicle.source, _of_vehicle(vehicle), accepted, insist)
+    return vehicle
+
+
+def check_route(route: Route, accepted: Collection[str] = (), *, insist: str) -> Route:
+    """The route; InputError for the first value that no line has, unless its check is accepted.
+
+    `insist` says how somebody who means the value gets past, with `{check}` where the name of the check goes.
+    """
+    _refuse(route.source, _of_route(route), accepted, insist)
+    return route
+
+
+def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
+    """A line for each value of a train or line that is unusual: file, key, value and what is usual."""
+    found = _of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing)
+    return tuple(f"{thing.source}: {one.in_words()}" for one in found)
+
+
+def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str], insist: str) -> None:
+    for one in findings:
+        if one.refused and one.check not in accepted:
+            unit = f" ({one.unit.name})" if one.unit.name else ""
+            way = insist.format(check=one.check)
+            raise InputError(source, f"{one.key}{unit}", one.shown(), f"{one.expected()}; {way}")
+
+
+def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
+    """What is unusual about a train, then about each of its load states where that says something new."""
+    known = set()
+    for name, train in (("", vehicle), *((name, vehicle.loaded(name)) for name in vehicle.loads)):
+        for check, value in _vehicle_values(train).items():
+            words, unit = _VEHICLE[check]
+            key = f"loads.{name}: {words}" if name else words
+            found = Finding(check, key, value, _range(VehicleLimits(), check), unit)
+            if not _is_usual(found) and (check, value) not in known:
+                known.add((check, value))
+                yield found
+
+
+def _vehicle_values(train: Vehicle) -> dict[str, float]:
+    """The value of each check, in SI."""
+    speeds_mps = np.linspace(0.0, train.max_speed_mps, SPEEDS)
+    brakes_mps2 = float(train.brake_effort_n(speeds_mps).max()) / train.inertial_mass_kg
+    traction_mps2 = float(train.traction_effort_n(speeds_mps).max()) / train.inertial_mass_kg
+    weight_n = train.mass_kg * STANDARD_GRAVITY_MPS2
+    return {
+        "mass": train.mass_kg,
+        "rotating_mass": train.rotating_mass_ratio,
+        "max_speed": train.max_speed_mps,
+        "length": train.length_m,
+        "max_deceleration": min(brakes_mps2, train.max_deceleration_mps2),
+        "max_acceleration": min(traction_mps2, train.max_acceleration_mps2),
+        "power_per_mass": train.traction.max_power_w / train.mass_kg,
+        "brake_power_per_mass": train.electric_brake.max_power_w / train.mass_kg,
+        "resistance_per_weight": float(train.resistance.force_n(train.max_speed_mps)) / weight_n,
+    }
+
+
+def _of_route(route: Route) -> Iterator[Finding]:
+    """What is unusual about a line: of a list, the first value that is refused, or else the first that is unusual."""
+    lists = {
+        "length": np.array([route.length_m]),
+        "speed_limit": route.limits_mps.value,
+        "gradient": np.abs(route.gradients_ratio.value),
+    }
+    for check, values in lists.items():
+        words, unit = _ROUTE[check]
+        limits = _range(RouteLimits(), check)
+        beyond = np.flatnonzero((values < limits.least) | (values > limits.most))
+        unusual = np.flatnonzero((values < limits.usual_least) | (values > limits.usual_most))
+        for i in (*beyond[:1], *unusual[: 0 if len(beyond) else 1]):
+            key = words if check == "length" else f"{words}[{i}]"
+            yield Finding(check, key, float(values[i]), limits, unit)
+
+
+def _range(limits: VehicleLimits | RouteLimits, check: str) -> Range:
+    found: Range = getattr(limits, check)
+    return found
+
+
+def _is_usual(one: Finding) -> bool:
+    return one.range.usual_least <= one.value <= one.range.usual_most

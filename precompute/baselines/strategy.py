@@ -1,0 +1,14 @@
+"""The strategies by name, in a module that imports nothing heavy: the command line needs the names."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Strategy(StrEnum):
+    """How a section is driven: the optimum, or a baseline to compare it with."""
+
+    OPTIMAL = "optimal"
+    FASTEST = "fastest"
+    RMS = "rms"
+    FOUR_MODE = "four-mode"

@@ -1,0 +1,138 @@
+"""The command `das-precompute catalogue`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from das.command_line.options import JsonOption
+from das.command_line.printing import paragraph, print_table, tell
+from das.domain.errors import DasError
+from das.domain.levels import Level
+from das.domain.units import KM, KMH, KW, TONNE
+
+if TYPE_CHECKING:
+    from das.domain.vehicle import Vehicle
+
+SHOWN_OF_A_SOURCE = 300
+"""So many characters of what a file says about its sources are printed; --json has all."""
+LEGEND = {"levels": "loss levels the vehicle has data for, its default first (docs/loss-maps.md)"}
+
+
+def catalogue(as_json: JsonOption = False) -> None:
+    """List the bundled routes and vehicles.
+
+    Each is shown with its id, the word to give to the other commands, and with where its figures come from. The files
+    can be copied and changed: a route or vehicle of your own is a file like them. --json tells the sources in full.
+    """
+    from das.domain.files import load
+
+    routes = [_route(name, path) for name, path in load.catalogue("routes").items()]
+    vehicles = [_vehicle(name, path) for name, path in load.catalogue("vehicles").items()]
+    if as_json:
+        print(json.dumps({"routes": routes, "vehicles": vehicles}))
+        return
+    _print_routes(routes)
+    _print_vehicles(vehicles)
+    for one in (*routes, *vehicles):
+        paragraph(f"{one['id']}: {_beginning(one['source'])}", hanging="  ")
+        tell(f"  {one['file']}")
+
+
+def _route(name: str, path: Path) -> dict[str, Any]:
+    from das.command_line.loading import load_route
+
+    route = load_route(name)
+    return {
+        "id": route.id,
+        "name": route.name,
+        "illustrative": route.illustrative,
+        "length_m": route.length_m,
+        "stops": [{"name": stop.name, "position_m": stop.position_m} for stop in route.stops],
+        "source": _source(path, "route"),
+        "file": str(path),
+    }
+
+
+def _vehicle(name: str, path: Path) -> dict[str, Any]:
+    from das.command_line.loading import load_vehicle
+
+    vehicle = load_vehicle(name)
+    levels, default = _levels(vehicle), str(vehicle.default_level)
+    return {
+        "id": vehicle.id,
+        "name": vehicle.name,
+        "mass_kg": vehicle.mass_kg,
+        "length_m": vehicle.length_m,
+        "max_power_w": vehicle.traction.max_power_w,
+        "max_speed_mps": vehicle.max_speed_mps,
+        "levels": [default, *(level for level in levels if level != default)],
+        "loads": list(vehicle.loads),
+        "source": _source(path, "vehicle"),
+        "file": str(path),
+    }
+
+
+def _levels(vehicle: Vehicle) -> list[str]:
+    """The loss levels that a vehicle has data for."""
+    found = []
+    for level in Level:
+        with contextlib.suppress(DasError):
+            vehicle.loss_model(level)
+            found.append(str(level))
+    return found
+
+
+def _source(path: Path, table: str) -> str:
+    """What the file says about where its figures come from, in one line: its source, else its description."""
+    main = tomllib.loads(path.read_text(encoding="utf-8"))[table]
+    return " ".join(str(main.get("source") or main.get("description") or "").split())
+
+
+def _beginning(source: str) -> str:
+    """Whole sentences from the beginning of a source."""
+    if len(source) <= SHOWN_OF_A_SOURCE:
+        return source
+    whole, end, _ = source[:SHOWN_OF_A_SOURCE].rpartition(". ")
+    return f"{whole}{end.strip()} …"
+
+
+def _print_routes(routes: list[dict[str, Any]]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title="routes", title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("id", no_wrap=True)
+    table.add_column("name")
+    table.add_column("km", justify="right", no_wrap=True)
+    table.add_column("stops")
+    for route in routes:
+        stops = ", ".join(stop["name"] for stop in route["stops"])
+        table.add_row(route["id"], route["name"], f"{route['length_m'] / KM:.1f}", stops)
+    print_table(table)
+
+
+def _print_vehicles(vehicles: list[dict[str, Any]]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title="vehicles", title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("id", no_wrap=True)
+    table.add_column("name")
+    for name in ("t", "m", "kW", "km/h"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("levels")
+    for vehicle in vehicles:
+        table.add_row(
+            vehicle["id"],
+            vehicle["name"],
+            f"{vehicle['mass_kg'] / TONNE:.0f}",
+            f"{vehicle['length_m']:.0f}",
+            f"{vehicle['max_power_w'] / KW:.0f}",
+            f"{vehicle['max_speed_mps'] / KMH:.0f}",
+            " ".join(vehicle["levels"]),
+        )
+    print_table(table, LEGEND)

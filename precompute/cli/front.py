@@ -1,0 +1,110 @@
+"""The command `das-precompute front`."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from das.command_line.options import JsonOption
+from das.command_line.outputs import check_outputs
+from das.command_line.printing import busy
+from das.domain.errors import DasError
+from precompute.cli.options import buffered
+from precompute.cli.pose import Pose
+from precompute.cli.solve import solved_front
+
+BUFFERS_PERCENT = "0,2,5,7,10,15,20"
+EXACT_MAX_BUFFER_PERCENT = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExactOptions:
+    """What `front --exact` is told: the largest buffer (%) of the exact front, and the file for all of its points."""
+
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact", help="Every undominated run on the paper's grid (100 m × 0.25 km/h), beside the solver's."
+        ),
+    ] = False
+    max_buffer_percent: Annotated[
+        float | None,
+        typer.Option(
+            "--max-buffer",
+            metavar="PERCENT",
+            help=f"With --exact: largest buffer in % [default: {EXACT_MAX_BUFFER_PERCENT:g}].",
+        ),
+    ] = None
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="With --exact: every point of the front to write (.csv)."),
+    ] = None
+
+    def largest_percent(self) -> float:
+        """The largest buffer (%) of the exact front; DasError for one that cannot be."""
+        largest = EXACT_MAX_BUFFER_PERCENT if self.max_buffer_percent is None else self.max_buffer_percent
+        buffered(1.0, largest)
+        return largest
+
+
+def front(
+    pose: Pose,
+    witness: ExactOptions,
+    buffers: Annotated[
+        str | None,
+        typer.Option(
+            "--buffers", metavar="LIST", help=f"Buffers in %, with commas between [default: {BUFFERS_PERCENT}]."
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show the trade-off between time and energy: the least-energy run for each of a list of buffers.
+
+    With --exact, the algorithm of the paper checks the solver. It keeps every partial run that could still belong to
+    the front. Its times are those of its grid, which is a little slower than the continuous solver. 6 km with a buffer
+    of 10 % take about a minute; time and memory grow fast with length and buffer. On a terminal it shows how much time
+    is likely to be left.
+    """
+    if not witness.exact and (witness.out is not None or witness.max_buffer_percent is not None):
+        raise DasError("--out and --max-buffer belong to --exact")
+    largest = witness.largest_percent()
+    wanted = _numbers(BUFFERS_PERCENT if buffers is None else buffers)
+    check_outputs(witness.out, inputs=pose.inputs())
+    section, solved, min_time_s, front_s = solved_front(pose)
+    if witness.exact:
+        from precompute.exact.command import exact_front
+
+        if buffers is None:
+            wanted = [x for x in wanted if x <= largest]
+        exact_front(solved, largest, wanted, witness.out, as_json=as_json)
+        return
+
+    from precompute.cli import report
+    from precompute.cli.tables import print_solutions
+
+    points = []
+    with busy("rolling out …"):
+        for buffer_percent in wanted:
+            began = time.perf_counter()
+            solution = solved.trajectory(buffered(min_time_s, buffer_percent))
+            point = report.solution_json(solution, min_time_s, time.perf_counter() - began)
+            points.append({"buffer_percent": buffer_percent, **point})
+    if as_json:
+        print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
+        return
+    print_solutions(section.name, points)
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise DasError(f"--buffers {text}: expected numbers with commas between, like 0,5,10") from None
+    for value in values:
+        buffered(1.0, value)
+    return values

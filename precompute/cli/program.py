@@ -1,0 +1,109 @@
+"""The program das-precompute: its commands, each imported when it is called."""
+
+from __future__ import annotations
+
+from das.command_line.application import Entry, application
+from das.command_line.running import interrupt_on_termination, run_app
+
+NAME = "das-precompute"
+COMMANDS = (
+    Entry(
+        name="solve",
+        where="precompute.cli.solve:solve",
+        summary="Find the least-energy run over a section in a given time, or the run of a simpler strategy.",
+        examples=(
+            "das-precompute solve flat-6km re460-ic --buffer 7 --plot run.png",
+            "das-precompute solve zurich-luzern re460-ic --from Zug --to Luzern --time 1100",
+        ),
+    ),
+    Entry(
+        name="front",
+        where="precompute.cli.front:front",
+        summary="Show the trade-off between time and energy: the least-energy run for each of a list of buffers.",
+        examples=(
+            "das-precompute front flat-6km re460-ic --buffers 0,5,10 --json",
+            "das-precompute front flat-6km re460-ic --exact --max-buffer 10",
+        ),
+    ),
+    Entry(
+        name="journey",
+        where="precompute.journey.command:journey",
+        summary="Plan a train's whole journey with the least energy: when to be where, and how to drive between.",
+        examples=(
+            "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
+            "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
+        ),
+    ),
+    Entry(
+        name="sensitivity",
+        where="precompute.sensitivity.command:sensitivity",
+        summary="Tell how time and energy of a planned run move when train, wind, line or rail differ from the plan.",
+        examples=("das-precompute sensitivity zurich-luzern re460-ic --from Zug --buffer 7",),
+    ),
+    Entry(
+        name="build",
+        where="precompute.tables.command:build",
+        summary="Solve every section of a plan into a table for the cab.",
+        examples=(
+            "das-precompute build plan.toml -o tables",
+            "das-precompute build plan.toml -o tables --scheduler tcp://10.0.0.1:8786",
+        ),
+    ),
+    Entry(
+        name="verify",
+        where="precompute.tables.command:verify",
+        summary=(
+            "Check every byte of tables, that this solver made them, and that all the last build finished are there."
+        ),
+        examples=("das-precompute verify tables",),
+    ),
+    Entry(
+        name="show",
+        where="precompute.tables.command:show",
+        summary="Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.",
+        examples=("das-precompute show tables --json",),
+    ),
+    Entry(
+        name="catalogue",
+        where="precompute.cli.catalogue:catalogue",
+        summary="List the bundled routes and vehicles.",
+        examples=("das-precompute catalogue", "das-precompute catalogue --json"),
+    ),
+    Entry(
+        name="loss-map",
+        where="precompute.loss_maps.command:loss_map",
+        summary="Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses.",
+        examples=("das-precompute loss-map re460-ic --plot map.png",),
+    ),
+    Entry(
+        name="calibrate",
+        where="precompute.calibrate.command:calibrate",
+        summary="Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints.",
+        examples=("das-precompute calibrate --check",),
+    ),
+    Entry(
+        name="study",
+        where="precompute.study.command:study",
+        summary="Redo the study of the paper: figures 4 to 10, Table 2, the Zürich–Luzern shares.",
+        examples=("das-precompute study -o study --only fig9,table2",),
+    ),
+    Entry(
+        name="bench",
+        where="precompute.bench.command:bench",
+        summary="Measure how fast the solver is on this machine, beside baselines and what the machine could do.",
+        examples=("das-precompute bench --only front,trajectory --json",),
+    ),
+)
+"""Every command with the first line of its docstring, which a test compares."""
+
+app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS)
+
+
+def main() -> None:
+    """Entry point of das-precompute."""
+    interrupt_on_termination()
+    run_app(app, NAME)
+
+
+if __name__ == "__main__":
+    main()

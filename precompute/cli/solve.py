@@ -1,0 +1,96 @@
+"""The command `das-precompute solve`."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from das.command_line.compiling import loading_solver
+from das.command_line.printing import busy
+from precompute.baselines.strategy import Strategy
+from precompute.cli.options import RunFiles, TripTime
+from precompute.cli.pose import Pose
+
+if TYPE_CHECKING:
+    from das.solver.front import Front
+    from das.solver.section import Section
+    from precompute.cli.report import Answer
+
+StrategyOption = Annotated[
+    Strategy, typer.Option("--strategy", help="How the section is driven; fastest needs no time.")
+]
+
+
+def solve(pose: Pose, trip: TripTime, files: RunFiles, strategy: StrategyOption = Strategy.OPTIMAL) -> None:
+    """Find the least-energy run over a section in a given time, or the run of a simpler strategy.
+
+    Strategies to compare with: "fastest" is full effort, the limits, full brake. "rms" is the same under one reduced
+    maximum speed. "four-mode" is full traction, one cruising speed, coasting and full brake, with the best switching
+    points.
+
+    A time below the least possible one gives the fastest run, and the column "fit" says "late". A time beyond that of
+    the least-energy run gives the least-energy run, and "fit" says "early".
+    """
+    trip.check(needed=strategy is not Strategy.FASTEST)
+    files.check(*pose.inputs())
+    if strategy is Strategy.OPTIMAL:
+        section, answer, min_time_s, solve_s = _optimal(pose, trip)
+    else:
+        section, answer, min_time_s, solve_s = _baseline(pose, trip, strategy)
+
+    from das.domain.files.trajectory_csv import write_trajectory
+    from precompute.cli import report
+
+    if files.out is not None:
+        write_trajectory(files.out, answer.trajectory)
+    if files.plot is not None:
+        report.draw_solution(files.plot, section, answer)
+    result = report.solution_json(answer, min_time_s, solve_s)
+    if files.as_json:
+        print(json.dumps(result))
+        return
+
+    from precompute.cli.tables import print_parameters, print_solutions
+
+    print_solutions(section.name if strategy is Strategy.OPTIMAL else f"{section.name}, {strategy}", [result])
+    print_parameters(result)
+    files.tell()
+
+
+def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
+    """Section, front, least time (s), and the seconds the front took once everything was compiled."""
+    with loading_solver():
+        from das.solver.front import solve_front
+        from das.solver.warm_up import warm_up
+
+        section = pose.section()
+        warm_up()
+    began = time.perf_counter()
+    with busy("solving …"):
+        front = solve_front(section)
+        min_time_s = front.fastest().time_s
+    return section, front, min_time_s, time.perf_counter() - began
+
+
+def _optimal(pose: Pose, trip: TripTime) -> tuple[Section, Answer, float, float]:
+    section, front, min_time_s, front_s = solved_front(pose)
+    began = time.perf_counter()
+    wanted_s = trip.wanted_s(min_time_s)
+    assert wanted_s is not None
+    return section, front.trajectory(wanted_s), min_time_s, front_s + time.perf_counter() - began
+
+
+def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, Answer, float, float]:
+    with loading_solver():
+        from precompute.baselines import strategies
+
+        section = pose.section()
+        strategies.warm_up()
+    began = time.perf_counter()
+    with busy(f"searching the {strategy} run …"):
+        min_time_s = strategies.fastest(section).time_s
+        run = strategies.baseline(strategy, section, trip.wanted_s(min_time_s))
+    return section, run, min_time_s, time.perf_counter() - began
