@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from das.solver.compiling import kernel
+from das.compiling.kernels import kernel
 
 
 @kernel

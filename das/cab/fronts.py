@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
+from das.compiling.sources import SourcesMissingError
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_front
-from das.solver.sources import SourcesMissingError
 from das.table.format import MANIFEST, TableError
 from das.table.hashes import combined, differing_parts, hashes_of, solver_code_sha256, with_code
 from das.table.reading import Table, read_front, why_not

@@ -15,24 +15,26 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from das.compiling.kernels import cache_root
+from das.compiling.sources import code_sha256, sources_of, text_sha256
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.losses import Level, LossMap
 from das.domain.route import Route, Stretches, Zone
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
-from das.solver.compiling import cache_root
 from das.solver.section import Section, build_section
 from das.solver.solution import trajectory_on
 from das.solver.solve import solve_front
-from das.solver.sources import code_sha256, sources_of, text_sha256
 
 Floats = NDArray[np.float64]
 
 CODE: Final = "code"
 """The name of the hash of the solver's code among those of what determines a table."""
 _WORDS: Final = {CODE: "solver code", "solver": "solver settings"}
-_WITHOUT_PART: Final = frozenset({"das", "das.domain.errors", "das.solver.compiling", "das.solver.sources"})
+_WITHOUT_PART: Final = frozenset(
+    {"das", "das.domain.errors", "das.compiling", "das.compiling.kernels", "das.compiling.sources"}
+)
 """Modules that the solver imports and that have no part in what it computes."""
 _KEPT_CODES: Final = 20
 _KEPT_BITS = 30

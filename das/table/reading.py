@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from das.compiling.sources import SourcesMissingError
 from das.domain.trajectory import Trajectory
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
-from das.solver.sources import SourcesMissingError
 from das.table.files import read_regular, regular_size_bytes
 from das.table.format import ARRAYS, ArrayFormat, Arrays, Sizes, TableError, grid_of, section_facts, unpacked
 from das.table.hashes import CODE, differing_parts, hashes_of, is_other_code, solver_code_sha256, with_code

@@ -17,44 +17,49 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from das.command_line.entry import STOP_SIGNALS
+from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy
 from das.command_line.running import interrupt_on_termination, signals_held
 from das.domain.errors import DasError
-from das.domain.losses import Level
 from sim.cli.shared import Kind, chosen, progress_bar
+from sim.drivers.kinds import DriverKind, Presentation
 
 if TYPE_CHECKING:
     from sim.batch.journal import Journal
-    from sim.batch.plan import Job
+    from sim.batch.plan import BatchJob
 
 TABLE = "runs.parquet"
 
 
 def batch(
-    scenarios: Annotated[list[str], typer.Argument(help="Bundled scenarios or TOML files.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the results.")],
-    seeds: Annotated[str, typer.Option(help="Seeds, like 0-99 or 1,5,10-19.")] = "0-9",
-    drivers: Annotated[str, typer.Option(help="Drivers (see das-sim run), with commas between.")] = "human",
-    advice: Annotated[str, typer.Option(help="What is shown (see das-sim run), with commas between.")] = "vector",
-    level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes [default: one a core].", min=1, max=1024)] = None,
+    scenarios: Annotated[
+        list[str], typer.Argument(metavar="SCENARIO...", help="Bundled scenarios or TOML files, one or more.")
+    ],
+    out: OutFolder,
+    seeds: Annotated[str, typer.Option(metavar="LIST", help="Seeds, like 0-99 or 1,5,10-19.")] = "0-9",
+    drivers: Annotated[
+        str, typer.Option(metavar="LIST", help="Who drives, with commas between (das-sim drivers lists them).")
+    ] = "human",
+    advice: Annotated[
+        str, typer.Option(metavar="LIST", help="What the display shows, with commas between (see das-sim run -h).")
+    ] = "vector",
+    level: LevelOption = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of processes [default: one a core].", min=1, max=1024)
+    ] = None,
     record: Annotated[
         bool, typer.Option("--record", help="Run over the bus and keep the recordings (slower).")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run every scenario with every driver, presentation and seed; a batch that was stopped goes on where it was.
 
-    Writes the table runs.parquet into the folder, one row a run; runs are made again only where an input has changed.
+    The table runs.parquet in the folder has one row a run; a run is made again only if one of its inputs changed.
     """
     with busy("reading the scenarios …"):
-        from sim.batch.journal import Journal
         from sim.batch.plan import Batch, parse_seeds
-        from sim.batch.report import print_summary, summary
-        from sim.batch.table import require_pyarrow, write_table
-        from sim.batch.worker import recorded
-        from sim.drivers.cab import Presentation
-        from sim.drivers.registry import DriverKind
+        from sim.batch.report import print_summary
+        from sim.batch.table import require_pyarrow
 
         require_pyarrow()
         asked = Batch(
@@ -68,11 +73,28 @@ def batch(
         )
         jobs = list(asked.jobs())
         _make_folders(out, record)
+    found = _run_all(jobs, out, workers or os.cpu_count() or 1)
+    if as_json:
+        print(json.dumps(found))
+    else:
+        print_summary(found)
+    if failed := sum(group["failed"] for group in found["groups"]):
+        print(f"{failed} of {len(jobs)} runs failed: see the column error of {out / TABLE}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def _run_all(jobs: Sequence[BatchJob], out: Path, workers: int) -> dict[str, Any]:
+    """Run what is not finished yet and write the table, even if it is interrupted. Returns what came out."""
+    from sim.batch.journal import Journal
+    from sim.batch.report import summary
+    from sim.batch.table import write_table
+    from sim.batch.worker import recorded
+
     with Journal(out) as journal:
         left = [job for job in jobs if not _good(journal, job) or not recorded(job)]
         interrupt_on_termination()
         try:
-            _work(left, len(jobs), workers or os.cpu_count() or 1, journal)
+            _work(left, len(jobs), workers, journal)
         except KeyboardInterrupt:
             done = sum(_good(journal, job) for job in jobs)
             print(f"{done} of {len(jobs)} runs are finished; the same command goes on from there", file=sys.stderr)
@@ -80,18 +102,10 @@ def batch(
         finally:
             finished = [journal.rows[job.inputs_sha256] for job in jobs if job.inputs_sha256 in journal.rows]
             write_table(out / TABLE, finished)
-    found = {"file": str(out / TABLE), "runs": len(jobs), "made": len(left), "groups": summary(finished)}
-    if as_json:
-        print(json.dumps(found))
-    else:
-        print_summary(found)
-    failed = sum(row.get("error") is not None for row in finished)
-    if failed:
-        print(f"{failed} of {len(jobs)} runs failed: see the column error of {out / TABLE}", file=sys.stderr)
-        raise typer.Exit(1)
+    return {"file": str(out / TABLE), "runs": len(jobs), "made": len(left), "groups": summary(finished)}
 
 
-def _good(journal: Journal, job: Job) -> bool:
+def _good(journal: Journal, job: BatchJob) -> bool:
     """Whether a run is finished; one that failed is tried again."""
     row = journal.rows.get(job.inputs_sha256)
     return row is not None and row.get("error") is None
@@ -110,7 +124,7 @@ def _make_folders(out: Path, record: bool) -> None:
         raise DasError(f"{out}: cannot be made ({error.strerror})") from error
 
 
-def _work(left: Sequence[Job], of: int, workers: int, journal: Journal) -> None:
+def _work(left: Sequence[BatchJob], of: int, workers: int, journal: Journal) -> None:
     """Run what is left, on all workers, and note each run as it ends."""
     if not left:
         return
@@ -122,8 +136,8 @@ def _work(left: Sequence[Job], of: int, workers: int, journal: Journal) -> None:
             progress(done, of)
 
 
-def _results(left: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
-    """Rows as they are finished; when it is stopped, those of the runs under way as well."""
+def _results(left: Sequence[BatchJob], workers: int) -> Iterator[dict[str, Any]]:
+    """Yield rows as they are finished; after an interruption, also those of the runs that were under way."""
     from sim.batch.worker import begin
 
     # Not forked: the solver's threads would not survive it.
@@ -148,8 +162,11 @@ def _results(left: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _submit(pool: ProcessPoolExecutor, jobs: Iterable[Job], running: set[Future[dict[str, Any]]]) -> None:
-    """Hand jobs to the pool, which may start workers: Ctrl-C waits, or it would kill one that does not heed it yet."""
+def _submit(pool: ProcessPoolExecutor, jobs: Iterable[BatchJob], running: set[Future[dict[str, Any]]]) -> None:
+    """Hand jobs to the pool, which may start workers.
+
+    Ctrl-C waits meanwhile: a worker that is being started does not ignore it yet and would be killed.
+    """
     from sim.batch.worker import work
 
     with signals_held(STOP_SIGNALS):

@@ -1,4 +1,4 @@
-"""What of a batch is finished: one row of JSON a line, appended as runs end, so that a kill costs at most one line."""
+"""The journal of a batch: one JSON row a line, appended when a run ends, so that a kill costs at most one line."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from das.domain.files.writing import write_whole
 
 
 class Journal:
-    """The finished rows in a folder, by the hash of their inputs; use with `with`. One batch at a time in a folder.
+    """The finished rows in a folder, by the hash of their inputs; use with `with`. Only one batch may use a folder at a
+    time.
 
-    Every line carries the hash of its row: what was cut off or altered is not taken for a result.
+    Every line carries the hash of its row, so that a row that was cut off or altered is not taken for a result.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -42,7 +43,7 @@ class Journal:
         self._held.__exit__(None, None, None)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Note a finished run, on disk at once."""
+        """Write a finished run to the disk at once."""
         self.rows[row["inputs_sha256"]] = row
         try:
             line = _line(row)
@@ -53,7 +54,7 @@ class Journal:
             raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
 
     def _read(self) -> None:
-        """Take what is there; a line that is not whole is dropped, for good before the next is appended."""
+        """Read the rows that are there; lines that are not whole are dropped before the next one is appended."""
         if not self.path.exists():
             return
         lines = self.path.read_bytes().splitlines()
@@ -70,7 +71,7 @@ def _line(row: dict[str, Any]) -> bytes:
 
 
 def _row(line: bytes) -> dict[str, Any] | None:
-    """The row of a line, None where it is not as it was written."""
+    """The row of a line; None if the line is not as it was written."""
     try:
         found = json.loads(line)
         row: dict[str, Any] = found["row"]

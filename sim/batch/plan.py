@@ -1,4 +1,4 @@
-"""What a batch is to run, and the identity of each run: the hash of all that its result depends on."""
+"""The runs of a batch, and the identity of each: the hash of everything that its result depends on."""
 
 from __future__ import annotations
 
@@ -25,13 +25,17 @@ from sim.world.scenario import load_scenario
 from sim.world.service import lay_out, scenario_files
 
 MOST_SEEDS = 1_000_000
-"""More seeds than this are taken for a slip of the finger."""
+"""Most seeds in one range; more are a slip of the finger."""
 _SEEDS = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
-    """One run to be made; `scenario` is its file, `versions` what it is made with and from, `record` where to."""
+class BatchJob:
+    """One run to be made.
+
+    `scenario` is its file, `versions` are the program and the files that it is made with, `record` is where its
+    recording goes.
+    """
 
     name: str
     scenario: Path
@@ -45,7 +49,7 @@ class Job:
 
     @property
     def inputs_sha256(self) -> str:
-        """The hash of everything that decides the result: equal ones need not be run again."""
+        """The hash of everything that decides the result; a run with an equal hash need not be made again."""
         level = None if self.level is None else str(self.level)
         decides = [self.name, level, sorted(self.versions)]
         return hashlib.sha256(json.dumps(decides).encode()).hexdigest()
@@ -53,7 +57,7 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What was asked for; every scenario with every driver, presentation and seed."""
+    """What the user asked for: every scenario with every driver, presentation and seed."""
 
     scenarios: Sequence[str]
     drivers: Sequence[DriverKind]
@@ -63,8 +67,8 @@ class Batch:
     record: bool
     folder: Path
 
-    def jobs(self) -> Iterator[Job]:
-        """The runs in the order of the table; DasError for scenarios that cannot be run or have one name."""
+    def jobs(self) -> Iterator[BatchJob]:
+        """The runs in the order of the table; raises DasError for scenarios that cannot be run or share a name."""
         read = [load_scenario(name) for name in self.scenarios]
         ids = [scenario.id for scenario in read]
         if len(set(ids)) < len(ids):
@@ -76,7 +80,7 @@ class Batch:
             versions |= {f"{name}_sha256": sha256(path) for name, path in scenario_files(scenario).items()}
             for driver, advice, seed in product(self.drivers, self.advice, self.seeds):
                 name = f"{scenario.id}-{driver}-{advice}-{seed}"
-                yield Job(
+                yield BatchJob(
                     name=name,
                     scenario=scenario.source,
                     scenario_id=scenario.id,
@@ -90,7 +94,7 @@ class Batch:
 
 
 def parse_seeds(text: str) -> list[int]:
-    """Seeds like `0-99` or `1,5,10-19`, each once; DasError for anything else."""
+    """Read seeds like `0-99` or `1,5,10-19`, each once; raises DasError for anything else."""
     seeds: dict[int, None] = {}
     for part in text.replace(" ", "").split(","):
         match = _SEEDS.fullmatch(part)
@@ -105,7 +109,7 @@ def parse_seeds(text: str) -> list[int]:
 
 @cache
 def code_sha256() -> str:
-    """Hash of the program's own source: another program may give other results."""
+    """Hash of the program's own source, because another program may give other results."""
     digest = hashlib.sha256()
     for package in (das, precompute, sim):
         root = Path(str(package.__file__)).parent

@@ -1,30 +1,40 @@
-"""What came out of a batch, by scenario, driver and presentation."""
+"""The results of a batch, by scenario, driver and presentation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from das.command_line.printing import PRINTED_WIDTH
+from das.command_line.printing import print_table, tell
 from sim.world.outcome import SHARES
 
-SHARE_NAMES = {
-    "component_loss": "losses",
-    "resistance": "running",
-    "friction_brake": "friction",
+SHARE_NAMES: Final = {
+    "component_loss": "loss",
+    "resistance": "run",
+    "friction_brake": "fric",
     "unreturned": "lost",
-    "comfort": "comfort",
+    "comfort": "comf",
 }
-"""Headings of where the energy went (lost: in brake resistors)."""
+"""Headings of the shares: where the energy went."""
+LEGEND: Final = {
+    "n": "runs",
+    "fail": "failed runs",
+    "late": "mean delay at the last stop (s)",
+    "kWh": "mean energy of a run",
+    "opt": "least energy (kWh) for the times as driven",
+    "loss, run, fric, lost, comf": "shares (%) of the energy that went to losses of the train, running resistance, "
+    "friction brakes, brake resistors, comfort systems",
+}
+"""What is said below the table."""
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means over the seeds of each scenario, driver and presentation; failed runs are counted and left out."""
+    """Means over the seeds of each scenario, driver and presentation; failed runs are counted but left out of the
+    means."""
     groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["scenario"], row["driver"], row["advice"]), []).append(row)
@@ -48,27 +58,20 @@ def _summed(scenario: str, driver: str, advice: str, rows: Sequence[dict[str, An
 
 
 def print_summary(found: dict[str, Any]) -> None:
-    """The table at the end of a batch."""
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
+    """Print the table at the end of a batch."""
     title = f"{found['runs']} runs, {found['made']} of them made now"
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("scenario, driver, advice", no_wrap=True)
-    for name in ("runs", "failed", "late s", "kWh", "opt.", *SHARE_NAMES.values()):
+    table.add_column("scenario, driver, advice")
+    for name in ("n", "fail", "late", "kWh", "opt", *SHARE_NAMES.values()):
         table.add_column(name, justify="right", no_wrap=True)
     for group in found["groups"]:
         table.add_row(*_cells(group))
-    console.print(table)
+    print_table(table, LEGEND)
     for group in found["groups"]:
         if group["error"] is not None:
             names = f"{group['scenario']}, {group['driver']}, {group['advice']}"
-            console.print(f"note: {names}: {group['failed']} failed, the first: {group['error']}", soft_wrap=True)
-    console.print(
-        "opt.: least energy for the times as driven; from losses on: shares in % (lost: in brake resistors)",
-        soft_wrap=True,
-    )
-    console.print(f"written: {found['file']}", soft_wrap=True)
+            tell(f"note: {names}: {group['failed']} failed, the first: {group['error']}")
+    tell(f"written: {found['file']}")
 
 
 def _cells(group: dict[str, Any]) -> list[str]:

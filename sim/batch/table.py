@@ -36,13 +36,13 @@ FIGURES = (
 
 
 def require_pyarrow() -> None:
-    """Raise DasError where the table cannot be written."""
+    """Raise DasError if the package that writes the table is not installed."""
     if importlib.util.find_spec("pyarrow") is None:
         raise DasError("pyarrow is not installed: pip install 'driver-advisory-system[batch]'")
 
 
 def write_table(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write the rows; what a failed run has not is null."""
+    """Write the rows as Parquet; columns that a failed run does not have are null."""
     import pyarrow as pa
     from pyarrow import parquet
 

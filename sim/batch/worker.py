@@ -1,4 +1,4 @@
-"""A worker of a batch: runs jobs one after another, and solves a service only when the next job needs another."""
+"""A worker of a batch runs one job after another, and solves a service only if the next job needs another one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from das.command_line.entry import STOP_SIGNALS
 from das.domain.errors import DasError
 from das.domain.losses import Level
-from sim.batch.plan import Job
+from sim.batch.plan import BatchJob
 from sim.world.day import Day, make_day
 from sim.world.disturbances import described
 from sim.world.in_process import InProcess
@@ -31,7 +31,7 @@ _service: tuple[Level | None, Service] | None = None
 
 
 def begin(parent: int) -> None:
-    """Make a process a worker: it does not stop by itself but with its parent, even where that is killed."""
+    """Make this process a worker: it ends only with its parent process, even if that is killed."""
     threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
@@ -47,8 +47,8 @@ def _end_with_parent(parent: int) -> None:
     os._exit(1)
 
 
-def work(job: Job) -> dict[str, Any]:
-    """Make a run; its row, or where it fails the row with the error."""
+def work(job: BatchJob) -> dict[str, Any]:
+    """Make a run and return its row; if the run fails, the row says why."""
     row: dict[str, Any] = {
         "scenario": job.scenario_id,
         "seed": job.seed,
@@ -66,7 +66,7 @@ def work(job: Job) -> dict[str, Any]:
         return row | {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}
 
 
-def _run(job: Job) -> dict[str, Any]:
+def _run(job: BatchJob) -> dict[str, Any]:
     day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed)
     figures = outcome(day, _driven(day, job))
     stops = figures.pop("stops")
@@ -83,7 +83,7 @@ STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
 """Figures of the stops, as lists in the order of the way."""
 
 
-def _driven(day: Day, job: Job) -> Run:
+def _driven(day: Day, job: BatchJob) -> Run:
     driver = day.driver(job.driver)
     if job.record is None:
         return World(day, driver, job.advice, InProcess(day.service)).run()
@@ -95,15 +95,15 @@ def _driven(day: Day, job: Job) -> Run:
 
 
 def _service_of(scenario: Scenario, level: Level | None) -> Service:
-    """The scenario's service, solved anew only where it is another than the last one's."""
+    """The scenario's service; it is solved anew only if it differs from the last one."""
     global _service  # noqa: PLW0603 (a worker is a process: this is its memory between jobs)
     if _service is None or _service[0] != level or not _service[1].plans(scenario):
         _service = (level, prepare_service(scenario, level=level))
     return _service[1].on(scenario)
 
 
-def recorded(job: Job) -> bool:
-    """Whether the recording a job asks for is there: whole, and made from the job's inputs."""
+def recorded(job: BatchJob) -> bool:
+    """Whether the recording that a job asks for is there, whole, and made from the job's inputs."""
     if job.record is None:
         return True
     try:
@@ -113,5 +113,5 @@ def recorded(job: Job) -> bool:
         return False
 
 
-def _command(job: Job) -> str:
+def _command(job: BatchJob) -> str:
     return f"das-sim batch: {job.name}, inputs {job.inputs_sha256}"

@@ -24,7 +24,7 @@ TRAIN_SAMPLES = 11
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlantState:
+class HurriedState:
     """Time (s), position of the head (m), speed (m/s), wheel forces (N, brakes < 0), energy at the collector (J)."""
 
     time_s: float
@@ -35,7 +35,7 @@ class PlantState:
     energy_input_j: float = 0.0
 
 
-class Plant:
+class HurriedPlant:
     """Steps a train along a route under a wanted wheel force."""
 
     def __init__(self, route: Route, vehicle: Vehicle, loss: LossModel, step_s: float = 0.05) -> None:
@@ -43,7 +43,7 @@ class Plant:
         self._curve = curve_resistance_mps2(route.curvature_per_m.value)
         self._offsets = np.linspace(-vehicle.train_length_m, 0.0, TRAIN_SAMPLES)
 
-    def step(self, state: PlantState, wanted_n: float) -> PlantState:
+    def step(self, state: HurriedState, wanted_n: float) -> HurriedState:
         """One step of semi-implicit Euler: forces from the speed before, position from the mean speed."""
         vehicle, v, dt = self.vehicle, state.speed_mps, self.step_s
         total = self._built_up(state, self._within_envelope(wanted_n, v))
@@ -70,7 +70,7 @@ class Plant:
         vehicle = self.vehicle
         return min(max(wanted_n, -float(vehicle.brake_effort_n(v))), float(vehicle.traction_effort_n(v)))
 
-    def _built_up(self, state: PlantState, wanted_n: float) -> float:
+    def _built_up(self, state: HurriedState, wanted_n: float) -> float:
         before = state.force_el_n + state.force_friction_n
         most = EFFORT_RATE_RATIO_PER_S * self.vehicle.traction.max_force_n * self.step_s
         return before + math.copysign(min(abs(wanted_n - before), most), wanted_n - before)
@@ -93,16 +93,16 @@ class DriverStyle:
     """How a driver drives; all figures are assumptions of a plausible size."""
 
     below_limit_mps: float = 3.0 * KMH
-    """Keeps this much below the limit."""
+    """The driver keeps this much (m/s) below the limit."""
     braking_mps2: float = 0.45
-    """Plans braking with this deceleration."""
+    """The driver plans braking with this deceleration (m/s²)."""
     approach_mps2: float = 0.35
-    """Plans the last braking to the stop with this deceleration."""
+    """The driver plans the last braking to the stop with this deceleration (m/s²)."""
     full_effort_error_mps: float = 2.0
-    """Uses full effort when this much too slow or too fast."""
+    """The driver uses full effort when the train is this much (m/s) too slow or too fast."""
     wander_mps: float = 2.0 * KMH
     wander_s: float = 40.0
-    """The speed aimed at wanders by this (standard deviation) with this correlation time."""
+    """The speed that the driver aims at wanders by `wander_mps` (standard deviation) with this correlation time (s)."""
 
 
 class HurriedDriver:

@@ -17,7 +17,7 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from sim.bundled.hurried import DriverStyle, HurriedDriver, Plant, PlantState
+from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08
@@ -46,16 +46,16 @@ class TripPlan:
     train: str
 
 
-def drive(plan: TripPlan) -> list[PlantState]:
+def drive(plan: TripPlan) -> list[HurriedState]:
     """The truth of the trip, once a second from departure to standstill at the stop."""
-    plant = Plant(plan.route, plan.vehicle, plan.vehicle.loss_model(plan.level))
+    plant = HurriedPlant(plan.route, plan.vehicle, plan.vehicle.loss_model(plan.level))
     driver = HurriedDriver(plan.route, plan.vehicle, plan.end.position_m, plan.seed, DriverStyle())
-    state = PlantState(time_s=0.0, s_m=plan.start.position_m, speed_mps=0.0)
+    state = HurriedState(time_s=0.0, s_m=plan.start.position_m, speed_mps=0.0)
     states = [state]
     per_fix = round(FIX_EVERY_S / plant.step_s)
     while state.s_m < plan.end.position_m - AT_STOP_M or state.speed_mps > 0.0:
         if state.s_m >= plan.end.position_m - AT_STOP_M and state.speed_mps < 0.2:
-            state = PlantState(time_s=state.time_s, s_m=state.s_m, speed_mps=0.0, energy_input_j=state.energy_input_j)
+            state = HurriedState(time_s=state.time_s, s_m=state.s_m, speed_mps=0.0, energy_input_j=state.energy_input_j)
             break
         for _ in range(per_fix):
             state = plant.step(state, driver.wanted_force_n(state.s_m, state.speed_mps, plant.step_s))
@@ -65,7 +65,7 @@ def drive(plan: TripPlan) -> list[PlantState]:
     return [*states, state]
 
 
-def write_trip(path: Path, plan: TripPlan, states: list[PlantState], command: str) -> None:
+def write_trip(path: Path, plan: TripPlan, states: list[HurriedState], command: str) -> None:
     """Write what a receiver and the operator would have said of a trip as a recording of ours."""
     random = np.random.default_rng(plan.seed + 1)
     file = RecordingFile(path)

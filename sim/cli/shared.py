@@ -10,29 +10,24 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeVar
-
-import typer
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from typing import TypeVar
 
 from das.command_line.printing import error_console
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 
 Kind = TypeVar("Kind", bound=StrEnum)
-BusOption = Annotated[
-    Path | None,
-    typer.Option("--bus", metavar="DIR", help="Folder of bus files (das-node tls-init) instead of this machine alone."),
-]
-InsecureBusOption = Annotated[
-    bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
-]
+Progressed = Callable[[float, float], None]
+"""Called with how much is done and with the whole."""
+
 SAID_EVERY_S = 2.0
-"""Without a terminal, progress is a line this often."""
+"""Without a terminal, one line of progress is printed this often (s)."""
+SLOWEST, FASTEST = 0.01, 1e6
+"""Range of `--speed` in times real time."""
 
 
 def chosen(kind: type[Kind], option: str, text: str) -> Kind:
-    """A member of an enumeration by name; DasError for anything else (so that a command need not import it at once)."""
+    """The member of an enumeration with a name; DasError for any other text."""
     if text not in list(kind):
         raise DasError(f"{option} {text}: expected one of {', '.join(kind)}")
     return kind(text)
@@ -46,7 +41,7 @@ def speed_factor(text: str) -> float | None:
         value = 1.0 if text == "real" else float(text)
     except ValueError:
         value = float("nan")
-    if not 0.01 <= value <= 1e6:
+    if not SLOWEST <= value <= FASTEST:
         raise DasError(f"--speed {text}: expected max, real or a number of times real time, 0.01 to 1000000")
     return value
 
@@ -62,29 +57,40 @@ def new_recording(kind: str) -> Path:
 
 
 def typed_command() -> str:
-    """The command as it was typed."""
+    """The command as the user typed it."""
     return shlex.join(["das-sim", *sys.argv[1:]])
 
 
 @contextmanager
-def progress_bar(title: str, first: str, unit: str) -> Iterator[Callable[[float, float], None]]:
-    """A bar on a terminal, a line every few seconds elsewhere; `first` is said until something is done.
+def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
+    """A bar on a terminal, a line every few seconds elsewhere; `first` is shown until something is done.
 
-    Yields what to call with how much is done and the whole.
+    The time that is left is estimated from what was done so far and is not shown before that. Yields what to call with
+    how much is done and the whole.
     """
-    if not error_console().is_terminal:
-        said = time.monotonic()
-
-        def line(done: float, whole: float) -> None:
-            nonlocal said
-            if time.monotonic() - said > SAID_EVERY_S or done == whole:
-                print(f"{title}: {done:.0f} of {whole:.0f} {unit}", file=sys.stderr)
-                said = time.monotonic()
-
-        print(f"{title}: {first}", file=sys.stderr)
-        yield line
+    if not sys.stderr.isatty():
+        yield _lines(title, first, unit)
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        *(BarColumn(), TaskProgressColumn(), TimeRemainingColumn()),
+    )
     with Progress(*columns, console=error_console(), transient=True) as bar:
         task = bar.add_task(f"{title}: {first}", total=None)
         yield lambda done, whole: bar.update(task, completed=done, total=whole, description=title)
+
+
+def _lines(title: str, first: str, unit: str) -> Progressed:
+    """Progress as lines on standard error."""
+    said = time.monotonic()
+
+    def line(done: float, whole: float) -> None:
+        nonlocal said
+        if time.monotonic() - said > SAID_EVERY_S or done == whole:
+            print(f"{title}: {done:.0f} of {whole:.0f} {unit}", file=sys.stderr)
+            said = time.monotonic()
+
+    print(f"{title}: {first}", file=sys.stderr)
+    return line

@@ -1,31 +1,31 @@
-"""What a driver sees: the cab, the advice as it is presented, and the protocol of a driver."""
+"""What a driver sees: his cab, the advice as it is presented, and what every driver can do."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 from das.bus import das_pb2
 from das.domain.units import NS
+from sim.drivers.kinds import Presentation
 from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
 
+__all__ = [
+    "AT_STOP_M",
+    "AdviceView",
+    "CabView",
+    "Driver",
+    "Efforts",
+    "PostedRestriction",
+    "Presentation",
+    "lever_ratio",
+    "present",
+]
+
 AT_STOP_M = 10.0
-"""A train standing this near to its stop is at it (doors at the platform); it does not creep on."""
-
-
-class Presentation(StrEnum):
-    """How much of the same advice the display shows."""
-
-    NONE = "none"
-    RMS = "rms"
-    """One reduced maximum speed."""
-    FOUR_MODE = "four-mode"
-    """Full traction, a speed to hold, coasting, braking; and when the next begins."""
-    VECTOR = "vector"
-    """Speed and effort now, and for the next seconds."""
+"""A train that stands this near (m) to its stop is at it, with the doors at the platform; it does not creep on."""
 
 
 class Efforts(NamedTuple):
@@ -37,7 +37,7 @@ class Efforts(NamedTuple):
 
     @classmethod
     def at(cls, speed_mps: float, train: TrainNumbers) -> Efforts:
-        """Those at a speed."""
+        """The largest forces at a speed (m/s)."""
         return cls(*kernels.efforts(max(speed_mps, 0.0), 1.0, train))
 
     def lever_ratio(self, force_n: float) -> float:
@@ -48,11 +48,11 @@ class Efforts(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceView:
-    """Advice as the display shows it; NaN and empty: not shown. Times in s on the cab's clock, modes as on the bus.
+    """Advice as the display shows it; what is not shown is NaN or empty.
 
-    `speed_mps` is the advised speed, in RMS the reduced maximum, in FOUR_MODE the speed to hold. `lever_ratio` is the
-    advised effort on the controller's scale (see `sim.plant.plant.lever`). Horizons: in 1 s steps, the first 1 s after
-    `time_s`.
+    Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
+    maximum, in FOUR_MODE the speed to hold. `lever_ratio` is the advised effort on the controller's scale (see
+    `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
     """
 
     time_s: float
@@ -68,7 +68,7 @@ class AdviceView:
     next_change_s: float = math.nan
 
 
-class Restriction(NamedTuple):
+class PostedRestriction(NamedTuple):
     """A temporary speed limit (m/s) between two positions (m), for the whole train."""
 
     start_m: float
@@ -76,12 +76,12 @@ class Restriction(NamedTuple):
     limit_mps: float
 
 
-class Cab(NamedTuple):
+class CabView(NamedTuple):
     """What the driver sees and has been told at a moment.
 
-    Clock (s), position by the line's marks (m), speed and limit as displayed (m/s), the next timetabled stop (m) and
-    when to arrive there; not to leave before `departure_s`, nor before `may_depart` (doors closed, signal clear).
-    `signal_m`: a signal at danger ahead. `advice` is None where nothing is shown.
+    That is the clock (s), the position by the line's marks (m), speed and limit as displayed (m/s), the next timetabled
+    stop (m) and when to arrive there. The train may not leave before `departure_s`, nor before `may_depart` (doors
+    closed, signal clear). `signal_m` is a signal at danger ahead. `advice` is None if nothing is shown.
     """
 
     time_s: float
@@ -93,17 +93,17 @@ class Cab(NamedTuple):
     arrival_s: float
     may_depart: bool = True
     signal_m: float = math.inf
-    restrictions: tuple[Restriction, ...] = ()
+    restrictions: tuple[PostedRestriction, ...] = ()
     advice: AdviceView | None = None
 
     @property
     def halt_m(self) -> float:
-        """Where the train must stand next."""
+        """Position (m) at which the train must stand next."""
         return min(self.stop_m, self.signal_m)
 
     @property
     def shall_stand(self) -> bool:
-        """Standing, and rightly so: at its halt, beyond it, or not to leave yet."""
+        """Whether the train stands and is right to: at its halt, beyond it, or because it may not leave yet."""
         if self.speed_mps > 0:
             return False
         waiting = not self.may_depart or self.time_s < self.departure_s
@@ -111,15 +111,15 @@ class Cab(NamedTuple):
 
     @property
     def shown(self) -> AdviceView | None:
-        """The advice, where it is still valid."""
+        """The advice if it is still valid, else None."""
         view = self.advice
         return view if view is not None and self.time_s <= view.valid_until_s else None
 
 
 class Driver(Protocol):
-    """Someone who drives: asked at every look, a fraction of a second apart, in the order of time."""
+    """Someone who drives; `command` is called at every look, a fraction of a second apart, in the order of time."""
 
-    def command(self, cab: Cab) -> Command:
+    def command(self, cab: CabView) -> Command:
         """What the controller is set to until the next look."""
 
 
@@ -130,9 +130,10 @@ def present(
     *,
     clock_zero_ns: int = 0,
 ) -> AdviceView | None:
-    """What the display shows of an advice (a `das.advice.advice.Advice` or the bus's message), or None.
+    """What the display shows of an advice; None if it shows nothing.
 
-    `clock_zero_ns` is the moment at which the cab's clock shows 0.
+    `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment at which the
+    cab's clock shows 0.
     """
     mode = int(advice.mode)
     if presentation is Presentation.NONE or mode == das_pb2.MODE_NONE:

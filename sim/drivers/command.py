@@ -1,33 +1,31 @@
-"""The command das-sim drivers: who can drive, and what makes a human."""
+"""The command `das-sim drivers`: who can drive, and the parameters of a human driver."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import fields
-from textwrap import fill
-from typing import Annotated
+from typing import Final
 
-import typer
-from rich.table import Table
+from das.command_line.options import JsonOption
+from das.command_line.printing import print_table, tell
 
-from das.command_line.printing import print_table
-from sim.drivers.parameters import HumanParameters, parameter_table
-
-FOLDED = 52
-"""Width of the column of meanings."""
-DRIVERS = {
+DRIVERS: Final = {
     "perfect": "follows the full advice, speed and force, as exactly as the train lets",
-    "fast": "as fast as allowed, brakes late",
-    "rms": "holds one reduced maximum speed, the advice's or his own",
+    "fast": "drives as fast as allowed and brakes late",
+    "rms": "holds one reduced maximum speed, the advised one or the driver's own",
     "timetable": "keeps time without advice",
     "human": "reacts, errs, refuses and learns, by the parameters below",
 }
+"""What each driver does."""
 
 
-def drivers(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
-) -> None:
-    """Who can drive, and the parameters of a human driver with default, range and source."""
+def drivers(as_json: JsonOption = False) -> None:
+    """List who can drive, and the parameters of a human driver with their default, range and source."""
+    from dataclasses import fields
+
+    from rich.table import Table
+
+    from sim.drivers.parameters import HumanParameters, parameter_table
+
     if as_json:
         parameters = {f.name: {"default": f.default, **f.metadata} for f in fields(HumanParameters)}
         print(json.dumps({"drivers": DRIVERS, "human": parameters}))
@@ -36,9 +34,14 @@ def drivers(
     for name, meaning in DRIVERS.items():
         who.add_row(name, meaning)
     print_table(who)
-    table = Table("parameter", "default", "range", "meaning", title="human", title_justify="left")
+    table = Table(title="human", title_justify="left")
+    for heading in ("parameter", "default"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("range, meaning (source)")
     for name, default, unit, limits, meaning, source in parameter_table():
-        table.add_row(name, f"{default} {unit}", limits, f"{fill(meaning, FOLDED)}\n{fill(f'({source})', FOLDED)}")
+        table.add_row(name, f"{default} {unit}", f"{limits}: {meaning} ({source})")
     print_table(table)
-    print("a scenario's table [human] sets them, to values or ranges, and trips made before")
-    print("(docs/reference/drivers.md)")
+    tell(
+        "The table [human] of a scenario sets them, to values or ranges, and the trips made before "
+        "(docs/reference/drivers.md)."
+    )

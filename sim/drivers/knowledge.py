@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,12 +13,12 @@ from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from sim.drivers import knowledge_kernels as kernels
-from sim.drivers.cab import Cab, Restriction
+from sim.drivers.cab import CabView, PostedRestriction
 from sim.plant.kernels import TrainNumbers
 from sim.plant.plant import train_numbers
 
 CELL_M = 5.0
-"""The line is remembered in cells of this length, counted back from the halt."""
+"""The line is remembered in cells of this length (m), counted back from the halt."""
 SLOWEST_CAP_MPS = 20.0 * KMH
 CAP_HALVINGS = 14
 
@@ -26,8 +27,8 @@ CAP_HALVINGS = 14
 class Habit:
     """How close to what is allowed someone drives.
 
-    Plans to brake with `braking_mps2`, and with at most `reserve_ratio` of what the brakes can do; keeps `below_mps`
-    (and at most a tenth) below limits.
+    He plans to brake with `braking_mps2`, and with at most `reserve_ratio` of what the brakes can do. He keeps
+    `below_mps`, and at most a tenth, below limits.
     """
 
     braking_mps2: float
@@ -58,50 +59,58 @@ class LineKnowledge:
         object.__setattr__(self, "supply", self.route.supply())
 
 
-class Outlook:
-    """The way to the next halt as someone foresees it who brakes in a certain way.
+class _Lists(NamedTuple):
+    """What is looked up one by one many times a second, as plain lists: they are faster than arrays there."""
 
-    Asked for positions up to the halt; before the first and beyond the last it goes on as there.
+    allowed_w: list[float]
+    """Square of the highest speed (m²/s²) at each node."""
+    line_n: list[float]
+    """Force (N) of gradient and curves in each cell."""
+    tunnel_n_per_mps2: list[float]
+    """Additional v² coefficient (N/(m/s)²) of tunnels in each cell."""
+
+
+class Outlook:
+    """The way to the next halt as a driver with a certain habit of braking foresees it.
+
+    It is asked for positions up to the halt; before its first cell and beyond its last it goes on as there.
     """
 
-    def __init__(self, line: LineKnowledge, cab: Cab, habit: Habit) -> None:
+    def __init__(self, line: LineKnowledge, cab: CabView, habit: Habit) -> None:
         self.halt_m = cab.halt_m
         self.train = line.train
         cells = max(math.ceil((self.halt_m + CELL_M) / CELL_M), 1)
         node_m = self.halt_m - CELL_M * np.arange(cells, -1, -1.0)
         self._first_m, self._cells = float(node_m[0]), cells
         limit = _limits(line, node_m, cab.restrictions)
-        self._limit = limit - np.minimum(habit.below_mps, 0.1 * limit)
+        limit = limit - np.minimum(habit.below_mps, 0.1 * limit)
         self._line_n = _line_n(line, node_m)
         self._tunnel = _tunnels(line, node_m)
         self._supply = _least(line.supply, node_m)
         self._top = kernels.ceiling(
-            CELL_M, self._limit, self._line_n, self._tunnel, self._supply, habit.braking_mps2,
+            CELL_M, limit, self._line_n, self._tunnel, self._supply, habit.braking_mps2,
             habit.reserve_ratio, self.train,
         )  # fmt: skip
         self.top_mps = math.sqrt(self._top.max())
         """The highest speed anywhere on the way."""
-        # Plain lists: looked up one by one, many times a second.
-        self._allowed_w: list[float] = self._top.tolist()
-        self._line_list: list[float] = self._line_n.tolist()
-        self._tunnel_list: list[float] = self._tunnel.tolist()
+        self._lists = _Lists(self._top.tolist(), self._line_n.tolist(), self._tunnel.tolist())
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed from which all that is known ahead is kept, braking as planned."""
+        """The highest speed (m/s) from which everything known ahead is kept, braking as planned."""
         if s_m >= self.halt_m:
             return 0.0
-        return self._root(self._allowed_w, s_m)
+        return self._root(self._lists.allowed_w, s_m)
 
     def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
-        """The steady deceleration that keeps what is allowed ahead; excess right ahead is given a way to go."""
+        """The steady deceleration (m/s²) that keeps what is allowed ahead; excess right ahead is given a way to go."""
         return float(kernels.needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
 
     def resisting_n(self, s_m: float, speed_mps: float) -> float:
-        """Force that holds the train back here: running, tunnel, curves, gradient."""
+        """The force (N) that holds the train back here: running resistance, tunnel, curves and gradient."""
         i, _ = self._cell(s_m)
         train = self.train
-        quadratic = train.c2_n_per_mps2 + self._tunnel_list[i]
-        return self._line_list[i] + train.c0_n + speed_mps * (train.c1_n_per_mps + quadratic * speed_mps)
+        quadratic = train.c2_n_per_mps2 + self._lists.tunnel_n_per_mps2[i]
+        return self._lists.line_n[i] + train.c0_n + speed_mps * (train.c1_n_per_mps + quadratic * speed_mps)
 
     def cap_for(self, time_s: float, s_m: float, speed_mps: float) -> float:
         """The reduced maximum speed with which the halt is reached in a time (s) from here."""
@@ -123,14 +132,14 @@ class Outlook:
 
 
 class Foresight:
-    """Keeps the outlook of a driver, made anew when the halt or the restrictions change."""
+    """Keeps the outlook of a driver, and makes it anew when the halt or the restrictions change."""
 
     def __init__(self, line: LineKnowledge, habit: Habit) -> None:
         self.line, self.habit = line, habit
-        self._key: tuple[float, tuple[Restriction, ...]] | None = None
+        self._key: tuple[float, tuple[PostedRestriction, ...]] | None = None
         self._outlook: Outlook | None = None
 
-    def outlook(self, cab: Cab) -> Outlook:
+    def outlook(self, cab: CabView) -> Outlook:
         """The outlook for what the cab shows."""
         key = (cab.halt_m, cab.restrictions)
         if self._outlook is None or key != self._key:
@@ -138,7 +147,7 @@ class Foresight:
         return self._outlook
 
 
-def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[Restriction, ...]) -> Floats:
+def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[PostedRestriction, ...]) -> Floats:
     """The limit over the train in each cell (m/s), temporary ones included."""
     length_m = line.vehicle.train_length_m
     limit = _least(line.limits_mps, node_m)

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
+from das.compiling.kernels import kernel
 from das.domain.route import NEUTRAL
-from das.solver.compiling import kernel
 from sim.plant.kernels import brake_effort, running_resistance, traction_effort
 
 _LEAST_BRAKING_MPS2 = 0.02
-"""A train that brakes less than this is taken to brake so (the ceiling would rise without end)."""
+"""A train is assumed to brake at least this much (m/s²), because the ceiling would otherwise rise without end."""
 _CRAWL_MPS = 0.5
-"""A train in front of something it cannot climb is taken to crawl."""
+"""A train in front of something that it cannot climb is assumed to crawl at this speed."""
 
 
 @kernel

@@ -14,7 +14,7 @@ ROAD = "assumption, longer than the 0.75 to 1.5 s of road drivers' braking (Gree
 
 
 def _parameter(default: float, unit: str, low: float, high: float, meaning: str, source: str = ASSUMPTION) -> Any:
-    """A field with what a reader must know of it."""
+    """Make a field, with what a reader must know about it."""
     return field(
         default=default, metadata={"unit": unit, "low": low, "high": high, "meaning": meaning, "source": source}
     )
@@ -22,7 +22,7 @@ def _parameter(default: float, unit: str, low: float, high: float, meaning: str,
 
 @dataclass(frozen=True, kw_only=True)
 class HumanParameters:
-    """A human driver. SI units; see `parameter_table` for meaning, range and source of each."""
+    """The parameters of a human driver in SI; `parameter_table` gives meaning, range and source of each."""
 
     reaction_median_s: float = _parameter(
         2.0, "s", 0.2, 20.0, "reaction to new advice once seen, and to the order to depart: median of a lognormal", ROAD

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from sim.drivers.cab import AdviceView, Cab, Presentation
+from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.knowledge import LineKnowledge, Outlook
-from sim.drivers.rules import ANTICIPATION_S, FastDriver, TimetableDriver
-from sim.drivers.tracking import AHEAD_S, GAIN_PER_S, hold, needed_braking_mps2, stand
+from sim.drivers.rule_settings import FOLLOWING, RULE, TRACKING
+from sim.drivers.rules import FastDriver, TimetableDriver
+from sim.drivers.tracking import hold, needed_braking_mps2, stand
 from sim.plant.kernels import electric_effort
 from sim.plant.plant import Command, force, speed
-
-STOPPING_S = 10.0
-"""When the advice ends in a standstill within this time, the follower brakes for the mark itself."""
-MINDED_MPS = 1.0
-"""So near to what a restriction or a signal allows he leaves the advice."""
-LEAST_BRAKING_MPS2 = 0.05
-"""Nobody brakes less than this for the mark: there is still a way to drive (after a signal short of it)."""
-RELEASE_S = 0.4
-"""An effort is given up this much before it is due: half the time it takes to fall."""
 
 
 class PerfectDriver:
@@ -25,7 +17,7 @@ class PerfectDriver:
     def __init__(self, line: LineKnowledge) -> None:
         self._alone, self._minding = TimetableDriver(line), FastDriver(line)
 
-    def command(self, cab: Cab) -> Command:
+    def command(self, cab: CabView) -> Command:
         view = cab.shown
         if view is None or view.presentation is not Presentation.VECTOR:
             return self._alone.command(cab)
@@ -33,34 +25,34 @@ class PerfectDriver:
             return self._minding.command(cab)
         return stand(cab) or self._follow(cab, view, self._alone.foresight.outlook(cab))
 
-    def _must_mind(self, cab: Cab) -> bool:
-        """Near the highest speed that a restriction or signal allows, of which the advice may not know."""
-        soon_m = cab.s_m + cab.speed_mps * ANTICIPATION_S
-        return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - MINDED_MPS
+    def _must_mind(self, cab: CabView) -> bool:
+        """Whether the train is near the highest speed that a restriction or signal allows; the advice may not know."""
+        soon_m = cab.s_m + cab.speed_mps * RULE.anticipation_s
+        return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
 
-    def _follow(self, cab: Cab, view: AdviceView, outlook: Outlook) -> Command:
+    def _follow(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
         since_s = cab.time_s - view.time_s
         speeds = (view.speed_mps, *view.horizon_speed_mps)
         forces = (view.force_n, *view.horizon_force_n)
         train = outlook.train
-        if _between(speeds, since_s + STOPPING_S) <= 0:
+        if _between(speeds, since_s + FOLLOWING.stopping_s) <= 0:
             needed = needed_braking_mps2(cab, cab.halt_m)
-            if needed < LEAST_BRAKING_MPS2:
+            if needed < FOLLOWING.least_braking_mps2:
                 return self._alone.command(cab)
             return force(outlook.resisting_n(cab.s_m, cab.speed_mps) - train.inertial_mass_kg * needed)
         now = _between(speeds, since_s)
         if now > cab.limit_mps:
             return hold(cab, outlook, cab.limit_mps)
-        rate = (_between(speeds, since_s + AHEAD_S) - now) / AHEAD_S
+        rate = (_between(speeds, since_s + TRACKING.ahead_s) - now) / TRACKING.ahead_s
         # Brakes early enough on and not too early off; traction the other way round.
-        ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (ANTICIPATION_S, RELEASE_S))
+        ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (RULE.anticipation_s, FOLLOWING.release_s))
         # No friction brake beyond the plan's own.
         low_n = min(ahead_n, _between(forces, since_s), -electric_effort(cab.speed_mps, 1.0, train))
-        return speed(now, rate_mps2=rate, force_n=ahead_n, gain_per_s=GAIN_PER_S, low_n=low_n)
+        return speed(now, rate_mps2=rate, force_n=ahead_n, gain_per_s=TRACKING.gain_per_s, low_n=low_n)
 
 
 def _between(values: tuple[float, ...], at_s: float) -> float:
-    """A value of a horizon in 1 s steps, linear between, its ends continued."""
+    """A value of a horizon with steps of 1 s, linear between them; before and after it, the values of its ends."""
     x = min(max(at_s, 0.0), len(values) - 1.0)
     i = min(int(x), len(values) - 2)
     return values[i] + (x - i) * (values[i + 1] - values[i])

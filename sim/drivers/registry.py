@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 from sim.drivers.cab import Driver
 from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.perfect import PerfectDriver
 from sim.drivers.rules import FastDriver, RmsDriver, TimetableDriver
 
-
-class DriverKind(StrEnum):
-    """Who drives."""
-
-    PERFECT = "perfect"
-    FAST = "fast"
-    RMS = "rms"
-    TIMETABLE = "timetable"
-    HUMAN = "human"
+__all__ = ["DriverKind", "make_driver"]
 
 
 def make_driver(
@@ -30,7 +21,7 @@ def make_driver(
     seed: int = 0,
     stream: int = 0,
 ) -> Driver:
-    """A driver for a line; parameters, seed and stream (one per driver of a seed) are the human's."""
+    """Make a driver for a line; parameters, seed and stream (one per driver of a seed) concern the human alone."""
     if kind is DriverKind.HUMAN:
         return HumanDriver(line, parameters, seed=seed, stream=stream)
     if kind is DriverKind.PERFECT:

@@ -1,8 +1,8 @@
-"""A simulated train: its own physics over domain data, apart from the solver's, so that errors are not shared.
+"""A simulated train with its own physics, which share no code with the solver so that they share no errors.
 
-m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md, and beyond it:
-forces take time (dead time, build-up, jerk), wheels transmit only what the rail's adhesion allows at this place and
-time.
+m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md. Beyond
+that, forces take time (dead time, build-up, jerk), and wheels transmit only what the rail's adhesion at this place and
+time allows.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from das.domain.route import Floats, Route, Stretches
 from das.domain.trajectory import Ledger
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
-from sim.plant import kernels
+from sim.plant import kernels, line_kernels
 from sim.plant.kernels import NO_LIMIT_N, Actuators, Command, LineNumbers, LossNumbers, PlantState, TrainNumbers
 
 __all__ = ["COAST", "Command", "Dynamics", "Patch", "Plant", "PlantState", "force", "lever", "speed", "train_numbers"]
 
-STEP_S = 0.05
-"""Step of the integration (20 Hz)."""
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.02, 0.1
+"""Range of the integration's step (s): within it the results do not depend on it."""
 NO_LIMIT_MPS2 = 1e6
+"""An acceleration no train reaches (finite, so that products stay defined)."""
 DRAWN_AT_MPS = 1.0
-"""A speed at which the train moves: what it draws on top of its chain's losses there are the auxiliaries."""
+"""At this speed (m/s) the train moves: what it draws there beyond the losses of its chain are the auxiliaries."""
 
 
 def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
@@ -40,7 +40,7 @@ def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
 
 
 def lever(ratio: float, *, friction_ratio: float = 0.0) -> Command:
-    """Set the controller: 1 = full traction, −1 = both brakes fully, of what they can at the present speed."""
+    """Set the controller: 1 is full traction, −1 is both brakes fully, of what they can do at the present speed."""
     return Command(kernels.LEVER, ratio, friction_ratio=friction_ratio)
 
 
@@ -53,43 +53,55 @@ def speed(
     low_n: float = -NO_LIMIT_N,
     high_n: float = NO_LIMIT_N,
 ) -> Command:
-    """Hold a speed that changes by `rate_mps2`; `force_n` is what holding it is thought to need."""
+    """Hold a speed that changes by `rate_mps2`; `force_n` is the force that holding it is expected to need."""
     return Command(kernels.SPEED, speed_mps, rate_mps2, force_n, gain_per_s, low_n, high_n)
 
 
 COAST = force(0.0)
-"""No force; a standing train stays where it is, held by its brakes."""
+"""The command for no force; a train that stands stays where it is, held by its brakes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dynamics:
-    """How fast forces come and go. Rise and fall: from nothing to the largest force and back; dead: until it begins.
-
-    The friction brake's rise and fall are those of the air brake in position P (UIC 540: 3 to 5 s and 15 to 20 s); the
-    others are assumptions of the size usual with electronically controlled traction. The jerk limit holds for every
-    force by itself.
-    """
+    """How fast the forces of a train come and go, and the step in which its motion is integrated."""
 
     traction_dead_s: float = 0.2
+    """Time (s) from the command until traction begins; assumption of a size usual with electronic control."""
     traction_rise_s: float = 1.0
+    """Time (s) in which traction rises from nothing to its largest force; assumption of a usual size."""
     traction_fall_s: float = 0.7
+    """Time (s) in which traction falls from its largest force to nothing; assumption of a usual size."""
     electric_dead_s: float = 0.2
+    """Time (s) from the command until the electric brake begins; assumption of a usual size."""
     electric_rise_s: float = 1.0
+    """Time (s) in which the electric brake rises to its largest force; assumption of a usual size."""
     electric_fall_s: float = 0.7
+    """Time (s) in which the electric brake falls from its largest force to nothing; assumption of a usual size."""
     friction_dead_s: float = 0.5
+    """Time (s) from the command until the friction brake begins; assumption."""
     friction_rise_s: float = 4.0
+    """Time (s) in which the friction brake rises to its largest force: air brake in position P, 3 to 5 s (UIC 540)."""
     friction_fall_s: float = 15.0
+    """Time (s) in which the friction brake is released: air brake in position P, 15 to 20 s (UIC 540)."""
     jerk_mps3: float = 0.8
+    """Largest change of the acceleration (m/s³) by each force on its own: passengers stand; assumption."""
+    step_s: float = 0.05
+    """Step (s) of the integration: 20 Hz, well below every time above."""
 
     def __post_init__(self) -> None:
+        if not SHORTEST_STEP_S <= self.step_s <= LONGEST_STEP_S:
+            expected = f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g}"
+            raise InputError("plant", "step_s", self.step_s, expected)
         for item in fields(self):
             value = getattr(self, item.name)
+            if item.name == "step_s":
+                continue
             low = 0.0 if item.name.endswith("dead_s") else 1e-3
             if not low <= value <= 120.0:
                 raise InputError("plant", item.name, value, f"{low:g} to 120")
 
     def actuators(self, train: TrainNumbers) -> Actuators:
-        """The rates for a train."""
+        """Dead times and rates of the forces of a train."""
         jerk_n_per_s = self.jerk_mps3 * train.inertial_mass_kg
 
         def rate(force_n: float, over_s: float) -> float:
@@ -134,11 +146,11 @@ class Patch:
 class Plant:
     """A train on a route, stepped under commands.
 
-    `conditions` and `patches` are what differs from the files of route and vehicle: the truth, of which a plan need not
-    know. A wind belongs there and not into the vehicle's resistance. A train that brakes by policy FRICTION has its
-    whole braking force as friction brake; any other blends, electric first, friction for the rest.
+    `conditions` and `patches` are how the truth differs from the files of route and vehicle; a plan need not know it. A
+    wind belongs there and not into the vehicle's resistance. A train that brakes by policy FRICTION has its whole
+    braking force as friction brake; any other blends: electric first, friction for the rest.
 
-    Raises DasError for losses that do not cover what the train can do here, and for conditions it has no data of.
+    Raises DasError for losses that do not cover what the train can do here, and for conditions without data.
     """
 
     def __init__(
@@ -150,17 +162,15 @@ class Plant:
         conditions: Conditions | None = None,
         patches: Sequence[Patch] = (),
         dynamics: Dynamics | None = None,
-        step_s: float = STEP_S,
     ) -> None:
-        if not SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S:
-            raise DasError(f"plant: step_s = {step_s}: expected {SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g}")
+        dynamics = dynamics or Dynamics()
         conditions = conditions or Conditions()
         self.route = conditions.line(route)
         self.vehicle = replace(conditions, head_wind_mps=0.0).train(vehicle)
         self.level = vehicle.default_level if level is None else level
-        self.step_s = step_s
+        self.step_s = dynamics.step_s
         self._train = train_numbers(self.vehicle, self.level)
-        self._actuators = (dynamics or Dynamics()).actuators(self._train)
+        self._actuators = dynamics.actuators(self._train)
         if conditions.head_wind_mps:
             patches = (Patch(head_wind_mps=conditions.head_wind_mps), *patches)
         if any(p.adhesion_ratio != 1 for p in patches) and math.isinf(vehicle.adhesive_mass_kg):
@@ -171,7 +181,7 @@ class Plant:
         self._loss = _loss_numbers(chain)
 
     def at(self, s_m: float, speed_mps: float = 0.0, time_s: float = 0.0) -> PlantState:
-        """A state to begin with, without forces."""
+        """A state to begin with: no force acts."""
         return PlantState(float(time_s), float(s_m), float(speed_mps))
 
     def step(self, state: PlantState, command: Command) -> PlantState:
@@ -193,15 +203,15 @@ class Plant:
 
     def gradient_ratio(self, s_m: float) -> float:
         """Gradient averaged over the train with its head at s."""
-        return float(kernels.line_means(self._line, float(s_m), 0.0)[0])
+        return float(line_kernels.line_means(self._line, float(s_m), 0.0)[0])
 
     def weather(self, state: PlantState) -> tuple[float, float]:
         """State of the rail under the train (1 = dry) and head wind on it (m/s)."""
-        rail, wind = kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.train_length_m)
+        rail, wind = line_kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.train_length_m)
         return float(rail) * self._train.rail_ratio, float(wind)
 
     def ledger(self, before: PlantState, after: PlantState) -> Ledger:
-        """Where the energy went between two states; kinetic and potential from the states alone, so it is a check."""
+        """Where the energy went between two states; kinetic and potential energy come from the states, as a check."""
         vehicle, weight_n = self.vehicle, self.vehicle.mass_kg * STANDARD_GRAVITY_MPS2
 
         def used(name: str) -> float:
@@ -233,7 +243,7 @@ class Plant:
 
 
 def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
-    """A train as the kernels take it, at a level of losses (default: the vehicle's)."""
+    """The numbers of a train for the kernels, at a level of losses (default: the vehicle's)."""
     level = vehicle.default_level if level is None else level
     electric, friction_n = vehicle.electric_brake, vehicle.friction_brake_force_n
     if vehicle.brakes_at(level) is BrakePolicy.FRICTION:
@@ -301,7 +311,7 @@ def _under_train(quantity: Stretches, node_m: Floats, length_m: float) -> Floats
 
 
 def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
-    """The additional v² coefficient along the line (tunnels lie apart and in order)."""
+    """The additional v² coefficient along the line (N/(m/s)²); tunnels lie apart and in order."""
     ends = [
         (t.start_m, t.start_m + t.length_m, vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)) for t in route.tunnels
     ]
@@ -320,7 +330,7 @@ def _loss_numbers(loss: LossModel) -> LossNumbers:
 
 
 def _check_covered(loss: LossModel, vehicle: Vehicle, route: Route) -> None:
-    """A map must cover all the train can do up to the highest speed it may have here (beyond, it is continued)."""
+    """Raise DasError unless a loss map covers all that the train can do up to its highest speed here."""
     if not isinstance(loss, LossMap):
         return
     top_mps = min(float(route.limits_mps.value.max()), vehicle.max_speed_mps)

@@ -1,4 +1,4 @@
-"""The files a run is made from, and their hashes."""
+"""The files that a run is made from, and their hashes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def sha256(path: Path) -> str:
 
 
 def input_files(route: str, vehicle: str) -> dict[str, Path]:
-    """The files of a route and a vehicle, by what they are; DasError where there is none."""
+    """The files of a route and a vehicle, by what they are; raises DasError if one is missing."""
     return {"route": locate_route(route), **vehicle_files(vehicle)}
 
 
 def vehicle_files(vehicle: str) -> dict[str, Path]:
-    """The files of a vehicle, by what they are; DasError where there is none."""
+    """The files of a vehicle, by what they are; raises DasError if one is missing."""
     file = locate_vehicle(vehicle)
     loss_map = _loss_map_of(file)
     return {"vehicle": file} if loss_map is None else {"vehicle": file, "loss_map": loss_map}

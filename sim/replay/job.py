@@ -1,4 +1,4 @@
-"""From options to a replay ready to run: everything is read, checked and solved before a process starts."""
+"""Preparing a replay: everything is read, checked and solved before a process starts."""
 
 from __future__ import annotations
 
@@ -14,62 +14,78 @@ from das.bus.config import bus_folder
 from das.bus.recording import extract_attachments
 from das.bus.topics import check_train_name
 from das.cab.warm_up import warm_up
-from das.command_line.loading import warn_unusual
+from das.command_line.loading import load_route, load_vehicle
 from das.domain.errors import DasError
-from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
+from das.domain.files.load import catalogue, locate_route, locate_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.units import NS
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
-from sim.cli.options import ReplayOptions
-from sim.replay.replay import Job, plan_timing
+from sim.cli.shared import speed_factor
+from sim.processes.lockstep import Crew
+from sim.replay.options import ReplayOptions
+from sim.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import estimate_run
+from sim.trips.options import TripOptions
 from sim.trips.reading import Reading, RecordedJourney, read_trip
 from sim.trips.trip import Trip, Whereabouts, load_trip
 
+LONGEST_S = 86400.0
+"""Running times and delays must be shorter than this (s): a day."""
 
-def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) -> Job:
-    """Read trip, route and vehicle, solve the section, estimate the run as driven; DasError for anything unusable."""
-    check_train_name(options.train)
-    for name, value in (("--arrival", options.arrival_s), ("--delay", options.delay_s)):
-        if value is not None and not 0 <= value < 86400:
-            raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
-    if options.arrival_s is not None and options.arrival_s <= 0:
-        raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
+
+def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) -> ReplayJob:
+    """Read trip, route and vehicle, solve the section and estimate the energy as driven.
+
+    `command` is what the user typed; the recording keeps it. Raises DasError for anything unusable.
+    """
+    _check(options)
     if out.resolve() == trip_path.resolve():
         raise DasError(f"{out}: the recording to write is the trip to read")
     bus = bus_folder(options.bus, options.insecure_bus, options.train)
     folder = tempfile.TemporaryDirectory(prefix="das-replay-")
-    options, trip = open_trip(trip_path, options, Path(folder.name))
-    section = trip_section(trip, options)
+    of_trip, trip = open_trip(trip_path, options.trip, Path(folder.name))
+    section = trip_section(trip, of_trip)
     warm_up()
     front = solve_front(section)
     timing = plan_timing(trip, options.arrival_s, options.delay_s)
-    run = trip.run
-    return Job(
+    crew = Crew(
         train=options.train,
+        node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),
+        out=out,
+        metadata={**_metadata(trip, section, of_trip), "command": command, "train": options.train},
+        start_ns=timing.first_tick_ns,
+        attachments=tuple(_attachments(of_trip)),
+        bus=bus,
+    )
+    run = trip.run
+    return ReplayJob(
+        crew=crew,
         trip=trip,
         front=front,
         timing=timing,
         reference=front.trajectory((timing.arrival_ns - timing.departure_ns) * NS),
         driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
-        names=(trip.start.name, trip.end.name),
-        reversed=trip.reversed,
         delay_given=options.delay_s is not None,
-        node_arguments=_node_arguments(options, trip.start.name, trip.end.name),
-        out=out,
+        speed=speed_factor(options.speed),
         files_kept=folder,
-        speed=options.speed,
-        metadata=_metadata(trip, section, options, command),
-        attachments=tuple(_attachments(options)),
-        bus=bus,
     )
 
 
-def open_trip(trip_path: Path, options: ReplayOptions, folder: Path) -> tuple[ReplayOptions, Trip]:
-    """Read, clean and match a trip; the options with what the recording or the trip's own direction says.
+def _check(options: ReplayOptions) -> None:
+    check_train_name(options.train)
+    speed_factor(options.speed)
+    for name, value in (("--arrival", options.arrival_s), ("--delay", options.delay_s)):
+        if value is not None and not 0 <= value < LONGEST_S:
+            raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
+    if options.arrival_s is not None and options.arrival_s <= 0:
+        raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
 
-    Files a recording brings along are put into `folder`. Raises DasError for anything unusable.
+
+def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[TripOptions, Trip]:
+    """Read, clean and match a trip; returns the options completed from the recording, and the trip.
+
+    Files that a recording brings along are put into `folder`. Raises DasError for anything unusable.
     """
     reading = read_trip(trip_path)
     options = _completed(trip_path, reading, options, folder)
@@ -86,7 +102,7 @@ def open_trip(trip_path: Path, options: ReplayOptions, folder: Path) -> tuple[Re
     return replace(options, reverse=trip.reversed, line=None if trip.line_not_used else options.line), trip
 
 
-def _completed(trip_path: Path, reading: Reading, options: ReplayOptions, folder: Path) -> ReplayOptions:
+def _completed(trip_path: Path, reading: Reading, options: TripOptions, folder: Path) -> TripOptions:
     """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
     journey = RecordedJourney.of(reading)
     if journey is None:
@@ -120,12 +136,11 @@ def _recorded(identity: str, kind: str, attached: list[Path]) -> str:
     return identity
 
 
-def trip_section(trip: Trip, options: ReplayOptions) -> Section:
-    """The section of a trip with the chosen vehicle; DasError where none is chosen or it cannot run there."""
+def trip_section(trip: Trip, options: TripOptions) -> Section:
+    """The section of a trip with the chosen vehicle; raises DasError if none is chosen or it cannot run there."""
     if options.vehicle is None:
         raise DasError(f"{trip.path}: a trip without a journey needs --vehicle")
     vehicle = load_vehicle(options.vehicle)
-    warn_unusual(trip.route, vehicle)
     if options.loss_map is not None:
         vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
     return build_section(
@@ -138,7 +153,7 @@ def trip_section(trip: Trip, options: ReplayOptions) -> Section:
     )
 
 
-def _node_arguments(options: ReplayOptions, start: str, end: str) -> tuple[str, ...]:
+def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ...]:
     arguments = ["--route", str(options.route), "--vehicle", str(options.vehicle), "--from", start, "--to", end]
     if options.reverse:
         arguments.append("--reverse")
@@ -151,19 +166,17 @@ def _node_arguments(options: ReplayOptions, start: str, end: str) -> tuple[str, 
     return tuple(arguments)
 
 
-def _attachments(options: ReplayOptions) -> list[Path]:
-    """The files a replay was made from, besides the trip."""
+def _attachments(options: TripOptions) -> list[Path]:
+    """The files that a replay is made from, besides the trip."""
     paths = [locate_route(str(options.route)), locate_vehicle(str(options.vehicle))]
     return paths + [path for path in (options.loss_map, options.line) if path is not None]
 
 
-def _metadata(trip: Trip, section: Section, options: ReplayOptions, command: str) -> dict[str, str]:
+def _metadata(trip: Trip, section: Section, options: TripOptions) -> dict[str, str]:
     report = trip.matched.report
     return {
         "kind": "replay",
-        "command": command,
         "version": __version__,
-        "train": options.train,
         "trip": trip.path.name,
         "trip_sha256": _sha256(trip.path),
         "route": section.route.name,

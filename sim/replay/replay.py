@@ -1,7 +1,7 @@
 """Replay of a trip against a live node: positions and delay out, advice back, everything recorded.
 
-Open loop: the train drives as it drove, whatever the advice. Time moves in ticks of 1 s; at every tick the node is
-asked (Control) and its answer awaited, so nothing is lost at any speed of replay.
+The loop is open: the train drives as it was driven, whatever is advised. Time moves in ticks of 1 s; at every tick the
+node is asked (Control) and its answer awaited, so nothing is lost at any speed of replay.
 """
 
 from __future__ import annotations
@@ -9,13 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
-from das.bus.config import BusFolder
 from das.bus.topics import DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH, Topic
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.errors import DasError
@@ -32,8 +30,8 @@ DELAY_EVERY_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timing:
-    """Timetable of the replayed section (ns since 1970) and the moments of the trip."""
+class ReplayTiming:
+    """The timetable of the replayed section and the first and last tick of the replay (all in ns since 1970)."""
 
     departure_ns: int
     arrival_ns: int
@@ -42,40 +40,39 @@ class Timing:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Job:
-    """Everything a replay needs, checked beforehand."""
+class ReplayJob:
+    """Everything that a replay needs, checked beforehand.
 
-    train: str
+    `crew` says how node and recorder are started. `front` and `reference` are all runs of the section and the one for
+    the timetable; `driven` is the energy of the trip as driven. `speed` is in times real time, None for as fast as it
+    goes. `delay_given`: the user said how late the trip departed. `files_kept` holds the folder of files that came out
+    of a recording for as long as the job lives.
+    """
+
+    crew: Crew
     trip: Trip
     front: Front
-    timing: Timing
+    timing: ReplayTiming
     reference: Solution
     driven: DrivenEstimate
-    names: tuple[str, str]
-    reversed: bool
     delay_given: bool
-    node_arguments: tuple[str, ...]
-    out: Path
     speed: float | None
-    metadata: dict[str, str]
-    attachments: tuple[Path, ...] = ()
-    bus: BusFolder | None = None
     files_kept: object = None
-    """Holds the folder of files taken from a recording for as long as the job lives."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class ReplayOutcome:
     """What happened in a replay, and the seconds it took."""
 
     traffic: Traffic
     replay_s: float
 
 
-def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float | None) -> Timing:
-    """Timetable of a trip: it departed `delay_s` late; the arrival is `arrival_s` after the timetable's departure.
+def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float | None) -> ReplayTiming:
+    """The timetable of a trip that departed `delay_s` late, with the arrival `arrival_s` after the timetable's
+    departure.
 
-    What is not given is as the recording's journey says, else: no delay, and the arrival of the trip itself.
+    What is not given comes from the recording's journey; without one there is no delay, and the arrival is the trip's.
     """
     run = trip.run
     departed_ns = run.start_time_ns
@@ -91,7 +88,7 @@ def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float | None) -> T
     if arrival_ns <= departure_ns:
         raise DasError(f"the arrival is {(departure_ns - arrival_ns) * NS:.0f} s before the departure")
     first_ns, last_ns = int(trip.matched.time_ns[0]), int(trip.matched.time_ns[-1])
-    return Timing(
+    return ReplayTiming(
         departure_ns=departure_ns,
         arrival_ns=arrival_ns,
         first_tick_ns=min(first_ns, departed_ns),
@@ -99,28 +96,19 @@ def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float | None) -> T
     )
 
 
-def replay(job: Job, progress: Callable[[int, int], None]) -> Outcome:
+def replay(job: ReplayJob, progress: Callable[[int, int], None]) -> ReplayOutcome:
     """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails."""
-    crew = Crew(
-        train=job.train,
-        node_arguments=job.node_arguments,
-        out=job.out,
-        metadata=job.metadata,
-        start_ns=job.timing.first_tick_ns,
-        attachments=job.attachments,
-        bus=job.bus,
-    )
-    with Lockstep(crew) as lockstep:
+    with Lockstep(job.crew) as lockstep:
         lockstep.begin(_journey(job))
         began = time.perf_counter()
         _play(job, lockstep, progress)
         replay_s = time.perf_counter() - began
         lockstep.finish(job.timing.last_tick_ns)
-    return Outcome(traffic=lockstep.traffic, replay_s=replay_s)
+    return ReplayOutcome(traffic=lockstep.traffic, replay_s=replay_s)
 
 
-def _play(job: Job, lockstep: Lockstep, progress: Callable[[int, int], None]) -> None:
-    """All ticks, at the job's speed or as fast as node and recorder keep up."""
+def _play(job: ReplayJob, lockstep: Lockstep, progress: Callable[[int, int], None]) -> None:
+    """Play all ticks, at the job's speed or as fast as node and recorder keep up."""
     timing = job.timing
     ticks = int(np.ceil((timing.last_tick_ns - timing.first_tick_ns) * NS / TICK_S)) + 1
     feed = _Feed(job)
@@ -135,31 +123,31 @@ def _play(job: Job, lockstep: Lockstep, progress: Callable[[int, int], None]) ->
         progress(tick, ticks)
 
 
-def _journey(job: Job) -> JourneyHeard:
-    section, timing = job.front.section, job.timing
+def _journey(job: ReplayJob) -> JourneyHeard:
+    section, timing, trip = job.front.section, job.timing, job.trip
     return JourneyHeard(
         time_ns=timing.first_tick_ns,
-        train=job.train,
+        train=job.crew.train,
         route_id=section.route.id,
         vehicle_id=section.vehicle.id,
-        reversed=job.reversed,
+        reversed=trip.reversed,
         stops=(
-            OrderedStop(job.names[0], section.start_m, departure_ns=timing.departure_ns),
-            OrderedStop(job.names[1], section.end_m, arrival_ns=timing.arrival_ns),
+            OrderedStop(trip.start.name, section.start_m, departure_ns=timing.departure_ns),
+            OrderedStop(trip.end.name, section.end_m, arrival_ns=timing.arrival_ns),
         ),
     )
 
 
 class _Feed:
-    """What sensors and operator say, and the truth beside it, in order of time."""
+    """The messages of sensors and operator, and the truth beside them, in order of time."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: ReplayJob) -> None:
         self.job = job
         self._items = iter(sorted(self._all(), key=lambda item: item[0]))
         self._next = next(self._items, None)
 
     def until(self, now_ns: int) -> Iterator[tuple[Topic, Message]]:
-        """Messages up to a moment, each once."""
+        """Yield the messages up to a moment, each once."""
         while self._next is not None and self._next[0] <= now_ns:
             _, topic, message = self._next
             yield topic, message

@@ -1,4 +1,4 @@
-"""What came out of a replay, as an object and as a table."""
+"""The figures of a replay, as an object and as a table."""
 
 from __future__ import annotations
 
@@ -8,55 +8,64 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from das.command_line.printing import print_table, typed
+from das.command_line.printing import print_table, tell, typed
 from das.domain.units import NS, kwh
 from das.solver.solution import Fit
-from sim.replay.replay import TICK_S, Job, Outcome
+from sim.replay.replay import TICK_S, ReplayJob, ReplayOutcome
 from sim.trips.estimate import EnergyRange, energy_range
-from sim.trips.findings import Kind
-from sim.trips.report import FOREIGN_RATIO, direction_by_posts, line_not_used, unknowns
+from sim.trips.findings import FindingKind
+from sim.trips.report import direction_by_posts, line_not_used, unknowns
 from sim.trips.saving import saving_range
+from sim.trips.settings import ESTIMATE
+from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
-"""Less of the energy is within what inverse dynamics is off: who drove the optimum would have saved 0.5 % by it."""
+"""A saving below this share of the energy is within the error of inverse dynamics: for a driver who drove the optimum
+it finds 0.5 %."""
 
 
-def result(job: Job, outcome: Outcome) -> dict[str, Any]:
+def result(job: ReplayJob, outcome: ReplayOutcome) -> dict[str, Any]:
     """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
 
     `energy_optimum_kwh` is the least energy for the same arrival as driven (of the fastest run, where the train cannot
     arrive so early; nothing is said to be saved then). `saved_*` are None where trip and optimum cannot be compared; no
     saving can be claimed unless `saving_certain`. `timetable_*` are for the arrival the timetable wants.
     """
-    run, timing = job.trip.run, job.timing
-    trip_s = float(run.time_s[-1])
-    optimum = job.front.trajectory(trip_s)
-    left_s = (timing.arrival_ns - run.start_time_ns) * NS
-    wanted = job.front.trajectory(max(left_s, 1e-3))
-    driven_kwh, optimum_kwh = kwh(job.driven.ledger.input), kwh(optimum.ledger.input)
-    matched, spread = job.trip.matched, energy_range(job.front.section, job.trip.matched)
-    on_the_way = list(job.trip.stops_on_the_way)
-    comparable = optimum.fit is not Fit.LATE and job.trip.whole and job.trip.direction_known and not on_the_way
-    saved_kwh = driven_kwh - optimum_kwh if comparable else None
-    saved = saving_range(job.front, matched, trip_s) if comparable else None
-    report = matched.report
-    traffic = outcome.traffic
-    replayed_s = traffic.ticks * TICK_S
+    trip, traffic = job.trip, outcome.traffic
     return {
-        "from": job.names[0],
-        "to": job.names[1],
-        "trip_time_s": trip_s,
-        "whole_section": job.trip.whole,
-        "direction_known": job.trip.direction_known,
-        "direction_note": None if job.trip.direction_known else direction_by_posts(job.trip),
-        "line_not_used": line_not_used(job.trip),
-        "better_stops": job.trip.better_stops,
-        "stops_on_the_way": on_the_way,
-        "min_time_s": optimum.least_time_s,
+        "from": trip.start.name,
+        "to": trip.end.name,
+        "trip_time_s": float(trip.run.time_s[-1]),
+        "whole_section": trip.whole,
+        "direction_known": trip.direction_known,
+        "direction_note": None if trip.direction_known else direction_by_posts(trip),
+        "line_not_used": line_not_used(trip),
+        "better_stops": trip.better_stops,
+        "stops_on_the_way": list(trip.stops_on_the_way),
         "advices": traffic.ticks,
         "advices_given": traffic.advices_given,
         "advices_withdrawn": traffic.advices_withdrawn,
         "advices_above_limit": traffic.above_limit,
+        **_energies(job),
+        **_timetable(job),
+        **_messages(outcome),
+        **_matching(trip),
+        "file": str(job.crew.out),
+    }
+
+
+def _energies(job: ReplayJob) -> dict[str, Any]:
+    """Energy as driven, that of the optimum, and what the advice would have saved."""
+    trip = job.trip
+    trip_s, driven_j = float(trip.run.time_s[-1]), job.driven.ledger.input
+    optimum = job.front.trajectory(trip_s)
+    driven_kwh, optimum_kwh = kwh(driven_j), kwh(optimum.ledger.input)
+    spread = energy_range(job.front.section, trip.matched)
+    comparable = optimum.fit is not Fit.LATE and trip.whole and trip.direction_known and not trip.stops_on_the_way
+    saved_kwh = driven_kwh - optimum_kwh if comparable else None
+    saved = saving_range(job.front, trip.matched, trip_s) if comparable else None
+    return {
+        "min_time_s": optimum.least_time_s,
         "energy_driven_kwh": driven_kwh,
         "energy_driven_low_kwh": kwh(spread.low_j),
         "energy_driven_high_kwh": kwh(spread.high_j),
@@ -68,56 +77,79 @@ def result(job: Job, outcome: Outcome) -> dict[str, Any]:
         "saved_ratio": saved_kwh / driven_kwh if saved_kwh is not None and driven_kwh > 0 else None,
         "saved_low_kwh": None if saved is None else kwh(saved.low_j),
         "saved_high_kwh": None if saved is None else kwh(saved.high_j),
-        "saving_certain": saved is not None and saving_certain(saved, job.driven.ledger.input),
+        "saving_certain": saved is not None and saving_certain(saved, driven_j),
         "saved_unknowns": [] if saved is None else unknowns(saved),
         "saved_cases_left_out": 0 if saved is None else saved.left_out,
         "beyond_vehicle_ratio": job.driven.beyond_ratio,
+    }
+
+
+def _timetable(job: ReplayJob) -> dict[str, Any]:
+    """The run for the arrival that the timetable wants, and how late the trip arrived."""
+    run = job.trip.run
+    left_s = (job.timing.arrival_ns - run.start_time_ns) * NS
+    wanted = job.front.trajectory(max(left_s, 1e-3))
+    return {
         "timetable_time_left_s": left_s,
         "timetable_fit": str(wanted.fit),
         "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
         "timetable_energy_kwh": kwh(wanted.ledger.input),
-        "driven_late_s": trip_s - left_s,
+        "driven_late_s": float(run.time_s[-1]) - left_s,
+    }
+
+
+def _messages(outcome: ReplayOutcome) -> dict[str, Any]:
+    """Messages of the replay, and how fast it went."""
+    traffic = outcome.traffic
+    return {
         "messages_sent": sum(traffic.sent.values()),
         "messages_recorded": sum(traffic.recorded.values()),
         "messages_lost": traffic.lost,
         "start_s": traffic.start_s,
         "replay_s": outcome.replay_s,
-        "real_time_factor": replayed_s / outcome.replay_s if outcome.replay_s > 0 else None,
+        "real_time_factor": traffic.ticks * TICK_S / outcome.replay_s if outcome.replay_s > 0 else None,
+    }
+
+
+def _matching(trip: Trip) -> dict[str, Any]:
+    """How the trip fits the line, and what was cleaned."""
+    report = trip.matched.report
+    return {
         "map_anchor": report.anchor,
         "map_stand_uncertainty_m": report.stand_uncertainty_m,
         "map_scale": report.scale,
         "map_median_cross_track_m": report.median_cross_track_m,
         "map_p95_cross_track_m": report.p95_cross_track_m,
         "map_max_cross_track_m": report.max_cross_track_m,
-        "gps_dropout_points": int(np.count_nonzero(matched.dropout)),
+        "gps_dropout_points": int(np.count_nonzero(trip.matched.dropout)),
         "cleaning": report.cleaning.as_object(),
         "cleaning_summary": report.cleaning.summary,
-        "gps_speed_lag_s": run.speed_lag_s,
-        "position_rms_m": run.position_rms_m,
-        "file": str(job.out),
+        "gps_speed_lag_s": trip.run.speed_lag_s,
+        "position_rms_m": trip.run.position_rms_m,
     }
 
 
 def saving_certain(saved: EnergyRange, driven_j: float) -> bool:
-    """Whether something would have been saved whatever the unknowns are."""
+    """Whether the advice would have saved something whatever the unknowns are."""
     return saved.low_j > LEAST_CERTAIN_RATIO * driven_j
 
 
 def print_result(found: dict[str, Any]) -> None:
-    """The table at the end of a replay, with what should be known about its figures."""
+    """Print the table at the end of a replay, with what should be known about its figures."""
     table = Table(title="replay", title_justify="left", show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(justify="right", no_wrap=True)
-    for name, value in _rows(found):
+    for name, value in figure_rows(found):
         table.add_row(name, value)
     print_table(table)
-    for note in _notes(found):
-        print(f"note: {note}")
-    print(f"written: {found['file']}")
-    print(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}")
+    for note in notes(found):
+        tell(f"note: {note}")
+    tell(f"written: {found['file']}")
+    tell(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}")
 
 
-def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name and value of every row of the table."""
     late = found["optimum_fit"] == Fit.LATE
     return [
         ("trip time", f"{found['trip_time_s']:.0f} s"),
@@ -129,15 +161,15 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
             f"{found['energy_optimum_kwh']:.1f} kWh",
         ),
-        *_saving(found),
+        *saving_rows(found),
         ("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh"),
         ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
         ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
     ]
 
 
-def _saving(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """What is said of the saving: a figure only where it is one whatever the unknowns are."""
+def saving_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """The rows about the saving: it is a figure only if something is saved whatever the unknowns are."""
     what = "advice would have saved"
     if found["saved_kwh"] is None:
         return [(what, "not comparable" if found["direction_known"] else "not stated")]
@@ -149,7 +181,12 @@ def _saving(found: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _notes(found: dict[str, Any]) -> list[str]:
+def notes(found: dict[str, Any]) -> list[str]:
+    """What should be known about the figures, a sentence a note."""
+    return [*_notes_of_figures(found), *_notes_of_trip(found)]
+
+
+def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     notes = []
     if found["optimum_fit"] == Fit.LATE:
         late = found["optimum_time_s"] - found["trip_time_s"]
@@ -167,7 +204,7 @@ def _notes(found: dict[str, Any]) -> list[str]:
     if found["stops_on_the_way"]:
         names = ", ".join(found["stops_on_the_way"])
         notes.append(f"the train stood at {names} on the way, the optimum does not: no saving can be stated")
-    if found["beyond_vehicle_ratio"] > FOREIGN_RATIO:
+    if found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
     if found["saved_kwh"] is not None and not found["saving_certain"]:
@@ -176,6 +213,13 @@ def _notes(found: dict[str, Any]) -> list[str]:
         notes.append(f"{found['direction_note']}: no saving is stated before that is known")
     if found["saved_cases_left_out"]:
         notes.append("a train heavier or more resisted could not have driven so: the saving's range is without it")
+    if found["advices_above_limit"]:
+        notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
+    return notes
+
+
+def _notes_of_trip(found: dict[str, Any]) -> list[str]:
+    notes = []
     if found["line_not_used"]:
         notes.append(found["line_not_used"])
     if found["map_stand_uncertainty_m"] > 0:
@@ -184,10 +228,8 @@ def _notes(found: dict[str, Any]) -> list[str]:
     if found["map_anchor"] in ("start", "end"):
         notes.append(f"the kilometrage is anchored at the {found['map_anchor']} only (lengths differ by over 1 %)")
     for finding in found["cleaning"]["findings"]:
-        if finding["kind"] == Kind.OTHER_WAY:
+        if finding["kind"] == FindingKind.OTHER_WAY:
             notes.append(f"the trip runs the other way, and was driven so: {finding['detail']}")
     if found["cleaning"]["findings"]:
         notes.append(f"the trip was cleaned: {found['cleaning_summary']}")
-    if found["advices_above_limit"]:
-        notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
     return notes

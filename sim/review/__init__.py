@@ -1,1 +1,1 @@
-"""Reading recordings and looking at them."""
+"""Looking at recordings: what happened, as pictures and in the rerun viewer."""

@@ -1,4 +1,4 @@
-"""What the pictures share: colours, axes in a column, curves, marks, and the list the marks' numbers point to."""
+"""What the pictures share: colours, axes in a column, curves, marks, and the numbered list of happenings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sim.review.happenings import Happening, Span, where_and_when
-from sim.review.series import STYLES, Floats, Times, Trip
+from sim.review.series import STYLES, DrivenCourse, Floats, Times
 
 BACKGROUND, INK, GRID, BAND = "#0d1011", "#cad8de", "#2b3236", "#8a9499"
 KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND}
@@ -20,25 +20,25 @@ KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND}
 WIDTH_IN, DPI = 11.0, 160
 LEFT_IN, RIGHT_IN, SPACE_IN = 0.8, 0.2, 0.14
 LINE_RATIO: Final = 0.8
-"""Width of a line here to its width in rerun."""
+"""Width of a line in a picture, as a share of its width in rerun."""
 
 SMALL: Final = 8.0
 DIGIT_SHARE: Final = 0.0085
 """Width of a digit of a mark's number, as a share of the axis."""
 
 LISTED: Final = 40
-"""As many happenings are listed at most; a recording with worse days has its list of events in the viewer."""
+"""Most happenings that are listed; a recording with worse days has its list of events in the viewer."""
 
 ROW_IN: Final = 0.185
 LETTERS: Final = 78
-"""Letters of a row in a column of the list."""
+"""Most letters in a row of a column of the list."""
 
 Along = Callable[[Times], Floats]
-"""Where times lie on an axis."""
+"""Tells where times lie on an axis."""
 
 
 class Panel(NamedTuple):
-    """Room for an axis: its title, its height, and the room above it."""
+    """Room for an axis: its title, its height (in), and the room above it (in)."""
 
     title: str
     height_in: float
@@ -91,7 +91,7 @@ def curve(axis: Any, name: str, x: Floats, values: Floats) -> None:
 
 
 def legend(axis: Any) -> None:
-    """The legend, above the axis at its right end: within it there is always something in the way."""
+    """Draw the legend above the right end of the axis, because curves would always lie under it inside the axis."""
     if axis.get_legend_handles_labels()[0]:
         axis.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, frameon=False, labelcolor=INK, fontsize=SMALL,
@@ -100,7 +100,7 @@ def legend(axis: Any) -> None:
 
 
 def bands(axis: Any, along: Along, spans: Iterable[Span]) -> None:
-    """Grey bands where there was no advice, with a word in the legend."""
+    """Draw grey bands where there was no advice, and name them in the legend."""
     for number, span in enumerate(spans):
         start, end = along(_times(span.start_ns, span.end_ns))
         label = "no advice" if number == 0 else None
@@ -108,7 +108,8 @@ def bands(axis: Any, along: Along, spans: Iterable[Span]) -> None:
 
 
 def marks(axis: Any, along: Along, happened: Sequence[Happening]) -> None:
-    """A dotted line for every happening, with its number in the list at the top; numbers that would meet are joined."""
+    """Draw a dotted line for every happening, with its number in the list at the top; numbers that would meet are
+    joined."""
     if not happened:
         return
     places = along(_times(*(one.time_ns for one in happened)))
@@ -149,8 +150,8 @@ def _numbers(numbers: Sequence[int]) -> str:
     return " ".join(map(str, numbers))
 
 
-def listed(figure: Figure, trip: Trip, happened: Sequence[Happening]) -> None:
-    """The list of what happened, in two columns at the bottom of the figure."""
+def listed(figure: Figure, trip: DrivenCourse, happened: Sequence[Happening]) -> None:
+    """Draw the list of what happened in two columns at the bottom of the figure."""
     height_in = figure.get_figheight()
     rows = _list_rows(happened)
     for index, one in enumerate(happened[:LISTED]):
@@ -166,7 +167,7 @@ def listed(figure: Figure, trip: Trip, happened: Sequence[Happening]) -> None:
 
 
 def list_height_in(happened: Sequence[Happening]) -> float:
-    """The room the list takes."""
+    """The room (in) that the list takes."""
     return ROW_IN * (_list_rows(happened) + 0.6)
 
 

@@ -1,4 +1,4 @@
-"""The command das-sim view."""
+"""The command `das-sim view`: a recording in the viewer, or as a picture."""
 
 from __future__ import annotations
 
@@ -8,38 +8,39 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.printing import busy, typed
-from das.domain.errors import DasError
-from das.domain.files.writing import check_writable
-
-EPILOG = "Example: das-sim view recordings/run.mcap --png run.png"
+from das.command_line.outputs import check_outputs, check_picture
+from das.command_line.printing import busy, tell, typed
 
 
 def view(
-    file: Annotated[Path, typer.Argument(help="Recording (MCAP) to look at.")],
-    save: Annotated[Path | None, typer.Option(help="Write a rerun file (.rrd) instead of opening the viewer.")] = None,
-    png: Annotated[
-        Path | None, typer.Option(help="Write a picture (.png) instead: over distance, over time, what happened.")
+    file: Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.mcap) to look at.")],
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot",
+            "--png",
+            metavar="FILE",
+            help="Picture to write instead (.png, .pdf or .svg): over distance, over time, and what happened.",
+        ),
     ] = None,
 ) -> None:
-    """Look at a recording in rerun, or as a picture: speed, limits, advice, what was shown, forces, delay, events."""
+    """Look at a recording in the rerun viewer, or as a picture: speed, limits, advice, forces, delay, events."""
+    check_picture(plot)
+    check_outputs(save, plot, inputs=(file,))
     from sim.review.rerun_view import open_view, save_view
     from sim.review.whole_picture import save_picture
 
-    written = [path for path in (save, png) if path is not None]
-    for path in written:
-        if path.resolve() == file.resolve():
-            raise DasError(f"{path}: the file to write is the recording to read")
-        check_writable(path)
-    if len({path.resolve() for path in written}) < len(written):
-        raise DasError(f"{png}: --save and --png name the same file")
-    if not written:
+    if save is None and plot is None:
         open_view(file)
-    if png is not None:
-        with busy(f"drawing {png} …"):
-            save_picture(file, png)
-        print(f"written: {png}")
+    if plot is not None:
+        with busy(f"drawing {plot} …"):
+            save_picture(file, plot)
+        tell(f"written: {plot}")
     if save is not None:
         with busy(f"writing {save} …"):
             save_view(file, save)
-        print(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")
+        tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

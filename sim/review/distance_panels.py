@@ -1,4 +1,4 @@
-"""Speed, force and gradient over distance, with stops, restrictions, signals and targets where they are."""
+"""Speed, force and gradient over distance; stops, restrictions, signals and targets stand at their places."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PANELS: Final = (
 )
 MARGIN_RATIO: Final = 0.01
 HEADROOM: Final = 1.13
-"""Top of the speed axis over the highest speed: there the marks' numbers are."""
+"""The top of the speed axis, as a multiple of the highest speed: the marks' numbers stand above the curves."""
 
 LABEL_HEIGHT: Final = 0.88
 """Height of a restriction's label, as a share of the axis: above nearly all that is driven, under the numbers."""
 
 WHOSE: Final = ("advised", "driven")
 USUAL_PERCENT: Final = (2.5, 97.5)
-"""Percentiles of the advised force within its axis."""
+"""The axis of force shows the advised force between these percentiles."""
 
 RED: Final = "#d13b3b"
 LIMIT: Final = "#c8646e"
@@ -60,14 +60,14 @@ def over_distance(axes: list[Any], story: Story) -> None:
 
 
 def speed_axis(axis: Any, story: Story) -> None:
-    """From 0 to above everything that was allowed, advised or driven."""
+    """Let the speed axis reach from 0 to above everything that was allowed, advised or driven."""
     speeds = [values for name, (_, values) in story.series.items() if name.startswith("speed/") and len(values)]
     top = max((float(np.nanmax(values)) for values in speeds if not np.isnan(values).all()), default=0.0)
     axis.set_ylim(0.0, HEADROOM * max(top, 10.0))
 
 
 def force_axis(axis: Any, story: Story) -> None:
-    """All that was driven, and of what was advised all but what the last metres before a stop may ask."""
+    """Let the force axis show all that was driven, and what was advised except for the last metres before a stop."""
     advised, driven = (values[np.isfinite(values)] for values in (story.series[f"force/{x}"][1] for x in WHOSE))
     if len(advised) and len(driven):
         low, high = np.percentile(advised, USUAL_PERCENT)
@@ -77,7 +77,7 @@ def force_axis(axis: Any, story: Story) -> None:
 
 
 def _places(axis: Any, story: Story) -> None:
-    """What has a place of its own."""
+    """Draw what has a place of its own: restrictions, signals, targets and stops."""
     top = axis.get_ylim()[1]
     for limit in story.limits:
         start, end, speed = limit.start_m / KM, limit.end_m / KM, limit.limit_mps / KMH
@@ -92,7 +92,7 @@ def _places(axis: Any, story: Story) -> None:
 
 
 def restricted(axis: Any, ends: tuple[float, float], speed_kmh: float, top_kmh: float) -> None:
-    """What a temporary restriction forbids."""
+    """Hatch the speeds that a temporary restriction forbids."""
     axis.fill_between(
         ends, speed_kmh, top_kmh, facecolor=LIMIT, alpha=0.18, hatch="//", edgecolor=LIMIT, lw=0.0,
         label=_once(axis, "restriction"),
@@ -101,7 +101,7 @@ def restricted(axis: Any, ends: tuple[float, float], speed_kmh: float, top_kmh: 
 
 
 def _once(axis: Any, label: str) -> str | None:
-    """The label, unless the axis has it."""
+    """The label; None if the axis has it already."""
     return None if label in axis.get_legend_handles_labels()[1] else label
 
 

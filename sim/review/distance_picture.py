@@ -12,12 +12,12 @@ from sim.review.series import Floats
 from sim.review.story import Story
 
 AXIS_IN = 0.45
-"""Room for the name and the numbers of a horizontal axis."""
+"""Room (in) for the name and the numbers of a horizontal axis."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A PNG and where things are in it: pixel = origin + scale · (position in km, speed in km/h)."""
+    """A PNG picture, and where things are in it: pixel = origin + scale · (position in km, speed in km/h)."""
 
     png: bytes
     origin_px: tuple[float, float]
@@ -26,7 +26,7 @@ class Picture:
     bottom_px: float
 
     def pixel(self, s_m: Floats, speed_kmh: Floats) -> tuple[Floats, Floats]:
-        """Pixel columns and rows of points of the speed panel."""
+        """Columns and rows of pixels at which points of the speed panel lie."""
         (x0, y0), (dx, dy) = self.origin_px, self.scale_px
         return x0 + dx * s_m / KM, y0 + dy * speed_kmh
 

@@ -1,4 +1,4 @@
-"""What a recording shows, as rerun entities: series, states, events, map and track, on time and on distance."""
+"""A recording as rerun entities: series, states, events, map and track, on time and on distance."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from das.bus.recording import Stamped
 from das.domain.units import KMH, NS
 from sim.review.distance_picture import Picture, draw
 from sim.review.lanes import Lane
-from sim.review.series import STYLES, Floats, Times, Trip, Way
+from sim.review.series import STYLES, DrivenCourse, Floats, MapTrack, Times
 from sim.review.story import Story
 from sim.review.summary import summary
 
 TRIP_TIME, POSITION = "trip_time", "position_m"
-"""Timelines: time since the first position of the trip, route position of the train in m."""
+"""Names of the timelines: time since the first position of the trip, and the train's position on the route (m)."""
 TRACK_PIECES: Final = 300
 WHITE: Final = 0xFFFFFFFF
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
 
 
-def send(out: rr.RecordingStream, story: Story, way: Way | None) -> None:
-    """Send everything there is to see."""
+def send(out: rr.RecordingStream, story: Story, way: MapTrack | None) -> None:
+    """Send everything that is shown to rerun."""
     recording, trip = story.recording, story.trip
     for name, (time_ns, values) in story.series.items():
         if len(time_ns):
@@ -42,8 +42,8 @@ def send(out: rr.RecordingStream, story: Story, way: Way | None) -> None:
     out.log("summary", rr.TextDocument(summary(recording), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def _index(trip: Trip, time_ns: Times) -> list[rr.TimeColumn]:
-    """Both timelines of messages of these times."""
+def _index(trip: DrivenCourse, time_ns: Times) -> list[rr.TimeColumn]:
+    """Columns of both timelines for messages of these times."""
     position_m = np.maximum(np.rint(trip.at(time_ns, trip.s_m)), 0.0)
     return [
         rr.TimeColumn(TRIP_TIME, duration=trip.trip_ns(time_ns).astype("timedelta64[ns]")),
@@ -51,7 +51,7 @@ def _index(trip: Trip, time_ns: Times) -> list[rr.TimeColumn]:
     ]
 
 
-def _series(out: rr.RecordingStream, trip: Trip, name: str, time_ns: Times, values: Floats) -> None:
+def _series(out: rr.RecordingStream, trip: DrivenCourse, name: str, time_ns: Times, values: Floats) -> None:
     style, modes = STYLES[name], rr.components.InterpolationMode
     lines = rr.SeriesLines(
         colors=style.color,
@@ -63,8 +63,8 @@ def _series(out: rr.RecordingStream, trip: Trip, name: str, time_ns: Times, valu
     out.send_columns(name, _index(trip, time_ns), rr.Scalars.columns(scalars=values))
 
 
-def _lane(out: rr.RecordingStream, trip: Trip, lane: Lane) -> None:
-    """A lane of states, with a row for each change."""
+def _lane(out: rr.RecordingStream, trip: DrivenCourse, lane: Lane) -> None:
+    """Send a lane of states, with one row for each change."""
     entity, shades = f"mode/{lane.name.replace(' ', '_')}", np.array(list(lane.colors.values()), dtype=np.uint32)
     time_ns = np.array([change.time_ns for change in lane.changes])
     out.log(entity, rr.StateConfiguration(values=list(lane.colors), colors=shades), static=True)
@@ -73,7 +73,7 @@ def _lane(out: rr.RecordingStream, trip: Trip, lane: Lane) -> None:
 
 
 def _marks(out: rr.RecordingStream, story: Story) -> None:
-    """What happened, as points on the speed driven; in words it is among the events and in the lanes."""
+    """Send what happened as points on the driven speed; the words are among the events and in the lanes."""
     trip = story.trip
     if story.happenings:
         time_ns = np.array([one.time_ns for one in story.happenings])
@@ -83,7 +83,7 @@ def _marks(out: rr.RecordingStream, story: Story) -> None:
         out.send_columns("speed/happened", _index(trip, time_ns), rr.Scalars.columns(scalars=values))
 
 
-def _events(out: rr.RecordingStream, trip: Trip, messages: tuple[Stamped, ...]) -> None:
+def _events(out: rr.RecordingStream, trip: DrivenCourse, messages: tuple[Stamped, ...]) -> None:
     messages = tuple(sorted(messages, key=lambda entry: entry.message.timestamp.ToNanoseconds()))
     if messages:
         time_ns = np.array([m.message.timestamp.ToNanoseconds() for m in messages])
@@ -100,8 +100,8 @@ def _event_text(event: Log, early_s: float) -> str:
     return f"{when}{event.name}: {event.message}" if event.name else f"{when}{event.message}"
 
 
-def _location(out: rr.RecordingStream, trip: Trip, way: Way) -> None:
-    """The way on the map and, for want of map tiles, in the plane, coloured by speed."""
+def _location(out: rr.RecordingStream, trip: DrivenCourse, way: MapTrack) -> None:
+    """Send the way on the map, and in a plane in case there are no map tiles, coloured by speed."""
     index, color = _index(trip, way.time_ns), STYLES["speed/driven"].color
     line = rr.GeoLineStrings(lat_lon=[way.degrees], colors=color, radii=rr.Radius.ui_points(2.5))
     out.log("map/way", line, static=True)
@@ -116,8 +116,8 @@ def _location(out: rr.RecordingStream, trip: Trip, way: Way) -> None:
     out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
 
 
-def _distance(out: rr.RecordingStream, trip: Trip, picture: Picture) -> None:
-    """The picture over distance, with a line and a dot that follow the train."""
+def _distance(out: rr.RecordingStream, trip: DrivenCourse, picture: Picture) -> None:
+    """Send the picture over distance, with a line and a dot that follow the train."""
     out.log("distance/picture", rr.EncodedImage(contents=picture.png, media_type="image/png"), static=True)
     index = _index(trip, trip.time_ns)
     x, y = picture.pixel(trip.s_m, trip.speed_mps / KMH)

@@ -1,4 +1,4 @@
-"""What happened on the day beside the driving: silence of the node, signals, targets, and the events worth a mark."""
+"""What happened on the day beside the driving: silence of the node, signals, targets, events worth a mark."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS
-from sim.review.series import Trip
+from sim.review.series import DrivenCourse
 
 HEARD_NS: Final = 3_000_000_000
-"""How long a message of the node counts that does not say how long it is valid: one that withdraws the advice."""
+"""A message that withdraws the advice does not say how long it is valid; it counts for this long (ns)."""
 
 NOT_HEARD: Final = "the node is not heard"
 
 
 class Span(NamedTuple):
-    """From when to when something was so, and what."""
+    """A time during which something was so, and what it was."""
 
     start_ns: int
     end_ns: int
@@ -31,7 +31,7 @@ class Span(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """A signal at danger: where, and from when to when it was seen so."""
+    """A signal at danger: its position (m), and from when to when the driver saw it so."""
 
     s_m: float
     start_ns: int
@@ -39,7 +39,7 @@ class Signal(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A target of traffic management: where, when it was told, what it asks."""
+    """A target of traffic management: its position (m), when the node was told, and what it asks."""
 
     s_m: float
     told_ns: int
@@ -48,15 +48,18 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Happening:
-    """Something to be marked: when, its kind (log, warning, silence), and what."""
+    """Something to be marked: when it happened, its kind (log, warning, silence), and a text."""
 
     time_ns: int
     kind: str
     text: str
 
 
-def silences(recording: Recording, trip: Trip) -> tuple[Span, ...]:
-    """When there was no advice, with the first reason: withdrawn, or not heard; none where no node was recorded."""
+def silences(recording: Recording, trip: DrivenCourse) -> tuple[Span, ...]:
+    """The times without advice, each with its first reason: withdrawn, or not heard.
+
+    There are none in a recording without a node.
+    """
     first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found: list[Span] = []
     for said in _silent(recording, first_ns, last_ns):
@@ -87,7 +90,7 @@ def _silent(recording: Recording, first_ns: int, last_ns: int) -> Iterator[Span]
 
 
 def _same(one: str, other: str) -> bool:
-    """Whether two reasons differ in their numbers at most."""
+    """Whether two reasons are the same except for the numbers in them."""
     return re.sub(r"[\d.]+", "", one) == re.sub(r"[\d.]+", "", other)
 
 
@@ -105,8 +108,8 @@ def signals(recording: Recording) -> tuple[Signal, ...]:
     return tuple(found)
 
 
-def points(recording: Recording, trip: Trip) -> tuple[Point, ...]:
-    """The targets that were told, each once."""
+def points(recording: Recording, trip: DrivenCourse) -> tuple[Point, ...]:
+    """The targets that the node was told about, each once."""
     stops = {stop.name: stop.s_m for entry in recording.of(topics.JOURNEY) for stop in entry.message.stops}
     found: dict[tuple[float, str], Point] = {}
     for entry in recording.of(topics.TARGET):
@@ -122,8 +125,8 @@ def _asked(target: Any, start_ns: int) -> str:
     return ", ".join(f"{word} {(at_ns - start_ns) * NS:+.0f} s" for word, at_ns in words if at_ns)
 
 
-def happenings(recording: Recording, trip: Trip, silent: tuple[Span, ...]) -> tuple[Happening, ...]:
-    """What is to be marked, in order of time: the simulator's log, silences, and what else the node warned of."""
+def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> tuple[Happening, ...]:
+    """What is to be marked, in order of time: the simulator's log, silences, and other warnings of the node."""
     start_ns, end_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found = [_happening(entry.message, "log") for entry in recording.of(topics.LOG)]
     for span in silent:
@@ -144,14 +147,14 @@ def _happening(event: Any, kind: str) -> Happening:
 
 
 def _from_the_start(one: Happening, start_ns: int) -> Happening:
-    """What was before the first position is put there, and says so."""
+    """Put what happened before the first position at that position, and say so."""
     early_s = (start_ns - one.time_ns) * NS
     if early_s <= 0:
         return one
     return replace(one, time_ns=start_ns, text=f"({early_s:.0f} s before) {one.text}")
 
 
-def where_and_when(one: Happening, trip: Trip) -> str:
+def where_and_when(one: Happening, trip: DrivenCourse) -> str:
     """A happening in one line, with its time since the first position and its place."""
     at = np.array([one.time_ns])
     return f"{trip.trip_ns(at)[0] * NS:+.0f} s, km {trip.at(at, trip.s_m)[0] / KM:.1f}: {one.text}"

@@ -1,4 +1,4 @@
-"""Lanes of states over the trip, for the viewer and for pictures: modes advised and shown, the node, signals."""
+"""Lanes of states over the trip: modes that were advised and shown, the state of the node, signals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM
 from sim.review.happenings import NOT_HEARD, Span, signals, silences
-from sim.review.series import Trip
+from sim.review.series import DrivenCourse
 
 MODES: Final = {
     "full traction": 0x2E9E5BFF,
@@ -21,7 +21,7 @@ MODES: Final = {
     "friction brake": 0xD13B3BFF,
     "stop": 0x6B5B95FF,
 }
-"""Colours (RGBA) by mode; so below by state."""
+"""Colours (RGBA) by mode."""
 
 STATES: Final = {"advising": 0x3D7FD6FF, "withdrawn": 0xD13B3BFF, "ready": 0x7CC576FF, "waiting": 0xB8B8B8FF}
 TOP_SPEED: Final = "a top speed"
@@ -30,21 +30,21 @@ RED: Final = 0xD13B3BFF
 
 
 class Change(NamedTuple):
-    """From when on a state holds; an empty one is none."""
+    """A state and the time (ns) from which it holds; an empty text is no state."""
 
     time_ns: int
     state: str
 
 
 class Lane(NamedTuple):
-    """A lane: its name, its changes in order of time, and colours by state."""
+    """A lane: its name, its changes in order of time, and the colour of each state."""
 
     name: str
     changes: tuple[Change, ...]
     colors: dict[str, int]
 
 
-def lanes(recording: Recording, trip: Trip) -> tuple[Lane, ...]:
+def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     """The lanes that have something to show."""
     silent = silences(recording, trip)
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
@@ -59,9 +59,12 @@ def lanes(recording: Recording, trip: Trip) -> tuple[Lane, ...]:
 
 
 def _changes(
-    trip: Trip, entries: Iterable[Any], state_of: Callable[[Any], str], silent: Iterable[Span]
+    trip: DrivenCourse, entries: Iterable[Any], state_of: Callable[[Any], str], silent: Iterable[Span]
 ) -> tuple[Change, ...]:
-    """A row for each change, on the trip only: beside it a node's clock is not a replay's. None while it is silent."""
+    """One row for each change during the trip; None while the node is silent.
+
+    Before and after the trip the node's clock is not that of a replay.
+    """
     said = [Change(entry.message.time_ns, state_of(entry.message)) for entry in entries]
     unheard = [Change(span.start_ns, "") for span in silent if span.text == NOT_HEARD and said]
     found: list[Change] = []
@@ -72,7 +75,7 @@ def _changes(
     return tuple(found)
 
 
-def _spans(trip: Trip, spans: Iterable[Span]) -> tuple[Change, ...]:
+def _spans(trip: DrivenCourse, spans: Iterable[Span]) -> tuple[Change, ...]:
     found: list[Change] = []
     for span in spans:
         if found and found[-1].time_ns == span.start_ns:
@@ -82,7 +85,7 @@ def _spans(trip: Trip, spans: Iterable[Span]) -> tuple[Change, ...]:
 
 
 def _name(kind: Any, number: int) -> str:
-    """An enumeration's value in words; what is not known yet is its number."""
+    """The value of an enumeration in words; a value that is not known yet is shown as its number."""
     if number not in kind.values():
         return str(number)
     name = kind.Name(number).split("_", 1)[1].replace("_", " ").lower()
@@ -98,7 +101,7 @@ def _state(status: Any) -> str:
 
 
 def _shown(cab: Any) -> str:
-    """What the display shows: a mode, or with reduced maximum speed that alone."""
+    """What the display shows: a mode, or only the reduced maximum speed where it shows that."""
     if cab.presentation == das_pb2.Cab.PRESENTATION_NONE:
         return ""
     if cab.presentation == das_pb2.Cab.PRESENTATION_RMS and cab.mode != das_pb2.MODE_STOP:

@@ -14,12 +14,12 @@ import rerun.blueprint as rrb
 from das.bus.topics import EVENT, LOG
 from das.domain.units import NS
 from sim.review.entities import TRIP_TIME
-from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, Trip, Way
+from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, DrivenCourse, MapTrack
 from sim.review.story import Story
 
 MARGIN_RATIO: Final = 0.02
 MAP_PX: Final = (380.0, 210.0)
-"""Room for the way on the map in the window this is made for."""
+"""Room (px) for the map in the window for which the layout is made."""
 
 
 class Row(NamedTuple):
@@ -44,14 +44,14 @@ KNOWN: Final = (
     Row("Position as the node knows it (m)", "estimate", 1.0, "RightTop"),
     Row("Mass and resistance as the node finds them, against the plan (%)", "calibration", 1.0, "RightTop"),
 )
-"""In a tab of their own: the others would become too low."""
+"""Views in a tab of their own, because the others would become too low beside them."""
 
 LANE_SHARE: Final = 0.35
-"""What each lane adds to the share of their view."""
+"""Each lane adds this much to the share of its view in the height."""
 
 
-def blueprint(story: Story, way: Way | None) -> rrb.Blueprint:
-    """The layout, made for a window of about 1600 × 1000; views without anything to show are left out."""
+def blueprint(story: Story, way: MapTrack | None) -> rrb.Blueprint:
+    """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
     recording = story.recording
     over_time = _rows(ROWS, story, "Over time")
     over_distance = rrb.Spatial2DView(
@@ -76,7 +76,7 @@ def blueprint(story: Story, way: Way | None) -> rrb.Blueprint:
 
 
 def _rows(rows: tuple[Row, ...], story: Story, name: str) -> rrb.Vertical:
-    """The views there is something for, under each other."""
+    """The views for which there is something to show, one under the other."""
     found = {series.split("/")[0] for series, (time_ns, _) in story.series.items() if len(time_ns)}
     shares = {row: row.share + (LANE_SHARE * len(story.lanes) if row.origin == "mode" else 0.0) for row in rows}
     shown = [row for row in rows if row.origin in found or (row.origin == "mode" and story.lanes)]
@@ -92,14 +92,14 @@ def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
     return rrb.TimeSeriesView(origin=row.origin, name=row.title, axis_x=axis, axis_y=heights, plot_legend=legend)
 
 
-def _whole_trip(trip: Trip) -> rrb.TimeAxis:
+def _whole_trip(trip: DrivenCourse) -> rrb.TimeAxis:
     duration_s = float(trip.time_ns[-1] - trip.time_ns[0]) * NS
     margin_s = max(MARGIN_RATIO * duration_s, 1.0)
     start = rrb.TimeRangeBoundary.absolute(seconds=-margin_s)
     return rrb.TimeAxis(view_range=rrb.TimeRange(start, rrb.TimeRangeBoundary.absolute(seconds=duration_s + margin_s)))
 
 
-def _track(way: Way) -> rrb.Tabs:
+def _track(way: MapTrack) -> rrb.Tabs:
     low, high = way.plane_m.min(axis=0), way.plane_m.max(axis=0)
     margin = 2.0 * MARGIN_RATIO * max(float((high - low).max()), 100.0)
     (left, top), (right, bottom) = low - margin, high + margin
@@ -113,7 +113,7 @@ def _track(way: Way) -> rrb.Tabs:
     )
 
 
-def _zoom(way: Way) -> float:
+def _zoom(way: MapTrack) -> float:
     """Zoom level (a tile of 256 px shows 1/2^zoom of a parallel) at which the way fits the panel."""
     extent_m = np.maximum(np.ptp(way.plane_m, axis=0), 100.0)
     parallel_m = 2.0 * np.pi * EARTH_RADIUS_M * np.cos(np.radians(way.degrees[:, 0].mean()))

@@ -10,14 +10,14 @@ import numpy as np
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from sim.review.series import Floats, Times, Trip
+from sim.review.series import DrivenCourse, Floats, Times
 
 Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TemporaryLimit:
-    """A restriction: where, how fast, and from when to when it was told."""
+    """A restriction: where it holds (m), its speed (m/s), and from when to when the node was told about it (ns)."""
 
     start_m: float
     end_m: float
@@ -26,8 +26,11 @@ class TemporaryLimit:
     lifted_ns: int
 
 
-def temporary_limits(recording: Recording, trip: Trip) -> tuple[TemporaryLimit, ...]:
-    """The restrictions that were told, in the order they were lifted; every message tells all that are in force."""
+def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[TemporaryLimit, ...]:
+    """The restrictions that the node was told about, in the order in which they were lifted.
+
+    Every message holds all restrictions that are in force.
+    """
     since_ns: dict[Place, int] = {}
     found = []
     for time_ns, places in [*_told(recording), (int(trip.time_ns[-1]) + 1, set[Place]())]:
@@ -42,7 +45,7 @@ def temporary_limits(recording: Recording, trip: Trip) -> tuple[TemporaryLimit, 
     return tuple(found)
 
 
-def limit_in_force(recording: Recording, trip: Trip) -> tuple[Times, Floats]:
+def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Floats]:
     """Times and speeds (m/s): the line's limit and under it the restrictions told by then, from the train's head on.
 
     No recording says how long the train is: behind a restriction's end it holds while the node says that it does.
@@ -63,7 +66,7 @@ def limit_in_force(recording: Recording, trip: Trip) -> tuple[Times, Floats]:
 
 
 def _told(recording: Recording) -> Iterator[tuple[int, set[Place]]]:
-    """Time and places of each message; what is no restriction is left out, as no node takes it."""
+    """Time and places of each message; entries that no node accepts as a restriction are left out."""
     messages = [entry.message for entry in recording.of(topics.RESTRICTION)]
     for message in sorted(messages, key=lambda message: message.time_ns):
         places = {(x.start_m, x.end_m, x.limit_mps) for x in message.restrictions}

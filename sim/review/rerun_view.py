@@ -44,21 +44,22 @@ def open_view(recording_path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         rrd = Path(folder) / f"{recording_path.stem}.rrd"
         save_view(recording_path, rrd)
-        _run_viewer(rrd)
+        run_viewer(rrd)
 
 
 def viewer_command(rrd_path: Path) -> list[str]:
-    """The command that shows a rerun file: a viewer of its own, on a free port of this machine only."""
+    """The command that shows a rerun file in a viewer of its own, on a free port of this machine only."""
     return [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", "auto", str(rrd_path)]
 
 
 def viewer_environment() -> dict[str, str]:
-    """The environment of the viewer; it sends no usage data where `CI` is set, and has no other switch for one run."""
+    """The environment of the viewer. Setting `CI` is the only way to stop it from sending usage data in one run."""
     kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
     return {"RUST_LOG": "error", **kept, "CI": "1"}
 
 
-def _run_viewer(rrd_path: Path) -> None:
+def run_viewer(rrd_path: Path) -> None:
+    """Start a viewer for a rerun file and wait until it is closed; DasError where it ends with an error."""
     viewer = subprocess.Popen(viewer_command(rrd_path), env=viewer_environment(), start_new_session=True)
     try:
         code = viewer.wait()
@@ -69,7 +70,7 @@ def _run_viewer(rrd_path: Path) -> None:
 
 
 def _close(viewer: subprocess.Popen[bytes]) -> None:
-    """End the viewer if it still runs, with the program behind its starter: both are a process group of their own."""
+    """End the viewer if it still runs, together with the program that its starter runs: both are one process group."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         if viewer.poll() is None:
             os.killpg(viewer.pid, number)
@@ -81,10 +82,10 @@ def _write(recording: Recording, path: Path) -> None:
     import rerun as rr
 
     from sim.review import entities, layout
-    from sim.review.series import Way
+    from sim.review.series import MapTrack
     from sim.review.story import Story
 
-    story, way = Story.of(recording), Way.of(recording)
+    story, way = Story.of(recording), MapTrack.of(recording)
     with rr.RecordingStream(APPLICATION, recording_id=recording.path.stem) as out:
         out.save(path, default_blueprint=layout.blueprint(story, way))
         out.send_recording_name(f"{recording.train} ({recording.path.name})")

@@ -20,7 +20,7 @@ EARTH_RADIUS_M: Final = 6_371_000.0
 
 
 class Style(NamedTuple):
-    """How a series looks everywhere: label (with its unit), colour (RGBA), width of the line, held or interpolated."""
+    """How a series looks: label with its unit, colour (RGBA), width, and whether a value holds until the next."""
 
     label: str
     color: int
@@ -49,18 +49,19 @@ STYLES: Final = {
     "calibration/resistance": Style("resistance, %", 0x6FD0C5FF),
     "calibration/resistance_sd": Style("its standard deviation, %", 0x6FD0C5FF, width=0.7),
 }
-"""By series, in drawing order: what is advised lies wider under what is driven, so that both show where they agree."""
+"""The style of each series, in drawing order. An advised curve is wider and lies under the driven one, so that both are
+visible where they agree."""
 
 BUFFER_PERCENT: Final = (-5.0, 25.0)
-"""What an axis of the buffer shows: at the end of a trip it goes to infinity."""
+"""Range of an axis of the buffer (%): at the end of a trip the buffer goes to infinity."""
 
 SAME_STOP_M = 1.0
-"""Plans that end this near to each other lead to the same stop."""
+"""Plans whose ends are this near (m) to each other lead to the same stop."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstPlans:
-    """The first plan for every stop of a recording, one after the other: the optimum from where the advice began."""
+    """The first plan for every stop of a recording, joined: the optimum from where the advice began."""
 
     time_ns: Times
     s_m: Floats
@@ -85,16 +86,16 @@ class FirstPlans:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trip:
-    """Where the train was and how fast: the truth if it was recorded, else its own localisation."""
+class DrivenCourse:
+    """Where the train was and how fast: the truth if it was recorded, else what its localisation reported."""
 
     time_ns: Times
     s_m: Floats
     speed_mps: Floats
 
     @classmethod
-    def of(cls, recording: Recording) -> Trip:
-        """The trip of a recording; DasError if it has no position at all."""
+    def of(cls, recording: Recording) -> DrivenCourse:
+        """The course of a recording; raises DasError if it has no position at all."""
         for topic in (topics.TRUTH, topics.POSITION, topics.ADVICE):
             data = recording.columns(topic, "time_ns", "s_m", "speed_mps")
             if len(data["time_ns"]):
@@ -103,26 +104,26 @@ class Trip:
         raise DasError(f"{recording.path}: holds no positions of train {recording.train}, so there is nothing to show")
 
     def trip_ns(self, time_ns: Times) -> Times:
-        """Time since the first position; what was sent before it is put at 0 (rerun draws no pictures before 0)."""
+        """Time (ns) since the first position; earlier messages are at 0, because rerun draws no pictures before 0."""
         since_ns: Times = np.maximum(time_ns - self.time_ns[0], 0)
         return since_ns
 
     def at(self, time_ns: Times, values: Floats) -> Floats:
-        """Values of the trip (one per position) at other times, before and after the trip those of its ends."""
+        """Values along the course (one per position) at other times; before and after it, those of its ends."""
         return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Way:
-    """The fixes of the trip: WGS 84, and in a plane (m to the east and to the south of their middle)."""
+class MapTrack:
+    """The positions of the trip on the map: WGS 84, and in a plane (m east and m south of their middle)."""
 
     time_ns: Times
     degrees: Floats
     plane_m: Floats
 
     @classmethod
-    def of(cls, recording: Recording) -> Way | None:
-        """The way of a recording, None if no locations were recorded."""
+    def of(cls, recording: Recording) -> MapTrack | None:
+        """The track of a recording on the map; None if no locations were recorded."""
         fixes = [entry.message for entry in recording.of(topics.LOCATION)]
         if not fixes:
             return None
@@ -137,13 +138,13 @@ class Way:
 
 
 Found = dict[str, tuple[Times, Floats]]
-"""Times and values by series."""
+"""Times and values of each series, by its name."""
 
 
-def series(recording: Recording, trip: Trip) -> Found:
-    """Times and values of everything plotted but the limit, by the names of `STYLES`, from the first position on.
+def series(recording: Recording, trip: DrivenCourse) -> Found:
+    """Times and values of all series but the limit, by the names of `STYLES`, from the first position on.
 
-    Advice that was withdrawn is a gap (NaN), as is what was not shown.
+    Withdrawn advice, and what was not shown, is a gap (NaN).
     """
     found = {
         **_plan(recording),
@@ -175,7 +176,7 @@ def _advised(recording: Recording) -> Found:
     }
 
 
-def _driven(recording: Recording, trip: Trip) -> Found:
+def _driven(recording: Recording, trip: DrivenCourse) -> Found:
     truth = recording.columns(topics.TRUTH, "time_ns", "force_el_n", "force_friction_n", "gradient_ratio")
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
     return {
@@ -187,7 +188,7 @@ def _driven(recording: Recording, trip: Trip) -> Found:
 
 
 def _in_the_cab(recording: Recording) -> Found:
-    """What the display showed and the controller was set to; levers as shares of the largest effort that way."""
+    """What the display showed and what the controller was set to, as shares of the largest effort that way."""
     fields = ("time_ns", "presentation", "advised_speed_mps", "advised_lever_ratio", "lever_ratio")
     cab = recording.columns(topics.CAB, *fields)
     at, gap = cab["time_ns"], np.where(cab["presentation"] == das_pb2.Cab.PRESENTATION_NONE, np.nan, 1.0)
@@ -198,8 +199,8 @@ def _in_the_cab(recording: Recording) -> Found:
     }
 
 
-def _estimated(recording: Recording, trip: Trip) -> Found:
-    """What the node knows: its position against the true one, and the train against the planned one."""
+def _estimated(recording: Recording, trip: DrivenCourse) -> Found:
+    """What the node estimates: its position beside the true one, and the train beside the planned one."""
     advice = recording.columns(topics.ADVICE, "time_ns", "s_m", "position_sd_m")
     known = advice["position_sd_m"] > 0.0
     at = advice["time_ns"][known]
@@ -218,8 +219,11 @@ def _estimated(recording: Recording, trip: Trip) -> Found:
     }
 
 
-def on_trip(trip: Trip, time_ns: Times, values: Floats, *, held: bool) -> tuple[Times, Floats]:
-    """What lies on the trip; of a quantity that is held, also the last value before it, and its value at the end."""
+def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -> tuple[Times, Floats]:
+    """The values that lie on the trip.
+
+    Of a quantity that is held, the last value before the trip and its value at the end belong to it.
+    """
     keep = time_ns >= trip.time_ns[0]
     if held and len(time_ns):
         keep[np.flatnonzero(~keep)[-1:]] = True

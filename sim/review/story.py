@@ -1,4 +1,4 @@
-"""Everything a picture of a recording tells, found once."""
+"""Everything that a picture of a recording shows, found once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from das.domain.units import KMH
 from sim.review.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
 from sim.review.lanes import Lane, lanes
 from sim.review.limits import TemporaryLimit, limit_in_force, temporary_limits
-from sim.review.series import Found, Trip, on_trip, series
+from sim.review.series import DrivenCourse, Found, on_trip, series
 
 FROM_ADVICE: Final = (
     "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
@@ -21,10 +21,10 @@ FROM_ADVICE: Final = (
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """The trip, what is plotted of it, and what happened on the way."""
+    """The course of the train, the series to plot, and what happened on the way."""
 
     recording: Recording
-    trip: Trip
+    trip: DrivenCourse
     series: Found
     lanes: tuple[Lane, ...]
     limits: tuple[TemporaryLimit, ...]
@@ -36,7 +36,7 @@ class Story:
     @classmethod
     def of(cls, recording: Recording) -> Story:
         """The story of a recording; DasError if it has no position at all."""
-        trip = Trip.of(recording)
+        trip = DrivenCourse.of(recording)
         silent, (at, limit_mps) = silences(recording, trip), limit_in_force(recording, trip)
         return cls(
             recording=recording,
@@ -55,7 +55,7 @@ class Story:
 
 
 def _broken(found: Found, silent: tuple[Span, ...]) -> Found:
-    """The series with a gap in what comes with the advice where the node was not heard."""
+    """The series, with a gap in those that come with the advice where the node was not heard."""
     gaps = np.array([span.start_ns for span in silent if span.text == NOT_HEARD], dtype=np.int64)
     broken = dict(found)
     for name in FROM_ADVICE:

@@ -1,4 +1,4 @@
-"""What a recording is, in words: the text beside the plots."""
+"""A recording in words: the text beside the plots."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from das.domain.units import KM, NS, kwh
 from sim.world.disturbances import NOTHING
 
 LETTERS = 150
-"""Letters of a line under the headline of a picture."""
+"""Most letters in a line under the headline of a picture."""
 
 
 def summary(recording: Recording) -> str:
@@ -38,7 +38,7 @@ def headline(recording: Recording) -> str:
 
 
 def on_this_day(recording: Recording) -> list[str]:
-    """What the scenario let happen, in lines for a picture; none where that is nothing or not recorded."""
+    """What happened by the scenario, in lines for a picture; none if nothing did or it was not recorded."""
     happens = recording.metadata.get("run", {}).get("happens", NOTHING)
     return [] if happens == NOTHING else wrap(f"on this day (times from the timetable's departure): {happens}", LETTERS)
 

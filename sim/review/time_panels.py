@@ -32,7 +32,7 @@ MINUTE_S: Final = 60.0
 
 
 def panels(story: Story) -> dict[str, Panel]:
-    """The panels there is something for."""
+    """The panels for which there is something to show, by name."""
     shown = {name.split("/")[0] for name, (at, _) in story.series.items() if len(at)}
     found = {}
     for name, title in TITLES.items():

@@ -1,32 +1,41 @@
-"""A recording as one PNG, without a viewer or a screen: over distance, over time, and what happened."""
+"""A recording as one picture, without a viewer or a screen: over distance, over time, and what happened."""
 
 from __future__ import annotations
 
 import importlib.util
-import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from das.bus.recording import Recording, read_recording
+from das.command_line.outputs import check_picture, save_figure
 from das.domain.errors import DasError
-from das.domain.files.writing import check_writable, write_whole
+from das.domain.files.writing import check_writable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TITLE_IN, LINE_IN = 0.35, 0.19
+"""Height (in) of the title, and of each line below it."""
 
 
-def save_picture(recording_path: Path, png_path: Path) -> None:
-    """Write the picture of a recording.
+def save_picture(recording_path: Path, picture_path: Path) -> None:
+    """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
 
     Raises DasError for an unusable recording, a place that cannot be written to, or where matplotlib is not installed.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise DasError("matplotlib is not installed: pip install '.[view]' in the checkout")
-    check_writable(png_path)
-    write_whole(png_path, _draw(read_recording(recording_path)))
+    check_picture(picture_path)
+    check_writable(picture_path)
+    from sim.review.canvas import BACKGROUND, DPI
+
+    save_figure(picture_path, picture_of(read_recording(recording_path)), dpi=DPI, facecolor=BACKGROUND)
 
 
-def _draw(recording: Recording) -> bytes:
+def picture_of(recording: Recording) -> Figure:
+    """The picture of a recording as a matplotlib figure; DasError for a recording without positions."""
     from sim.review import distance_panels, time_panels
-    from sim.review.canvas import BACKGROUND, INK, SMALL, figure_of, list_height_in, listed
+    from sim.review.canvas import INK, SMALL, figure_of, list_height_in, listed
     from sim.review.distance_picture import AXIS_IN
     from sim.review.story import Story
     from sim.review.summary import headline, on_this_day
@@ -47,6 +56,4 @@ def _draw(recording: Recording) -> bytes:
         y = 1.0 - (TITLE_IN + (number + 0.55) * LINE_IN) / figure.get_figheight()
         figure.text(0.5, y, line, color=INK, ha="center", fontsize=SMALL)
     listed(figure, story.trip, story.happenings)
-    png = io.BytesIO()
-    figure.savefig(png, format="png", facecolor=BACKGROUND)
-    return png.getvalue()
+    return figure

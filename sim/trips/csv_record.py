@@ -1,4 +1,4 @@
-"""Records as CSV: with a header that names columns and units, or latitude, longitude, km/h, ms without one."""
+"""Reading records as CSV: with a header that names columns and units, or latitude, longitude, km/h, ms without."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from das.domain.route import Floats
 from das.domain.units import KM, KMH
 from sim.trips import moments
 from sim.trips.record import Ints, Record
-from sim.trips.rows import check_column, check_location, check_width, not_negative, number, read_cells
+from sim.trips.rows import check_column, check_location, check_width, is_number, not_negative, number, read_cells
 
 WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
 COLUMNS = {
@@ -44,7 +44,7 @@ def read_csv(path: Path) -> Record:
     Raises DasError or InputError (file, line, value, expectation).
     """
     rows, separator = read_cells(path, "trip", f"a header, or lines of {', '.join(WITHOUT_HEADER)}")
-    header = not any(_is_number(cell) for cell in rows[0])
+    header = not any(is_number(cell) for cell in rows[0])
     names = tuple(cell.casefold() for cell in rows[0]) if header else WITHOUT_HEADER
     columns = _columns(path, names)
     first = 2 if header else 1
@@ -74,16 +74,8 @@ def read_csv(path: Path) -> Record:
     )
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
 def _columns(path: Path, names: tuple[str, ...]) -> dict[str, _Column]:
-    """The column of each quantity that is there; time and a place must be."""
+    """The column of each quantity that the file has; raises InputError if time or place is missing."""
     found: dict[str, _Column] = {}
     for index, name in enumerate(names):
         for quantity, accepted in COLUMNS.items():
@@ -108,7 +100,7 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, _Column]:
 
 
 def _values(path: Path, quantity: str, column: _Column | None, rows: list[list[str]], first: int) -> Floats:
-    """A column in SI; NaN where its cell is empty, or everywhere where there is no such column."""
+    """The values of a column in SI; NaN where its cell is empty, or everywhere if there is no such column."""
     values = np.full(len(rows), np.nan)
     if column is None:
         return values

@@ -1,8 +1,8 @@
-"""What a run as driven took: forces and energy by inverse dynamics with a chosen vehicle.
+"""The forces and the energy of a driven run, by inverse dynamics with a chosen vehicle.
 
-What cannot be known from positions: the true train, mass and wind, how braking was shared between motors and friction
-(electric first is assumed), and what the auxiliaries drew. The figures are an estimate and labelled so; `energy_range`
-says how far they may be off.
+Positions do not tell the true train, its mass, the wind, how motors and friction brake shared the braking (electric
+first is assumed), nor what the auxiliaries drew. So the figures are an estimate and are called so; `energy_range` says
+how far they may be wrong.
 """
 
 from __future__ import annotations
@@ -22,24 +22,13 @@ from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import LineProfile, Section
 from sim.trips.matching import MatchedTrip
-from sim.trips.profile import JERK_PSD_M2PS5, DrivenRun, to_profile
-
-MIN_STEP_M = 0.05
-"""Grid points nearer than this are one: the train stands."""
-BEYOND_RATIO = 1.05
-"""A force this much above the vehicle's envelope is counted as beyond what this train can do."""
-
-MASS_RATIO, RESISTANCE_RATIO, WIND_MPS = 0.05, 0.10, 5.0
-"""How far mass, running resistance and wind along the line may be from what is assumed (assumptions)."""
-HELD_S = 8
-"""Strongest is a force that is held so long: the smoothing acts over it, and tells no shorter one."""
-SMOOTHING_RATIO = 10.0
-"""The density of jerk in the smoothing is taken this much higher and lower: its window shrinks and grows by 1.8."""
+from sim.trips.profile import DrivenRun, to_profile
+from sim.trips.settings import ESTIMATE, SMOOTHING
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
-    """What is not known, and the energy at the collector (J) at either end of what it may be."""
+    """Something that is not known, and the energy at the collector (J) at either end of what it may be."""
 
     name: str
     assumed: str
@@ -49,7 +38,7 @@ class Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyRange:
-    """The estimate (J), each unknown on its own, and all of them together at their worst either way.
+    """The estimated energy (J), its range by each unknown on its own, and by all of them together at their worst.
 
     `left_out` counts the cases that cannot have been.
     """
@@ -63,10 +52,10 @@ class EnergyRange:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenEstimate:
-    """A run as driven with the forces this vehicle would have needed.
+    """A driven run with the forces that this vehicle would have needed.
 
-    `index[i]` is the point of the run at node i of the trajectory. `beyond_ratio` is the share of time in which the
-    run asks for more than the vehicle has (it was another train, or the positions are rough).
+    `index[i]` is the point of the run at node i of the trajectory. `beyond_ratio` is the share of time in which the run
+    asks for more than the vehicle has: it was another train, or the positions are rough.
     """
 
     trajectory: Trajectory
@@ -77,10 +66,11 @@ class DrivenEstimate:
 
 
 def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Floats) -> DrivenEstimate:
-    """Inverse dynamics over a run (arrays of one length, times and positions not decreasing).
+    """Inverse dynamics over a run; arrays of one length, times and positions do not decrease.
 
-    Force from the change of v² over the way, resistance, gradient and curves of each interval; traction by the
-    motors, braking electric up to its envelope and friction beyond (all friction where the section brakes so).
+    The force comes from the change of v² over the way, and the resistance, gradient and curves of each interval. The
+    motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone where the section
+    brakes so).
     """
     vehicle = section.vehicle
     index = _moving_points(s_m)
@@ -99,7 +89,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     electric = np.clip(force, -motors_limit, traction)
     friction = np.minimum(force + motors_limit, 0.0)
     brakes_limit = vehicle.brake_effort_n(mean)
-    beyond = (force > BEYOND_RATIO * traction) | (-force > BEYOND_RATIO * brakes_limit)
+    beyond = (force > ESTIMATE.beyond_ratio * traction) | (-force > ESTIMATE.beyond_ratio * brakes_limit)
     t = time_s[index]
     trajectory = Trajectory(
         s_m=node,
@@ -124,23 +114,23 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
 
 
 def strongest_held_n(driven: DrivenEstimate) -> tuple[float, float]:
-    """The strongest traction and braking (N, >= 0) that nothing falls short of for 8 s (or the run, if shorter)."""
+    """The strongest traction and braking (N, >= 0) that were held for 8 s, or for the whole of a shorter run."""
     t, force = driven.trajectory.t_s, driven.trajectory.force_el_n + driven.trajectory.force_friction_n
     seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
     here = force[np.searchsorted(t, seconds) - 1]
-    held = np.lib.stride_tricks.sliding_window_view(here, min(HELD_S, len(here)))
+    held = np.lib.stride_tricks.sliding_window_view(here, min(ESTIMATE.held_s, len(here)))
     return max(float(held.min(axis=1).max()), 0.0), max(-float(held.max(axis=1).min()), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
-    """One way it may have been; the defaults are what the estimate assumes."""
+class DrivenCase:
+    """One way in which the run may have been; the defaults are what the estimate assumes."""
 
     mass_ratio: float = 1.0
     resistance_ratio: float = 1.0
     head_wind_mps: float = 0.0
     all_friction: bool = False
-    jerk_psd_m2ps5: float = JERK_PSD_M2PS5
+    jerk_psd_m2ps5: float = SMOOTHING.jerk_psd_m2ps5
 
     def train(self, vehicle: Vehicle) -> Vehicle:
         """The train as it may have been."""
@@ -155,68 +145,78 @@ class Case:
 
 _Ends = tuple[dict[str, Any], dict[str, Any]]
 _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
-    ("mass", f"± {100 * MASS_RATIO:g} %", ({"mass_ratio": 1 - MASS_RATIO}, {"mass_ratio": 1 + MASS_RATIO})),
+    (
+        "mass",
+        f"± {100 * ESTIMATE.mass_ratio:g} %",
+        ({"mass_ratio": 1 - ESTIMATE.mass_ratio}, {"mass_ratio": 1 + ESTIMATE.mass_ratio}),
+    ),
     (
         "running resistance",
-        f"± {100 * RESISTANCE_RATIO:g} %",
-        ({"resistance_ratio": 1 - RESISTANCE_RATIO}, {"resistance_ratio": 1 + RESISTANCE_RATIO}),
+        f"± {100 * ESTIMATE.resistance_ratio:g} %",
+        ({"resistance_ratio": 1 - ESTIMATE.resistance_ratio}, {"resistance_ratio": 1 + ESTIMATE.resistance_ratio}),
     ),
-    ("wind along the line", f"± {WIND_MPS:g} m/s", ({"head_wind_mps": -WIND_MPS}, {"head_wind_mps": WIND_MPS})),
+    (
+        "wind along the line",
+        f"± {ESTIMATE.wind_mps:g} m/s",
+        ({"head_wind_mps": -ESTIMATE.wind_mps}, {"head_wind_mps": ESTIMATE.wind_mps}),
+    ),
     ("braking", "electric first … friction alone", ({"all_friction": False}, {"all_friction": True})),
     (
         "smoothing of the record",
-        f"jerk ÷ and × {SMOOTHING_RATIO:g}",
+        f"jerk ÷ and × {ESTIMATE.smoothing_ratio:g}",
         (
-            {"jerk_psd_m2ps5": JERK_PSD_M2PS5 / SMOOTHING_RATIO},
-            {"jerk_psd_m2ps5": JERK_PSD_M2PS5 * SMOOTHING_RATIO},
+            {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 / ESTIMATE.smoothing_ratio},
+            {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 * ESTIMATE.smoothing_ratio},
         ),
     ),
 )
-"""Name, what it may have been in words, and the changes at either end."""
+"""The name of each unknown, what it may have been in words, and the changes of a case at either end."""
 
 
 def energy_range(section: Section, matched: MatchedTrip) -> EnergyRange:
-    """How far the energy of a trip as driven may be off: the inverse dynamics done again in every case."""
+    """How far the energy of a driven trip may be wrong: inverse dynamics is repeated for every case."""
     return over_unknowns(driven_energy(section, matched))
 
 
-def over_unknowns(energy_j: Callable[[Case], float | None]) -> EnergyRange:
-    """An energy (J) with each unknown at either end, and with all together at the ends that give least, and most.
+def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange:
+    """The range of an energy (J): each unknown at either end, and all together at the ends that give least and most.
 
-    That is the outermost, not the likeliest. None: so it cannot have been, and the case is left out.
+    That is the outermost range, not the likeliest. `energy_j` returns None for a case that cannot have been, and that
+    case is left out.
     """
-    known: dict[Case, float | None] = {}
+    known: dict[DrivenCase, float | None] = {}
 
-    def at(case: Case) -> float | None:
+    def at(case: DrivenCase) -> float | None:
         if case not in known:
             known[case] = energy_j(case)
         return known[case]
 
-    estimate_j = at(Case())
+    estimate_j = at(DrivenCase())
     assert estimate_j is not None
     unknowns = []
     for name, assumed, ends in _UNKNOWNS:
-        found = [e for e in (estimate_j, *(at(Case(**end)) for end in ends)) if e is not None]
+        found = [e for e in (estimate_j, *(at(DrivenCase(**end)) for end in ends)) if e is not None]
         unknowns.append(Unknown(name=name, assumed=assumed, low_j=min(found), high_j=max(found)))
     low_j, high_j = (_outermost(at, sign) for sign in (-1.0, 1.0))
     left_out = sum(e is None for e in known.values())
     return EnergyRange(estimate_j=estimate_j, unknowns=tuple(unknowns), low_j=low_j, high_j=high_j, left_out=left_out)
 
 
-def _outermost(energy_j: Callable[[Case], float | None], sign: float) -> float:
+def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float) -> float:
     """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
 
-    First each goes where it leads furthest on its own; as one may turn round what another does (who brakes by friction
-    loses more with a tail wind), then each in turn to where it leads furthest from there, until none leads further.
+    First, each unknown goes to the end that leads furthest on its own. One unknown may reverse what another does: a
+    train that brakes by friction loses more with a tail wind. So each in turn then goes to the end that leads furthest
+    from there, until none leads further.
     """
 
-    def reach(case: Case) -> float:
+    def reach(case: DrivenCase) -> float:
         energy = energy_j(case)
         return -np.inf if energy is None else sign * energy
 
-    furthest = [max(({}, *ends), key=lambda end: reach(Case(**end))) for _, _, ends in _UNKNOWNS]
-    together = Case(**{name: value for end in furthest for name, value in end.items()})
-    case = max([together, *(Case(**end) for end in furthest)], key=reach)
+    furthest = [max(({}, *ends), key=lambda end: reach(DrivenCase(**end))) for _, _, ends in _UNKNOWNS]
+    together = DrivenCase(**{name: value for end in furthest for name, value in end.items()})
+    case = max([together, *(DrivenCase(**end) for end in furthest)], key=reach)
     while True:
         before = case
         for _, _, ends in _UNKNOWNS:
@@ -226,14 +226,14 @@ def _outermost(energy_j: Callable[[Case], float | None], sign: float) -> float:
             return sign * reach(case)
 
 
-def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[Case], float]:
-    """Energy at the collector (J) of a trip as driven, by case."""
+def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[DrivenCase], float]:
+    """A function that gives the energy at the collector (J) of a driven trip in a case."""
 
     @cache
     def smooth(jerk_psd_m2ps5: float) -> DrivenRun:
         return to_profile(matched, jerk_psd_m2ps5=jerk_psd_m2ps5)
 
-    def driven_j(case: Case) -> float:
+    def driven_j(case: DrivenCase) -> float:
         run = smooth(case.jerk_psd_m2ps5)
         other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
         return estimate_run(other, run.time_s, run.s_m, run.speed_mps).ledger.input
@@ -245,13 +245,13 @@ def _moving_points(s_m: Floats) -> NDArray[np.intp]:
     """Indices of points that lie apart, the first among them."""
     keep = [0]
     for i in range(1, len(s_m)):
-        if s_m[i] - s_m[keep[-1]] >= MIN_STEP_M:
+        if s_m[i] - s_m[keep[-1]] >= ESTIMATE.min_step_m:
             keep.append(i)
     return np.array(keep, dtype=np.intp)
 
 
 def _in_map(section: Section, force_n: Floats, speed_mps: Floats) -> Floats:
-    """Forces cut to what a loss map covers at their speeds (a foreign run may ask for more)."""
+    """Forces (N) limited to what a loss map covers at their speeds; a foreign run may ask for more."""
     if not isinstance(section.loss, LossMap):
         return force_n
     speed = _speed_in_map(section, speed_mps)

@@ -1,4 +1,4 @@
-"""What was wrong with a record and what was done about it: kinds, counts, first occurrences."""
+"""Findings of the cleaning: what was wrong with a record, how often, where first, and what was done about it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from das.domain.units import NS
 from sim.trips.record import Record
 
 
-class Kind(StrEnum):
-    """Everything cleaning looks for."""
+class FindingKind(StrEnum):
+    """Everything that cleaning looks for."""
 
     NEWEST_FIRST = "newest_first"
     OTHER_WAY = "other_way"
@@ -41,8 +41,8 @@ class Kind(StrEnum):
     ENDS_MOVING = "ends_moving"
 
 
-class Told(NamedTuple):
-    """A kind in words, what is done about it, and whether `--strict` refuses it."""
+class KindWords(NamedTuple):
+    """A kind of finding in words, what is done about it, and whether `--strict` refuses it."""
 
     words: str
     done: str
@@ -50,44 +50,44 @@ class Told(NamedTuple):
 
 
 TOLD = {
-    Kind.NEWEST_FIRST: Told("newest point first", "turned round", True),
-    Kind.OTHER_WAY: Told("trip runs the other way", "driven the other way", True),
-    Kind.DUPLICATE_TIME: Told("time given twice", "dropped", True),
-    Kind.TIME_BACK: Told("time running back", "dropped", True),
-    Kind.NO_POSITION: Told("no position", "dropped", True),
-    Kind.OFF_LINE: Told("off the line before or after", "cut", True),
-    Kind.POSITION_FROZEN: Told("position frozen while moving", "dropped", True),
-    Kind.POSITION_JUMP: Told("position jump", "dropped", True),
-    Kind.FAR_APART: Told("other part of the record, beyond a long gap", "cut", True),
-    Kind.BEFORE_SECTION: Told("before the section", "cut", True),
-    Kind.AFTER_SECTION: Told("after the section", "cut", True),
-    Kind.LONG_STAND_AT_START: Told("long stand at the start", "cut"),
-    Kind.LONG_STAND_AT_END: Told("long stand at the end", "cut"),
-    Kind.STANDING_DRIFT: Told("position drifts while standing", "put together"),
-    Kind.SLOWS_TO_STAND: Told("slows down to a stand at an end of the record", "taken for a stand"),
-    Kind.STEP_BACK: Told("small step back", "made flat"),
-    Kind.SPEED_MISSING: Told("no usable speed", "speed from positions"),
-    Kind.SPEED_DROPOUT: Told("speed dropout", "speed from positions"),
-    Kind.SPEED_SPIKE: Told("impossible speed", "speed from positions"),
-    Kind.GAP: Told("gap in time", "bridged"),
-    Kind.STARTS_MOVING: Told("starts moving", "left open"),
-    Kind.ENDS_MOVING: Told("ends moving, no final stop", "left open"),
+    FindingKind.NEWEST_FIRST: KindWords("newest point first", "turned round", True),
+    FindingKind.OTHER_WAY: KindWords("trip runs the other way", "driven the other way", True),
+    FindingKind.DUPLICATE_TIME: KindWords("time given twice", "dropped", True),
+    FindingKind.TIME_BACK: KindWords("time running back", "dropped", True),
+    FindingKind.NO_POSITION: KindWords("no position", "dropped", True),
+    FindingKind.OFF_LINE: KindWords("off the line before or after", "cut", True),
+    FindingKind.POSITION_FROZEN: KindWords("position frozen while moving", "dropped", True),
+    FindingKind.POSITION_JUMP: KindWords("position jump", "dropped", True),
+    FindingKind.FAR_APART: KindWords("other part of the record, beyond a long gap", "cut", True),
+    FindingKind.BEFORE_SECTION: KindWords("before the section", "cut", True),
+    FindingKind.AFTER_SECTION: KindWords("after the section", "cut", True),
+    FindingKind.LONG_STAND_AT_START: KindWords("long stand at the start", "cut"),
+    FindingKind.LONG_STAND_AT_END: KindWords("long stand at the end", "cut"),
+    FindingKind.STANDING_DRIFT: KindWords("position drifts while standing", "put together"),
+    FindingKind.SLOWS_TO_STAND: KindWords("slows down to a stand at an end of the record", "taken for a stand"),
+    FindingKind.STEP_BACK: KindWords("small step back", "made flat"),
+    FindingKind.SPEED_MISSING: KindWords("no usable speed", "speed from positions"),
+    FindingKind.SPEED_DROPOUT: KindWords("speed dropout", "speed from positions"),
+    FindingKind.SPEED_SPIKE: KindWords("impossible speed", "speed from positions"),
+    FindingKind.GAP: KindWords("gap in time", "bridged"),
+    FindingKind.STARTS_MOVING: KindWords("starts moving", "left open"),
+    FindingKind.ENDS_MOVING: KindWords("ends moving, no final stop", "left open"),
 }
 _REMOVING = ("dropped", "cut")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
-    """One kind of dirt: how many points (gaps: how many gaps), where first, what was seen."""
+class TripFinding:
+    """One kind of finding: at how many points (or gaps) it was, where first, and what was seen."""
 
-    kind: Kind
+    kind: FindingKind
     count: int
     first: str
     first_time_ns: int
     detail: str
 
     @property
-    def told(self) -> Told:
+    def told(self) -> KindWords:
         return TOLD[self.kind]
 
     @property
@@ -102,17 +102,17 @@ class CleaningReport:
 
     read: int
     kept: int
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[TripFinding, ...] = ()
     unread: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:
-        """One line."""
+        """The report in one line."""
         parts = [f"{f.count} × {f.told.words} ({f.told.done})" for f in self.findings]
         return f"{self.kept} of {self.read} points kept; " + ("; ".join(parts) or "nothing to clean")
 
     def as_object(self) -> dict[str, Any]:
-        """For JSON."""
+        """The report as an object for JSON."""
         return {
             "points_read": self.read,
             "points_kept": self.kept,
@@ -138,9 +138,9 @@ class FindingLog:
 
     strict: bool = False
     read: int = 0
-    found: list[Finding] = field(default_factory=list)
+    found: list[TripFinding] = field(default_factory=list)
 
-    def add(self, kind: Kind, record: Record, which: Any, detail: str = "") -> None:
+    def add(self, kind: FindingKind, record: Record, which: Any, detail: str = "") -> None:
         """Count the points `which` (mask or indices) of a record; nothing where there are none.
 
         Raises DasError where the log is strict about this kind.
@@ -157,7 +157,7 @@ class FindingLog:
                 f"{record.source}: {record.where(first)}: {told.words}{seen} ({len(points)} in all; --strict)"
             )
         self.found.append(
-            Finding(
+            TripFinding(
                 kind=kind,
                 count=len(points),
                 first=record.where(first),
@@ -168,5 +168,5 @@ class FindingLog:
 
     def report(self, kept: int, unread: tuple[str, ...]) -> CleaningReport:
         """All findings, those that removed points first."""
-        ordered = sorted(self.found, key=lambda f: (f.told.done not in _REMOVING, list(Kind).index(f.kind)))
+        ordered = sorted(self.found, key=lambda f: (f.told.done not in _REMOVING, list(FindingKind).index(f.kind)))
         return CleaningReport(read=self.read, kept=kept, findings=tuple(ordered), unread=unread)

@@ -50,7 +50,7 @@ class _Points:
     found: list[tuple[int, int, float, float, float]] = field(default_factory=list)
     _line: int = 0
     _attributes: dict[str, str] | None = None
-    """Of the track point that is open."""
+    """What is known of the track point that is being read."""
     _texts: dict[str, str] = field(default_factory=dict)
     _open: str = ""
 

@@ -4,21 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
-from sim.trips.rows import check_column, check_location, read_rows
+from sim.trips.rows import check_column, check_location, check_width, is_number, number, read_cells, read_rows
 
-_NAMES = ("latitude", "longitude", "kilometre")
-EARTH_RADIUS_M = 6_371_008.8
-"""Mean radius (IUGG)."""
-_LENGTH_TOLERANCE_RATIO = 0.3
-"""How far the distance between two posts on the map may be from their difference in kilometrage."""
-_PAIRS_AT_ONCE = 1_000_000
-"""Points × segments projected in one go; bounds the memory."""
+COLUMNS: Final = {
+    "latitude": ("latitude", "latitude_deg", "lat"),
+    "longitude": ("longitude", "longitude_deg", "lon", "lng"),
+    "kilometre": ("kilometre", "kilometer", "km", "position_km"),
+}
+"""What a list of posts says about each post, and the names that its column may have."""
+LEAST_POSTS: Final = 2
+"""A line has at least this many posts."""
+EARTH_RADIUS_M: Final = 6_371_008.8
+"""Mean radius of the Earth (m, IUGG)."""
+_LENGTH_TOLERANCE_RATIO: Final = 0.3
+"""The distance of two posts on the map may differ from their difference in kilometres by this share."""
+_PAIRS_AT_ONCE: Final = 1_000_000
+"""Points times segments that are projected at once; this bounds the memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +48,7 @@ class Line:
 
     @classmethod
     def from_route(cls, route: Route) -> Line:
-        """The route's own geometry, chainage = route position; DasError where it has none."""
+        """The route's own geometry, with the position on the route as chainage; DasError if the route has none."""
         if len(route.geometry_position_m) < 2:
             raise DasError(
                 f"{route.source}: route {route.id!r} has no geometry to match GPS to; give kilometre posts with --line"
@@ -98,16 +106,19 @@ class Line:
 
 
 def read_kilometre_posts(path: Path) -> Line:
-    """Read posts (CSV without a header: latitude, longitude, line number·10000 + kilometre) in driving order.
+    """Read kilometre posts (CSV), which must be in the order in which the trip passes them.
 
-    Only differences of kilometres count: chainage 0 is the first post, whether the kilometres rise or fall.
-    Raises DasError or InputError (file, line, value, expectation).
+    With a header, its columns are `latitude`, `longitude` (deg) and `kilometre` in any order (see `COLUMNS` for other
+    names); without one they are latitude, longitude and line number·10000 + kilometre. Only differences of kilometres
+    count: chainage 0 is the first post, whether the kilometres rise or fall. Raises DasError or InputError (file, line,
+    value, expectation).
     """
-    latitude, longitude, kilometre = read_rows(path, _NAMES, 2, "list of posts").T.copy()
-    check_location(path, latitude, longitude)
+    first, values = _read_columns(path)
+    latitude, longitude, kilometre = values
+    check_location(path, latitude, longitude, first)
     steps = np.diff(kilometre)
     bad = np.append(False, (steps == 0) | (np.sign(steps) != np.sign(steps[0])))
-    check_column(path, "kilometre", kilometre, bad, "kilometres that only rise or only fall")
+    check_column(path, "kilometre", kilometre, bad, "kilometres that only rise or only fall", first)
     line = Line(
         source=str(path),
         chainage_m=np.abs(kilometre - kilometre[0]) * KM,
@@ -115,15 +126,43 @@ def read_kilometre_posts(path: Path) -> Line:
         longitude_deg=longitude,
         on_route=False,
     )
-    _check_lengths(path, line)
+    _check_lengths(path, line, first)
     return line
 
 
-def _check_lengths(path: Path, line: Line) -> None:
+def _read_columns(path: Path) -> tuple[int, Floats]:
+    """The number of the first line that is a post, and latitude, longitude, kilometre of all posts (3 × posts)."""
+    rows, separator = read_cells(path, "list of posts", f"a header, or lines of {', '.join(COLUMNS)}")
+    if any(is_number(cell) for cell in rows[0]):
+        return 1, read_rows(path, tuple(COLUMNS), LEAST_POSTS, "list of posts").T.copy()
+    names = [cell.casefold() for cell in rows[0]]
+    index = {quantity: _column(path, names, quantity) for quantity in COLUMNS}
+    body = rows[1:]
+    if len(body) < LEAST_POSTS:
+        raise DasError(f"{path}: list of posts of {len(body)} posts, expected at least {LEAST_POSTS}")
+    values = np.empty((len(COLUMNS), len(body)))
+    for i, cells in enumerate(body):
+        check_width(path, i + 2, cells, separator, tuple(names))
+        for j, (quantity, column) in enumerate(index.items()):
+            cell = cells[column] if separator == "," else cells[column].replace(",", ".")
+            values[j, i] = number(path, i + 2, quantity, cell)
+    return 2, values
+
+
+def _column(path: Path, names: list[str], quantity: str) -> int:
+    """The column of a quantity; InputError where there is none, or more than one."""
+    found = [i for i, name in enumerate(names) if name in COLUMNS[quantity]]
+    if len(found) != 1:
+        expected = f"one column of {quantity} ({', '.join(COLUMNS[quantity])})"
+        raise InputError(path, "line 1", ",".join(names), expected)
+    return found[0]
+
+
+def _check_lengths(path: Path, line: Line, first: int) -> None:
     x, y = line._plane_m(line.latitude_deg, line.longitude_deg)
     lengths, nominal = np.hypot(np.diff(x), np.diff(y)), np.diff(line.chainage_m)
     bad = np.flatnonzero(np.abs(lengths - nominal) > _LENGTH_TOLERANCE_RATIO * nominal)
     if len(bad):
         i = int(bad[0])
         expected = f"{nominal[i]:.0f} m by the kilometres, within {_LENGTH_TOLERANCE_RATIO:.0%}"
-        raise InputError(path, f"line {i + 2} distance from the post before", f"{lengths[i]:.0f} m", expected)
+        raise InputError(path, f"line {i + 1 + first} distance from the post before", f"{lengths[i]:.0f} m", expected)

@@ -1,8 +1,9 @@
-"""A record on the route: positions that never decrease, speeds without dropouts, what was cleaned, how well it fits."""
+"""Putting a record on the route: positions that never decrease, speeds without dropouts, and how well it fits."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,25 +12,22 @@ from das.domain.route import Floats, Route, Stop
 from das.domain.units import KMH, NS
 from sim.trips import cleaning
 from sim.trips.cutting import section_of
-from sim.trips.findings import CleaningReport, FindingLog, Kind
+from sim.trips.findings import CleaningReport, FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.points import Points, fitting_points, measured_mps
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.standing import STANDING_MPS, Stand, left_over, stands
-
-SCALE_TOLERANCE_RATIO = 0.01
-"""Matched length and distance of the stops may differ by this for the kilometrage to be scaled to the stops."""
-TOLD_M = 0.01
-"""Positions moved by less are not told."""
+from sim.trips.settings import PLACING, POSITIONS, STANDS
+from sim.trips.standing import Stand, left_over, stands
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchReport:
     """How the record fits: s = offset_m + scale · chainage.
 
-    `anchor` is what fixed them: "route" (nothing had to), "start and end", "start" or "end" (the stops where it stood),
-    "positions" (it has positions on the route). Where positions alone tell of a stand at an end, it is up to
-    `stand_uncertainty_m` beyond. Distances from the line are None where there is no line.
+    `anchor` says what fixed offset and scale: "route" (nothing had to), "start and end", "start" or "end" (the stops
+    where the train stood), "positions" (the record has positions on the route). Where only positions tell of a stand at
+    an end of the record, the stand may be up to `stand_uncertainty_m` beyond it. Distances from the line are None if
+    there is no line.
     """
 
     offset_m: float
@@ -42,13 +40,25 @@ class MatchReport:
     cleaning: CleaningReport
 
 
+class RunEnds(NamedTuple):
+    """The ends of a run among the points of a record.
+
+    The train stands up to point `departure` and from point `arrival` on. Where it does not, these are the first and the
+    last point, and `starts_standing` or `ends_standing` is False.
+    """
+
+    departure: int
+    arrival: int
+    starts_standing: bool
+    ends_standing: bool
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatchedTrip:
     """A record on a route, arrays of shape (points,); `s_m` never decreases, `speed_mps` has no dropouts.
 
-    `dropout` marks speeds that are from the positions, not measured. The train stands up to point `departure` and from
-    point `arrival` on; where it does not these are the first and last point and `starts_standing`, `ends_standing`
-    are False.
+    `dropout` marks speeds that come from the positions and were not measured, `invalid` marks points that a recording
+    calls invalid, and `standing` marks points at which the train stands.
     """
 
     source: str
@@ -61,10 +71,7 @@ class MatchedTrip:
     invalid: Bools
     uncertainty_m: Floats
     standing: Bools
-    departure: int
-    arrival: int
-    starts_standing: bool
-    ends_standing: bool
+    ends: RunEnds
     report: MatchReport
 
     def __post_init__(self) -> None:
@@ -80,13 +87,12 @@ def match_trip(
     record: Record,
     line: Line | None,
     route: Route,
-    start_stop: Stop,
-    end_stop: Stop,
+    stops: tuple[Stop, Stop],
     log: FindingLog | None = None,
     *,
     whole_stands: bool = False,
 ) -> MatchedTrip:
-    """Put a record (times increasing) on a route that is driven from `start_stop` to `end_stop`, positions increasing.
+    """Put a record (times increasing) on a route that is driven from the first of `stops` to the second.
 
     What cannot be is dropped or mended, and told in the report (see docs/reference/trips.md). Kilometre posts have a
     zero of their own: two standstills as far apart as the stops, within 1 %, are put on the stops and the kilometrage
@@ -95,7 +101,7 @@ def match_trip(
     sensible remains: off the line, not moving, turning back, not of this section.
     """
     log = log or FindingLog(read=len(record))
-    stops = (start_stop, end_stop)
+    start_stop, end_stop = stops
     if start_stop.position_m >= end_stop.position_m:
         raise DasError(f"{route.source}: {start_stop.name} does not lie before {end_stop.name} on the route as driven")
     points = fitting_points(record, line, end_stop.position_m - start_stop.position_m, log)
@@ -105,9 +111,9 @@ def match_trip(
     offset_m, scale, _ = anchored
     placed = replace(points, along_m=offset_m + scale * pinned)
     kept = section_of(record, placed, found, stops, log, whole_stands=whole_stands)
-    drifted = np.abs(scale * (pinned - points.along_m))[kept] > TOLD_M
+    drifted = np.abs(scale * (pinned - points.along_m))[kept] > PLACING.told_m
     points = placed.take(kept)
-    log.add(Kind.STANDING_DRIFT, record, points.point[drifted])
+    log.add(FindingKind.STANDING_DRIFT, record, points.point[drifted])
     points = _mended(record, points, log)
     _tell(record, points, end_stop, log)
     return _with_invalid(record, points, _report(record, points, anchored, line, log))
@@ -130,13 +136,15 @@ def _report(
 
 
 def _fastest(slowed_to_mps: Floats) -> float:
-    """The highest speed at an end that was taken for a stand; 0 where none was."""
+    """The highest speed (m/s) at an end that was taken for a stand; 0 if none was."""
     return float(np.nan_to_num(slowed_to_mps).max())
 
 
 def _pinned(along_m: Floats, found: list[Stand]) -> Floats:
-    """Positions with every standstill in one place: at the start the last fix, which has settled best, else the
-    median."""
+    """Positions (m) with every standstill in one place.
+
+    At the start it is the last position, by which the receiver has settled best; elsewhere it is the median.
+    """
     pinned = along_m.copy()
     for stand in found:
         here = slice(stand.first, stand.last + 1)
@@ -180,32 +188,32 @@ def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tu
     places = pinned_m[[stand.first for stand in found]]
     off = np.abs(np.subtract.outer(places, places).T - distance_m)
     off[np.tril_indices(len(places))] = np.inf  # the first stands before the last
-    if not np.any(off <= SCALE_TOLERANCE_RATIO * distance_m):
+    if not np.any(off <= PLACING.scale_tolerance_ratio * distance_m):
         return None
     i, j = np.unravel_index(int(off.argmin()), off.shape)
     return float(places[i]), float(places[j])
 
 
 def _mended(record: Record, points: Points, log: FindingLog) -> Points:
-    """Positions made flat, and the speeds that are not measured taken from them."""
+    """The points with positions made flat, and with speeds from positions where they were not measured."""
     s_m = _flattened(record, points)
-    back = np.abs(s_m - points.along_m) > TOLD_M
-    log.add(Kind.STEP_BACK, record, points.point[back], f"less than {cleaning.MAX_BACKWARD_M:.0f} m")
+    back = np.abs(s_m - points.along_m) > PLACING.told_m
+    log.add(FindingKind.STEP_BACK, record, points.point[back], f"less than {POSITIONS.max_backward_m:.0f} m")
     # On the final positions once more: a cleaned trip has nothing left to mend.
     dropout, spike = cleaning.find_wrong_speeds(points.time_s, s_m, measured_mps(record, points))
     points = replace(points, dropout=points.dropout | dropout, spike=points.spike | spike)
     # A train that stands has no speed, one that moves is not slower than one that stands.
-    derived = np.maximum(cleaning.derived_speed_mps(points.time_s, s_m), STANDING_MPS)
+    derived = np.maximum(cleaning.derived_speed_mps(points.time_s, s_m), STANDS.standing_mps)
     derived = np.where(points.standing, 0.0, derived)
     return replace(points, along_m=s_m, speed_mps=np.where(points.speed_derived, derived, points.speed_mps))
 
 
 def _flattened(record: Record, points: Points) -> Floats:
-    """Positions that never decrease nor pass where the train stands at the end; DasError beyond noise."""
+    """Positions (m) that never decrease nor pass the stand at the end; raises DasError for steps back beyond noise."""
     highest = np.maximum.accumulate(points.along_m)
     back = highest - points.along_m
-    if back.max() > cleaning.MAX_BACKWARD_M:
-        i = int((back > cleaning.MAX_BACKWARD_M).argmax())
+    if back.max() > POSITIONS.max_backward_m:
+        i = int((back > POSITIONS.max_backward_m).argmax())
         raise DasError(
             f"{record.source}: position decreases by {back[i]:.0f} m at {record.where(int(points.point[i]))} "
             "(wrong direction? see --reverse)"
@@ -214,30 +222,32 @@ def _flattened(record: Record, points: Points) -> Floats:
 
 
 def _tell(record: Record, points: Points, end_stop: Stop, log: FindingLog) -> None:
-    """Speeds that were mended, and what is left as it is, in the section."""
+    """Report the speeds that were mended, and what is left as it is, in the section."""
     at = points.point
     for kind, which in (
-        (Kind.SPEED_MISSING, points.missing),
-        (Kind.SPEED_DROPOUT, points.dropout),
-        (Kind.SPEED_SPIKE, points.spike),
+        (FindingKind.SPEED_MISSING, points.missing),
+        (FindingKind.SPEED_DROPOUT, points.dropout),
+        (FindingKind.SPEED_SPIKE, points.spike),
     ):
         log.add(kind, record, at[which], _speeds(record, at[which], points, which))
     slowed = np.isfinite(points.slowed_to_mps)
     reach_m, reach_s = left_over(_fastest(points.slowed_to_mps))
-    log.add(Kind.SLOWS_TO_STAND, record, at[slowed], f"the stand is up to {reach_m:.1f} m and {reach_s:.0f} s beyond")
+    log.add(
+        FindingKind.SLOWS_TO_STAND, record, at[slowed], f"the stand is up to {reach_m:.1f} m and {reach_s:.0f} s beyond"
+    )
     inside = np.arange(at[0], at[-1] + 1)
     time_s = record.elapsed_s()[inside]
     gaps = cleaning.find_gaps(time_s)
     longest = f"longest {np.diff(time_s)[gaps].max():.0f} s" if len(gaps) else ""
-    log.add(Kind.GAP, record, inside[gaps], longest)
-    for kind, i in ((Kind.STARTS_MOVING, 0), (Kind.ENDS_MOVING, -1)):
+    log.add(FindingKind.GAP, record, inside[gaps], longest)
+    for kind, i in ((FindingKind.STARTS_MOVING, 0), (FindingKind.ENDS_MOVING, -1)):
         if not points.standing[i]:
             left = f", {end_stop.position_m - points.along_m[-1]:.0f} m before {end_stop.name}" if i else ""
             log.add(kind, record, [at[i]], f"at {points.speed_mps[i] / KMH:.0f} km/h{left}")
 
 
 def _speeds(record: Record, at: Ints, points: Points, which: Bools) -> str:
-    """The reported speed that is furthest off."""
+    """Words about the reported speed that is furthest from the mended one."""
     off = np.abs(record.speed_mps[at] - points.speed_mps[which])
     if not len(off) or np.isnan(off).all():
         return ""
@@ -247,7 +257,7 @@ def _speeds(record: Record, at: Ints, points: Points, which: Bools) -> str:
 
 
 def _with_invalid(record: Record, points: Points, report: MatchReport) -> MatchedTrip:
-    """The trip, with the points a recording calls invalid between the others: they belong to what the node was told."""
+    """The trip, together with points that a recording calls invalid: the node was told them as well."""
     inside = np.zeros(len(record), dtype=bool)
     inside[points.point[0] : points.point[-1] + 1] = True
     kept = record.invalid & inside
@@ -272,15 +282,17 @@ def _with_invalid(record: Record, points: Points, report: MatchReport) -> Matche
         invalid=record.invalid[j],
         uncertainty_m=uncertainty,
         standing=still,
-        departure=int(np.searchsorted(j, points.point[departure])),
-        arrival=int(np.searchsorted(j, points.point[arrival])),
-        starts_standing=bool(points.standing[0]),
-        ends_standing=bool(points.standing[-1]),
+        ends=RunEnds(
+            departure=int(np.searchsorted(j, points.point[departure])),
+            arrival=int(np.searchsorted(j, points.point[arrival])),
+            starts_standing=bool(points.standing[0]),
+            ends_standing=bool(points.standing[-1]),
+        ),
         report=report,
     )
 
 
 def _departure_and_arrival(points: Points) -> tuple[int, int]:
-    """Last point of the stand at the start, first of that at the end; the ends where it does not stand."""
+    """The last point of the stand at the start and the first of that at the end; the ends where there is no stand."""
     moving = np.flatnonzero(~points.standing)
     return max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(points) - 1)

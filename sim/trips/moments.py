@@ -12,7 +12,7 @@ from das.domain.units import MS, NS
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NS_PER_MICROSECOND = 1000
 LATEST_NS = round(9e9 / NS)
-"""Later epoch times (year 2255) do not fit in integer nanoseconds."""
+"""The latest time (ns since 1970, year 2255) that fits in integer nanoseconds."""
 PER_UNIT_NS = {"time_ms": round(MS / NS), "time_s": round(1 / NS)}
 
 

@@ -1,33 +1,29 @@
-"""A picture of a trip: speed of record and smooth run, how far they are apart, forces."""
+"""A picture of a trip: the recorded speed and the smooth run, how far they are apart, and the forces."""
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from das.domain.errors import DasError
-from das.domain.files.writing import write_whole
+from das.command_line.outputs import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, KN, NS
-from sim.trips.estimate import HELD_S, DrivenEstimate, strongest_held_n
+from sim.trips.estimate import DrivenEstimate, strongest_held_n
+from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip
 
 PANEL_HEIGHTS = (3, 1, 2)
 FORCES_SHOWN_RATIO = 1.3
-"""Forces are drawn up to so many times the strongest held: a spike of a second shall not set the scale."""
+"""Forces are drawn up to this many times the strongest held force, so that no spike of a second sets the scale."""
 
 
 def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
-    """Draw it over the position as a PNG; without an estimate there are no forces. DasError without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise DasError("--plot needs matplotlib: install the extra, pip install '.[view]' in the checkout") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
+    """Draw a trip over the position; without an estimate there are no forces.
 
+    The suffix of `path` (.png, .pdf, .svg) decides the kind of picture. Raises DasError without matplotlib.
+    """
+    pyplot = offscreen_pyplot()
     heights = PANEL_HEIGHTS[: 2 if driven is None else 3]
     figure, axes = pyplot.subplots(
         len(heights), 1, figsize=(12, 3 + sum(heights)), sharex=True, height_ratios=heights, layout="constrained"
@@ -35,12 +31,10 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
     _speeds(axes[0], trip)
     _distances(axes[1], trip)
     if driven is not None:
-        _forces(axes[2], driven)
+        draw_forces(axes[2], driven)
     axes[-1].set_xlabel("position, km")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=120)
+    save_figure(path, figure)
     pyplot.close(figure)
-    write_whole(path, buffer.getvalue())
 
 
 def _speeds(axis: Any, trip: Trip) -> None:
@@ -70,7 +64,8 @@ def _distances(axis: Any, trip: Trip) -> None:
     axis.set_ylabel("record − run, m")
 
 
-def _forces(axis: Any, driven: DrivenEstimate) -> None:
+def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
+    """Draw the wheel forces of motors and friction brake; peaks shorter than the held ones are cut, and told so."""
     at_km = driven.trajectory.s_m / KM
     axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
     if driven.trajectory.force_friction_n.any():
@@ -82,5 +77,5 @@ def _forces(axis: Any, driven: DrivenEstimate) -> None:
     cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
     if cut:
         axis.set_ylim(-shown_kn, shown_kn)
-        axis.set_title(f"cut, as shorter than {HELD_S} s: {', '.join(cut)}", fontsize="small")
+        axis.set_title(f"cut, as shorter than {ESTIMATE.held_s} s: {', '.join(cut)}", fontsize="small")
     axis.legend(loc="upper right")

@@ -1,4 +1,4 @@
-"""From a record to the points of it that one train can have been at, with speeds it can have run."""
+"""Choosing the points of a record that one train can have been at, with speeds that it can have run."""
 
 from __future__ import annotations
 
@@ -11,26 +11,20 @@ from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import KMH
 from sim.trips import cleaning
-from sim.trips.findings import FindingLog, Kind
+from sim.trips.findings import FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.record import Bools, Ints, Record
-from sim.trips.standing import AT_STOP_M, STANDING_MPS, slowed_to, standing, stood_through
-
-MAX_CROSS_TRACK_M = 200.0
-"""Further from the line a point is not on it (a line of kilometre posts cuts curves: 62 m at R = 2 km)."""
-LONGEST_GAP_S = 300.0
-"""A record is not continued over a longer gap in which the train moved: by more than 300 m, or before or after."""
-LEAST_MOVED_M, ONE_WAY_RATIO = 30.0, 0.5
-"""A trip in one direction leads further than the noise of positions, and over this share of all it covers."""
+from sim.trips.settings import GAPS, PLACING, POSITIONS, SPEEDS, STANDS
+from sim.trips.standing import slowed_to, standing, stood_through
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Points:
-    """The points that are left, arrays of shape (points,); `point` is the index in the record.
+    """The points that are left; arrays of shape (points,), and `point` is the index in the record.
 
-    `along_m` is the chainage (later the position on the route), `aside_m` the distance from the line. `missing`,
-    `dropout` and `spike` tell why a speed is not the reported one. `slowed_to_mps` is the speed to which positions lead
-    at an end that was taken for a stand by them, else NaN.
+    `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
+    `dropout` and `spike` say why a speed is not the reported one. `slowed_to_mps` is the speed to which positions lead
+    at an end that was taken for a stand because of them, else NaN.
     """
 
     point: Ints
@@ -49,7 +43,7 @@ class Points:
 
     @property
     def speed_derived(self) -> Bools:
-        """Speeds that are from the positions."""
+        """Which speeds come from the positions."""
         return self.missing | self.dropout | self.spike
 
     def take(self, which: Any) -> Self:
@@ -58,7 +52,7 @@ class Points:
 
 
 def _place(record: Record, line: Line | None) -> tuple[Floats, Floats]:
-    """Chainage along a line and distance from it; without a line the record's positions. NaN where there is none."""
+    """Chainage along a line (m) and distance from it (m); without a line, the record's positions. NaN where unknown."""
     if line is None:
         return record.position_m, np.where(np.isfinite(record.position_m), 0.0, np.nan)
     known = np.isfinite(record.latitude_deg) & np.isfinite(record.longitude_deg)
@@ -71,26 +65,27 @@ def _place(record: Record, line: Line | None) -> tuple[Floats, Floats]:
 def runs_back(record: Record, line: Line | None) -> bool:
     """Whether a record (in order of time) runs against the line, or against its positions as driven.
 
-    By the medians of its first and its last tenth on the line, which must lie well apart: a trip there and back has no
-    direction.
+    The medians of its first and its last tenth on the line decide. They must lie well apart, because a trip there and
+    back has no direction.
     """
     along, aside = _place(record, line)
-    along = along[aside <= MAX_CROSS_TRACK_M]
+    along = along[aside <= PLACING.max_cross_track_m]
     if not len(along):
         return False
     tenth = max(len(along) // 10, 1)
     back = float(np.median(along[:tenth]) - np.median(along[-tenth:]))
-    return back > max(LEAST_MOVED_M, ONE_WAY_RATIO * float(np.ptp(along)))
+    return back > max(PLACING.least_moved_m, PLACING.one_way_ratio * float(np.ptp(along)))
 
 
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
-    """The points of a record that are on the line and fit together, with speeds that fit them; tells what it drops.
+    """The points of a record that are on the line and fit together, with speeds that fit them.
 
-    Wrong speeds are only marked: they are told for the section alone. Raises DasError where most does not fit.
+    Every point that is dropped is reported. Wrong speeds are only marked, because they are reported for the section
+    alone. Raises DasError if most points do not fit.
     """
     along, aside = _place(record, line)
     located = np.isfinite(aside)
-    log.add(Kind.NO_POSITION, record, ~located & ~record.invalid, "neither on the map nor on the route")
+    log.add(FindingKind.NO_POSITION, record, ~located & ~record.invalid, "neither on the map nor on the route")
     points = _all_points(record, along, aside).take(located & ~record.invalid)
     if not len(points):
         raise DasError(f"{record.source}: no point has a position")
@@ -120,33 +115,33 @@ def _all_points(record: Record, along_m: Floats, aside_m: Floats) -> Points:
 
 
 def _on_line(record: Record, line: Line | None, points: Points, section_m: float, log: FindingLog) -> Points:
-    """Without what is off the line before and after; what is off it between has jumped."""
-    off = points.aside_m > MAX_CROSS_TRACK_M
+    """The points without those off the line before and after; a point off the line between others has jumped."""
+    off = points.aside_m > PLACING.max_cross_track_m
     if line is not None and not _enough(points.take(~off), len(points), section_m):
         i = int(off.argmax())
         raise DasError(
             f"{record.source}: trip not on the line {line.source}: {record.where(int(points.point[i]))} is "
             f"{points.aside_m[i]:.0f} m away and {np.count_nonzero(off)} of {len(off)} points more than "
-            f"{MAX_CROSS_TRACK_M:.0f} m"
+            f"{PLACING.max_cross_track_m:.0f} m"
         )
     on = np.flatnonzero(~off)
     outside = np.ones(len(points), dtype=bool)
     outside[on[0] : on[-1] + 1] = False
     away = points.aside_m[outside]
-    log.add(Kind.OFF_LINE, record, points.point[outside], f"up to {away.max():.0f} m away" if len(away) else "")
+    log.add(FindingKind.OFF_LINE, record, points.point[outside], f"up to {away.max():.0f} m away" if len(away) else "")
     return points.take(~outside)
 
 
 def _without_frozen(record: Record, points: Points, log: FindingLog) -> Points:
-    on = np.flatnonzero(points.aside_m <= MAX_CROSS_TRACK_M)
+    on = np.flatnonzero(points.aside_m <= PLACING.max_cross_track_m)
     frozen = np.zeros(len(points), dtype=bool)
     frozen[on] = cleaning.find_frozen(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
-    log.add(Kind.POSITION_FROZEN, record, points.point[frozen], "same position to the digit")
+    log.add(FindingKind.POSITION_FROZEN, record, points.point[frozen], "same position to the digit")
     return points.take(~frozen)
 
 
 def _without_jumps(record: Record, points: Points, section_m: float, log: FindingLog) -> Points:
-    off = points.aside_m > MAX_CROSS_TRACK_M
+    off = points.aside_m > PLACING.max_cross_track_m
     on = np.flatnonzero(~off)
     jump = off.copy()
     jump[on] = cleaning.find_jumps(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
@@ -160,35 +155,40 @@ def _without_jumps(record: Record, points: Points, section_m: float, log: Findin
         )
     led_to = np.interp(points.time_s, kept.time_s, kept.along_m)
     away = np.where(off, points.aside_m, np.abs(points.along_m - led_to))[jump]
-    log.add(Kind.POSITION_JUMP, record, points.point[jump], f"by up to {away.max():.0f} m")
+    log.add(FindingKind.POSITION_JUMP, record, points.point[jump], f"by up to {away.max():.0f} m")
     return kept
 
 
 def _enough(kept: Points, count: int, section_m: float) -> bool:
-    """Whether what is left is most of the record, or leads over most of the section."""
+    """Whether the points that are left are most of the record, or lead over most of the section."""
     if len(kept) < 2:
         return False
     return (
-        len(kept) >= cleaning.LEAST_KEPT_RATIO * count
-        or float(np.ptp(kept.along_m)) >= cleaning.LEAST_KEPT_RATIO * section_m
+        len(kept) >= POSITIONS.least_kept_ratio * count
+        or float(np.ptp(kept.along_m)) >= POSITIONS.least_kept_ratio * section_m
     )
 
 
 def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
     """The part with the most points between gaps in which nobody knows what the train did."""
     steps_s, steps_m = np.diff(points.time_s), np.abs(np.diff(points.along_m))
-    moving = steps_m > cleaning.WRONG_SPEED_MPS * steps_s
+    moving = steps_m > SPEEDS.wrong_speed_mps * steps_s
     beside = np.append(False, moving[:-1]) | np.append(moving[1:], False)
-    breaks = np.flatnonzero((steps_s > LONGEST_GAP_S) & (beside | (steps_m > AT_STOP_M))) + 1
+    breaks = np.flatnonzero((steps_s > GAPS.longest_gap_s) & (beside | (steps_m > STANDS.at_stop_m))) + 1
     largest = max(np.split(np.arange(len(points)), breaks), key=len)
     other = np.ones(len(points), dtype=bool)
     other[largest] = False
-    log.add(Kind.FAR_APART, record, points.point[other], f"the train moved unseen for more than {LONGEST_GAP_S:.0f} s")
+    log.add(
+        FindingKind.FAR_APART,
+        record,
+        points.point[other],
+        f"the train moved unseen for more than {GAPS.longest_gap_s:.0f} s",
+    )
     return points.take(largest)
 
 
 def _with_speeds(record: Record, points: Points) -> Points:
-    """Speeds without dropouts and spikes, and where the train stands; DasError where it never moves."""
+    """The points with speeds without dropouts and spikes, and stands; raises DasError if the train never moves."""
     halted = np.zeros(len(points), dtype=bool)
     if cleaning.speeds_unusable(points.time_s, points.along_m, measured_mps(record, points)):
         halted = cleaning.find_halts(points.time_s, points.along_m, measured_mps(record, points))
@@ -202,10 +202,12 @@ def _with_speeds(record: Record, points: Points) -> Points:
     slowed = np.where(still, np.nan, slowed_to(points.time_s, points.along_m, untold))
     still |= np.isfinite(slowed)
     if still.all():
-        raise DasError(f"{record.source}: the train never moves, every speed is below {STANDING_MPS / KMH:g} km/h")
+        raise DasError(
+            f"{record.source}: the train never moves, every speed is below {STANDS.standing_mps / KMH:g} km/h"
+        )
     return replace(points, speed_mps=speed, dropout=dropout, spike=spike, standing=still, slowed_to_mps=slowed)
 
 
 def measured_mps(record: Record, points: Points) -> Floats:
-    """Speeds, NaN for those that are not measured or wrong."""
+    """Speeds (m/s); NaN for those that are wrong or were not measured."""
     return np.where(record.degraded[points.point] | points.speed_derived, np.nan, points.speed_mps)

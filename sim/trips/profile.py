@@ -1,4 +1,4 @@
-"""A matched trip as an even run: time, position, speed and acceleration that belong together."""
+"""A matched trip as a smooth run: time, position, speed and acceleration that belong together."""
 
 from __future__ import annotations
 
@@ -11,21 +11,10 @@ from das.domain.route import Floats
 from das.domain.units import NS
 from sim.trips.matching import MatchedTrip
 from sim.trips.record import Bools
+from sim.trips.settings import SMOOTHING
 
-POSITION_SIGMA_M = 25.0
-"""Weight of a matched position per second: some 6 m of error that last for about 15 s, so σ·√15."""
-SPEED_SIGMA_MPS = 0.5
-JERK_PSD_M2PS5 = 0.03
-"""With the speed's σ the smoothing acts like a local fit over (σ²/psd)^¼ ≈ 1.7 s either side, 8 s in all."""
-EXACT = 1e-3
-"""σ of what is known: the position of a stop (m) and that the train stands there (m/s)."""
-MAX_SPEED_GAP_S, MAX_POSITION_GAP_S = 3.0, 6.0
-"""Reported speeds, and positions, further apart than this are not joined; inertia leads through the gap."""
-USUAL_STEPS_JOINED = 2.0
-"""Unless the record has so few points that this many of its usual steps are longer."""
 LAGS_S = np.arange(-2.0, 5.01, 0.25)
-MIN_LAG_GAIN_RATIO, MIN_LAG_GAIN_M = 0.2, 1.0
-"""A lag must explain this much of the spread between integrated speed and position, or it is taken as 0."""
+"""Lags (s) of the reported speed that are tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +36,9 @@ class DrivenRun:
     position_rms_m: float
 
 
-def to_profile(matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float = JERK_PSD_M2PS5) -> DrivenRun:
+def to_profile(
+    matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float = SMOOTHING.jerk_psd_m2ps5
+) -> DrivenRun:
     """Resample from departure to arrival to steps of `step_s`, smooth and consistent.
 
     GPS receivers filter the speed, so it comes seconds late: the lag is estimated by sliding the integrated speed
@@ -63,19 +54,22 @@ def to_profile(matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float 
     lag = speed_lag_s(time_s, place_m, matched.speed_mps[valid])
     begin, end = _run_times(matched, lag)
     count = (end - begin) / step_s
-    steps = int(np.ceil(count - 1e-6) if matched.ends_standing else np.floor(count + 1e-6))
+    steps = int(np.ceil(count - 1e-6) if matched.ends.ends_standing else np.floor(count + 1e-6))
     if steps < 3:
         raise DasError(f"{matched.source}: a run of {end - begin:g} s is too short, expected at least {3 * step_s:g} s")
     grid = np.arange(steps + 1, dtype=np.float64) * step_s
-    position, nowhere = _joined(begin + grid, time_s, place_m, MAX_POSITION_GAP_S)
+    position, nowhere = _joined(begin + grid, time_s, place_m, SMOOTHING.max_position_gap_s)
     seen = ~dropout
-    speed, unseen = _joined(begin + grid, time_s[seen] - lag, matched.speed_mps[valid][seen], MAX_SPEED_GAP_S)
-    variance = np.full((2, steps + 1), [[POSITION_SIGMA_M**2], [SPEED_SIGMA_MPS**2]]) / step_s
+    speed, unseen = _joined(begin + grid, time_s[seen] - lag, matched.speed_mps[valid][seen], SMOOTHING.max_speed_gap_s)
+    variance = np.full((2, steps + 1), [[SMOOTHING.position_sigma_m**2], [SMOOTHING.speed_sigma_mps**2]]) / step_s
     variance[0, nowhere], variance[1, unseen] = np.inf, np.inf
-    ends = ((0, matched.departure, matched.starts_standing), (-1, matched.arrival, matched.ends_standing))
+    ends = (
+        (0, matched.ends.departure, matched.ends.starts_standing),
+        (-1, matched.ends.arrival, matched.ends.ends_standing),
+    )
     for k, point, standing in ends:
         if standing:
-            position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, EXACT**2
+            position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, SMOOTHING.exact**2
     smooth = _smoothed(step_s, position, speed, variance, jerk_psd_m2ps5)
     s, v = _integrated(matched, position, np.maximum(smooth, 0.0), step_s)
     return DrivenRun(
@@ -93,15 +87,16 @@ def to_profile(matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float 
 def _run_times(matched: MatchedTrip, lag_s: float) -> tuple[float, float]:
     """Departure and arrival, as far as the record goes; its ends where it does not stand."""
     time_s = matched.elapsed_s()
-    begin = time_s[matched.departure] - lag_s if matched.starts_standing else time_s[0]
-    end = time_s[matched.arrival] - lag_s if matched.ends_standing else time_s[-1]
+    begin = time_s[matched.ends.departure] - lag_s if matched.ends.starts_standing else time_s[0]
+    end = time_s[matched.ends.arrival] - lag_s if matched.ends.ends_standing else time_s[-1]
     return float(max(begin, time_s[0])), float(min(end, time_s[-1]))
 
 
 def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
-    """How late the speed is against the positions; 0 where no lag stands out.
+    """How late (s) the reported speed is against the positions; 0 if no lag stands out.
 
-    Least spread of s(t) − c − k·∫v(t + lag)dt; the free k keeps a speed that is all too low from looking late.
+    It is the least spread of s(t) − c − k·∫v(t + lag)dt; the free k keeps a speed that is too low throughout from
+    looking late.
     """
     spread = []
     for lag in LAGS_S:
@@ -113,17 +108,21 @@ def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
     best = int(np.argmin(spread))
     none = spread[int(np.argmin(np.abs(LAGS_S)))]
     gain = none - spread[best]
-    return float(LAGS_S[best]) if gain > max(MIN_LAG_GAIN_RATIO * none, MIN_LAG_GAIN_M) else 0.0
+    return float(LAGS_S[best]) if gain > max(SMOOTHING.min_lag_gain_ratio * none, SMOOTHING.min_lag_gain_m) else 0.0
 
 
 def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) -> tuple[Floats, Bools]:
-    """Values on the grid, and where there is none: outside the points or in a gap."""
+    """Values on the grid, and where there is none: outside the points, or in a gap."""
     if not len(time_s):
         return np.zeros_like(grid), np.ones(len(grid), dtype=bool)
     after = np.searchsorted(time_s, grid)
     inside = ((after > 0) & (after < len(time_s))) | (grid == time_s[0])
     steps = np.append(0.0, np.diff(time_s))
-    wide = steps > max(longest_gap_s, USUAL_STEPS_JOINED * float(np.median(steps[1:]))) if len(steps) > 1 else steps > 0
+    wide = (
+        steps > max(longest_gap_s, SMOOTHING.usual_steps_joined * float(np.median(steps[1:])))
+        if len(steps) > 1
+        else steps > 0
+    )
     return np.interp(grid, time_s, values), ~inside | wide[np.clip(after, 0, len(time_s) - 1)]
 
 
@@ -152,17 +151,20 @@ def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Fl
 
 
 def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats, step_s: float) -> tuple[Floats, Floats]:
-    """Position from speed, from a standing end; between two, both are scaled by the rest of a metre that is left."""
-    if matched.starts_standing:
+    """Position (m) from speed, counted from a standing end.
+
+    Between two standing ends, both are scaled by the rest of a metre that is left.
+    """
+    if matched.ends.starts_standing:
         v[0] = 0.0
-    if matched.ends_standing:
+    if matched.ends.ends_standing:
         v[-1] = 0.0
     s = np.append(0.0, np.cumsum((v[1:] + v[:-1]) / 2 * step_s))
-    if matched.starts_standing and matched.ends_standing:
+    if matched.ends.starts_standing and matched.ends.ends_standing:
         factor = (position_m[-1] - position_m[0]) / s[-1]
         return position_m[0] + factor * s, factor * v
-    if matched.starts_standing:
+    if matched.ends.starts_standing:
         return position_m[0] + s, v
-    if matched.ends_standing:
+    if matched.ends.ends_standing:
         return position_m[-1] - s[-1] + s, v
     return s + np.mean(position_m - s), v

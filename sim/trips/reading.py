@@ -1,4 +1,4 @@
-"""A trip's file, whatever its format: GPS records as CSV or GPX, or an MCAP recording of ours."""
+"""Reading a trip's file: a GPS record as CSV or GPX, or a recording of das-sim."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ from sim.trips.record import Record
 
 _BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n"
 BACKWARD_NOISE_MPS = 0.3
-"""A recorded speed below 0 by less than this is a sensor's noise about a standstill."""
+"""A recorded speed that is below 0 by less than this (m/s) is a sensor's noise at a standstill."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reading:
-    """A record, the format of its file, and what a recording of ours tells besides: its journey and its delays
-    (time_ns, delay_s)."""
+    """A record, the format of its file, and what a recording of ours says besides: its journey and its delays.
+
+    `delays` are pairs of a time (ns) and a delay (s).
+    """
 
     record: Record
     format: str
@@ -35,7 +37,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedJourney:
-    """What a recording's journey names, to choose route, vehicle and stops from."""
+    """The parts of a recording's journey from which route, vehicle and stops are chosen."""
 
     route_id: str
     vehicle_id: str
@@ -45,7 +47,7 @@ class RecordedJourney:
 
     @classmethod
     def of(cls, reading: Reading) -> RecordedJourney | None:
-        """None for a GPS record or a recording without a journey of two stops."""
+        """The journey of a reading; None for a GPS record or a recording without a journey of two stops."""
         journey = reading.journey
         if journey is None or len(journey.stops) < 2:
             return None
@@ -77,7 +79,7 @@ def read_trip(path: Path) -> Reading:
 
 
 def _of_recording(path: Path) -> Reading:
-    """A recording's positions are on the route as driven; its journey and delays tell the timetable."""
+    """Read a recording: its positions are on the route as driven, its journey and delays tell the timetable."""
     recording = read_recording(path)
     data = recording.columns(POSITION, "time_ns", "s_m", "speed_mps", "quality", "uncertainty_m")
     time_ns = data["time_ns"]

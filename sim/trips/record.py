@@ -1,4 +1,4 @@
-"""A record of a trip as its file tells it: points in the order of the file, nothing judged yet."""
+"""A record of a trip as its file tells it: points in the order of the file, not judged yet."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """Points of a record, arrays of shape (points,); NaN is what the file does not tell.
+    """Points of a record; arrays of shape (points,), NaN where the file does not tell a value.
 
-    `number` is where a point is in its file, counted in `place`s. Positions are either on the map or on the route: then
-    `position_m` counts as in the route's file, or in the direction driven where `as_driven`. Where a recording of
-    ours says so, a point is `degraded` (its speed is not measured) or `invalid` (nothing is). `unread` names columns
-    that were not used.
+    `number` is the place of a point in its file, counted in `place`s (lines, positions). Positions are either on the
+    map or on the route; on the route, `position_m` counts as in the route's file, or in the direction driven if
+    `as_driven`. In a recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing
+    was). `unread` are the names of columns that were not used.
     """
 
     source: str
@@ -45,7 +45,7 @@ class Record:
 
     @classmethod
     def of(cls, source: str, number: Ints, time_ns: Ints, **known: Any) -> Self:
-        """A record of which some columns are known."""
+        """Make a record of which only some columns are known."""
         count = len(time_ns)
         for name in ("latitude_deg", "longitude_deg", "position_m", "speed_mps", "uncertainty_m"):
             known.setdefault(name, np.full(count, np.nan))
@@ -70,7 +70,7 @@ class Record:
         return replace(self, **{name: getattr(self, name)[which].copy() for name in self._arrays()})
 
     def driven(self, reverse: bool, route_length_m: float) -> Self:
-        """The same with positions in the direction driven."""
+        """The same record with positions in the direction driven."""
         if self.as_driven or not reverse:
             return replace(self, as_driven=True)
         return replace(self, position_m=route_length_m - self.position_m, as_driven=True)

@@ -1,4 +1,4 @@
-"""What is in a trip, as an object and as tables: cleaning, matching, stands, energies, and what cannot be known."""
+"""What is in a trip, as an object: cleaning, matching, stands, energies, and what cannot be known."""
 
 from __future__ import annotations
 
@@ -6,34 +6,19 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from das.command_line.printing import print_table
-from das.domain.units import KM, KMH, KN, NS, kwh
+from das.domain.units import KMH, KN, NS, kwh
 from das.solver.section import Section
-from sim.trips.estimate import HELD_S, EnergyRange, energy_range, estimate_run, strongest_held_n
-from sim.trips.findings import CleaningReport, Kind
-from sim.trips.profile import MAX_POSITION_GAP_S
+from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
+from sim.trips.findings import FindingKind
+from sim.trips.settings import SMOOTHING
 from sim.trips.trip import Trip
-
-FOREIGN_RATIO = 0.005
-"""A trip that asks for more than the vehicle has in more than this share of its time was driven by another one."""
-
-LEDGER_WORDS = {
-    "resistance": "running resistance",
-    "component_loss": "losses of the train and auxiliaries",
-    "friction_brake": "friction brake",
-    "unreturned": "braked, but not taken back by the line",
-    "kinetic": "speed gained from start to end",
-    "potential": "height gained from start to end",
-}
-"""What a ledger's shares are; those that round to 0 are not shown."""
 
 
 def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
-    """What is in a trip (times in s, distances in m, energies in kWh at the current collector without comfort systems).
+    """What is in a trip, as an object (times in s, distances in m, energies in kWh at the current collector).
 
-    Without a section, that is without a vehicle, there are no energies.
+    Energies are without comfort systems. Without a section, that is without a vehicle, there are no energies.
     """
     run, report = trip.run, trip.matched.report
     return {
@@ -70,7 +55,7 @@ def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
 
 
 def _stands(trip: Trip) -> list[dict[str, Any]]:
-    """Every stand, with the running time from the departure before."""
+    """Every stand, with the running time since the departure before."""
     rows: list[dict[str, Any]] = []
     left_ns = None
     for stand in trip.stands:
@@ -118,7 +103,7 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
 
 
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
-    """What no record of positions tells, with figures where there are any."""
+    """What no record of positions tells, a sentence each, with figures where there are any."""
     notes = []
     if not trip.direction_known:
         notes.append(direction_by_posts(trip))
@@ -147,8 +132,8 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
 
 
 def direction_by_posts(trip: Trip) -> str:
-    """What kilometre posts leave open, and how to close it."""
-    turned = any(f.kind == Kind.OTHER_WAY for f in trip.matched.report.cleaning.findings)
+    """A sentence that says what kilometre posts leave open, and how the user can settle it."""
+    turned = any(f.kind == FindingKind.OTHER_WAY for f in trip.matched.report.cleaning.findings)
     posts = "turn the list of posts round and " if turned else ""
     right, wrong = ("--reverse", "--no-reverse") if trip.reversed else ("--no-reverse", "--reverse")
     return (
@@ -158,7 +143,7 @@ def direction_by_posts(trip: Trip) -> str:
 
 
 def line_not_used(trip: Trip) -> str | None:
-    """Why kilometre posts were not needed, None where they were."""
+    """A sentence that says why kilometre posts were not needed; None if they were."""
     if trip.line_not_used is None:
         return None
     return f"--line {trip.line_not_used} is not used: {trip.path} has positions on the route"
@@ -167,100 +152,11 @@ def line_not_used(trip: Trip) -> str | None:
 def _unseen_s(trip: Trip) -> float:
     """Time between points of the run that are far apart."""
     matched = trip.matched
-    moving = slice(matched.departure, matched.arrival + 1)
+    moving = slice(matched.ends.departure, matched.ends.arrival + 1)
     steps = np.diff(matched.elapsed_s()[moving][~matched.invalid[moving]])
-    return float(steps[steps > MAX_POSITION_GAP_S].sum())
-
-
-def print_description(found: dict[str, Any], report: CleaningReport) -> None:
-    """The tables and notes of `das-sim trip`."""
-    print(f"{found['format']}, {found['route']}: {found['from']} – {found['to']}")
-    print_table(cleaning_table(report))
-    print_table(_matching_table(found))
-    print_table(_stands_table(found["stands"]))
-    if found["energy"] is not None:
-        print_table(_energy_table(found["energy"]))
-    if found["line_not_used"]:
-        print(f"note: {found['line_not_used']}")
-    for note in found["not_known"]:
-        print(f"not known: {note}")
-    if found["energy"] is not None and found["energy"]["beyond_vehicle_ratio"] > FOREIGN_RATIO:
-        share = 100 * found["energy"]["beyond_vehicle_ratio"]
-        print(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has")
-
-
-def cleaning_table(report: CleaningReport) -> Table:
-    """What was cleaned, kind by kind."""
-    table = Table(title=f"cleaning: {report.kept} of {report.read} points kept", title_justify="left")
-    for name, right in (("count", True), ("what", False), ("done", False), ("first at", False), ("seen", False)):
-        table.add_column(name, justify="right" if right else "left")
-    for f in report.findings:
-        table.add_row(str(f.count), f.told.words, f.told.done, f"{f.first}, {f.first_time[11:]}", f.detail)
-    if not report.findings:
-        table.add_row("0", "nothing to clean", "", "", "")
-    if report.unread:
-        table.caption = f"columns not read: {', '.join(report.unread)}"
-    return table
-
-
-def _matching_table(found: dict[str, Any]) -> Table:
-    table = Table(title="trip", title_justify="left", show_header=False)
-    matching = found["matching"]
-    table.add_row("departure (UTC)", found["departure"])
-    table.add_row("time, distance", f"{found['trip_time_s']:.0f} s, {found['distance_m'] / KM:.2f} km")
-    table.add_row("highest speed", f"{found['max_speed_kmh']:.0f} km/h")
-    if matching["median_m"] is not None:
-        figures = " / ".join(f"{matching[name]:.1f}" for name in ("median_m", "p95_m", "max_m"))
-        table.add_row("distance from the line, median / 95 % / most", f"{figures} m")
-    anchored = {"route": "the route's geometry", "positions": "positions of the record"}
-    anchor = anchored.get(matching["anchor"], f"stands at {matching['anchor']}, scale {matching['scale']:.5f}")
-    table.add_row("position from", anchor)
-    if matching["stand_uncertainty_m"] > 0:
-        table.add_row("stands at the ends known to", f"{matching['stand_uncertainty_m']:.1f} m")
-    table.add_row("record against its smooth run, RMS", f"{matching['along_rms_m']:.1f} m")
-    table.add_row("reported speed comes late by", f"{matching['speed_lag_s']:.2f} s")
-    return table
-
-
-def _stands_table(stands: list[dict[str, Any]]) -> Table:
-    table = Table(title="where it stood", title_justify="left")
-    for name in ("stop", "km", "off by", "arrival", "departure", "stood", "running time"):
-        table.add_column(name, justify="left" if name == "stop" else "right")
-    for s in stands:
-        table.add_row(
-            s["stop"] or "on the line",
-            f"{s['position_m'] / KM:.3f}",
-            "" if s["off_m"] is None else f"{round(s['off_m'])} m",
-            "" if s["arrival"] is None else s["arrival"][11:19],
-            "" if s["departure"] is None else s["departure"][11:19],
-            "" if s["dwell_s"] is None else f"{s['dwell_s']:.0f} s",
-            "" if s["running_time_s"] is None else f"{s['running_time_s']:.0f} s",
-        )
-    return table
-
-
-def _energy_table(energy: dict[str, Any]) -> Table:
-    title = f"energy as driven, estimated: {energy['vehicle']}, level {energy['level']}"
-    table = Table(title=title, title_justify="left")
-    for name in ("kWh at the current collector", "estimate", "from", "to"):
-        table.add_column(name, justify="left" if "kWh" in name else "right")
-    low, high = energy["input_low_kwh"], energy["input_high_kwh"]
-    table.add_row("net input", f"{energy['input_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
-    for u in energy["unknowns"]:
-        table.add_row(f"  by {u['name']} ({u['assumed']})", "", f"{u['low_kwh']:.1f}", f"{u['high_kwh']:.1f}")
-    for name, words in LEDGER_WORDS.items():
-        share = f"{energy[f'{name}_kwh']:z.1f}"
-        if float(share):
-            table.add_row(f"  of it {words}", share, "", "")
-    table.add_row(
-        f"strongest traction / braking held for {HELD_S} s, kN",
-        f"{energy['strongest_traction_kn']:.0f}",
-        "",
-        f"{energy['strongest_braking_kn']:.0f}",
-    )
-    return table
+    return float(steps[steps > SMOOTHING.max_position_gap_s].sum())
 
 
 def _iso(time_ns: int) -> str:
-    """UTC to the second."""
+    """A time (ns) as UTC text, to the second."""
     return f"{datetime.fromtimestamp(round(time_ns * NS), UTC):%Y-%m-%d %H:%M:%S}"

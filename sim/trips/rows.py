@@ -13,7 +13,7 @@ from das.domain.files.reading import read_text
 from das.domain.route import Floats
 
 ROUNDING = 1e-6
-"""A negative speed nearer to 0 (in its file's unit) is one that was computed."""
+"""A negative speed this near to 0 (in its file's unit) comes from rounding."""
 
 
 def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], str]:
@@ -50,13 +50,13 @@ def read_rows(path: Path, names: tuple[str, ...], at_least: int, what: str) -> F
 
 
 def check_width(path: Path, line: int, cells: list[str], separator: str, names: tuple[str, ...]) -> None:
-    """InputError for a row of another number of columns."""
+    """Raise InputError for a row with another number of columns."""
     if len(cells) != len(names):
         raise InputError(path, f"line {line}", separator.join(cells), f"{len(names)} columns: {', '.join(names)}")
 
 
 def number(path: Path, line: int, name: str, cell: str) -> float:
-    """A finite number, or InputError."""
+    """Read a cell as a finite number; raises InputError for anything else."""
     try:
         value = float(cell)
     except ValueError:
@@ -66,21 +66,30 @@ def number(path: Path, line: int, name: str, cell: str) -> float:
     return value
 
 
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a point or a comma as the decimal sign."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
 def not_negative(path: Path, line: int, speed: float) -> float:
-    """A speed, 0 where it is below by rounding alone, or InputError."""
+    """A speed; one that is below 0 by rounding alone is 0. Raises InputError for other negative speeds."""
     if speed < -ROUNDING:
         raise InputError(path, f"line {line} speed", speed, "a speed >= 0")
     return max(speed, 0.0)
 
 
 def check_column(path: Path, name: str, values: Floats, bad: NDArray[np.bool_], expected: str, first: int = 1) -> None:
-    """InputError for the first row marked in `bad`; row 0 is line `first`."""
+    """Raise InputError for the first row that is marked in `bad`; row 0 is line `first`."""
     if bad.any():
         i = int(bad.argmax())
         raise InputError(path, f"line {i + first} {name}", float(values[i]), expected)
 
 
 def check_location(path: Path, latitude_deg: Floats, longitude_deg: Floats, first: int = 1) -> None:
-    """InputError for the first latitude beyond ±90° or longitude beyond ±180°."""
+    """Raise InputError for the first latitude beyond ±90° or longitude beyond ±180°."""
     check_column(path, "latitude", latitude_deg, np.abs(latitude_deg) > 90, "-90 to 90 deg", first)
     check_column(path, "longitude", longitude_deg, np.abs(longitude_deg) > 180, "-180 to 180 deg", first)

@@ -9,17 +9,15 @@ import numpy as np
 from das.domain.route import Route
 from das.domain.units import NS
 from sim.trips.matching import MatchedTrip
-from sim.trips.standing import AT_STOP_M, stands
-
-SHORTEST_STAND_S = 5.0
-"""A shorter stand on the way is not told: at 1 Hz it may be a single slow point."""
+from sim.trips.settings import STANDS
+from sim.trips.standing import stands
 
 
 @dataclass(frozen=True, kw_only=True)
 class StandFound:
-    """A standstill: its place, the route's stop there if any (`off_m`: beyond it), when it began and ended.
+    """A standstill: its place, the stop of the route there if any, and when it began and ended.
 
-    None where the record begins or ends with it.
+    `off_m` is how far beyond the stop the train stood. A time is None if the record begins or ends with the stand.
     """
 
     s_m: float
@@ -36,17 +34,17 @@ class StandFound:
 
 
 def stands_found(matched: MatchedTrip, route: Route, speed_lag_s: float) -> tuple[StandFound, ...]:
-    """The stands of a trip in order; their times are those of the speeds, which come late by `speed_lag_s`."""
+    """The stands of a trip in order; their times come from the speeds, which are late by `speed_lag_s`."""
     found = []
     last = len(matched.time_ns) - 1
     time_ns = np.clip(matched.time_ns - round(speed_lag_s / NS), matched.time_ns[0], matched.time_ns[-1])
     for stand in stands(matched.standing):
         inside = stand.first > 0 and stand.last < last
-        if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < SHORTEST_STAND_S:
+        if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < STANDS.shortest_stand_s:
             continue
         s_m = float(matched.s_m[stand.last])
         stop = min(route.stops, key=lambda stop: abs(stop.position_m - s_m))
-        there = abs(stop.position_m - s_m) <= AT_STOP_M
+        there = abs(stop.position_m - s_m) <= STANDS.at_stop_m
         found.append(
             StandFound(
                 s_m=s_m,

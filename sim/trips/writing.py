@@ -36,7 +36,7 @@ def write_cleaned(path: Path, trip: Trip) -> None:
 
 
 def _milliseconds(time_ns: int) -> str:
-    """Whole ms and, where there is one, their fraction digit by digit."""
+    """A time (ns) in ms: whole milliseconds and, if there is one, their fraction digit by digit."""
     whole, rest = divmod(time_ns, _NS_PER_MS)
     return f"{whole}.{rest:06d}".rstrip("0") if rest else f"{whole}"
 

@@ -1,4 +1,4 @@
-"""The stops of a run as they are kept: departures, arrivals, and which section the train is on."""
+"""How a run kept its stops: departures, arrivals, and which section the train is on."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from sim.world.day import Day
 
 
 @dataclass(frozen=True, kw_only=True)
-class Call:
-    """A stop as it was kept, in s on the run's clock (NaN: no arrival at the first, no departure from the last).
+class KeptCall:
+    """How a run kept one stop; times are in s on the run's clock.
 
-    `due_s` is the timetable's arrival, at the first stop its departure; `missed_m` by how far the train stood beyond.
+    `due_s` is the timetable's arrival, at the first stop its departure. `arrived_s` is NaN at the first stop,
+    `departed_s` at the last. `missed_m` is how far beyond the stop the train stood.
     """
 
     name: str
@@ -27,12 +28,12 @@ class Call:
 
     @property
     def late_s(self) -> float:
-        """How late it arrived, at the first stop how late it left (early < 0)."""
+        """How late the train arrived; at the first stop, how late it left (early < 0)."""
         return (self.departed_s if math.isnan(self.arrived_s) else self.arrived_s) - self.due_s
 
 
 class Calls:
-    """Follows a train from stop to stop; asked in the order of time."""
+    """Follows a train from stop to stop; its methods are to be called in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._service = day, day.service
@@ -41,7 +42,7 @@ class Calls:
 
     @property
     def section(self) -> int:
-        """Index of the section the train is on, at a stop that of the next one (at the last: that of the last)."""
+        """Index of the section the train is on. At a stop it is the next section's, at the last stop the last one's."""
         return min(len(self.arrivals), len(self._service.fronts) - 1)
 
     @property
@@ -50,7 +51,7 @@ class Calls:
 
     @property
     def stop_m(self) -> float:
-        """The next stop."""
+        """Position (m) of the next stop."""
         return self._service.stops[self.section + 1].position_m
 
     @property
@@ -64,18 +65,20 @@ class Calls:
         return not self.finished and len(self.departures) == len(self.arrivals)
 
     def may_depart(self, now_s: float) -> bool:
-        """Whether nothing holds the train up at its stop any more."""
+        """Whether a train that waits at a stop may depart now (True for a train that does not wait)."""
         return not self.waits or now_s >= self._ready_s()
 
     def _ready_s(self) -> float:
-        """Not before the timetable's departure or the end of the dwell, and what holds the train up beyond that."""
+        """When the train may depart: not before the timetable's departure, the end of the dwell, and what delays it
+        further."""
         ready_s = self._service.clock_s(self.timetable.departure_ns)
         if self.arrivals:
             ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.scenario.dwell_s)
         return ready_s + self._day.held_s[self.section]
 
     def take(self, before: PlantState, after: PlantState) -> str | None:
-        """Note a departure or an arrival (also beyond the stop) between two states, and say so."""
+        """Note a departure or an arrival between two states; a sentence about it, or None. A stand beyond the stop
+        counts."""
         if self.waits:
             if after.speed_mps > 0:
                 self.departures.append(before)
@@ -89,15 +92,15 @@ class Calls:
     def _said(self, what: str, stop: int, time_s: float, due_ns: int) -> str:
         return f"{what} {self._service.stops[stop].name}, {time_s - self._service.clock_s(due_ns):+.1f} s"
 
-    def kept(self) -> Iterator[Call]:
-        """The stops of a finished run."""
+    def kept(self) -> Iterator[KeptCall]:
+        """How the finished run kept each of its stops."""
         service, nan = self._service, math.nan
         due_ns = [service.timetables[0].departure_ns, *(t.arrival_ns for t in service.timetables)]
         arrived = [nan, *(state.time_s for state in self.arrivals)]
         departed = [*(state.time_s for state in self.departures), nan]
         missed = [0.0, *(s.s_m - x.position_m for s, x in zip(self.arrivals, service.stops[1:], strict=True))]
         for i, stop in enumerate(service.stops):
-            yield Call(
+            yield KeptCall(
                 name=stop.name,
                 due_s=service.clock_s(due_ns[i]),
                 arrived_s=arrived[i],

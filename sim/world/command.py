@@ -11,38 +11,38 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from das.command_line.loading import warn_unusual
-from das.command_line.printing import PRINTED_WIDTH, busy
+from das.command_line.compiling import loading_solver
+from das.command_line.options import (
+    DEFAULT_TRAIN,
+    BusFolderOption,
+    InsecureBusOption,
+    JsonOption,
+    LevelOption,
+    OutRecordingOption,
+    SeedOption,
+    TrainOption,
+)
+from das.command_line.printing import busy, print_table, tell
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
-from das.domain.losses import Level
 from das.domain.units import KM
-from sim.cli.shared import (
-    BusOption,
-    InsecureBusOption,
-    chosen,
-    new_recording,
-    progress_bar,
-    speed_factor,
-    typed_command,
-)
+from sim.cli.options import AdviceOption, DriverOption, SpeedOption
+from sim.cli.shared import new_recording, progress_bar, speed_factor, typed_command
+from sim.drivers.kinds import DriverKind, Presentation
 
 if TYPE_CHECKING:
     from das.bus.config import BusFolder
-    from sim.drivers.cab import Presentation
-    from sim.drivers.registry import DriverKind
     from sim.world.day import Day
     from sim.world.loop import Run
+    from sim.world.scenario import Scenario
 
 
-def scenarios(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
-) -> None:
-    """List the bundled scenarios, and where they are: a copy is the beginning of one's own."""
+def scenarios(as_json: JsonOption = False) -> None:
+    """List the bundled scenarios and where their files are; a copy is a good beginning of a scenario of your own."""
+    from rich.table import Table
+
     from sim.world.scenario import bundled_scenarios, read_scenario
 
     found = [read_scenario(path) for path in bundled_scenarios().values()]
@@ -50,18 +50,19 @@ def scenarios(
         kept = {one.id: {"title": one.title, "description": one.description, "file": str(one.source)} for one in found}
         print(json.dumps(kept))
         return
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    table = Table("scenario", "title", "what happens", title="bundled scenarios", title_justify="left")
+    table = Table(title="bundled scenarios", title_justify="left")
+    table.add_column("scenario", no_wrap=True)
+    table.add_column("what happens")
     for one in found:
-        table.add_row(one.id, one.title, one.description)
-    console.print(table)
-    console.print(f"their files, to copy and change: {found[0].source.parent}", soft_wrap=True)
+        table.add_row(one.id, f"{one.title}. {one.description}")
+    print_table(table)
+    tell(f"their files, to copy and change: {found[0].source.parent}")
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Options:
+class _Asked:
+    """What the user asked for, checked."""
+
     driver: DriverKind
     advice: Presentation
     speed: float | None
@@ -72,23 +73,23 @@ class _Options:
 
 def run(
     scenario: Annotated[
-        str, typer.Argument(help="Bundled scenario (see das-sim scenarios) or TOML file (docs/reference/scenarios.md).")
+        str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim scenarios lists them) or TOML file.")
     ],
-    driver: Annotated[str, typer.Option(help="Who drives: perfect, fast, rms, timetable or human.")] = "human",
-    advice: Annotated[str, typer.Option(help="What the display shows: none, rms, four-mode or vector.")] = "vector",
-    seed: Annotated[int, typer.Option(help="Seed of the day and of the driver.", min=0)] = 0,
-    speed: Annotated[str, typer.Option(help="Times real time, real or max.")] = "max",
-    out: Annotated[Path | None, typer.Option(help="Recording to write [default: recordings/run-<time>.mcap].")] = None,
+    driver: DriverOption = DriverKind.HUMAN,
+    advice: AdviceOption = Presentation.VECTOR,
+    seed: SeedOption = 0,
+    speed: SpeedOption = "max",
+    out: OutRecordingOption = None,
     in_process: Annotated[
-        bool, typer.Option("--in-process", help="Without bus and recording: the same advisor in this process.")
+        bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
     ] = False,
-    level: Annotated[Level | None, typer.Option(help="Loss level [default: the vehicle's].")] = None,
-    train: Annotated[str, typer.Option(help="Train name, the second part of every key.")] = "train-1",
-    bus: BusOption = None,
+    level: LevelOption = None,
+    train: TrainOption = DEFAULT_TRAIN,
+    bus: BusFolderOption = None,
     insecure_bus: InsecureBusOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Drive a day in closed loop: a simulated train and driver, the node over the bus, everything recorded."""
+    """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
     if in_process and out is not None:
         raise DasError("--out: a run --in-process records nothing")
     if in_process and bus is not None:
@@ -96,38 +97,43 @@ def run(
     factor = speed_factor(speed)
     if out is not None:
         check_writable(out)
-    with busy("reading the scenario and solving its sections …"):
+    with loading_solver():
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
         from das.cab.warm_up import warm_up
-        from sim.drivers.cab import Presentation
-        from sim.drivers.registry import DriverKind
+        from das.command_line.loading import warn_unusual
         from sim.world.day import make_day
         from sim.world.report import print_result
         from sim.world.scenario import load_scenario
-        from sim.world.service import prepare_service, scenario_files
+        from sim.world.service import prepare_service
 
         check_train_name(train)
         files = bus_folder(bus, insecure_bus, train)
-        kind, presentation = chosen(DriverKind, "--driver", driver), chosen(Presentation, "--advice", advice)
         read = load_scenario(scenario)
-        for what, path in scenario_files(read).items():
-            if out is not None and out.resolve() == path.resolve():
-                raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
+        _check_not_an_input(out, read)
         warm_up()
+    with busy("solving the sections …"):
         day = make_day(prepare_service(read, level=level), seed)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     if not in_process:
         out = out or new_recording("run")
-    options = _Options(driver=kind, advice=presentation, speed=factor, out=out, train=train, bus=files)
-    found = _drive(day, options)
+    found = _drive(day, _Asked(driver=driver, advice=advice, speed=factor, out=out, train=train, bus=files))
     if as_json:
         print(json.dumps(found))
     else:
         print_result(found)
 
 
-def _drive(day: Day, options: _Options) -> dict[str, Any]:
+def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
+    """DasError where the recording would replace a file of the scenario."""
+    from sim.world.service import scenario_files
+
+    for what, path in scenario_files(scenario).items():
+        if out is not None and out.resolve() == path.resolve():
+            raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
+
+
+def _drive(day: Day, options: _Asked) -> dict[str, Any]:
     """Run the day, over the bus where there is a recording to write; its figures."""
     from sim.world.disturbances import described
     from sim.world.outcome import outcome
@@ -159,8 +165,8 @@ def _drive(day: Day, options: _Options) -> dict[str, Any]:
     }
 
 
-def _run(day: Day, options: _Options, tick: Callable[[float, float], None]) -> tuple[Run, dict[str, Any]]:
-    """The run, and what is to be said of its recording."""
+def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, dict[str, Any]]:
+    """The run, and figures of its recording."""
     from sim.world.in_process import InProcess
     from sim.world.loop import World
     from sim.world.over_bus import How, make_crew, run_over_bus
@@ -191,11 +197,11 @@ class _Pace:
 
     @property
     def driven_s(self) -> float:
-        """Time since the first tick, of which it is not known when it began."""
+        """Time (s) since the end of the first tick: node and recorder are still starting before it."""
         return self._now - self._began
 
     def tick(self, done_m: float, all_m: float) -> None:
-        """A second was driven."""
+        """Take note of a driven second, and wait until it is over at the wanted speed."""
         from sim.processes.lockstep import sleep_until
         from sim.world.loop import TICK_S
 

@@ -1,4 +1,4 @@
-"""A service on one day: what a seed lets happen, and the true train on the true line."""
+"""One day of a service: what the seed lets happen, and the true train on the true line."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ _Kind = TypeVar("_Kind")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Day:
-    """Plan and truth for one seed; `held_s` per stop: by how much its departure is held up.
+    """Plan and truth of the day that belongs to one seed.
 
-    `human` is who drives where a human does. `drawn` is what the seed drew (SI), for programs: disturbances, and what
-    the scenario says of the truth and of the human.
+    `held_s` is by how much the departure from each stop is held up. `human` are the parameters of the driver, if a
+    human drives. `drawn` is everything that the seed drew, in SI, for programs: the disturbances, and what the scenario
+    says about the truth and about the human.
     """
 
     service: Service
@@ -35,7 +36,7 @@ class Day:
     drawn: Mapping[str, Any]
 
     def driver(self, kind: DriverKind) -> Driver:
-        """A driver for the day."""
+        """Make a driver of a kind for this day."""
         return make_driver(kind, self.service.line, parameters=self.human, seed=self.seed)
 
     def of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
@@ -44,7 +45,10 @@ class Day:
 
 
 def make_day(service: Service, seed: int) -> Day:
-    """Draw what happens; raises DasError for what cannot be on this line or with this train."""
+    """Draw what happens on the day of a seed.
+
+    Raises DasError for what cannot happen on this line or with this train.
+    """
     disturbances = service.scenario.day(seed)
     human, of_human = service.scenario.human.draw(seed)
     truth = service.scenario.truth.draw(seed)

@@ -1,4 +1,4 @@
-"""What goes wrong on a day: each kind with its figures, as a scenario file names them."""
+"""What can go wrong on a day: each kind with its figures, named as in scenario files."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class SensorFault(StrEnum):
     """How localisation fails."""
 
     DROPOUT = "dropout"
-    """No positions at all."""
+    """Localisation gives no positions."""
     JUMP = "jump"
-    """Positions off by `size_m`."""
+    """Positions are wrong by `size_m`."""
     FROZEN = "frozen"
-    """The last position again and again, with new times."""
+    """Localisation repeats its last position with new times."""
     NOISE = "noise"
-    """Positions scattered with the standard deviation `size_m`."""
+    """Positions scatter with the standard deviation `size_m`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +32,12 @@ class DepartureDelay:
 
 
 class DwellOverrun(DepartureDelay):
-    """The same where passengers hold the train up."""
+    """The train leaves a stop late because passengers hold it up."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DelayOnTheWay:
-    """From `from_m` to `to_m` the driver may not go faster than `speed_mps`; only he is told."""
+    """Between `from_m` and `to_m` the driver may not go faster than `speed_mps`; the node is not told."""
 
     from_m: float
     to_m: float
@@ -45,8 +45,8 @@ class DelayOnTheWay:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Restriction:
-    """A temporary speed restriction, told to driver and node when the head is `announced_m` before it."""
+class AnnouncedRestriction:
+    """A temporary speed restriction; driver and node are told when the train's head is `announced_m` before it."""
 
     from_m: float
     to_m: float
@@ -56,7 +56,8 @@ class Restriction:
 
 @dataclass(frozen=True, kw_only=True)
 class SignalStop:
-    """A signal at danger at `at_m`, seen `seen_m` before it; it clears `clears_after_s` after it was first seen."""
+    """A signal at danger at `at_m`, visible `seen_m` before it; it clears `clears_after_s` after the driver first saw
+    it."""
 
     at_m: float
     seen_m: float
@@ -65,9 +66,9 @@ class SignalStop:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainAhead:
-    """A signal at danger at `at_m`, seen `seen_m` before it, until `clears_s` after the start.
+    """A signal at danger at `at_m`, visible `seen_m` before it, that clears at `clears_s` on the run's clock.
 
-    Traffic management knows that: `told_m` before the signal the node is told not to be in sight of it any sooner.
+    Traffic management knows about it: `told_m` before the signal, the node is told not to come into its sight earlier.
     """
 
     at_m: float
@@ -78,7 +79,7 @@ class TrainAhead:
 
 @dataclass(frozen=True, kw_only=True)
 class SlipperyRail:
-    """Adhesion times `adhesion_ratio` from `from_m` to `to_m`."""
+    """The adhesion is multiplied by `adhesion_ratio` between `from_m` and `to_m`."""
 
     from_m: float
     to_m: float
@@ -87,7 +88,7 @@ class SlipperyRail:
 
 @dataclass(frozen=True, kw_only=True)
 class HeadWind:
-    """Wind against the train from `from_m` to `to_m` (tail wind < 0)."""
+    """A wind of `wind_mps` blows against the train between `from_m` and `to_m` (tail wind < 0)."""
 
     from_m: float
     to_m: float
@@ -96,7 +97,7 @@ class HeadWind:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorOutage:
-    """Localisation fails from `from_s` after the start for `for_s`."""
+    """Localisation fails at `from_s` after the start, for `for_s`."""
 
     fault: SensorFault
     from_s: float
@@ -106,7 +107,7 @@ class SensorOutage:
 
 @dataclass(frozen=True, kw_only=True)
 class BusOutage:
-    """Nothing gets through between simulator and node from `from_s` for `for_s`."""
+    """No message gets through between simulator and node, at `from_s` after the start, for `for_s`."""
 
     from_s: float
     for_s: float
@@ -122,7 +123,7 @@ class NodeRestart:
 Disturbance = (
     DepartureDelay
     | DelayOnTheWay
-    | Restriction
+    | AnnouncedRestriction
     | SignalStop
     | TrainAhead
     | SlipperyRail
@@ -137,7 +138,7 @@ KINDS = {
     "departure-delay": DepartureDelay,
     "dwell-overrun": DwellOverrun,
     "delay-on-the-way": DelayOnTheWay,
-    "restriction": Restriction,
+    "restriction": AnnouncedRestriction,
     "signal-stop": SignalStop,
     "train-ahead": TrainAhead,
     "slippery-rail": SlipperyRail,
@@ -146,21 +147,21 @@ KINDS = {
     "bus-outage": BusOutage,
     "node-restart": NodeRestart,
 }
-"""Each kind by the name scenario files give it."""
+"""The class of each kind of disturbance, by the name that scenario files give it."""
 _KIND_OF = {made: kind for kind, made in KINDS.items()}
 
 
 NOTHING = "nothing"
-"""What happens on a day without disturbances."""
+"""How a day without disturbances is described."""
 
 
 def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
-    """Kind and figures (SI) of each, for programs."""
+    """The kind and the figures (SI) of each disturbance, for programs."""
     return [{"kind": _KIND_OF[type(one)], **asdict(one)} for one in disturbances]
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:
-    """What happens in a line, speeds and places as people say them."""
+    """One line that says what happens, with speeds and places as people say them."""
     return "; ".join(map(_described, disturbances)) or NOTHING
 
 
@@ -172,7 +173,7 @@ def _described(one: Disturbance) -> str:
             return f"departure from {one.stop} {one.delay_s:.0f} s late"
         case DelayOnTheWay():
             return f"no faster than {kmh(one.speed_mps):.0f} km/h {_stretch(one)}"
-        case Restriction():
+        case AnnouncedRestriction():
             said = f"restriction to {kmh(one.speed_mps):.0f} km/h {_stretch(one)}"
             return f"{said}, told {one.announced_m:.0f} m ahead"
         case SignalStop():
@@ -192,7 +193,7 @@ def _described(one: Disturbance) -> str:
             return f"node restarted at {one.at_s:.0f} s"
 
 
-def _stretch(one: DelayOnTheWay | Restriction | SlipperyRail | HeadWind) -> str:
+def _stretch(one: DelayOnTheWay | AnnouncedRestriction | SlipperyRail | HeadWind) -> str:
     return f"from km {one.from_m / KM:.1f} to {one.to_m / KM:.1f}"
 
 

@@ -1,4 +1,4 @@
-"""Figures of a scenario that are one value, or a range every seed draws from."""
+"""Figures of a scenario: one value, or a range from which every seed draws."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from das.domain.units import to_si
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """A figure that every seed draws evenly from `low` to `high` (equal: fixed)."""
+    """A figure that every seed draws evenly between `low` and `high`; it is fixed if they are equal."""
 
     low: float
     high: float
@@ -24,7 +24,10 @@ class Drawn:
 
 
 def read_range(table: Fields, key: str) -> Drawn:
-    """A figure in the unit of its key: `delay_s = 90` or `delay_s = {min = 30, max = 180}`; InputError otherwise."""
+    """Read a figure in the unit of its key: `delay_s = 90` or `delay_s = {min = 30, max = 180}`.
+
+    Raises InputError for anything else.
+    """
     if not isinstance(table.data.get(key), Mapping):
         value = number(table.source, f"{table.prefix}{key}", table.data.get(key, MISSING))
         return Drawn(low=value, high=value)
@@ -40,7 +43,7 @@ def read_range(table: Fields, key: str) -> Drawn:
 
 
 def read_quantity(table: Fields, name: str, dimension: str, default: float | None = None) -> Drawn:
-    """A quantity of the file or a range of it, in SI; its key ends in its unit. InputError for anything else."""
+    """Read a quantity, or a range of it, in SI; its key ends in its unit. Raises InputError for anything else."""
     key = key_of(table, name, dimension)
     if not isinstance(table.data.get(key), Mapping):
         value = table.quantity(name, dimension, default, unbounded=True)
@@ -52,5 +55,5 @@ def read_quantity(table: Fields, name: str, dimension: str, default: float | Non
 
 
 def key_of(table: Fields, name: str, dimension: str) -> str:
-    """The key under which the file gives a quantity; its bare name where it does not."""
+    """The key under which the file gives a quantity; the bare name of the quantity if the file does not give it."""
     return next((key for key in table.quantity_keys({name: dimension}) if key in table.data), name)

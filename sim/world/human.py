@@ -1,4 +1,4 @@
-"""The human drivers of a scenario: parameters that differ from the defaults, of which every seed draws a driver."""
+"""The human drivers of a scenario: parameters that differ from the defaults; every seed draws one driver."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.drivers.parameters import HumanParameters
 from sim.world.drawn import Drawn, read_range
 
 STREAM = 4
-"""Of a seed's random numbers."""
+"""Number of the stream of random numbers, among those of a seed, from which the driver is drawn."""
 TRIPS = "trips"
 COUNTED = ("notches",)
 """Parameters that are whole numbers."""
@@ -22,19 +22,22 @@ COUNTED = ("notches",)
 
 @dataclass(frozen=True, kw_only=True)
 class HumanRange:
-    """Parameters of human drivers by name, and `trips`, those they have made before; what is not given is default."""
+    """Parameters of human drivers by name, and `trips`, the trips that a driver has made before.
+
+    A parameter that is not given has its default.
+    """
 
     given: Mapping[str, Drawn]
 
     def draw(self, seed: int) -> tuple[HumanParameters, dict[str, float]]:
-        """The driver of a seed, and of what is given the values drawn."""
+        """The driver of a seed, and the drawn values of the parameters that are given."""
         random = np.random.default_rng([seed, STREAM])
         drawn = {name: figure.draw(random) for name, figure in self.given.items()}
         return _driver(drawn), drawn
 
 
 def read_human(table: Fields) -> HumanRange:
-    """The table `[human]` of a scenario; raises InputError or DasError for anything unusable."""
+    """Read the table `[human]` of a scenario; raises InputError or DasError for anything unusable."""
     table.check_keys([TRIPS, *(item.name for item in fields(HumanParameters))])
     given = {name: read_range(table, name) for name in table.data}
     for name, figure in given.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 from das.cab.heard import Heard
-from sim.drivers.cab import Cab
+from sim.drivers.cab import CabView
 from sim.plant.plant import Command, PlantState
 
 
@@ -25,7 +25,7 @@ class Told(NamedTuple):
     """What is recorded beside: the truth, the cab with what it shows, what the driver last asked for, what happened."""
 
     state: PlantState
-    cab: Cab
+    cab: CabView
     command: Command
     events: tuple[str, ...]
 

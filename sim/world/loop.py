@@ -21,14 +21,14 @@ from das.cab.heard import (
 from das.domain.errors import DasError
 from das.estimate.calibration import Effort
 from das.estimate.localisation import PositionFix
-from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, present
+from sim.drivers.cab import AdviceView, CabView, Driver, Presentation, present
 from sim.plant.plant import COAST, Command, PlantState
-from sim.world.calls import Call, Calls
+from sim.world.calls import Calls, KeptCall
 from sim.world.day import Day
 from sim.world.link import Link, Tick, Told
-from sim.world.news import News
+from sim.world.news import DayNews
 from sim.world.safety import Violations, Watch
-from sim.world.sensors import Localisation, TrainControl
+from sim.world.sensors import SimulatedLocalisation, TrainControl
 from sim.world.service import Service
 
 TICK_S = 1.0
@@ -70,7 +70,7 @@ class Run:
     """
 
     states: tuple[PlantState, ...]
-    calls: tuple[Call, ...]
+    calls: tuple[KeptCall, ...]
     legs: tuple[tuple[PlantState, PlantState], ...]
     counts: Counts
     violations: Violations
@@ -87,7 +87,7 @@ class World:
     def __init__(self, day: Day, driver: Driver, presentation: Presentation, link: Link) -> None:
         self.day, self.service = day, day.service
         self.driver, self.presentation, self.link = driver, presentation, link
-        self._localisation, self._news, self._calls = Localisation(day), News(day), Calls(day)
+        self._localisation, self._news, self._calls = SimulatedLocalisation(day), DayNews(day), Calls(day)
         self._train_control = TrainControl(day)
         self._limits, self._watch = _LimitSteps(self.service), Watch(day.plant.vehicle.train_length_m)
         # A node is told of restrictions even where there are none: until then it must not advise.
@@ -191,9 +191,9 @@ class World:
         late_s = state.time_s - departure_s - float(np.interp(state.s_m, run.s_m, run.t_s))
         return max(late_s, 0.0) if self._calls.waits else late_s
 
-    def _cab(self, state: PlantState) -> Cab:
+    def _cab(self, state: PlantState) -> CabView:
         calls, news, timetable = self._calls, self._news, self._calls.timetable
-        return Cab(
+        return CabView(
             state.time_s,
             state.s_m,
             state.speed_mps,

@@ -1,4 +1,4 @@
-"""What comes up on the way: signals, restrictions, faults, and who is told of it when."""
+"""What comes up on the way: signals, restrictions, faults, and who is told about each of them when."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ import math
 
 from das.cab.heard import Target
 from das.domain.units import KM, KMH
-from sim.drivers.cab import Restriction as Shown
+from sim.drivers.cab import PostedRestriction
 from sim.plant.plant import PlantState
 from sim.world.day import Day
 from sim.world.disturbances import (
+    AnnouncedRestriction,
     BusOutage,
     DelayOnTheWay,
     NodeRestart,
-    Restriction,
     SensorOutage,
     SignalStop,
     TrainAhead,
 )
 
 NODE_DOWN_S = 2.0
-"""A node that is restarted is away for this long."""
+"""A node that is restarted does not answer for this long (s)."""
 
 
-class News:
-    """Keeps what is known by now; asked once a second, in the order of time."""
+class DayNews:
+    """Keeps what is known by now; its methods are to be called once a second, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._length_m = day, day.service.vehicle.train_length_m
@@ -35,16 +35,16 @@ class News:
         self._down_until_s = -math.inf
         self._faults_to_come: list[SensorOutage | BusOutage] = [*day.of(SensorOutage), *day.of(BusOutage)]
         self.signal_m = math.inf
-        """The next signal at danger in sight."""
+        """Position (m) of the next signal at danger that the driver sees; inf if there is none."""
         self.targets: tuple[Target, ...] = ()
-        """Targets of traffic management in force."""
-        self.told: tuple[Shown, ...] = ()
-        """Restrictions in force that driver and node are told of."""
-        self.shown: tuple[Shown, ...] = ()
-        """These, and where only the driver knows that he must be slow."""
+        """Targets of traffic management that are in force."""
+        self.told: tuple[PostedRestriction, ...] = ()
+        """Restrictions in force of which driver and node are told."""
+        self.shown: tuple[PostedRestriction, ...] = ()
+        """Restrictions in force that the driver knows: those of `told`, and stretches on which only he must be slow."""
 
     def update(self, state: PlantState) -> list[str]:
-        """Take note of a state; what is new, in words."""
+        """Take note of a state; a sentence about each thing that is new."""
         return [
             *self._signals(state),
             *self._traffic(state),
@@ -53,7 +53,7 @@ class News:
         ]
 
     def restart_due(self, now_s: float) -> bool:
-        """Whether the node is to be killed now (each time said once)."""
+        """Whether the node is to be killed now; True once for each restart."""
         if not self._waiting_restarts or now_s < self._waiting_restarts[0].at_s:
             return False
         self._waiting_restarts.pop(0)
@@ -61,7 +61,7 @@ class News:
         return True
 
     def cut_off(self, now_s: float) -> bool:
-        """Whether nothing gets through to the node, or there is none."""
+        """Whether no message gets through to the node, or there is no node."""
         return now_s < self._down_until_s or any(_lasts(x, now_s) for x in self._day.of(BusOutage))
 
     def _signals(self, state: PlantState) -> list[str]:
@@ -84,7 +84,8 @@ class News:
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
 
     def _traffic(self, state: PlantState) -> list[str]:
-        """Traffic management wants the train to see the signal clear; when it is, that is over."""
+        """Update the targets: traffic management wants the train to see the signal clear. A sentence about each new
+        one."""
         before = self.targets
         self.targets = tuple(
             Target(
@@ -102,14 +103,16 @@ class News:
         ]
 
     def _restrictions(self, state: PlantState) -> list[str]:
-        """One that the tail has left is over."""
+        """Update the restrictions: a restriction is over when the tail has left it. A sentence about each new one."""
         before, ahead = self.told, state.s_m - self._length_m
         self.told = tuple(
-            Shown(x.from_m, x.to_m, x.speed_mps)
-            for x in self._day.of(Restriction)
+            PostedRestriction(x.from_m, x.to_m, x.speed_mps)
+            for x in self._day.of(AnnouncedRestriction)
             if x.from_m - x.announced_m <= state.s_m and ahead <= x.to_m
         )
-        slow = (Shown(x.from_m, x.to_m, x.speed_mps) for x in self._day.of(DelayOnTheWay) if ahead <= x.to_m)
+        slow = (
+            PostedRestriction(x.from_m, x.to_m, x.speed_mps) for x in self._day.of(DelayOnTheWay) if ahead <= x.to_m
+        )
         self.shown = (*self.told, *slow)
         return [
             f"restriction to {x.limit_mps / KMH:.0f} km/h, km {x.start_m / KM:.1f} to {x.end_m / KM:.1f}"

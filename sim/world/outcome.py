@@ -1,4 +1,4 @@
-"""What came out of a run, as figures: punctuality, energies and where they went, against the optimum."""
+"""The figures of a run: punctuality, energies, where they went, and the optimum beside them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
-from sim.world.calls import Call
+from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.loop import Run
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
-"""Where energy is gone for good, as in the paper's figure, and what the line did not take back."""
+"""Where energy is lost for good, as in the paper's figure, and what the line did not take back."""
 
 
 def outcome(day: Day, run: Run) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def outcome(day: Day, run: Run) -> dict[str, Any]:
     }
 
 
-def _stop(call: Call) -> dict[str, Any]:
+def _stop(call: KeptCall) -> dict[str, Any]:
     return {
         "name": call.name,
         "due_s": call.due_s,
@@ -71,7 +71,7 @@ def _stop(call: Call) -> dict[str, Any]:
 
 
 def _parts(ledger: Ledger) -> dict[str, float]:
-    """Energy and share of what is gone for good, by where it went; the potential beside it."""
+    """Energy and share of each way in which energy is lost for good, and the potential energy."""
     parts = {name: float(getattr(ledger, name)) for name in SHARES}
     total = sum(parts.values())
     return {

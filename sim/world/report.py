@@ -1,47 +1,50 @@
-"""What came out of a run in closed loop, as tables."""
+"""The figures of a run in closed loop, as tables."""
 
 from __future__ import annotations
 
 import shlex
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
-from rich.console import Console
 from rich.table import Table
 
-from das.command_line.printing import PRINTED_WIDTH, typed
+from das.command_line.printing import print_table, tell, typed
 from das.domain.conditions import Conditions
 from sim.drivers.cab import AT_STOP_M
 from sim.world.outcome import SHARES
 
-LABELS = {
+STOP_LEGEND: Final = {
+    "due, arrived, departed": "minutes and seconds since the timetable's first departure",
+    "missed": "by how much the train stood beyond the stop (before it: negative)",
+}
+"""What is said below the table of stops."""
+LABELS: Final = {
     "component_loss": "component losses",
     "resistance": "running resistance",
     "friction_brake": "friction brake",
     "unreturned": "brake resistors",
     "comfort": "comfort systems",
 }
+"""Where the energy went, in words."""
 
-UNCHANGED = asdict(Conditions())
+UNCHANGED: Final = asdict(Conditions())
+"""The conditions of a train and line that are as planned."""
 
 
 def print_result(found: dict[str, Any]) -> None:
-    """Stops, figures, and what should be known about them."""
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = PRINTED_WIDTH
-    console.print(_stops(found))
+    """Print the stops, the figures, and what should be known about them."""
+    print_table(_stops(found), STOP_LEGEND)
     table = Table(show_header=False)
-    table.add_column(no_wrap=True)
+    table.add_column()
     table.add_column(justify="right", no_wrap=True)
     for row in _rows(found):
         table.add_row(*row)
-    console.print(table)
+    print_table(table)
     for note in _notes(found):
-        console.print(f"note: {note}", soft_wrap=True)
+        tell(f"note: {note}")
     if found["file"] is not None:
-        console.print(f"written: {found['file']}", soft_wrap=True)
-        console.print(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}", soft_wrap=True)
+        tell(f"written: {found['file']}")
+        tell(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}")
 
 
 def _stops(found: dict[str, Any]) -> Table:
@@ -63,7 +66,7 @@ def _stops(found: dict[str, Any]) -> Table:
 
 
 def _clock(time_s: float | None) -> str:
-    """Minutes and seconds on the run's clock."""
+    """A time on the run's clock as minutes and seconds."""
     if time_s is None:
         return ""
     minutes, seconds = divmod(round(time_s), 60)
@@ -71,6 +74,7 @@ def _clock(time_s: float | None) -> str:
 
 
 def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Energies, where they went, and the messages."""
     beyond = found["beyond_hindsight_ratio"]
     rows = [
         ("energy, departures to arrivals", f"{found['energy_kwh']:.1f} kWh"),
@@ -89,6 +93,7 @@ def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _notes(found: dict[str, Any]) -> list[str]:
+    """What should be known about the figures."""
     notes = [f"on this day: {found['happens']}"]
     human = found["drawn"]["human"] if found["driver"] == "human" else {}
     if human:

@@ -6,18 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from das.domain.units import KM, KMH, kmh
-from sim.drivers.cab import Restriction
+from sim.drivers.cab import PostedRestriction
 from sim.plant.plant import PlantState
 
 BEYOND_M = 0.5
-"""A signal is passed when the train's head is further beyond it than this."""
+"""A signal counts as passed when the train's head is further beyond it than this (m)."""
 OVER_MPS = 1.0 * KMH
-"""Speeds are above a limit from here on; below, a speedometer does not show it."""
+"""A speed counts as above a limit from this much (m/s) on; a speedometer does not show less."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Violations:
-    """Signals passed at danger and how far at most (m); time above limits (s) and the most it was (m/s)."""
+    """What a run violated.
+
+    That is the number of signals passed at danger, and by how much at most (m); the time above limits (s), and by how
+    much at most (m/s).
+    """
 
     signals_passed: int = 0
     beyond_signal_m: float = 0.0
@@ -26,7 +30,7 @@ class Violations:
 
 
 class Watch:
-    """Looks at every state of a run, in the order of time."""
+    """Looks at every state of a run; its methods are to be called in the order of time."""
 
     def __init__(self, length_m: float) -> None:
         self._length_m = length_m
@@ -36,7 +40,7 @@ class Watch:
 
     @property
     def found(self) -> Violations:
-        """What has happened so far."""
+        """What the run has violated so far."""
         return Violations(
             signals_passed=len(self._passed),
             beyond_signal_m=self._beyond_m,
@@ -45,9 +49,18 @@ class Watch:
         )
 
     def take(
-        self, state: PlantState, span_s: float, *, signal_m: float, limit_mps: float, temporary: Sequence[Restriction]
+        self,
+        state: PlantState,
+        span_s: float,
+        *,
+        signal_m: float,
+        limit_mps: float,
+        temporary: Sequence[PostedRestriction],
     ) -> list[str]:
-        """Note a state that lasted a while, under a signal at danger, the line's limit and temporary ones; the news."""
+        """Note a state that lasted for a time, under a signal at danger, the line's limit and temporary limits.
+
+        Returns a sentence about each new violation.
+        """
         return [*self._signal(state, signal_m), *self._speed(state, span_s, limit_mps, temporary)]
 
     def _signal(self, state: PlantState, signal_m: float) -> list[str]:
@@ -60,7 +73,9 @@ class Watch:
         self._passed.add(signal_m)
         return [f"signal at km {signal_m / KM:.1f} passed at danger"]
 
-    def _speed(self, state: PlantState, span_s: float, limit_mps: float, temporary: Sequence[Restriction]) -> list[str]:
+    def _speed(
+        self, state: PlantState, span_s: float, limit_mps: float, temporary: Sequence[PostedRestriction]
+    ) -> list[str]:
         tail_m = state.s_m - self._length_m
         here = [x.limit_mps for x in temporary if x.start_m < state.s_m and tail_m < x.end_m]
         allowed_mps = min([limit_mps, *here])

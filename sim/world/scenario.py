@@ -1,4 +1,7 @@
-"""Scenario files: train, line, timetable, and what differs and goes wrong on the day (docs/reference/scenarios.md)."""
+"""Scenario files: train, line, timetable, what differs from the plan and what goes wrong.
+
+The format: docs/reference/scenarios.md.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ LATEST = datetime(2200, 1, 1, tzinfo=UTC)
 """Times on the bus are ns since 1970 in 63 bits: they end in 2262."""
 LONGEST_DWELL_S = 86_400.0
 _ID = re.compile(r"\w[\w.-]{0,63}")
-"""An id is part of the names of files."""
+"""What an id looks like; it becomes part of the names of files."""
 
 _STRETCH = {"from": "length", "to": "length"}
 _QUANTITIES: dict[str, dict[str, str]] = {
@@ -51,29 +54,29 @@ _QUANTITIES: dict[str, dict[str, str]] = {
 """The quantities of each kind of disturbance (name → dimension)."""
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
 _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
-"""Faults of a size."""
+"""Faults of localisation that have a size."""
 LONGEST_LINE_M = 1e7
 _MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
-"""Greatest values (SI) by dimension: beyond them a figure is a slip of the pen."""
+"""Greatest values (SI) by dimension; a larger figure is a slip of the pen."""
 _RANGES = {
     "speed": (1.0, 200.0),
     "adhesion": (0.01, 10.0),
     "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS),
     "size": (1.0, LONGEST_LINE_M),
 }
-"""Least and greatest values (SI) of figures, where that is not anything from 0 up: a train has to get through."""
+"""Least and greatest values (SI) of figures that may not be anything from 0 up: a train has to get through."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Planned:
-    """A disturbance as the file plans it: figures to be drawn, and what is not a figure."""
+class PlannedDisturbance:
+    """A disturbance as the file plans it: figures that are drawn, and properties that are not figures."""
 
     kind: str
     figures: Mapping[str, Drawn]
     fixed: Mapping[str, Any]
 
     def draw(self, random: np.random.Generator) -> Disturbance:
-        """The disturbance of one day."""
+        """Draw the disturbance of one day."""
         made: Any = KINDS[self.kind]
         drawn = {name: figure.draw(random) for name, figure in self.figures.items()}
         disturbance: Disturbance = made(**drawn, **self.fixed)
@@ -82,9 +85,10 @@ class Planned:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """Localisation as good as it gets: standard deviations of position and speed (assumptions).
+    """How good localisation is at best: standard deviations of position and speed (assumptions).
 
-    `force_noise_ratio`: that of the efforts that train control measures; None: it does not say them.
+    `force_noise_ratio` is the standard deviation of the efforts that train control measures, as a share; None if it
+    does not measure them.
     """
 
     position_noise_m: float = 3.0
@@ -94,7 +98,7 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A day to be simulated; `human` are the drivers of kind human, of whom each seed draws one."""
+    """A day to be simulated. `human` are the human drivers, from whom each seed draws one."""
 
     id: str
     title: str
@@ -112,22 +116,22 @@ class Scenario:
     truth: Truth
     human: HumanRange
     sensors: Sensors
-    disturbances: tuple[Planned, ...]
+    disturbances: tuple[PlannedDisturbance, ...]
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
-        """The disturbances of a seed's day."""
+        """Draw the disturbances of a seed's day."""
         random = np.random.default_rng([seed, 1])
         return tuple(planned.draw(random) for planned in self.disturbances)
 
 
 def bundled_scenarios() -> dict[str, Path]:
-    """The scenarios that come with the program, by name."""
+    """The file of each scenario that comes with the program, by name."""
     folder = Path(str(files("sim.world") / "scenarios"))
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def load_scenario(name_or_path: str) -> Scenario:
-    """A bundled scenario or a TOML file; raises DasError or InputError for anything unusable."""
+    """Read a bundled scenario or a TOML file; raises DasError or InputError for anything unusable."""
     bundled = bundled_scenarios()
     if name_or_path in bundled:
         return read_scenario(bundled[name_or_path])
@@ -194,8 +198,8 @@ def _moment(timetable: Fields) -> int:
 
 
 def _within(fields: Fields, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
-    """A quantity that must be finite and within its ends (SI)."""
-    value = fields.quantity(name, dimension, default, unbounded=True)
+    """Read a quantity that must be finite and within its ends (SI)."""
+    value = fields.quantity(name, dimension, default)
     if not ends[0] <= value <= ends[1] or np.isinf(value):
         key = key_of(fields, name, dimension)
         raise fields.error(key, fields.data[key], _expected(key[len(name) + 1 :], dimension, ends))
@@ -203,7 +207,7 @@ def _within(fields: Fields, name: str, dimension: str, default: float, ends: tup
 
 
 def _expected(unit: str, dimension: str, ends: tuple[float, float]) -> str:
-    """A range (SI) in the unit of the file."""
+    """Words for a range (SI), in the unit of the file."""
     low, high = (end / FACTORS[dimension][unit] for end in ends)
     return f"a finite number >= {low:g}" if np.isinf(high) else f"a number from {low:g} to {high:g}"
 
@@ -220,7 +224,7 @@ def _sensors(fields: Fields) -> Sensors:
     )
 
 
-def _disturbances(fields: Fields) -> tuple[Planned, ...]:
+def _disturbances(fields: Fields) -> tuple[PlannedDisturbance, ...]:
     entries = fields.data.get("disturbances", [])
     if not isinstance(entries, list):
         raise fields.error("disturbances", entries, "a list of [[disturbances]]")
@@ -228,7 +232,7 @@ def _disturbances(fields: Fields) -> tuple[Planned, ...]:
     return tuple(_planned(table) for table in tables)
 
 
-def _planned(table: Fields) -> Planned:
+def _planned(table: Fields) -> PlannedDisturbance:
     kind = table.text("kind")
     if kind not in KINDS:
         raise table.error("kind", kind, "one of " + ", ".join(KINDS))
@@ -254,7 +258,7 @@ def _planned(table: Fields) -> Planned:
         key = key_of(table, "told", "length")
         raise table.error(key, table.data[key], f"more than seen = {drawn['seen'].high:g} m")
     figures = {f"{name}_{_SI_SUFFIX[dimension]}": drawn[name] for name, dimension in quantities.items()}
-    return Planned(kind=kind, figures=figures, fixed=fixed)
+    return PlannedDisturbance(kind=kind, figures=figures, fixed=fixed)
 
 
 def _fault(table: Fields) -> SensorFault:

@@ -1,4 +1,4 @@
-"""Sensors as the node hears them: localisation with noise and the faults of the day, efforts with noise."""
+"""Simulated sensors: positions with noise and the faults of the day, efforts with noise."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from sim.world.day import Day
 from sim.world.disturbances import SensorFault, SensorOutage
 
 CORRELATION_S = 30.0
-"""The error of a receiver's position wanders with this time constant (assumption)."""
+"""The error of a receiver's position wanders with this time constant (s, assumption)."""
 STREAM, FORCE_STREAM = 2, 3
-"""Streams of random numbers of a seed; 1: what happens; a driver makes his own."""
+"""Numbers of the streams of random numbers among those of a seed. Stream 1 draws what happens; drivers make their own.
+"""
 
 
-class Localisation:
-    """Positions of a day, one a tick; asked in the order of time."""
+class SimulatedLocalisation:
+    """Positions of a day, one a tick; `measure` is to be called in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._sensors, self._faults = day.service.scenario.sensors, day.of(SensorOutage)
@@ -31,7 +32,7 @@ class Localisation:
         self._last: PositionFix | None = None
 
     def measure(self, state: PlantState) -> PositionFix | None:
-        """What is said of a state; None in a dropout."""
+        """The position that localisation reports in a state; None in a dropout."""
         fix = self._fix(state)
         for fault in self._faults:
             if fault.from_s <= state.time_s < fault.from_s + fault.for_s:
@@ -56,7 +57,7 @@ class Localisation:
         )
 
     def _faulty(self, fix: PositionFix, fault: SensorOutage) -> PositionFix:
-        """A receiver notices its noise, but neither that it jumped nor that it is frozen."""
+        """The position that a faulty receiver reports: it notices its noise, but not that it jumped or is frozen."""
         if fault.fault is SensorFault.JUMP:
             return replace(fix, s_m=fix.s_m + fault.size_m)
         if fault.fault is SensorFault.NOISE:
@@ -67,14 +68,14 @@ class Localisation:
 
 
 class TrainControl:
-    """Efforts of a day as the train's own control measures them, one a tick; asked in the order of time."""
+    """Efforts of a day as the train's own control measures them; `measure` is to be called once a tick."""
 
     def __init__(self, day: Day) -> None:
         self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio
         self._random = np.random.default_rng([day.seed, FORCE_STREAM])
 
     def measure(self, state: PlantState) -> Effort | None:
-        """The forces of a state, each with its own noise; None where the scenario does not ask for them."""
+        """The measured forces of a state, each with its own noise; None if the scenario does not ask for them."""
         if self._noise_ratio is None:
             return None
         electric, friction = (1.0 + self._noise_ratio * self._random.standard_normal(2)).tolist()

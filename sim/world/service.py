@@ -1,4 +1,4 @@
-"""A scenario's train service: line, train, timetable and the solved sections; the same for every seed."""
+"""The train service of a scenario: line, train, timetable and solved sections. It is the same for every seed."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from sim.world.scenario import Scenario
 from sim.world.truth import Truth
 
 KEPT_BYTES = 300_000_000
-"""Fronts of a service are kept up to this size for its runs without a bus."""
+"""Fronts that runs without a bus make on the way are kept up to this size in all (bytes)."""
 TIMETABLE_STEP_S = 6.0
 """Timetables are made in tenths of a minute."""
 PLANNED = (
     *("route", "vehicle", "load", "reverse", "from_stop", "to_stop"),
     *("departure_ns", "buffer_ratio", "dwell_s"),
 )
-"""What of a scenario its service depends on."""
+"""The fields of a scenario that decide its service."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: `stops` in order of the way; a front, a timetable (ns) and its least-energy run a section.
+    """What is planned: the `stops` in the order of the way, and for each section a front, a timetable and its best run.
 
-    `onboard` finds what the node plans with, for runs without a bus.
+    Times of the timetable are in ns. `onboard` finds the fronts that the node plans with, for runs without a bus.
     """
 
     scenario: Scenario
@@ -70,19 +70,19 @@ class Service:
         )
 
     def clock_s(self, time_ns: int) -> float:
-        """A moment on the run's clock, which shows 0 at the timetable's departure."""
+        """A moment (ns) on the run's clock (s), which shows 0 at the timetable's departure."""
         return (time_ns - self.timetables[0].departure_ns) * NS
 
     def moment_ns(self, clock_s: float) -> int:
-        """The moment at which the run's clock shows a time."""
+        """The moment (ns) at which the run's clock shows a time (s)."""
         return self.timetables[0].departure_ns + round(clock_s / NS)
 
     def plans(self, scenario: Scenario) -> bool:
-        """Whether this is another scenario's service as well: the same line, train and timetable."""
+        """Whether this is also the service of another scenario: line, train and timetable are the same."""
         return all(getattr(scenario, name) == getattr(self.scenario, name) for name in PLANNED)
 
     def on(self, scenario: Scenario) -> Service:
-        """The same service on a scenario that it `plans`; DasError for what cannot happen on this line."""
+        """The same service for a scenario that it `plans`; raises DasError for what cannot happen on this line."""
         _check_day(scenario, self.vehicle, self.level, self.stops)
         return replace(self, scenario=scenario)
 
@@ -115,7 +115,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
 
 
 def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, Vehicle, tuple[Stop, ...]]:
-    """Line, train and stops of a scenario, nothing solved yet; DasError for anything unusable."""
+    """Read line, train and stops of a scenario without solving anything; raises DasError for anything unusable."""
     scenario_files(scenario)
     route, vehicle = load_route(scenario.route), load_vehicle(scenario.vehicle)
     route = route.reversed() if scenario.reverse else route
@@ -128,7 +128,7 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
 
 
 def scenario_files(scenario: Scenario) -> dict[str, Path]:
-    """The files a scenario is made from, itself included, by what they are; DasError where there is none."""
+    """The files that a scenario is made from, itself included, by what they are; raises DasError if one is missing."""
     try:
         return {
             "scenario": scenario.source,
@@ -140,7 +140,7 @@ def scenario_files(scenario: Scenario) -> dict[str, Path]:
 
 
 def _true_files(truth: Truth) -> dict[str, Path]:
-    """The files of the true train that the plan does not have; DasError where there is none."""
+    """The files of the true train that the plan does not use; raises DasError if one is missing."""
     files = {} if truth.vehicle is None else vehicle_files(truth.vehicle)
     if truth.loss_map is None:
         return files
@@ -155,7 +155,7 @@ def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
 
 
 def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequence[Stop]) -> None:
-    """What happens must be able to happen: at its place or stop, and with the true train."""
+    """Raise DasError for what cannot happen at its place or stop, or not with the true train."""
     vehicle, _ = scenario.truth.train(planned, level)
     slips = scenario.truth.changes_adhesion or any(x.kind == "slippery-rail" for x in scenario.disturbances)
     if slips and math.isinf(vehicle.adhesive_mass_kg):
@@ -176,7 +176,7 @@ def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequen
 
 
 def _timetables(scenario: Scenario, fronts: Sequence[Front]) -> tuple[Timetable, ...]:
-    """The same buffer on every section, on whole tenths of a minute, with the dwell between."""
+    """Timetables with the same buffer on every section, in whole tenths of a minute, and dwells between them."""
     departure_ns, result = scenario.departure_ns, []
     for front in fronts:
         running_s = front.fastest().time_s * (1 + scenario.buffer_ratio)

@@ -1,4 +1,4 @@
-"""What is true on the day and the plan does not know: another train or load, other losses, another resistance."""
+"""What is true on the day without the plan knowing it: another train or load, other losses, another resistance."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from das.domain.vehicle import Vehicle
 from sim.world.drawn import Drawn, key_of, read_quantity
 
 STREAM = 5
-"""Of a seed's random numbers."""
+"""Number of the stream of random numbers, among those of a seed, from which the conditions are drawn."""
 RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """The true train against the plan's: None means as planned.
+    """How the true train differs from the plan's; None means as planned.
 
-    `conditions` are what multiplies the true train's figures, by the names of `Conditions`; every seed draws its own.
-    `adhesive_mass_kg` is its mass on driven axles where its file gives none; `loss_map` the file of its losses (L3).
+    `conditions` multiply the true train's figures, by the names of `Conditions`; every seed draws its own.
+    `adhesive_mass_kg` is the mass on driven axles where the file gives none. `loss_map` is the file of its losses (L3).
     """
 
     conditions: Mapping[str, Drawn]
@@ -39,17 +39,17 @@ class Truth:
 
     @property
     def changes_adhesion(self) -> bool:
-        """Whether the rail is another than a dry one on any day."""
+        """Whether the rail differs from a dry one on any day."""
         adhesion = self.conditions["adhesion_ratio"]
         return (adhesion.low, adhesion.high) != (1.0, 1.0)
 
     def draw(self, seed: int) -> Conditions:
-        """The conditions of a seed's day."""
+        """Draw the conditions of a seed's day."""
         random = np.random.default_rng([seed, STREAM])
         return Conditions(**{name: drawn.draw(random) for name, drawn in self.conditions.items()})
 
     def train(self, planned: Vehicle, planned_level: Level) -> tuple[Vehicle, Level]:
-        """The true train and the level of its losses; DasError for files that cannot be used."""
+        """The true train and the level of its losses; raises DasError for files that cannot be used."""
         vehicle = planned if self.vehicle is None else load_vehicle(self.vehicle)
         vehicle = vehicle if self.load is None else vehicle.loaded(self.load)
         level = planned_level if self.level is None else self.level
@@ -62,7 +62,7 @@ class Truth:
 
 
 def read_truth(table: Fields) -> Truth:
-    """The table `[truth]` of a scenario; raises DasError or InputError for anything unusable."""
+    """Read the table `[truth]` of a scenario; raises DasError or InputError for anything unusable."""
     others = {"head_wind": "speed", "adhesive_mass": "mass"}
     quantities = table.quantity_keys({**dict.fromkeys(RATIOS, "ratio"), **others})
     table.check_keys([*quantities, "vehicle", "load", "level", "loss_map"])
@@ -78,7 +78,7 @@ def read_truth(table: Fields) -> Truth:
 
 
 def beside(folder: Path, name: str) -> str:
-    """A bundled name as it is; a file's path is taken from the scenario's folder."""
+    """The name of a bundled file as it is, or the path of a file, which is taken from the scenario's folder."""
     return str(folder / name) if Path(name).suffix else name
 
 

@@ -21,8 +21,8 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.bundled.hurried import DriverStyle, HurriedDriver, Plant, PlantState
-from sim.cli.commands import bundled_recording
+from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
+from sim.replay.command import bundled_recording
 from sim.trips.estimate import estimate_run
 from tests.support.making import das_sim, in_a_process
 
@@ -284,9 +284,9 @@ def test_halving_the_plants_step_changes_its_energy_little() -> None:
     route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")
     energies = []
     for step_s in (0.1, 0.05):
-        plant = Plant(route, vehicle, vehicle.loss_model(vehicle.default_level), step_s)
+        plant = HurriedPlant(route, vehicle, vehicle.loss_model(vehicle.default_level), step_s)
         driver = HurriedDriver(route, vehicle, 12_000.0, 0, DriverStyle(wander_mps=0.0))
-        state = PlantState(time_s=0.0, s_m=0.0, speed_mps=0.0)
+        state = HurriedState(time_s=0.0, s_m=0.0, speed_mps=0.0)
         while state.s_m < 8_000.0:
             state = plant.step(state, driver.wanted_force_n(state.s_m, state.speed_mps, step_s))
         energies.append(state.energy_input_j)
@@ -296,8 +296,8 @@ def test_halving_the_plants_step_changes_its_energy_little() -> None:
 def test_plant_runs_down_to_a_standstill_by_resistance_alone() -> None:
     """Coasting on the level: the way to standstill against ∫ m·v/R(v) dv, by quadrature."""
     vehicle = load_vehicle("re460-ic")
-    plant = Plant(load_route("flat-6km"), vehicle, vehicle.loss_model(vehicle.default_level))
-    state = PlantState(time_s=0.0, s_m=0.0, speed_mps=8.0)
+    plant = HurriedPlant(load_route("flat-6km"), vehicle, vehicle.loss_model(vehicle.default_level))
+    state = HurriedState(time_s=0.0, s_m=0.0, speed_mps=8.0)
     while state.speed_mps > 0:
         state = plant.step(state, 0.0)
     v = np.linspace(0.0, 8.0, 20_001)

@@ -19,14 +19,14 @@ from das.estimate.localisation import STALE_AFTER_S
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import adhesion_coefficient
-from sim.plant.plant import Plant
+from sim.plant.plant import Dynamics, Plant
 from sim.world.day import Day, make_day
 from sim.world.disturbances import (
+    AnnouncedRestriction,
     BusOutage,
     DelayOnTheWay,
     HeadWind,
     NodeRestart,
-    Restriction,
     SensorFault,
     SensorOutage,
     SignalStop,
@@ -136,7 +136,7 @@ def test_clear_day_goes_as_planned() -> None:
 
 def test_half_the_step_changes_the_energy_little() -> None:
     service = planned()
-    halved = Plant(service.route, service.vehicle, level=service.level, step_s=0.025)
+    halved = Plant(service.route, service.vehicle, level=service.level, dynamics=Dynamics(step_s=0.025))
     day = replace(make_day(service, SEED), plant=halved)
     run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(service)).run()
     assert outcome(day, run)["energy_kwh"] == pytest.approx(drive("clear-day").figures["energy_kwh"], rel=5e-4)
@@ -172,7 +172,7 @@ def test_delay_on_the_way_is_known_to_the_driver_alone_and_made_up() -> None:
 
 def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
     driven = drive("restriction-ahead")
-    one = driven.one(Restriction)
+    one = driven.one(AnnouncedRestriction)
     s_m, speed_mps = driven.array("s_m"), driven.array("speed_mps")
     end_m = one.to_m + driven.day.service.vehicle.train_length_m
     within = (s_m >= one.from_m) & (s_m <= end_m)
@@ -194,7 +194,7 @@ def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
 def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
     """The line's limit under the train and the temporary one, as this test reads them, above every advised speed."""
     driven = drive("restriction-ahead")
-    one, service = driven.one(Restriction), driven.day.service
+    one, service = driven.one(AnnouncedRestriction), driven.day.service
     told_ns = next(heard.now_ns for heard in driven.said.heard if heard.restrictions)
     advices = [
         a for a in driven.said.advices if a.time_ns >= told_ns and a.s_m <= one.to_m + service.vehicle.train_length_m

@@ -351,8 +351,14 @@ def test_the_list_of_scenarios(folder: Path) -> None:
     ("arguments", "message"),
     [
         (["nothing"], "nothing: not a bundled scenario"),
-        (["clear-day", "--driver", "nobody"], "--driver nobody: expected one of perfect, fast, rms"),
-        (["clear-day", "--advice", "all"], "--advice all: expected one of none, rms, four-mode, vector"),
+        (
+            ["clear-day", "--driver", "nobody"],
+            "Invalid value for '--driver': Value error, 'nobody' is not one of 'perfect', 'fast', 'rms'",
+        ),
+        (
+            ["clear-day", "--advice", "all"],
+            "Invalid value for '--advice': Value error, 'all' is not one of 'none', 'rms', 'four-mode', 'vector'",
+        ),
         (["clear-day", "--speed", "fast"], "--speed fast: expected max, real or a number"),
         (["clear-day", "--out", "no/where.mcap"], "no such folder"),
         (["clear-day", "--out", "x.mcap", "--in-process"], "--out: a run --in-process records nothing"),

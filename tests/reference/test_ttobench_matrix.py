@@ -114,7 +114,7 @@ def published() -> dict[str, list[str]]:
 @pytest.mark.parametrize("train", TRAINS)
 @pytest.mark.parametrize("track", tracks_here())
 def test_every_track_and_train_is_solved_and_verified(track: str, train: str) -> None:
-    """Every run against the independent verifier, and times and energies against the table of docs/results.md."""
+    """Every run against the independent verifier; times and energies against the table of docs/reference/results.md."""
     answer = solve_and_verify(Case.read(track, train))
     row = published()[track]
     said = [float(number) for number in re.findall(r"[\d.]+", row[1 + TRAINS.index(train)])]

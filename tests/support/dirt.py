@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from das.domain.route import Route
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.line import EARTH_RADIUS_M
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, Whereabouts, load_trip
@@ -79,7 +79,7 @@ def load(
     return load_trip(path, read_trip(path), on or route(), Whereabouts(line=long_posts(folder), **said))  # type: ignore[arg-type]
 
 
-def counts(trip: Trip) -> dict[Kind, int]:
+def counts(trip: Trip) -> dict[FindingKind, int]:
     return {finding.kind: finding.count for finding in trip.matched.report.cleaning.findings}
 
 
@@ -175,27 +175,27 @@ def early_start(p: Points) -> Points:
     return [replace(p[0], t=p[0].t - 200 + i) for i in range(200)] + p
 
 
-DEFECTS: dict[str, tuple[Callable[[Points], Points], dict[Kind, int]]] = {
+DEFECTS: dict[str, tuple[Callable[[Points], Points], dict[FindingKind, int]]] = {
     "nothing": (lambda p: p, {}),
-    "duplicates": (duplicates, {Kind.DUPLICATE_TIME: 4}),
-    "repeated block": (repeated_block, {Kind.DUPLICATE_TIME: 20}),
-    "times back": (times_back, {Kind.TIME_BACK: 3}),
-    "clock ahead": (clock_ahead, {Kind.TIME_BACK: 1}),
-    "jumps along": (jumps_along, {Kind.POSITION_JUMP: 6}),
-    "jumps aside": (jumps_aside, {Kind.POSITION_JUMP: 3}),
-    "block jump": (block_jump, {Kind.POSITION_JUMP: 30}),
-    "null island": (null_island, {Kind.POSITION_JUMP: 2}),
-    "frozen": (frozen, {Kind.POSITION_FROZEN: 8}),
-    "no position": (no_position, {Kind.NO_POSITION: 3}),
-    "spikes": (spikes, {Kind.SPEED_SPIKE: 4}),
-    "spikes while standing": (spike_while_standing, {Kind.SPEED_SPIKE: 2}),
-    "dropouts": (dropouts, {Kind.SPEED_DROPOUT: 4}),
-    "no speeds": (no_speeds, {Kind.SPEED_MISSING: 3}),
-    "gap": (gap, {Kind.GAP: 1}),
-    "gap while accelerating": (gap_while_accelerating, {Kind.GAP: 1}),
-    "newest first": (newest_first, {Kind.NEWEST_FIRST: 1}),
-    "late end": (late_end, {Kind.LONG_STAND_AT_END: 280}),
-    "early start": (early_start, {Kind.LONG_STAND_AT_START: 180}),
+    "duplicates": (duplicates, {FindingKind.DUPLICATE_TIME: 4}),
+    "repeated block": (repeated_block, {FindingKind.DUPLICATE_TIME: 20}),
+    "times back": (times_back, {FindingKind.TIME_BACK: 3}),
+    "clock ahead": (clock_ahead, {FindingKind.TIME_BACK: 1}),
+    "jumps along": (jumps_along, {FindingKind.POSITION_JUMP: 6}),
+    "jumps aside": (jumps_aside, {FindingKind.POSITION_JUMP: 3}),
+    "block jump": (block_jump, {FindingKind.POSITION_JUMP: 30}),
+    "null island": (null_island, {FindingKind.POSITION_JUMP: 2}),
+    "frozen": (frozen, {FindingKind.POSITION_FROZEN: 8}),
+    "no position": (no_position, {FindingKind.NO_POSITION: 3}),
+    "spikes": (spikes, {FindingKind.SPEED_SPIKE: 4}),
+    "spikes while standing": (spike_while_standing, {FindingKind.SPEED_SPIKE: 2}),
+    "dropouts": (dropouts, {FindingKind.SPEED_DROPOUT: 4}),
+    "no speeds": (no_speeds, {FindingKind.SPEED_MISSING: 3}),
+    "gap": (gap, {FindingKind.GAP: 1}),
+    "gap while accelerating": (gap_while_accelerating, {FindingKind.GAP: 1}),
+    "newest first": (newest_first, {FindingKind.NEWEST_FIRST: 1}),
+    "late end": (late_end, {FindingKind.LONG_STAND_AT_END: 280}),
+    "early start": (early_start, {FindingKind.LONG_STAND_AT_START: 180}),
 }
 
 
@@ -220,6 +220,6 @@ def all_together(points: Points) -> Points:
     return points
 
 
-TOGETHER_COUNTS: Counter[Kind] = sum(
+TOGETHER_COUNTS: Counter[FindingKind] = sum(
     (Counter(expected) for plant, expected in DEFECTS.values() if plant in TOGETHER), Counter()
 )

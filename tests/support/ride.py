@@ -1,4 +1,4 @@
-"""A run in closed loop within one process: a driver on a simulated train, with or without an advisor."""
+"""A simple run in one process: a driver on a simulated train over one way, with or without an advisor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix
-from sim.drivers.cab import AT_STOP_M, AdviceView, Cab, Driver, Presentation, present
+from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver, Presentation, present
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.plant import Plant, PlantState
 from tests.support.one_section import OneSection
@@ -17,15 +17,15 @@ LOOK_S = 0.2
 """A driver looks and acts this often."""
 ADVICE_EVERY_S = 1.0
 LONGEST_RATIO, LONGEST_S = 5.0, 1800.0
-"""A run may last so many times its timetable, and this much more."""
+"""A run may last this many times its timetable, and this much (s) longer."""
 
 Advise = Callable[[PlantState], AdviceView | None]
-"""What the display shows, asked once a second."""
+"""Tells what the display shows in a state of the train; called once a second."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Leg:
-    """From where to where (m), and when (s on the run's clock)."""
+    """A way (m) with its timetable (s on the run's clock)."""
 
     start_m: float
     stop_m: float
@@ -35,7 +35,7 @@ class Leg:
 
 @dataclass(frozen=True, kw_only=True)
 class Ride:
-    """The states of a run, one a second; in the last the train stands at the stop, or beyond it."""
+    """The states of a run, one a second. In the last one the train stands at the stop, or beyond it."""
 
     states: tuple[PlantState, ...]
 
@@ -45,7 +45,7 @@ class Ride:
 
 
 def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Advise | None = None) -> Ride:
-    """Drive a leg from standstill to standstill at the stop; DasError where the train does not get there."""
+    """Drive a way from standstill to standstill at the stop; raises DasError if the train does not get there."""
     latest_s = leg.departure_s + LONGEST_S + LONGEST_RATIO * (leg.arrival_s - leg.departure_s)
     looks = round(ADVICE_EVERY_S / LOOK_S)
     state = plant.at(leg.start_m)
@@ -53,7 +53,7 @@ def ride(plant: Plant, driver: Driver, line: LineKnowledge, leg: Leg, advise: Ad
     while not _arrived(state, leg):
         view = advise(state) if advise is not None else None
         for _ in range(looks):
-            cab = Cab(
+            cab = CabView(
                 time_s=state.time_s,
                 s_m=state.s_m,
                 speed_mps=state.speed_mps,

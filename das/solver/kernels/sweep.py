@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.solver.compiling import compiled, kernel
+from das.compiling.kernels import compiled, kernel
 from das.solver.kernels.transitions import TOGETHER
 from das.solver.tolerances import INFEASIBLE, UNREACHABLE
 

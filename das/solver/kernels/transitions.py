@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.solver.compiling import kernel
+from das.compiling.kernels import kernel
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS, landings, step_cost
 from das.solver.kernels.speed_grid import grid_speed, locate

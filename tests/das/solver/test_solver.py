@@ -14,13 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core import caching
 
+from das.compiling.kernels import kernel
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.solver import tolerances as tol
-from das.solver.compiling import kernel
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution

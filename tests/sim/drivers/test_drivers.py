@@ -25,9 +25,10 @@ from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from sim.drivers.cab import AdviceView, Cab, Driver, Presentation, Restriction, lever_ratio, present
+from sim.drivers.cab import AdviceView, CabView, Driver, PostedRestriction, Presentation, lever_ratio, present
 from sim.drivers.command import DRIVERS
-from sim.drivers.human import Event, HumanDriver
+from sim.drivers.diary import DriverEvent
+from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
 from sim.drivers.parameters import HumanParameters, parameter_markdown
 from sim.drivers.registry import DriverKind, make_driver
@@ -169,7 +170,7 @@ def test_nobody_leaves_early_and_everyone_minds_restrictions_and_signals(kind: D
     route, train = flat(7000.0, 40.0), RE460
     line, plant = LineKnowledge(route=route, vehicle=train), Plant(route, train)
     driver = make_driver(kind, line, parameters=STEADY)
-    restriction = Restriction(start_m=1500.0, end_m=1800.0, limit_mps=14.0)
+    restriction = PostedRestriction(start_m=1500.0, end_m=1800.0, limit_mps=14.0)
     state, signal_m, stood_s = plant.at(0.0), 4500.0, math.inf
     while state.time_s < 700.0:
         view = fastest_view(state) if kind in (DriverKind.PERFECT, DriverKind.HUMAN) else None
@@ -224,10 +225,10 @@ def cab_of(
     stop_m: float,
     arrival_s: float = 600.0,
     signal_m: float = math.inf,
-    restrictions: tuple[Restriction, ...] = (),
+    restrictions: tuple[PostedRestriction, ...] = (),
     advice: AdviceView | None = None,
-) -> Cab:
-    return Cab(
+) -> CabView:
+    return CabView(
         time_s=state.time_s,
         s_m=state.s_m,
         speed_mps=state.speed_mps,
@@ -369,7 +370,7 @@ def endless() -> LineKnowledge:
     return LineKnowledge(route=flat(50_000.0, 40.0), vehicle=RE460)
 
 
-def values(events: list[Event], what: str) -> np.ndarray:
+def values(events: list[DriverEvent], what: str) -> np.ndarray:
     return np.array([e.value for e in events if e.what == what])
 
 
@@ -437,7 +438,7 @@ def test_a_notched_controller_moves_notch_by_notch(short: Case) -> None:
     levers, times = [], []
 
     class Watched:
-        def command(self, cab: Cab) -> Command:
+        def command(self, cab: CabView) -> Command:
             command = human.command(cab)
             if cab.speed_mps > 0:
                 levers.append(command.value)

@@ -173,7 +173,7 @@ def test_halving_the_step_changes_the_energy_of_a_run_by_less_than_half_a_per_mi
     course = ((lever(0.9), 60), (speed(16.0), 120), (lever(1.0), 60), (COAST, 60), (lever(-0.3), 30))
     energies = []
     for step_s in (0.1, 0.05, 0.025):
-        plant = Plant(route, vehicle, step_s=step_s)
+        plant = Plant(route, vehicle, dynamics=Dynamics(step_s=step_s))
         state = plant.at(0.0)
         for command, seconds in course:
             state = plant.advance(state, command, seconds)
@@ -186,7 +186,7 @@ def test_the_error_falls_with_the_square_of_the_step() -> None:
     vehicle = load_vehicle("re460-ic")
     ends = []
     for step_s in (0.1, 0.05, 0.025):
-        plant = Plant(flat(60_000.0), vehicle, step_s=step_s)
+        plant = Plant(flat(60_000.0), vehicle, dynamics=Dynamics(step_s=step_s))
         start = plant.at(0.0, 25.0)._replace(force_el_n=float(vehicle.traction_effort_n(25.0)))
         ends.append(plant.advance(start, lever(1.0), 60.0))
     for name in ("s_m", "speed_mps", "input_j"):
@@ -425,7 +425,10 @@ def small_map() -> LossMap:
 
 
 BAD: list[tuple[Callable[[], object], str]] = [
-    (lambda: Plant(flat(100.0), make_train(), step_s=0.5), r"plant: step_s = 0.5: expected 0.02 to 0.1"),
+    (
+        lambda: Dynamics(step_s=0.5),
+        r"plant: step_s = 0.5: expected 0.02 to 0.1",
+    ),
     (lambda: Plant(flat(100.0), make_train()).advance(PlantState(0.0, 0.0, 0.0), COAST, 0.07), "not a whole number"),
     (lambda: Plant(flat(100.0), make_train(), conditions=Conditions(adhesion_ratio=0.5)), "adhesion is missing"),
     (lambda: Plant(flat(100.0), make_train(), patches=(Patch(adhesion_ratio=0.5),)), "adhesion is missing"),

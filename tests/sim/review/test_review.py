@@ -146,7 +146,7 @@ def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch, tmp_p
         rerun_view, "viewer_command", lambda rrd: [rerun_view.sys.executable, "-c", "raise SystemExit(3)"]
     )
     with pytest.raises(DasError, match="code 3"):
-        rerun_view._run_viewer(tmp_path / "x.rrd")
+        rerun_view.run_viewer(tmp_path / "x.rrd")
     started: list[rerun_view.subprocess.Popen[bytes]] = []
 
     class Interrupted(rerun_view.subprocess.Popen):  # type: ignore[type-arg]
@@ -161,18 +161,18 @@ def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch, tmp_p
         rerun_view, "viewer_command", lambda rrd: [rerun_view.sys.executable, "-c", "import time; time.sleep(60)"]
     )
     with pytest.raises(KeyboardInterrupt):
-        rerun_view._run_viewer(tmp_path / "x.rrd")
+        rerun_view.run_viewer(tmp_path / "x.rrd")
     assert started[0].poll() is not None
 
 
 def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    from sim.review.series import Trip, series
+    from sim.review.series import DrivenCourse, series
 
     path = tmp_path / "early.mcap"
     write_recording(path, seconds=30, before=publish_before)
     recording = read_recording(path)
-    data = series(recording, Trip.of(recording))
+    data = series(recording, DrivenCourse.of(recording))
     assert data["deviation/operator"][1].tolist() == [20.0, 30.0, 30.0]
     assert len(data["speed/advised"][0]) == 30
     rerun_view.save_view(path, tmp_path / "view.rrd")

@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from typer.testing import CliRunner
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from das.domain.units import KM
-from sim.cli.commands import app
 from sim.review.happenings import NOT_HEARD, happenings, points, signals, silences
 from sim.review.lanes import TOP_SPEED, lanes
 from sim.review.limits import limit_in_force, temporary_limits
-from sim.review.series import Trip, series
+from sim.review.series import DrivenCourse, series
 from sim.review.story import Story
+from tests.support.making import das_sim
 from tests.support.recordings import START_NS, at_ns, write_recording
 
 SPEED_MPS, LINE_MPS = 20.0, 40.0
@@ -74,7 +73,7 @@ def logged(t_s: float, text: str, topic: topics.Topic = topics.LOG, level: int =
 def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
     one, other, late = (400.0, 600.0, 10.0), (500.0, 800.0, 15.0), (1000.0, 1400.0, 12.0)
     recording = recorded(told(5, one, other), told(60, one, other, late), told(65))
-    trip = Trip.of(recording)
+    trip = DrivenCourse.of(recording)
     at, limit_mps = limit_in_force(recording, trip)
     for t, limit in zip((at - START_NS) / 1e9, limit_mps, strict=True):
         s_m = SPEED_MPS * t
@@ -88,17 +87,17 @@ def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
 def test_behind_a_restriction_the_tail_counts_as_long_as_the_node_says() -> None:
     tail = [advice(t, limit_mps=10.0 if 20 <= t <= 38 else LINE_MPS) for t in range(SECONDS)]
     recording = recorded(told(5, (400.0, 600.0, 10.0)), *tail)
-    at, limit_mps = limit_in_force(recording, Trip.of(recording))
+    at, limit_mps = limit_in_force(recording, DrivenCourse.of(recording))
     slow = (at[limit_mps == 10.0] - START_NS) / 1e9
     assert (slow.min(), slow.max()) == (20.0, 38.0)
     lower = [advice(t, limit_mps=1.0) for t in range(SECONDS)]  # a node's own limit is not the line's
     recording = recorded(told(5, (400.0, 600.0, 10.0)), *lower)
-    assert limit_in_force(recording, Trip.of(recording))[1].min() == 10.0
+    assert limit_in_force(recording, DrivenCourse.of(recording))[1].min() == 10.0
 
 
 def test_a_restriction_that_is_none_is_left_out() -> None:
     recording = recorded(told(5, (600.0, 400.0, 10.0), (0.0, math.nan, 10.0), (0.0, 900.0, 0.0)))
-    trip = Trip.of(recording)
+    trip = DrivenCourse.of(recording)
     assert temporary_limits(recording, trip) == ()
     assert set(limit_in_force(recording, trip)[1]) == {LINE_MPS}
 
@@ -110,14 +109,14 @@ def test_silences_have_their_reasons() -> None:
     recording = recorded(*said, *reasons)
     found = [
         (round((x.start_ns - START_NS) / 1e9), round((x.end_ns - START_NS) / 1e9), x.text)
-        for x in silences(recording, Trip.of(recording))
+        for x in silences(recording, DrivenCourse.of(recording))
     ]
     assert found == [
         (0, 5, NOT_HEARD), (22, 30, NOT_HEARD), (50, 55, "the position is 4.0 s old"),
         (55, 60, "outside the section"), (93, 100, NOT_HEARD),
     ]  # fmt: skip
     nobody = recorded()
-    assert silences(nobody, Trip.of(nobody)) == ()
+    assert silences(nobody, DrivenCourse.of(nobody)) == ()
 
 
 def test_what_is_advised_has_a_gap_where_the_node_is_not_heard() -> None:
@@ -147,7 +146,7 @@ def test_targets_say_what_they_ask() -> None:
         (topics.TARGET, das_pb2.Targets(time_ns=at_ns(20), targets=[window])),
         (topics.TARGET, das_pb2.Targets(time_ns=at_ns(30), targets=[window, later])),
     )
-    found = [(x.s_m, x.text) for x in points(recording, Trip.of(recording))]
+    found = [(x.s_m, x.text) for x in points(recording, DrivenCourse.of(recording))]
     assert found == [(800.0, "not before +50 s, not after +70 s"), (1900.0, "arrival +120 s")]
 
 
@@ -158,7 +157,7 @@ def test_what_happened_is_told_once_and_in_order() -> None:
         logged(40, "no advice: the clock was set", topics.EVENT, Log.WARNING),
         logged(30, "position rejected", topics.EVENT, Log.WARNING),
     )  # fmt: skip
-    trip = Trip.of(recording)
+    trip = DrivenCourse.of(recording)
     found = [(x.kind, x.text) for x in happenings(recording, trip, silences(recording, trip))]
     assert found == [
         ("log", "(7 s before) departed"), ("warning", "position rejected"),
@@ -173,7 +172,7 @@ def test_cab_and_estimates_are_series() -> None:
         cab(0, **shows), cab(1, **{**shows, "presentation": 0}), (topics.ESTIMATE, estimate),
         advice(2, s_m=43.0, position_sd_m=1.5), advice(3, s_m=59.0, position_sd_m=0.0),
     )  # fmt: skip
-    data = series(recording, Trip.of(recording))
+    data = series(recording, DrivenCourse.of(recording))
     assert data["speed/shown"][1][0] == pytest.approx(68.4)
     assert np.isnan(data["speed/shown"][1][1])
     assert data["lever/shown"][1][0] == pytest.approx(25.0)
@@ -191,7 +190,9 @@ def test_lanes() -> None:
         cab(10, presentation=3, mode=4), cab(20, presentation=0, mode=4), cab(30, presentation=1, mode=8),
         cab(40, presentation=3, mode=99), cab(50, signal_m=1500.0), cab(60),
     )  # fmt: skip
-    found = {lane.name: [change.state for change in lane.changes] for lane in lanes(recording, Trip.of(recording))}
+    found = {
+        lane.name: [change.state for change in lane.changes] for lane in lanes(recording, DrivenCourse.of(recording))
+    }
     assert found == {
         "advised": ["cruise", "coast", ""], "shown": [TOP_SPEED, "coast", "", "stop", "99", ""],
         "no advice": [NOT_HEARD, ""], "signal": ["at danger, km 1.5", ""],
@@ -252,18 +253,28 @@ def test_the_whole_picture_has_every_panel() -> None:
     full, least = time_panels.panels(Story.of(day())), time_panels.panels(Story.of(recorded()))
     assert list(full) == ["speed", "lanes", "lever", "deviation", "buffer", "estimate", "calibration"]
     assert list(least) == ["speed"]
-    assert whole_picture._draw(day()).startswith(b"\x89PNG")
+    assert len(whole_picture.picture_of(day()).axes) == 3 + len(full)
 
 
 @pytest.mark.parametrize("only", [(topics.POSITION,), (topics.ADVICE,), topics.RECORDED])
 @pytest.mark.parametrize("seconds", [1, 30])
 def test_png_of_little(tmp_path: Path, only: tuple[topics.Topic, ...], seconds: int) -> None:
     pytest.importorskip("matplotlib")
-    recording = write_recording(tmp_path / "little.mcap", only=only, seconds=seconds)
-    answer = CliRunner().invoke(app, ["view", str(recording), "--png", str(tmp_path / "little.png")])
-    assert answer.exit_code == 0, answer.output
+    write_recording(tmp_path / "little.mcap", only=only, seconds=seconds)
+    answer = das_sim("view", "little.mcap", "--png", "little.png", cwd=tmp_path)
+    assert answer.returncode == 0, answer.stderr
     assert (tmp_path / "little.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["little.mcap", "little.png"]
+
+
+@pytest.mark.parametrize(("suffix", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_the_suffix_decides_the_kind_of_picture(tmp_path: Path, suffix: str, begins: bytes) -> None:
+    pytest.importorskip("matplotlib")
+    from sim.review.whole_picture import save_picture
+
+    recording = write_recording(tmp_path / "r.mcap", seconds=2)
+    save_picture(recording, tmp_path / f"x.{suffix}")
+    assert (tmp_path / f"x.{suffix}").read_bytes().startswith(begins)
 
 
 def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -272,13 +283,14 @@ def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.M
     recording = write_recording(tmp_path / "r.mcap", seconds=2)
     before = recording.read_bytes()
     for arguments, reason in (
-        (["--png", str(recording)], "is the recording to read"),
+        (["--save", str(recording)], "is one that is read"),
         (["--png", str(tmp_path / "nowhere" / "x.png")], "no such folder"),
-        (["--png", str(tmp_path / "x"), "--save", str(tmp_path / "x")], "name the same file"),
+        (["--plot", str(tmp_path / "x.svg"), "--save", str(tmp_path / "x.svg")], "name the same file"),
+        (["--plot", str(tmp_path / "x.jpg")], "expected a file name that ends in .png, .pdf or .svg"),
     ):
-        answer = CliRunner().invoke(app, ["view", str(recording), *arguments])
-        assert isinstance(answer.exception, DasError)
-        assert reason in str(answer.exception)
+        answer = das_sim("view", str(recording), *arguments, cwd=tmp_path)
+        assert answer.returncode == 2
+        assert reason in answer.stderr
     assert recording.read_bytes() == before
     monkeypatch.setattr(whole_picture.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(DasError, match=r"matplotlib is not installed.*\[view\]"):

@@ -17,8 +17,9 @@ from das.bus.recorder import RecordingFile
 from das.bus.topics import POSITION
 from das.domain.errors import DasError
 from sim.trips import cleaning
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.reading import read_trip
+from sim.trips.settings import POSITIONS
 from sim.trips.trip import Whereabouts, load_trip
 from tests.support.dirt import (
     DEFECTS,
@@ -43,7 +44,7 @@ from tests.support.made_line import route
 
 @pytest.mark.parametrize(("plant", "expected"), DEFECTS.values(), ids=DEFECTS)
 def test_a_planted_defect_is_found_and_mended(
-    tmp_path: Path, plant: Callable[[Points], Points], expected: dict[Kind, int]
+    tmp_path: Path, plant: Callable[[Points], Points], expected: dict[FindingKind, int]
 ) -> None:
     trip = load(tmp_path, plant(clean()))
     assert counts(trip) == expected
@@ -75,7 +76,7 @@ def test_defects_are_counted_in_noise_too(tmp_path: Path, seed: int) -> None:
         noisy.append(replace(p, s_m=p.s_m + error, v=v, east_m=5 * rng.standard_normal()))
     trip = load(tmp_path, all_together(noisy))
     found = counts(trip)
-    for mended in (Kind.STANDING_DRIFT, Kind.STEP_BACK):
+    for mended in (FindingKind.STANDING_DRIFT, FindingKind.STEP_BACK):
         found.pop(mended, None)
     assert found == TOGETHER_COUNTS
     run = trip.run
@@ -88,7 +89,7 @@ def test_defects_are_counted_in_noise_too(tmp_path: Path, seed: int) -> None:
 def test_the_report_says_where_first_and_what(tmp_path: Path) -> None:
     trip = load(tmp_path, spikes(jumps_along(gap(clean()))))
     found = {f.kind: f for f in trip.matched.report.cleaning.findings}
-    jump, spike, hole = (found[kind] for kind in (Kind.POSITION_JUMP, Kind.SPEED_SPIKE, Kind.GAP))
+    jump, spike, hole = (found[kind] for kind in (FindingKind.POSITION_JUMP, FindingKind.SPEED_SPIKE, FindingKind.GAP))
     assert (jump.first, jump.detail) == ("line 52", "by up to 300 m")
     assert (spike.first, spike.first_time) == ("line 47", "2016-07-29 08:14:05")
     assert spike.detail.startswith("355 instead of ")
@@ -101,7 +102,7 @@ def test_the_report_says_where_first_and_what(tmp_path: Path) -> None:
 def test_a_record_that_ends_moving_is_left_open(tmp_path: Path) -> None:
     cut = [p for p in clean() if p.t <= STOOD_S + 280]
     trip = load(tmp_path, cut)
-    assert counts(trip) == {Kind.ENDS_MOVING: 1}
+    assert counts(trip) == {FindingKind.ENDS_MOVING: 1}
     (finding,) = trip.matched.report.cleaning.findings
     assert finding.detail == f"at {cut[-1].v * 3.6:.0f} km/h, {LENGTH_M - cut[-1].s_m:.0f} m before B"  # type: ignore[operator]
     assert not trip.whole
@@ -110,7 +111,7 @@ def test_a_record_that_ends_moving_is_left_open(tmp_path: Path) -> None:
 
 def test_a_record_without_speeds_is_led_by_its_positions(tmp_path: Path) -> None:
     trip = load(tmp_path, clean(), speeds=False)
-    assert counts(trip) == {Kind.SPEED_MISSING: len(clean())}
+    assert counts(trip) == {FindingKind.SPEED_MISSING: len(clean())}
     assert trip.matched.dropout.all()
     grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
     t, s, v = (np.array([getattr(p, name) for p in clean()]) for name in ("t", "s_m", "v"))
@@ -121,7 +122,7 @@ def test_a_record_without_speeds_is_led_by_its_positions(tmp_path: Path) -> None
 @pytest.mark.parametrize("factor", [3.6, 1 / 3.6])
 def test_speeds_in_another_unit_are_not_used(tmp_path: Path, factor: float) -> None:
     trip = load(tmp_path, [replace(p, v=p.v * factor) for p in clean()])  # type: ignore[operator]
-    assert counts(trip) == {Kind.SPEED_MISSING: len(clean())}
+    assert counts(trip) == {FindingKind.SPEED_MISSING: len(clean())}
     (finding,) = trip.matched.report.cleaning.findings
     assert finding.detail.endswith("so most are: another unit?")
     assert trip.run.speed_mps.max() == pytest.approx(30, abs=0.5)
@@ -150,7 +151,7 @@ def test_a_long_block_of_spikes_or_dropouts_is_found_whole() -> None:
 @given(st.lists(st.integers(0, 12), min_size=1, max_size=9))
 def test_the_longest_rise_is_the_longest(values: list[int]) -> None:
     """Against all subsets."""
-    chain = cleaning._longest_rise(np.array(values))
+    chain = cleaning.longest_rise(np.array(values))
     assert (np.diff(np.array(values)[chain]) > 0).all()
     best = max(
         size
@@ -169,9 +170,9 @@ def test_the_longest_chain_is_the_longest(strays: list[float], count: int) -> No
     table[np.triu_indices(8, 1)] = strays
 
     def worth(some: Sequence[int]) -> float:
-        return len(some) - sum(cleaning.STRAY_WEIGHT * table[a, b] ** 2 * (b - a - 1) for a, b in pairwise(some))
+        return len(some) - sum(POSITIONS.stray_weight * table[a, b] ** 2 * (b - a - 1) for a, b in pairwise(some))
 
-    chain = cleaning._longest_chain(lambda i, j: table[i, j], np.arange(float(count)))
+    chain = cleaning.longest_chain(lambda i, j: table[i, j], np.arange(float(count)))
     assert all(table[a, b] < 1 for a, b in pairwise(chain))
     best = max(
         worth(some)
@@ -210,8 +211,8 @@ def test_a_minute_of_positions_far_off_is_not_the_trip(tmp_path: Path, ahead_m: 
     points = clean()
     shifted = changed(points, range(150, 210), s_m=lambda q: q.s_m + ahead_m)
     trip = load(tmp_path, shifted, speeds=speeds)
-    assert counts(trip)[Kind.POSITION_JUMP] == 60
-    assert not {Kind.SPEED_DROPOUT, Kind.SPEED_SPIKE} & counts(trip).keys()
+    assert counts(trip)[FindingKind.POSITION_JUMP] == 60
+    assert not {FindingKind.SPEED_DROPOUT, FindingKind.SPEED_SPIKE} & counts(trip).keys()
     t, s = np.array([p.t for p in points]), np.array([p.s_m for p in points])
     grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
     assert np.abs(trip.run.s_m - np.interp(grid, t, s)).max() < 15
@@ -226,9 +227,9 @@ def test_a_long_noisy_stand_is_one_stand(tmp_path: Path, spiked: bool) -> None:
     points = [replace(p, t=EARLIEST_S + i) for i, p in enumerate(points)]
     trip = load(tmp_path, changed(points, (500, 800), v=98.6), speeds=spiked)
     arrived = next(i for i, p in enumerate(clean()) if i > STOOD_S and p.v == 0)
-    at = (int(trip.matched.time_ns[trip.matched.arrival]) * 1e-9) - EPOCH_S - EARLIEST_S
+    at = (int(trip.matched.time_ns[trip.matched.ends.arrival]) * 1e-9) - EPOCH_S - EARLIEST_S
     assert at == pytest.approx(arrived, abs=8)
-    assert counts(trip)[Kind.LONG_STAND_AT_END] > 800
+    assert counts(trip)[FindingKind.LONG_STAND_AT_END] > 800
 
 
 EARLIEST_S = 100.0
@@ -238,7 +239,7 @@ def test_positions_frozen_to_the_end_are_no_stop(tmp_path: Path) -> None:
     """The receiver holds its last fix while the speeds go on: nobody knows where the train came to stand."""
     points = clean()
     trip = load(tmp_path, changed(points, range(251, len(points)), s_m=points[250].s_m))
-    assert counts(trip) == {Kind.POSITION_FROZEN: len(points) - 251, Kind.ENDS_MOVING: 1}
+    assert counts(trip) == {FindingKind.POSITION_FROZEN: len(points) - 251, FindingKind.ENDS_MOVING: 1}
     check_truth(trip, points)
 
 
@@ -247,11 +248,11 @@ def test_a_dropout_beside_a_gap_or_a_stop_is_found_whole(tmp_path: Path) -> None
     points = clean()
     dropped = changed(points, [*range(140, 150), *range(180, 190), *range(300, 335)], v=0.0)
     trip = load(tmp_path, dropped[:150] + dropped[180:])
-    assert counts(trip)[Kind.SPEED_DROPOUT] >= 20 + 25
+    assert counts(trip)[FindingKind.SPEED_DROPOUT] >= 20 + 25
     at = (trip.matched.time_ns * 1e-9) - EPOCH_S
     assert trip.matched.s_m == pytest.approx(np.interp(at, [p.t for p in points], [p.s_m for p in points]), abs=4)
     arrived = next(p.t for i, p in enumerate(points) if i > STOOD_S and p.v == 0)
-    assert at[trip.matched.arrival] == pytest.approx(arrived, abs=3)
+    assert at[trip.matched.ends.arrival] == pytest.approx(arrived, abs=3)
 
 
 def test_a_speed_of_0_in_another_unit_is_a_stand(tmp_path: Path) -> None:
@@ -261,7 +262,7 @@ def test_a_speed_of_0_in_another_unit_is_a_stand(tmp_path: Path) -> None:
     sparse = [first, *points[5:-5], last]
     trip = load(tmp_path, [replace(p, v=p.v / 3.6 if p.v else p.v) for p in sparse])
     assert trip.whole
-    assert counts(trip)[Kind.SPEED_MISSING] == len(sparse)
+    assert counts(trip)[FindingKind.SPEED_MISSING] == len(sparse)
     with pytest.raises(DasError, match=r"cannot be aligned .* \(its speeds are not those of its positions"):
         load(tmp_path, [replace(p, v=5.0) for p in points[60:-60]])
 

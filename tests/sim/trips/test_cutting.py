@@ -11,7 +11,7 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.route import Floats, Stop
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.reading import read_trip
 from sim.trips.standing import slowed_to
 from sim.trips.trip import Whereabouts, load_trip
@@ -46,10 +46,10 @@ def test_points_before_and_after_the_section_are_cut(tmp_path: Path) -> None:
     run = motion(3000.0)[0]
     one = len(run) + 20  # the way and the stand before it
     assert counts(trip) == {
-        Kind.BEFORE_SECTION: one - 1,
-        Kind.AFTER_SECTION: one - 1,
-        Kind.LONG_STAND_AT_START: 42 - 31,
-        Kind.LONG_STAND_AT_END: 42 - 31,
+        FindingKind.BEFORE_SECTION: one - 1,
+        FindingKind.AFTER_SECTION: one - 1,
+        FindingKind.LONG_STAND_AT_START: 42 - 31,
+        FindingKind.LONG_STAND_AT_END: 42 - 31,
     }
     assert trip.whole
     check_truth(trip, points)
@@ -62,8 +62,8 @@ def test_with_geometry_points_beyond_the_line_are_cut(tmp_path: Path) -> None:
     path = write(tmp_path, points)
     trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
     one = len(motion(3000.0)[0]) + 20
-    assert counts(trip)[Kind.OFF_LINE] == 30
-    assert counts(trip)[Kind.BEFORE_SECTION] == one - 1 - 30
+    assert counts(trip)[FindingKind.OFF_LINE] == 30
+    assert counts(trip)[FindingKind.BEFORE_SECTION] == one - 1 - 30
     assert trip.matched.report.anchor == "route"
     check_truth(trip, points)
 
@@ -74,10 +74,10 @@ def test_a_train_that_passes_the_stops_is_cut_there(tmp_path: Path) -> None:
     trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
     before, after = sum(p.s_m < 0 for p in points), sum(p.s_m > LENGTH_M for p in points)
     assert counts(trip) == {
-        Kind.BEFORE_SECTION: before,
-        Kind.AFTER_SECTION: after,
-        Kind.STARTS_MOVING: 1,
-        Kind.ENDS_MOVING: 1,
+        FindingKind.BEFORE_SECTION: before,
+        FindingKind.AFTER_SECTION: after,
+        FindingKind.STARTS_MOVING: 1,
+        FindingKind.ENDS_MOVING: 1,
     }
     assert not trip.whole
 
@@ -86,7 +86,7 @@ def test_there_and_back_is_the_way_there(tmp_path: Path) -> None:
     there = clean()
     back = [replace(p, t=p.t + there[-1].t + 1, s_m=LENGTH_M - p.s_m) for p in there]
     trip = load(tmp_path, there + back)
-    assert counts(trip)[Kind.AFTER_SECTION] > 300
+    assert counts(trip)[FindingKind.AFTER_SECTION] > 300
     assert trip.whole
     check_truth(trip, there)
 
@@ -126,10 +126,10 @@ def test_parts_far_apart_in_time_are_not_joined(tmp_path: Path) -> None:
     """The clock of the first five points is a day behind; and a logger that slept while the train drove on."""
     points = clean()
     trip = load(tmp_path, changed(points, range(5), t=lambda q: q.t - 86400))
-    assert counts(trip) == {Kind.LONG_STAND_AT_START: 5}
+    assert counts(trip) == {FindingKind.LONG_STAND_AT_START: 5}
     later = [replace(p, t=p.t + 400) for p in points[200:]]
     trip = load(tmp_path, points[:160] + later)
-    assert counts(trip) == {Kind.FAR_APART: len(later), Kind.ENDS_MOVING: 1}
+    assert counts(trip) == {FindingKind.FAR_APART: len(later), FindingKind.ENDS_MOVING: 1}
 
 
 @pytest.mark.parametrize("kind", ["posts", "geometry", "positions"])
@@ -139,7 +139,7 @@ def test_a_trip_the_other_way_is_driven_the_other_way(tmp_path: Path, kind: str)
     path = write(tmp_path, back, on_route=kind == "positions")
     said = Whereabouts(line=long_posts(tmp_path) if kind == "posts" else None)
     trip = load_trip(path, read_trip(path), route(geometry=kind == "geometry"), said)
-    assert counts(trip) == {Kind.OTHER_WAY: 1}
+    assert counts(trip) == {FindingKind.OTHER_WAY: 1}
     (finding,) = trip.matched.report.cleaning.findings
     posts = f", or turn the list {said.line} round" if said.line else ""
     assert finding.detail == f"B to A: give --reverse{posts}"
@@ -173,7 +173,7 @@ def test_a_record_without_speeds_need_not_stand_at_its_ends(tmp_path: Path, ever
     assert trip.whole
     assert trip.matched.report.anchor == "start and end"
     assert trip.run.time_s[-1] == pytest.approx(run[-1].t, abs=1.0)
-    assert counts(trip)[Kind.SLOWS_TO_STAND] == 2
+    assert counts(trip)[FindingKind.SLOWS_TO_STAND] == 2
     assert 0 <= trip.matched.report.stand_uncertainty_m < 0.5  # it stands exactly there
 
 
@@ -184,7 +184,7 @@ def test_how_far_the_stand_is_beyond_is_told(tmp_path: Path, cut: int) -> None:
     trip = load(tmp_path, run[:-cut], speeds=False)
     said_m = trip.matched.report.stand_uncertainty_m
     assert run[-1].s_m - run[-1 - cut].s_m <= said_m < 5.0
-    (told,) = (f for f in trip.matched.report.cleaning.findings if f.kind == Kind.SLOWS_TO_STAND)
+    (told,) = (f for f in trip.matched.report.cleaning.findings if f.kind == FindingKind.SLOWS_TO_STAND)
     assert told.detail.startswith(f"the stand is up to {said_m:.1f} m and ")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, Whereabouts, load_trip
 from sim.trips.writing import write_cleaned
@@ -56,13 +56,13 @@ def test_a_cleaned_trip_reads_back_as_the_same(tmp_path: Path, reverse: bool, sp
     written, again = reread(tmp_path, first, "cleaned.csv")
     rewritten, _ = reread(tmp_path, again, "again.csv")
     assert rewritten == written
-    assert set(counts(again)) <= {Kind.GAP}
+    assert set(counts(again)) <= {FindingKind.GAP}
     a, b = first.matched, again.matched
     assert np.array_equal(a.time_ns, b.time_ns)
     assert np.array_equal(a.latitude_deg, b.latitude_deg)
     assert np.array_equal(a.dropout, b.dropout)
     assert np.array_equal(a.standing, b.standing)
-    assert (a.departure, a.arrival) == (b.departure, b.arrival)
+    assert a.ends == b.ends
     assert b.s_m == pytest.approx(a.s_m, abs=1e-6)
     assert b.speed_mps == pytest.approx(a.speed_mps, abs=1e-6)
     assert again.run.speed_mps == pytest.approx(first.run.speed_mps, abs=1e-4)

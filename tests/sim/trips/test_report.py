@@ -19,25 +19,24 @@ from das.domain.route import Floats
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
-from sim.cli.options import ReplayOptions
 from sim.processes.lockstep import Traffic
 from sim.replay import report as replay_report
 from sim.replay.job import prepare
-from sim.replay.replay import Outcome
+from sim.replay.options import ReplayOptions
+from sim.replay.replay import ReplayOutcome
 from sim.trips import command as trip_command
 from sim.trips import picture as trip_picture
 from sim.trips.estimate import (
-    MASS_RATIO,
-    RESISTANCE_RATIO,
-    WIND_MPS,
     EnergyRange,
     energy_range,
     estimate_run,
     strongest_held_n,
 )
+from sim.trips.options import TripOptions
 from sim.trips.picture import FORCES_SHOWN_RATIO
 from sim.trips.reading import read_trip
 from sim.trips.saving import saving_range
+from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip, Whereabouts, load_trip
 from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, dropouts, late_end, spikes, write
 from tests.support.made_line import north, posts_file, route
@@ -72,10 +71,15 @@ def test_each_unknown_moves_the_energy_as_it_must(driven: tuple[Trip, Section, E
     middle, a = 0.5 * (v[1:] + v[:-1]), np.diff(v) / np.diff(t)
     braked = np.minimum(section.vehicle.mass_kg * a + C0_N + C2 * middle**2, 0.0)
     recovered = float(-(braked * np.diff(run.s_m)).sum())
-    wind = {sign: C2 * np.trapezoid((2 * sign * WIND_MPS * v + WIND_MPS**2) * v, t) for sign in (-1, 1)}
+    wind = {
+        sign: C2 * np.trapezoid((2 * sign * ESTIMATE.wind_mps * v + ESTIMATE.wind_mps**2) * v, t) for sign in (-1, 1)
+    }
     off = {
-        "mass": (-MASS_RATIO * C0_N * LENGTH_M, MASS_RATIO * C0_N * LENGTH_M),
-        "running resistance": (-RESISTANCE_RATIO * found.estimate_j, RESISTANCE_RATIO * found.estimate_j),
+        "mass": (-ESTIMATE.mass_ratio * C0_N * LENGTH_M, ESTIMATE.mass_ratio * C0_N * LENGTH_M),
+        "running resistance": (
+            -ESTIMATE.resistance_ratio * found.estimate_j,
+            ESTIMATE.resistance_ratio * found.estimate_j,
+        ),
         "wind along the line": (wind[-1], wind[1]),
         "braking": (0.0, recovered),
     }
@@ -169,7 +173,7 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
 def _unwritable(points: Points, folder: Path) -> dict[str, tuple[dict[str, Any], str]]:
     trip = write(folder, points, on_route=True)
     return {
-        "itself": ({"write": trip}, "the file to write is the trip to read"),
+        "itself": ({"out": trip}, "the file to write is one that is read"),
         "nowhere": ({"plot": folder / "no" / "x.png"}, "no such folder"),
         "strict": ({"strict": True}, "line 43: time given twice"),
         "stops": ({"from_stop": "nowhere"}, "no stop 'nowhere'"),
@@ -182,9 +186,10 @@ def _unwritable(points: Points, folder: Path) -> dict[str, tuple[dict[str, Any],
 def test_the_command_refuses_before_it_writes(tmp_path: Path, name: str) -> None:
     dirty = [q for i, p in enumerate(clean(6000.0)) for q in ([p, p] if i == 40 else [p])]
     changed, expected = _unwritable(dirty, tmp_path)[name]
-    arguments: dict[str, Any] = {"file": tmp_path / "trip.csv", "route": "flat-6km", "write": tmp_path / "out.csv"}
+    said = {"route": "flat-6km", **{key: value for key, value in changed.items() if key not in ("out", "plot")}}
+    written = {"out": tmp_path / "out.csv", **{key: changed[key] for key in ("out", "plot") if key in changed}}
     with pytest.raises(DasError, match=expected):
-        trip_command.trip(**{**arguments, **changed})
+        trip_command.trip(tmp_path / "trip.csv", TripOptions(**said), **written)
     assert not (tmp_path / "out.csv").exists()
 
 
@@ -212,7 +217,7 @@ def test_the_picture_is_scaled_to_forces_that_are_held(driven: tuple[Trip, Secti
 
     axis = Figure().subplots()
     found = estimate_run(driven[1], *braked_hard_at_last())
-    trip_picture._forces(axis, found)
+    trip_picture.draw_forces(axis, found)
     shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(found)) / 1e3
     assert axis.get_ylim() == pytest.approx((-shown_kn, shown_kn))
     assert axis.get_title() == "cut, as shorter than 8 s: -148 kN"
@@ -275,9 +280,9 @@ def test_who_drove_the_optimum_is_not_told_he_could_have_saved(tmp_path: Path) -
     assert abs(found.estimate_j) < 0.01 * least_j
     assert not replay_report.saving_certain(found, least_j)
     figures = {"saved_kwh": 1.0, "saved_ratio": 0.01, "direction_known": True}
-    told = replay_report._saving({**figures, "saving_certain": False, "saved_low_kwh": -0.8, "saved_high_kwh": 2.0})
+    told = replay_report.saving_rows({**figures, "saving_certain": False, "saved_low_kwh": -0.8, "saved_high_kwh": 2.0})
     assert told == [("advice would have saved", "perhaps nothing"), ("  it may have been", "-1 to 2 kWh")]
-    told = replay_report._saving({**figures, "saving_certain": True, "saved_low_kwh": 0.6, "saved_high_kwh": 2.0})
+    told = replay_report.saving_rows({**figures, "saving_certain": True, "saved_low_kwh": 0.6, "saved_high_kwh": 2.0})
     assert told == [("advice would have saved", "1.0 kWh (1 %)"), ("  it may have been", "1 to 2 kWh")]
 
 
@@ -286,13 +291,13 @@ def test_no_saving_is_stated_before_the_direction_is_known(tmp_path: Path, rever
     """By kilometre posts, in the trip's own order, either direction may be right: the user must say."""
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     trip = write(tmp_path, clean(6000.0), on_route=False)
-    options = ReplayOptions(route="flat-6km", vehicle="re460-ic", line=posts, reverse=reverse)
+    options = ReplayOptions(trip=TripOptions(route="flat-6km", vehicle="re460-ic", line=posts, reverse=reverse))
     found = replay_report.result(
-        prepare(trip, options, tmp_path / "out.mcap", "test"), Outcome(traffic=Traffic(), replay_s=1.0)
+        prepare(trip, options, tmp_path / "out.mcap", "test"), ReplayOutcome(traffic=Traffic(), replay_s=1.0)
     )
     assert found["direction_known"] == (reverse is not None)
     assert (found["saved_kwh"] is None) == (reverse is None)
-    told = [note for note in replay_report._notes(found) if "which way the trip ran" in note]
+    told = [note for note in replay_report.notes(found) if "which way the trip ran" in note]
     assert len(told) == (reverse is None)
     if reverse is not None:
         assert found["saved_low_kwh"] < found["saved_kwh"] < found["saved_high_kwh"]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from das.domain.errors import DasError
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import match_trip
 from sim.trips.profile import to_profile
@@ -146,7 +146,7 @@ def test_small_backward_steps_are_made_flat_and_counted(tmp_path: Path) -> None:
     noisy = s.copy()
     noisy[100] -= 45  # 15 m behind the point before, at 30 m/s
     result = matched(record(t, noisy, v), posts(tmp_path), route())
-    assert counts(result) == {Kind.STEP_BACK: 1}
+    assert counts(result) == {FindingKind.STEP_BACK: 1}
     assert result.s_m[100] == result.s_m[99]
     assert np.diff(result.s_m).min() >= 0
 
@@ -188,7 +188,7 @@ def test_a_trip_that_does_not_fit_is_refused(tmp_path: Path, make, expected: str
 def test_stops_in_the_wrong_order_are_refused(tmp_path: Path) -> None:
     on = route()
     with pytest.raises(DasError, match="B does not lie before A on the route as driven"):
-        match_trip(record(*motion()), posts(tmp_path), on, on.stops[1], on.stops[0])
+        match_trip(record(*motion()), posts(tmp_path), on, (on.stops[1], on.stops[0]))
 
 
 @pytest.mark.parametrize("first", [30, 120, 150])
@@ -199,7 +199,7 @@ def test_dropouts_are_found_and_bridged(tmp_path: Path, first: int, count: int) 
     reported[first : first + count] *= 0.02
     result = matched(record(t, s, reported), posts(tmp_path), route())
     assert np.flatnonzero(result.dropout).tolist() == list(range(first, first + count))
-    assert counts(result) == {Kind.SPEED_DROPOUT: count}
+    assert counts(result) == {FindingKind.SPEED_DROPOUT: count}
     assert result.speed_mps == pytest.approx(v, abs=1.0)
     run = to_profile(result)
     assert np.abs(run.acceleration_mps2).max() < 0.6

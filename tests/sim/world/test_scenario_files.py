@@ -11,7 +11,7 @@ import pytest
 from das.domain.errors import DasError
 from sim.world.day import make_day
 from sim.world.disturbances import (
-    Restriction,
+    AnnouncedRestriction,
     described,
 )
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
@@ -130,7 +130,7 @@ def test_units_defaults_and_files_beside_the_scenario(flat: Callable[..., Path])
     assert scenario.dwell_s == 60
     assert scenario.departure_ns == 1_795_248_240_000_000_000
     (drawn,) = scenario.day(4)
-    assert isinstance(drawn, Restriction)
+    assert isinstance(drawn, AnnouncedRestriction)
     assert 10 <= drawn.speed_mps <= 20
     assert (drawn.from_m, drawn.to_m, drawn.announced_m) == (1000, 2000, 500)
     beside = read_scenario(flat(base=FLAT.replace('"flat-6km"', '"lines/here.toml"')))

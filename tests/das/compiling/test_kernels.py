@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from das.solver.compiling import FOLDER, KEPT_VERSIONS
-from das.solver.sources import SourcesMissingError, code_sha256, sources_of
+from das.compiling.kernels import FOLDER, KEPT_VERSIONS
+from das.compiling.sources import SourcesMissingError, code_sha256, sources_of
 from tests.support.copies import copy_of, edit, run_copy
 from tests.support.making import REPOSITORY
 
 CALLER = """
-from das.solver.compiling import kernel
+from das.compiling.kernels import kernel
 from {package}.callee import twice
 from {package}.numbers import OFFSET
 
@@ -22,7 +22,7 @@ def answer(x):
     return twice(x) + OFFSET
 """
 CALLEE = """
-from das.solver.compiling import kernel
+from das.compiling.kernels import kernel
 
 @kernel
 def twice(x):
@@ -202,4 +202,4 @@ def test_every_kernel_of_ours_is_compiled_by_the_one_decorator() -> None:
         for path in (REPOSITORY / package).rglob("*.py")
         if "import njit" in path.read_text(encoding="utf-8") or "numba.njit(" in path.read_text(encoding="utf-8")
     ]
-    assert own == ["das/solver/compiling.py", "precompute/bench/roofline.py"]
+    assert own == ["das/compiling/kernels.py", "precompute/bench/roofline.py"]

@@ -23,7 +23,7 @@ import numba
 from numba import njit
 from numba.misc.appdirs import AppDirs
 
-from das.solver.sources import OUR_PACKAGES, SourcesMissingError, sources_of, text_sha256
+from das.compiling.sources import OUR_PACKAGES, SourcesMissingError, sources_of, text_sha256
 
 FOLDER = "das-kernels"
 KEPT_VERSIONS = 4

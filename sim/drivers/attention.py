@@ -1,0 +1,137 @@
+"""A human driver's attention: when he looks away, when he looks at the display, and what he decides about it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from das.bus import das_pb2
+from sim.drivers.cab import AdviceView, CabView, Presentation
+from sim.drivers.chance import Chance, ReactionTimes
+from sim.drivers.diary import Diary
+from sim.drivers.human_settings import HumanSettings
+from sim.drivers.parameters import HumanParameters
+
+_KINDS: dict[int, str] = {
+    das_pb2.MODE_FULL_TRACTION: "traction",
+    das_pb2.MODE_REDUCED_TRACTION: "traction",
+    das_pb2.MODE_CRUISE: "hold",
+    das_pb2.MODE_COAST: "coast",
+    das_pb2.MODE_REDUCED_BRAKE: "brake",
+    das_pb2.MODE_FULL_BRAKE: "brake",
+    das_pb2.MODE_FRICTION_BRAKE: "brake",
+}
+"""The kind of advice by its mode; a reduced maximum speed is a speed to hold."""
+
+
+def advice_kind(view: AdviceView) -> str | None:
+    """The kind of advice, to which a compliance belongs: traction, hold, coast or brake; None for no advice."""
+    return "hold" if view.presentation is Presentation.RMS else _KINDS.get(view.mode)
+
+
+class Lapses:
+    """Times at which the driver's attention is away; lapses begin at random and the train's warning ends them."""
+
+    def __init__(self, human: HumanParameters, settings: HumanSettings, chance: Chance, diary: Diary) -> None:
+        self._human, self._settings, self._random, self._diary = human, settings, chance.lapses, diary
+        self._next_s, self._awake_s = -math.inf, -math.inf
+
+    def away(self, cab: CabView, allowed_mps: float) -> bool:
+        """Whether attention is away now; `allowed_mps` is the highest speed he would drive at here."""
+        human, now_s = self._human, cab.time_s
+        if human.lapses_per_h <= 0:
+            return False
+        if not math.isfinite(self._next_s):
+            self._next_s = now_s + self._until_next()
+        if now_s >= self._next_s:
+            length_s = human.lapse_mean_s * float(self._random.standard_exponential())
+            self._diary.note(now_s, "lapse", length_s)
+            self._awake_s = now_s + length_s
+            self._next_s = self._awake_s + self._until_next()
+        if cab.speed_mps > allowed_mps + human.below_limit_mps + self._settings.warning_mps:
+            self._awake_s = min(self._awake_s, now_s)
+        return now_s < self._awake_s
+
+    def _until_next(self) -> float:
+        return 3600.0 / self._human.lapses_per_h * float(self._random.standard_exponential())
+
+
+class Heeded(NamedTuple):
+    """What the driver goes by: the advice that he saw last, and whether he follows it.
+
+    `correction_mps2` is the acceleration that he adds because the train is not at the advised speed.
+    """
+
+    view: AdviceView | None = None
+    follows: bool = False
+    correction_mps2: float = 0.0
+
+    @property
+    def by_effort(self) -> bool:
+        """Whether he follows advice that says more than a highest speed."""
+        return self.follows and self.view is not None and self.view.presentation is not Presentation.RMS
+
+
+class DisplayReading:
+    """Glances at the display, decides on new advice, and takes the decision up after a reaction."""
+
+    def __init__(
+        self, human: HumanParameters, settings: HumanSettings, chance: Chance, times: ReactionTimes, diary: Diary
+    ) -> None:
+        self._human, self._settings, self._chance, self._times, self._diary = human, settings, chance, times, diary
+        self._glance_s, self._act_s = -math.inf, math.inf
+        self._seen: AdviceView | None = None
+        self._judged: tuple[object, ...] | None = None
+        self._pending: bool | None = None
+        self.heeded = Heeded()
+        """What he goes by now."""
+
+    def look(self, cab: CabView, speed_error_mps: float) -> None:
+        """Glance at the display if it is time to, and take up a decision if its reaction time is over.
+
+        `speed_error_mps` is by how much he misjudges the advised speed now.
+        """
+        if cab.time_s >= self._glance_s:
+            self._glance(cab, speed_error_mps)
+        if self._pending is not None and cab.time_s >= self._act_s:
+            self.heeded, self._pending = self.heeded._replace(follows=self._pending), None
+            self._heed(cab, speed_error_mps)
+
+    def _glance(self, cab: CabView, speed_error_mps: float) -> None:
+        """Look at the display, and judge what is new on it."""
+        human, now_s = self._human, cab.time_s
+        beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
+        self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
+        self._seen = view = cab.shown
+        item = None if view is None else _item(view)
+        if item != self._judged:
+            self._judged = item
+            self._judge(view, now_s)
+        if self._pending is None:
+            self._heed(cab, speed_error_mps)
+
+    def _judge(self, view: AdviceView | None, now_s: float) -> None:
+        """Decide on new advice, and when to act on it; advice that has gone is dropped at once."""
+        kind = None if view is None else advice_kind(view)
+        if view is None or kind is None:
+            self.heeded, self._pending = self.heeded._replace(follows=False), None
+            return
+        follow = bool(self._chance.choices.random() < getattr(self._human, f"comply_{kind}_ratio"))
+        self._diary.note(now_s, "followed" if follow else "refused", view.mode)
+        self._pending, self._act_s = follow, now_s + self._times.draw(now_s)
+
+    def _heed(self, cab: CabView, speed_error_mps: float) -> None:
+        """Go by what he has seen last until he sees more."""
+        view, correction = self._seen, 0.0
+        if view is not None and view.presentation is Presentation.VECTOR:
+            error = view.speed_mps + speed_error_mps - cab.speed_mps
+            if abs(error) > self._human.dead_band_mps:
+                correction = self._settings.gain_per_s * error
+        self.heeded = self.heeded._replace(view=view, correction_mps2=correction)
+
+
+def _item(view: AdviceView) -> tuple[object, ...]:
+    """What makes advice new: another mode, or another speed to hold (to 1 m/s)."""
+    if view.presentation is Presentation.VECTOR or math.isnan(view.speed_mps):
+        return (view.presentation, view.mode)
+    return (view.presentation, advice_kind(view), round(view.speed_mps))

@@ -1,0 +1,98 @@
+"""How a human driver holds a speed and brakes: the controller's setting that each of them asks for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sim.drivers.cab import CabView, Efforts
+from sim.drivers.chance import Errors
+from sim.drivers.human_settings import HumanSettings
+from sim.drivers.knowledge import Outlook
+from sim.drivers.parameters import HumanParameters
+from sim.drivers.rule_settings import TRACKING
+from sim.plant.kernels import TrainNumbers
+
+
+class StopMark:
+    """Where the driver takes the mark of the next halt to be: drawn once for each halt, never beyond a signal."""
+
+    def __init__(self, human: HumanParameters, settings: HumanSettings, random: np.random.Generator) -> None:
+        self._human, self._settings, self._random = human, settings, random
+        self._for_m, self._off_m = math.nan, 0.0
+
+    def at_m(self, cab: CabView) -> float:
+        """The position (m) of the mark."""
+        if cab.halt_m != self._for_m:
+            self._for_m = cab.halt_m
+            most_m = self._settings.missed_m
+            off_m = self._human.stop_error_m * float(self._random.standard_normal())
+            off_m = min(max(off_m, -most_m), most_m)
+            self._off_m = -abs(off_m) if cab.signal_m < cab.stop_m else off_m
+        return cab.halt_m + self._off_m
+
+
+class Handling:
+    """Holding a speed and braking, with the driver's dead band and errors."""
+
+    def __init__(
+        self, human: HumanParameters, settings: HumanSettings, errors: Errors, mark: StopMark, train: TrainNumbers
+    ) -> None:
+        self._human, self._settings, self._errors, self._mark = human, settings, errors, mark
+        self._correcting = self._braking = self._restraining = False
+        self.efforts = Efforts.at(0.0, train)
+        """What the train can do at the present speed."""
+
+    def stand(self) -> None:
+        """The train stands: nothing is being corrected and the driver is not braking for anything."""
+        self._correcting, self._braking = False, False
+
+    def held(self, cab: CabView, outlook: Outlook, speed_mps: float) -> float:
+        """The setting that holds a speed; errors within the dead band are left, a small excess is rolled off."""
+        human, v = self._human, cab.speed_mps
+        error = speed_mps + min(self._errors.speed_mps, human.below_limit_mps) - v
+        if abs(error) > human.dead_band_mps:
+            self._correcting = True
+        elif abs(error) <= self._settings.settled_ratio * human.dead_band_mps:
+            self._correcting = False
+        force_n = outlook.resisting_n(cab.s_m, v)
+        if self._correcting:
+            force_n += self._settings.gain_per_s * outlook.train.inertial_mass_kg * error
+        # Downhill the driver brakes until the speed is right, then lets the train roll; otherwise he would brake every
+        # few seconds.
+        if not self._correcting or error > 0 or v <= TRACKING.stopping_mps:
+            self._restraining = False
+        elif error <= -self._settings.roll_mps:
+            self._restraining = True
+        if force_n < 0 and not self._restraining:
+            return 0.0
+        return self.efforts.lever_ratio(force_n * self._errors.force_ratio)
+
+    def needed_braking(self, cab: CabView, outlook: Outlook, reach_s: float) -> float | None:
+        """The deceleration for what lies ahead (m/s²), from shortly before it is needed until it is done; else None.
+
+        `reach_s` is the time in which the hand gets the controller back from traction.
+        """
+        human, settings, v, s = self._human, self._settings, cab.speed_mps, cab.s_m
+        needed = outlook.needed_braking_mps2(s, v, v * settings.eased_s)
+        if v <= TRACKING.stopping_mps:
+            way_m = self._mark.at_m(cab) - s
+            stopping = v * v / (2.0 * way_m) if way_m > settings.nearest_m else human.braking_mps2
+            if stopping >= settings.released_ratio * human.braking_mps2:
+                self._braking = True
+                return stopping
+        ahead_m = v * (human.early_braking_s + reach_s)
+        if v > outlook.allowed_mps(s + ahead_m) + min(human.dead_band_mps, human.below_limit_mps):
+            self._braking = True
+        elif needed < settings.released_ratio * human.braking_mps2:
+            self._braking = self._braking and v > max(
+                outlook.allowed_mps(s) + settings.settled_mps, TRACKING.stopping_mps
+            )
+        return needed if self._braking else None
+
+    def braked(self, cab: CabView, outlook: Outlook, needed_mps2: float) -> float:
+        """The setting for a deceleration, which is at most twice the one that he plans with."""
+        rate = min(max(needed_mps2, 0.0), 2.0 * self._human.braking_mps2)
+        force_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * rate
+        return self.efforts.lever_ratio(force_n * self._errors.force_ratio)

@@ -1,0 +1,36 @@
+"""How every human driver handles a train: settings that are the same for all of them.
+
+What differs from driver to driver, and what a scenario can set, is in `parameters`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim.drivers.cab import AT_STOP_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class HumanSettings:
+    """Handling that all human drivers share. All values are assumptions, chosen so that the runs look like driving."""
+
+    gain_per_s: float = 0.2
+    """A driver corrects this share of a speed error per second."""
+    settled_ratio: float = 0.25
+    """A correction ends when the speed error is down to this share of the dead band."""
+    warning_mps: float = 1.5
+    """The train warns its driver when it is this much (m/s) above the braking curve; the warning ends any lapse."""
+    roll_mps: float = 2.0
+    """A driver does not brake until the train is this much (m/s) above the speed that he means to hold."""
+    watched_mps: float = 1.5
+    """Within this distance (m/s) of the highest allowed speed the driver minds that speed, whatever is advised."""
+    released_ratio: float = 0.6
+    """The brakes stay applied while at least this share of the planned deceleration is still needed."""
+    settled_mps: float = 0.1
+    """Braking for a limit ends when the train is no more than this (m/s) above the limit."""
+    eased_s: float = 3.0
+    """A driver brakes a speed above a limit away within about this time (s)."""
+    nearest_m: float = 0.3
+    """Nearer to the mark than this (m), and beyond it, the driver brakes with the planned deceleration."""
+    missed_m: float = 0.8 * AT_STOP_M
+    """A driver misses a mark by at most this (m): further off, the train would not count as being at its stop."""

@@ -1,0 +1,1 @@
+"""A working set of own files: what `das-sim example` writes."""
