@@ -13,7 +13,7 @@ from das.advice.cause import Withdrawal
 from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.passing import PassingTarget, time_at
 from das.advice.plan import Place, Plan
-from das.advice.planner import Goal, Planner, State
+from das.advice.planner import Goal, Planner, TrainState
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
 from das.estimate.localisation import Estimate
@@ -25,7 +25,7 @@ from das.solver.solution import Fit
 class Scene(NamedTuple):
     """What an advice is about: the state on the section, the estimate behind it, the planner and the goal."""
 
-    state: State
+    state: TrainState
     here: Estimate
     planner: Planner
     goal: Goal
@@ -81,7 +81,7 @@ class Display:
             horizon_speed_mps=(0.0,) * horizon_s,
             horizon_force_n=(0.0,) * horizon_s,
             reduced_max_speed_mps=reduced_max_speed_mps,
-            source=planner.policy.source,
+            source=planner.basis.source,
             reason=reason,
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
@@ -166,14 +166,14 @@ class Display:
             predicted_deviation_s=deviation_s,
             buffer_ratio=self._buffer_ratio(scene),
             energy_to_go_j=plan.energy_to_go_j(place.interval, state.s_m),
-            source=planner.policy.source,
+            source=planner.basis.source,
             reason=self._reason(scene, plan, deviation_s, excess_mps),
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
         )
 
-    def _valid_until_ns(self, state: State) -> int:
+    def _valid_until_ns(self, state: TrainState) -> int:
         return state.now_ns + round(self._settings.display.valid_for_s / NS)
 
     def _buffer_ratio(self, scene: Scene) -> float:
@@ -205,7 +205,7 @@ class Display:
             self._show(wanted, now_ns)
         return self._mode
 
-    def _next_change(self, plan: Plan, shown: Mode, state: State, place: Place) -> _Change:
+    def _next_change(self, plan: Plan, shown: Mode, state: TrainState, place: Place) -> _Change:
         """The mode after the shown one."""
         run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
         if shown != planned:  # The planned mode is held back for now.
@@ -239,11 +239,11 @@ class Display:
     def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> str:
         """Why this advice, in words."""
         planner, goal = scene.planner, scene.goal
-        settings, policy, fit = self._settings.display, planner.policy, plan.solution.fit
+        settings, basis, fit = self._settings.display, planner.basis, plan.solution.fit
         if excess_mps > settings.overspeed_named_mps:
             return wording.too_fast(excess_mps)
-        if policy.front is None:
-            return wording.meanwhile(policy.meanwhile, follows_plan=policy.before is not None)
+        if basis.front is None:
+            return wording.meanwhile(basis.meanwhile, follows_plan=basis.before is not None)
         window = self._window_said(scene, plan)
         if window:
             return f"{window}, {wording.deviation(deviation_s)}"

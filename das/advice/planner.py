@@ -25,7 +25,7 @@ from das.solver.section import Section
 from das.solver.solution import Solution
 
 
-class State(NamedTuple):
+class TrainState(NamedTuple):
     """A train at a moment: time (ns since 1970), position (m) and speed (m/s)."""
 
     now_ns: int
@@ -59,7 +59,7 @@ class Goal:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Policy:
+class PlanBasis:
     """What a section is planned with.
 
     `front` is None while none is known; then the plan is the fastest safe run, nowhere faster than `before`, the plan
@@ -76,10 +76,10 @@ class Policy:
 
 
 class Planner:
-    """Makes and keeps the plan of a section under one policy."""
+    """Makes and keeps the plan of a section under one basis."""
 
-    def __init__(self, policy: Policy, settings: AdviceSettings = DEFAULT) -> None:
-        self.policy, self.section = policy, policy.section
+    def __init__(self, basis: PlanBasis, settings: AdviceSettings = DEFAULT) -> None:
+        self.basis, self.section = basis, basis.section
         self.envelope_w = self.section.envelope_mps**2
         self.plan: Plan | None = None
         """The plan that is being advised; None: the next state asks for a new one."""
@@ -90,14 +90,14 @@ class Planner:
 
     @property
     def last_plan(self) -> Plan | None:
-        """The plan that was advised last, under this policy or the one before it."""
-        return self.plan or self.policy.before
+        """The plan that was advised last, under this basis or the one before it."""
+        return self.plan or self.basis.before
 
     def forget(self) -> None:
         """The plan does not hold any more."""
         self.plan = None
 
-    def plan_for(self, state: State, goal: Goal) -> Plan:
+    def plan_for(self, state: TrainState, goal: Goal) -> Plan:
         """The plan for a state: the one of before where the train follows it, else a new one.
 
         Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
@@ -126,12 +126,12 @@ class Planner:
 
     def fronts_of(self, point: PassingTarget | None) -> PassingFronts | None:
         """The fronts that serve a point, where they are known and not those of a point before."""
-        fronts = self.policy.passing
+        fronts = self.basis.passing
         if point is None or fronts is None or abs(fronts.at_m - point.s_m) > self._settings.plan.same_point_m:
             return None
         return fronts
 
-    def _follows(self, plan: Plan, state: State) -> bool:
+    def _follows(self, plan: Plan, state: TrainState) -> bool:
         settings, here = self._settings.plan, plan.at(state.s_m)
         age_s = (state.now_ns - plan.made_ns) * NS
         return (
@@ -140,7 +140,7 @@ class Planner:
             and abs(age_s - here.time_s) <= settings.time_band_s
         )
 
-    def _brakes_early(self, state: State) -> bool:
+    def _brakes_early(self, state: TrainState) -> bool:
         """Whether the train became slower than planned before what it has to brake for, until it is past it."""
         _, s_m, v_mps = state
         settings = self._settings.plan
@@ -152,12 +152,12 @@ class Planner:
         self._braked_early = brakes and (slower or self._braked_early)
         return self._braked_early
 
-    def _solution(self, state: State, goal: Goal, at_least_s: float) -> Solution:
+    def _solution(self, state: TrainState, goal: Goal, at_least_s: float) -> Solution:
         """The run for the time that is left, or the most efficient one that is not absurdly slow.
 
         It takes at least `at_least_s` more than the fastest run.
         """
-        front, settings = self.policy.front, self._settings.plan
+        front, settings = self.basis.front, self._settings.plan
         if front is None:
             return self._cautious(state)
         least_s = self.least_time_s(state.s_m, state.v_mps)
@@ -170,7 +170,7 @@ class Planner:
             return free
         return fronts.trajectory(to_point_s, left_s, state.s_m, state.v_mps, settings.tolerance_s)
 
-    def _time_to_point(self, free: Solution, state: State, point: PassingTarget | None) -> float | None:
+    def _time_to_point(self, free: Solution, state: TrainState, point: PassingTarget | None) -> float | None:
         """The time (s) in which the point is to be passed, where a run passes it outside its window."""
         settings = self._settings.plan
         if point is None or state.s_m >= point.s_m - settings.passed_m:
@@ -185,9 +185,9 @@ class Planner:
             return (point.latest_ns - state.now_ns) * NS
         return None
 
-    def _cautious(self, state: State) -> Solution:
+    def _cautious(self, state: TrainState) -> Solution:
         """The run of the plan before, but nowhere faster than is safe now; without such a plan the fastest run."""
-        before = self.policy.before
+        before = self.basis.before
         if before is not None:
             try:
                 return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)

@@ -10,7 +10,7 @@ from das.advice.advice import Advice, Timetable
 from das.advice.cause import Withdrawal
 from das.advice.display import Display, Scene
 from das.advice.passing import PassingTarget
-from das.advice.planner import Goal, Planner, Policy, State
+from das.advice.planner import Goal, PlanBasis, Planner, TrainState
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab.withdrawal import LegFacts
 from das.domain.errors import DasError
@@ -29,7 +29,7 @@ class Leg:
 
     def __init__(self, start: Stop, end: Stop, section: Section, settings: AdviceSettings = DEFAULT) -> None:
         self.start, self.end = start, end
-        self.planner, self.display = Planner(Policy(section=section), settings), Display(settings)
+        self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
         self.arrival_ns: int | None = None
         """When to arrive, as traffic management says (None: by the timetable)."""
         self.points: list[PassingTarget] = []
@@ -58,13 +58,13 @@ class Leg:
             refusal=refusal,
         )
 
-    def use(self, policy: Policy) -> None:
-        """Plan with another policy from now on."""
-        self.planner = Planner(policy, self._settings)
+    def use(self, basis: PlanBasis) -> None:
+        """Plan with another basis from now on."""
+        self.planner = Planner(basis, self._settings)
 
     def use_meanwhile(self, section: Section, why: str) -> None:
         """The world has changed and no front for it is known yet: the plan of before holds below what is safe now."""
-        self.use(Policy(section=section, before=self.planner.last_plan, meanwhile=why))
+        self.use(PlanBasis(section=section, before=self.planner.last_plan, meanwhile=why))
 
     def set_timetable(self, timetable: Timetable) -> None:
         """Take over a timetable; raises DasError where it leaves no time."""
@@ -103,7 +103,7 @@ class Leg:
         Raises NoPlanError where the section cannot be finished from it.
         """
         stop, planner = self._settings.stop, self.planner
-        state = State(here.time_ns, max(here.s_m, self.section.start_m), here.speed_mps)
+        state = TrainState(here.time_ns, max(here.s_m, self.section.start_m), here.speed_mps)
         scene = Scene(state, here, planner, self.goal)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -stop.at_stop_m:

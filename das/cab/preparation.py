@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from das.advice.advice import Source
 from das.advice.passing import PassingFronts, PassingRun, PassingTarget
-from das.advice.planner import Policy
+from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
 from das.cab.fronts import Found, Fronts, onboard_ladder
 from das.cab.leg import Leg
@@ -184,7 +184,7 @@ class Preparation:
         if answer.refusal:
             self._news.append(News(f"target: {answer.refusal}", True))
         self._news += [News(note, True) for note in found.notes]
-        leg.use(Policy(section=found.front.section, front=found.front, source=found.source, passing=answer.passing))
+        leg.use(PlanBasis(section=found.front.section, front=found.front, source=found.source, passing=answer.passing))
         how = "from a table" if found.source is Source.TABLE else "solved"
         why, one.why = f" ({one.why})" if one.why else "", ""
         self._news.append(News(f"{leg.start.name} – {leg.end.name}: {how}{why}"))
@@ -205,7 +205,7 @@ def _heed(leg: Leg, one: _Prepared, wanted: Situation) -> None:
 def _release(leg: Leg, one: _Prepared) -> None:
     """Let go of the front of a leg that is far off."""
     if one.ready:
-        leg.use(Policy(section=leg.section))
+        leg.use(PlanBasis(section=leg.section))
     one.give_up()
 
 

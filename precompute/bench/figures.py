@@ -49,7 +49,7 @@ FRONT_BOUND = "its divisions and its vector arithmetic, or its result written to
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effort:
+class BenchSize:
     """How much is measured: the rounds of each figure, the rounds of the slow figures, and the sizes of the tasks."""
 
     rounds: int
@@ -61,7 +61,7 @@ class Effort:
     exact_buffer_ratio: float
 
 
-FULL = Effort(
+FULL = BenchSize(
     rounds=9,
     slow_rounds=3,
     trajectories=24,
@@ -70,7 +70,7 @@ FULL = Effort(
     lengths_km=(10.0, 30.0, 100.0, 300.0),
     exact_buffer_ratio=0.02,
 )
-QUICK = Effort(
+QUICK = BenchSize(
     rounds=2,
     slow_rounds=1,
     trajectories=3,
@@ -128,7 +128,7 @@ class Reference:
     section: Section
     front: Front
     workload: Workload
-    effort: Effort
+    effort: BenchSize
     threads: int
     one_thread: Roofline
     all_threads: Roofline

@@ -10,10 +10,10 @@ from typing import Any, Protocol
 
 from das.domain.files.locking import folder_held
 from precompute.tables.job import Job
-from precompute.tables.plan import Plan
+from precompute.tables.plan import BuildPlan
 from precompute.tables.store import (
+    BuildStatus,
     Outcome,
-    Status,
     finished,
     read_report,
     remove_superseded,
@@ -32,7 +32,7 @@ class Solver(Protocol):
 
 
 def build(
-    plan: Plan, folder: Path, solve: Solver, facts: Mapping[str, Any], watch: Callable[[Outcome], None]
+    plan: BuildPlan, folder: Path, solve: Solver, facts: Mapping[str, Any], watch: Callable[[Outcome], None]
 ) -> dict[str, Any]:
     """Build a plan into a folder; `watch` hears every outcome. Returns the report, which is written to build.json.
 
@@ -41,14 +41,14 @@ def build(
     with folder_held(folder, "another build is writing to it"):
         remove_unfinished(folder)
         state = _State(plan, folder, facts)
-        for outcome in state.outcomes_that_are(Status.KEPT):
+        for outcome in state.outcomes_that_are(BuildStatus.KEPT):
             watch(outcome)
         try:
-            with closing(solve(state.jobs_that_are(Status.PENDING), folder)) as coming:
+            with closing(solve(state.jobs_that_are(BuildStatus.PENDING), folder)) as coming:
                 for outcome in coming:
                     state.take(outcome)
                     watch(outcome)
-            state.superseded = remove_superseded(folder, state.jobs_that_are(Status.BUILT, Status.KEPT))
+            state.superseded = remove_superseded(folder, state.jobs_that_are(BuildStatus.BUILT, BuildStatus.KEPT))
         finally:
             remove_unfinished(folder)
             state.look_again()
@@ -59,17 +59,17 @@ def build(
 class _State:
     """How far a build has come."""
 
-    def __init__(self, plan: Plan, folder: Path, facts: Mapping[str, Any]) -> None:
+    def __init__(self, plan: BuildPlan, folder: Path, facts: Mapping[str, Any]) -> None:
         self._plan, self._folder, self._facts = plan, folder, facts
         self._began_s = self._reported_s = time.perf_counter()
         self.superseded: list[str] = []
         before = {section["name"]: section for section in read_report(folder).get("sections", [])}
         self._outcomes = {job.name: _standing(job, folder, before.get(job.name, {})) for job in plan.jobs}
 
-    def outcomes_that_are(self, *statuses: Status) -> list[Outcome]:
+    def outcomes_that_are(self, *statuses: BuildStatus) -> list[Outcome]:
         return [outcome for outcome in self._outcomes.values() if outcome.status in statuses]
 
-    def jobs_that_are(self, *statuses: Status) -> list[Job]:
+    def jobs_that_are(self, *statuses: BuildStatus) -> list[Job]:
         return [job for job in self._plan.jobs if self._outcomes[job.name].status in statuses]
 
     def take(self, outcome: Outcome) -> None:
@@ -79,10 +79,10 @@ class _State:
 
     def look_again(self) -> None:
         """Find the tables that were put into place while the build was being stopped, before anybody heard of them."""
-        for job in self.jobs_that_are(Status.PENDING):
+        for job in self.jobs_that_are(BuildStatus.PENDING):
             size = finished(self._folder, job)
             if size is not None:
-                self._outcomes[job.name] = Outcome(name=job.name, status=Status.BUILT, attempts=1, size_bytes=size)
+                self._outcomes[job.name] = Outcome(name=job.name, status=BuildStatus.BUILT, attempts=1, size_bytes=size)
 
     def report(self) -> dict[str, Any]:
         """Write build.json; returns what it holds."""
@@ -100,6 +100,6 @@ def _standing(job: Job, folder: Path, before: Mapping[str, Any]) -> Outcome:
     """A job as kept, with what the last report says of it, or pending."""
     size = finished(folder, job)
     if size is None:
-        return Outcome(name=job.name, status=Status.PENDING)
+        return Outcome(name=job.name, status=BuildStatus.PENDING)
     seconds, attempts = before.get("seconds"), before.get("attempts") or 0
-    return Outcome(name=job.name, status=Status.KEPT, seconds=seconds, attempts=attempts, size_bytes=size)
+    return Outcome(name=job.name, status=BuildStatus.KEPT, seconds=seconds, attempts=attempts, size_bytes=size)

@@ -17,7 +17,7 @@ from typing import Any
 from das.domain.errors import DasError
 from precompute.tables.environment import differences, environment
 from precompute.tables.job import Job
-from precompute.tables.store import Outcome, Status
+from precompute.tables.store import BuildStatus, Outcome
 from precompute.tables.writing import write_table
 
 CONNECT_WITHIN_S = 10.0
@@ -45,7 +45,9 @@ def solve_on_cluster(jobs: Sequence[Job], folder: Path, address: str) -> Generat
             alone: list[Job] = []
             yield from _solve(client, [job], folder, alone)
             if alone:
-                yield Outcome(name=job.name, status=Status.POISON, reason="it took its workers down, alone as well")
+                yield Outcome(
+                    name=job.name, status=BuildStatus.POISON, reason="it took its workers down, alone as well"
+                )
 
 
 def check_workers(client: Any, address: str) -> None:
@@ -63,7 +65,7 @@ def check_workers(client: Any, address: str) -> None:
             raise WorkerDiffersError(f"worker {worker}: {differing}")
 
 
-def solve_there(job: Job, expected: dict[str, str]) -> tuple[Status, str, dict[str, bytes], float]:
+def solve_there(job: Job, expected: dict[str, str]) -> tuple[BuildStatus, str, dict[str, bytes], float]:
     """On a worker: status, reason, files and seconds of a job's table. A worker that joined late is checked here."""
     differing = differences(expected, _own_environment())
     if differing:
@@ -72,8 +74,8 @@ def solve_there(job: Job, expected: dict[str, str]) -> tuple[Status, str, dict[s
     try:
         files = job.solve()
     except DasError as error:
-        return Status.FAILED, " ".join(str(error).split()), {}, time.perf_counter() - began
-    return Status.BUILT, "", files, time.perf_counter() - began
+        return BuildStatus.FAILED, " ".join(str(error).split()), {}, time.perf_counter() - began
+    return BuildStatus.BUILT, "", files, time.perf_counter() - began
 
 
 @cache
@@ -131,7 +133,7 @@ def _outcome(future: Any, job: Job, folder: Path) -> Outcome | None:
     distributed = _distributed()
     try:
         status, reason, files, seconds = future.result()
-        if status is Status.BUILT:
+        if status is BuildStatus.BUILT:
             write_table(folder / job.name, files)
     except distributed.KilledWorker:
         return None
@@ -141,6 +143,6 @@ def _outcome(future: Any, job: Job, folder: Path) -> Outcome | None:
         raise DasError(f"the scheduler has gone ({' '.join(str(error).split())})") from error
     except Exception as error:
         reason = str(error) if isinstance(error, DasError) else f"{type(error).__name__}: {error}"
-        return Outcome(name=job.name, status=Status.FAILED, reason=" ".join(reason.split()), attempts=1)
+        return Outcome(name=job.name, status=BuildStatus.FAILED, reason=" ".join(reason.split()), attempts=1)
     size = sum(map(len, files.values())) or None
     return Outcome(name=job.name, status=status, reason=reason, seconds=seconds, attempts=1, size_bytes=size)

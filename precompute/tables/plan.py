@@ -33,7 +33,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class BuildPlan:
     """What a build is asked for: every section of every line with every train, each once."""
 
     source: Path
@@ -57,7 +57,7 @@ class _Train:
     level: Level
 
 
-def read_plan(path: Path) -> Plan:
+def read_plan(path: Path) -> BuildPlan:
     """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation)."""
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
@@ -78,7 +78,7 @@ def read_plan(path: Path) -> Plan:
             if job.name in jobs:
                 raise InputError(path, "routes or trains", job.name, "every section and train once")
             jobs[job.name] = job
-    return Plan(source=path, jobs=tuple(jobs.values()), settings=settings)
+    return BuildPlan(source=path, jobs=tuple(jobs.values()), settings=settings)
 
 
 def _job(route: Route, start: Stop, end: Stop, train: _Train, settings: TableSettings) -> Job:

@@ -24,7 +24,7 @@ from pathlib import Path
 from das.command_line.running import signals_held
 from das.domain.errors import DasError
 from precompute.tables.job import Job, warm_up
-from precompute.tables.store import Outcome, Status
+from precompute.tables.store import BuildStatus, Outcome
 from precompute.tables.writing import write_table
 
 ATTEMPTS = 3
@@ -151,7 +151,7 @@ class _Pool:
             return None
         return Outcome(
             name=job.name,
-            status=Status.POISON,
+            status=BuildStatus.POISON,
             reason=f"its worker died {deaths} times, last {end}",
             seconds=time.perf_counter() - worker.began_s,
             attempts=deaths,
@@ -179,20 +179,20 @@ def serve(connection: Connection, folder: str) -> None:
         connection.send(_attempt(job, Path(folder)))
 
 
-def _attempt(job: Job, folder: Path) -> tuple[Status, str, int | None]:
-    """Status, reason and size of a job's table."""
+def _attempt(job: Job, folder: Path) -> tuple[BuildStatus, str, int | None]:
+    """BuildStatus, reason and size of a job's table."""
     try:
         files = job.solve()
         write_table(folder / job.name, files)
     except DasError as error:
-        return Status.FAILED, " ".join(str(error).split()), None
+        return BuildStatus.FAILED, " ".join(str(error).split()), None
     except MemoryError:
         os._exit(OUT_OF_MEMORY_EXIT)
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
-        return Status.FAILED, f"a fault of the solver: {fault}", None
-    return Status.BUILT, "", sum(map(len, files.values()))
+        return BuildStatus.FAILED, f"a fault of the solver: {fault}", None
+    return BuildStatus.BUILT, "", sum(map(len, files.values()))
 
 
 def _end_with_parent() -> None:

@@ -20,7 +20,7 @@ REPORT = "build.json"
 REPORT_VERSION = 1
 
 
-class Status(StrEnum):
+class BuildStatus(StrEnum):
     """How a section of a build stands."""
 
     BUILT = "built"
@@ -37,7 +37,7 @@ class Outcome:
     """What became of a job: the reason where it failed, the seconds of the last attempt and how many there were."""
 
     name: str
-    status: Status
+    status: BuildStatus
     reason: str = ""
     seconds: float | None = None
     attempts: int = 0
@@ -98,21 +98,23 @@ def _is_report(report: object) -> bool:
         return False
     sections = report.get("sections")
     return isinstance(sections, list) and all(
-        isinstance(section, dict) and isinstance(section.get("name"), str) and section.get("status") in list(Status)
+        isinstance(section, dict)
+        and isinstance(section.get("name"), str)
+        and section.get("status") in list(BuildStatus)
         for section in sections
     )
 
 
 def missing_tables(folder: Path) -> list[str]:
     """Tables that the last build finished and that are not there any more."""
-    done = (Status.BUILT, Status.KEPT)
+    done = (BuildStatus.BUILT, BuildStatus.KEPT)
     names = [section["name"] for section in read_report(folder).get("sections", []) if section["status"] in done]
     return [name for name in names if not (folder / name).is_dir()]
 
 
 def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Write build.json; returns what it holds."""
-    counts = {str(status): sum(outcome.status is status for outcome in outcomes) for status in Status}
+    counts = {str(status): sum(outcome.status is status for outcome in outcomes) for status in BuildStatus}
     report = {
         "schema_version": REPORT_VERSION,
         **facts,

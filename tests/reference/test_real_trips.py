@@ -19,7 +19,7 @@ from das.bus.topics import POSITION
 from das.domain.files.load import load_route
 from das.domain.units import KMH
 from sim.trips.csv_record import read_csv
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.line import read_kilometre_posts
 from sim.trips.matching import MatchedTrip
 from sim.trips.profile import to_profile
@@ -78,7 +78,7 @@ def test_the_run_of_a_real_trip_is_plausible(name: str, duration_s: float) -> No
 
 def test_the_dropouts_of_the_real_trip_are_found() -> None:
     """Exactly the lines in which the recorded speed drops to nearly 0 while the train accelerates."""
-    assert counts(real("clean")) == {Kind.GAP: 1}
+    assert counts(real("clean")) == {FindingKind.GAP: 1}
     result = real("dropouts")
     assert (np.flatnonzero(result.dropout) + 1).tolist() == [42, 43, 44, 59, 62, 63]
     run = to_profile(result)

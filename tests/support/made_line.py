@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from das.domain.route import Floats, Route, Stop, Stretches
-from sim.trips.findings import Kind
+from sim.trips.findings import FindingKind
 from sim.trips.line import EARTH_RADIUS_M, Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.record import Record
@@ -87,7 +87,7 @@ def record(t: Floats, s: Floats, v: Floats, *, from_m: float = 1500.0, east_m: F
     )
 
 
-def counts(trip: MatchedTrip) -> dict[Kind, int]:
+def counts(trip: MatchedTrip) -> dict[FindingKind, int]:
     return {finding.kind: finding.count for finding in trip.report.cleaning.findings}
 
 

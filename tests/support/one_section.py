@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from das.advice.advice import Advice, Source, Timetable
 from das.advice.plan import Plan
-from das.advice.planner import Policy
+from das.advice.planner import PlanBasis
 from das.cab.leg import Leg, NoPlanError
 from das.cab.withdrawal import Trust, decide
 from das.domain.route import Stop
@@ -28,7 +28,7 @@ class OneSection:
         return self.leg.planner.plan
 
     def set_front(self, front: Front, source: Source) -> None:
-        self.leg.use(Policy(section=front.section, front=front, source=source))
+        self.leg.use(PlanBasis(section=front.section, front=front, source=source))
 
     def set_section(self, section: Section, why: str) -> None:
         self.leg.use_meanwhile(section, why)

@@ -34,7 +34,7 @@ from precompute.tables.environment import differences, environment
 from precompute.tables.job import Job
 from precompute.tables.plan import read_plan
 from precompute.tables.pool import solve_locally
-from precompute.tables.store import Status, table_folders
+from precompute.tables.store import BuildStatus, table_folders
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import TableSettings
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
@@ -215,13 +215,13 @@ def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path
             os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGKILL)
 
     outcomes = solve_all(jobs, tmp_path, kill_one)
-    assert {label for label, outcome in outcomes.items() if outcome.status is Status.BUILT} == {
+    assert {label for label, outcome in outcomes.items() if outcome.status is BuildStatus.BUILT} == {
         f"job-{i}" for i in range(12)
     }
     poison, faulty = outcomes["job-20"], outcomes["job-21"]
-    assert (poison.status, poison.attempts) == (Status.POISON, pool.ATTEMPTS)
+    assert (poison.status, poison.attempts) == (BuildStatus.POISON, pool.ATTEMPTS)
     assert poison.reason == "its worker died 3 times, last by SIGKILL"
-    assert (faulty.status, faulty.attempts) == (Status.FAILED, 1)
+    assert (faulty.status, faulty.attempts) == (BuildStatus.FAILED, 1)
     assert "ZeroDivisionError" in faulty.reason
     attempts = [outcomes[f"job-{i}"].attempts for i in range(12)]
     assert sum(attempts) - 12 <= 1
@@ -443,10 +443,10 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
             outcomes[outcome.name.rpartition("_")[0]] = outcome
             if len(outcomes) == 3:
                 wait_for(lambda: killed_a_worker(client))
-        assert {label for label, found in outcomes.items() if found.status is Status.BUILT} == {
+        assert {label for label, found in outcomes.items() if found.status is BuildStatus.BUILT} == {
             f"job-{i}" for i in range(8)
         }
-        assert outcomes["job-20"].status is Status.POISON
+        assert outcomes["job-20"].status is BuildStatus.POISON
         wait_for(lambda: not any(client.who_has().values()))
     for outcome in solve_locally([job(4)], tmp_path / "near", 1):
         near, far = tmp_path / "near" / outcome.name, tmp_path / "far" / outcome.name
