@@ -160,11 +160,16 @@ class Cab:
         try:
             self._answer(now_ns, dropped)
         except Exception as error:  # It is said, and tried again at the next tick.
-            self._failing = True
-            self._reporting.note_internal_error()
-            text = self._unforeseen(error)
-            self._reporting.say(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
-            self._reporting.say(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=text))
+            return self.fail(now_ns, error)
+        return self._reporting.take()
+
+    def fail(self, now_ns: int, error: Exception) -> list[Output]:
+        """A tick failed, here or where its answer was to be used: no advice, and why."""
+        self._failing = True
+        self._reporting.note_internal_error()
+        text = self._unforeseen(error)
+        self._reporting.say(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
+        self._reporting.say(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=text))
         return self._reporting.take()
 
     def _act(self, heard: Heard) -> None:

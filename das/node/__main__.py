@@ -5,7 +5,7 @@ from das.command_line.entry import start
 
 def main() -> None:
     """Entry point of das-node."""
-    start("das.node.process")
+    start("das.node.command")
 
 
 if __name__ == "__main__":

@@ -55,13 +55,24 @@ class Node:
             self.take(received)
 
     def tick(self, now_ns: int, tick: int = 0) -> None:
-        """Advise once."""
-        self.publish(self.cab.tick(now_ns, dropped=self.bus.dropped), tick)
+        """Advise once; what no message can carry (a time beyond the end of the clock) is withdrawn as a fault."""
+        outputs = self.cab.tick(now_ns, dropped=self.bus.dropped)
+        try:
+            messages = [codec.said(output, tick) for output in outputs]
+        except ValueError as error:
+            outputs = self.cab.fail(now_ns, error)
+            messages = [codec.said(output, tick) for output in outputs]
+        self._publish(outputs, messages)
 
-    def publish(self, outputs: Iterable[Output], tick: int = 0) -> None:
-        """Publish what the cab says; with the wall clock, events go to standard error as well."""
-        for output in outputs:
-            self.bus.publish(*codec.said(output, tick))
+    def publish(self, outputs: Iterable[Output]) -> None:
+        """Publish what the cab says."""
+        said = list(outputs)
+        self._publish(said, [codec.said(output) for output in said])
+
+    def _publish(self, outputs: Iterable[Output], messages: Iterable[codec.Outgoing]) -> None:
+        """Publish messages; with the wall clock, events go to standard error as well."""
+        for output, message in zip(outputs, messages, strict=True):
+            self.bus.publish(*message)
             if isinstance(output, Event) and self.clock.is_wall:
                 say(f"{self.bus.train}: {output.text}")
 

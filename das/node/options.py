@@ -1,0 +1,130 @@
+"""What das-node is started with, in groups; nothing heavy is imported here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from das.command_line.options import (
+    DEFAULT_TRAIN,
+    BusFileOption,
+    ConnectOption,
+    FromOption,
+    InsecureBusOption,
+    LevelOption,
+    LoadOption,
+    LossMapOption,
+    PointMassOption,
+    ReverseOption,
+    RouteOption,
+    TablesOption,
+    ToOption,
+    TrainOption,
+    VehicleOption,
+)
+
+OWN_ENDPOINT = "tcp/127.0.0.1:7447"
+FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
+"""Advice is given no more often and no more rarely than this."""
+
+
+class ClockKind(StrEnum):
+    """Which clock the node goes by."""
+
+    WALL = "wall"
+    BUS = "bus"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineServed:
+    """The line the node is for."""
+
+    route: RouteOption
+    reverse: ReverseOption = False
+    from_stop: FromOption = None
+    to_stop: ToOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainServed:
+    """The train the node rides in, and others that a journey may name."""
+
+    vehicle: VehicleOption
+    load: LoadOption = None
+    level: LevelOption = None
+    loss_map: LossMapOption = None
+    point_mass: PointMassOption = False
+    other_vehicle: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--other-vehicle",
+            metavar="VEHICLE",
+            help="Another train that a journey may name, beside the bundled ones (may be repeated).",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusPlace:
+    """Where the node speaks and hears."""
+
+    train: TrainOption = DEFAULT_TRAIN
+    listen: Annotated[
+        str | None,
+        typer.Option(
+            "--listen",
+            metavar="ENDPOINT",
+            help=f"Own endpoint on this machine [default: {OWN_ENDPOINT}].",
+            show_default=False,
+        ),
+    ] = None
+    connect: ConnectOption = None
+    bus: BusFileOption = None
+    insecure_bus: InsecureBusOption = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceGiven:
+    """How the node advises."""
+
+    rate: Annotated[
+        float,
+        typer.Option(
+            "--rate",
+            metavar="HZ",
+            help=f"Advices per second with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}.",
+        ),
+    ] = 1.0
+    clock: Annotated[
+        ClockKind,
+        typer.Option("--clock", help="wall: advise at --rate; bus: advise at every Control message of a simulation."),
+    ] = ClockKind.WALL
+    calibrate: Annotated[
+        bool,
+        typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts, and plan with them."),
+    ] = False
+    no_restrictions: Annotated[
+        bool,
+        typer.Option(
+            "--no-restrictions",
+            help="This site has no temporary restrictions: advise without having heard a list of them.",
+        ),
+    ] = False
+    tables: TablesOption = None
+    with_parent: Annotated[
+        int | None,
+        typer.Option("--with-parent", metavar="PID", help="End with the process of this id, which started it."),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeOptions:
+    """All of it."""
+
+    line: LineServed
+    driven: TrainServed
+    place: BusPlace
+    advice: AdviceGiven

@@ -1,0 +1,140 @@
+"""The codec: what is told and said comes back as it was, and the enumerations of messages and values agree."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from enum import IntEnum
+from typing import Any
+
+import pytest
+from google.protobuf.internal.enum_type_wrapper import EnumTypeWrapper
+from hypothesis import given
+from hypothesis import strategies as st
+
+from das.advice.advice import Advice, Source
+from das.advice.cause import Cause
+from das.advice.modes import Mode
+from das.bus import codec, das_pb2
+from das.bus.session import decoded
+from das.bus.topics import CONTROL, POSITION, TRUTH
+from das.cab.heard import (
+    DelayHeard,
+    EffortHeard,
+    Heard,
+    JourneyHeard,
+    Kind,
+    OrderedStop,
+    PositionHeard,
+    RestrictionsHeard,
+    Target,
+    TargetsHeard,
+    ToldRestriction,
+    Unreadable,
+)
+from das.cab.outputs import Estimated, Event, NodeState, Severity, Status
+from das.estimate.calibration import Effort
+from das.estimate.localisation import PositionFix, Quality
+
+NOW_NS = 1_800_000_000_000_000_000
+
+
+def back(value: Heard, heard_ns: int = 7, source: str = "a") -> Heard | None:
+    """What is told, sent as a message and read again."""
+    topic, message = codec.told(value)
+    return codec.heard(decoded(topic, topic.key("T1"), message.SerializeToString(), source), heard_ns)
+
+
+TOLD: tuple[Heard, ...] = (
+    PositionHeard(
+        fix=PositionFix(time_ns=NOW_NS, s_m=12.5, speed_mps=3.0, uncertainty_m=2.0, speed_uncertainty_mps=0.1)
+    ),
+    DelayHeard(time_ns=NOW_NS, delay_s=-12.0),
+    EffortHeard(effort=Effort(time_ns=NOW_NS, force_el_n=-1e5, force_friction_n=-2e4)),
+    JourneyHeard(
+        time_ns=NOW_NS,
+        train="T1",
+        route_id="r",
+        vehicle_id="v/full",
+        reversed=True,
+        load="full",
+        level="l3",
+        stops=(OrderedStop("Zürich", 0.0, 0, NOW_NS), OrderedStop("[/red]", 6e3, NOW_NS + 1, 0)),
+    ),
+    RestrictionsHeard(time_ns=NOW_NS, restrictions=()),
+    RestrictionsHeard(time_ns=NOW_NS, restrictions=(ToldRestriction(1.0, 2.0, 3.0), ToldRestriction(-5.0, 1e9, -1.0))),
+    TargetsHeard(time_ns=NOW_NS, targets=(Target("B", 0.0, NOW_NS), Target(s_m=5.0, earliest_ns=1, latest_ns=2))),
+)
+
+
+@pytest.mark.parametrize("value", TOLD, ids=lambda value: type(value).__name__)
+def test_what_is_told_comes_back_with_who_said_it_and_when_it_was_heard(value: Heard) -> None:
+    assert back(value) == dataclasses.replace(value, heard_ns=7, source="a")
+
+
+@given(s_m=st.floats(), speed_mps=st.floats(), quality=st.sampled_from(Quality))
+def test_every_position_comes_back_bit_for_bit(s_m: float, speed_mps: float, quality: Quality) -> None:
+    fix = PositionFix(time_ns=NOW_NS, s_m=s_m, speed_mps=speed_mps, quality=quality)
+    found = back(PositionHeard(fix=fix))
+    assert isinstance(found, PositionHeard)
+    assert repr(found.fix) == repr(fix)
+
+
+def test_what_cannot_be_read_says_what_it_was_about() -> None:
+    rubbish = codec.heard(decoded(POSITION, POSITION.key("T1"), b"\xff", "a"), 7)
+    assert rubbish == Unreadable(told=Kind.POSITION, heard_ns=7, source="a")
+    position = das_pb2.Position(time_ns=NOW_NS)
+    position.quality = 99  # type: ignore[assignment]
+    odd = codec.heard(decoded(POSITION, POSITION.key("T1"), position.SerializeToString(), "a"), 7)
+    assert isinstance(odd, Unreadable)
+    assert "99" in odd.why
+
+
+@pytest.mark.parametrize("topic", [CONTROL, TRUTH])
+def test_what_the_cab_does_not_hear_is_nothing(topic: Any) -> None:
+    assert codec.heard(decoded(topic, topic.key("T1"), b""), 7) is None
+
+
+def test_an_advice_becomes_a_message_field_by_field() -> None:
+    advice = Advice(
+        time_ns=NOW_NS, s_m=1.0, speed_mps=2.0, mode=Mode.COAST, horizon_speed_mps=(1.0, 2.0), source=Source.TABLE,
+        reason="least energy on time",
+    )  # fmt: skip
+    topic, message = codec.said(advice, tick=3)
+    assert (topic.name, message.tick) == ("advice", 3)  # type: ignore[attr-defined]
+    for field in dataclasses.fields(advice):
+        there, here = getattr(message, field.name), getattr(advice, field.name)
+        there = tuple(there) if isinstance(here, tuple) else there
+        assert there == here or (math.isnan(there) and math.isnan(here)), field.name
+    silent = codec.said(Advice(time_ns=1, cause=Cause.POSITION_STALE, reason="old")).message
+    assert silent.cause == das_pb2.CAUSE_POSITION_STALE  # type: ignore[attr-defined]
+
+
+def test_status_estimate_and_event_become_messages() -> None:
+    status = Status(time_ns=NOW_NS, state=NodeState.WITHDRAWN, reason="x", cause=Cause.NO_PLAN, section="s", advices=4)
+    message: Any = codec.said(status).message
+    assert (message.state, message.cause, message.reason, message.advices) == (
+        *(das_pb2.Status.STATE_WITHDRAWN, das_pb2.CAUSE_NO_PLAN, "x", 4),
+    )
+    found = Estimated(
+        time_ns=1, mass_ratio=1.1, mass_sd_ratio=0.1, resistance_ratio=0.9, resistance_sd_ratio=0.2, samples=5,
+        usable=True, differs=False,
+    )  # fmt: skip
+    said: Any = codec.said(found).message
+    assert (said.mass_ratio, said.samples, said.usable) == (1.1, 5, True)
+    event: Any = codec.said(Event(time_ns=NOW_NS, severity=Severity.ERROR, text="t")).message
+    assert (event.timestamp.ToNanoseconds(), event.level, event.message, event.name) == (NOW_NS, 4, "t", "das-node")
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "prefix"),
+    [
+        (Cause, das_pb2.WithdrawalCause, "CAUSE_"),
+        (Mode, das_pb2.Mode, "MODE_"),
+        (Source, das_pb2.Advice.Source, "SOURCE_"),
+        (NodeState, das_pb2.Status.State, "STATE_"),
+        (Quality, das_pb2.Position.Quality, "QUALITY_"),
+    ],
+)
+def test_enumerations_of_values_and_messages_agree(ours: type[IntEnum], theirs: EnumTypeWrapper, prefix: str) -> None:
+    assert {prefix + one.name: int(one) for one in ours} == dict(theirs.items())

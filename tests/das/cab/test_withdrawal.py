@@ -1,0 +1,92 @@
+"""Withdrawals: every cause by its facts, and the one order in which they are decided."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from das.advice import wording
+from das.advice.cause import OF_PROBLEM, Cause
+from das.cab.withdrawal import LegFacts, Trust, decide
+from das.estimate.localisation import Estimate
+from das.estimate.problems import Problem, ProblemKind
+from tests.support.making import REPOSITORY
+
+HERE = Estimate(time_ns=100, fix_time_ns=100, s_m=500.0, speed_mps=10.0, problem=None)
+LEG = LegFacts(start_m=0.0, end_m=1000.0, departure_ns=0)
+
+FACTS: dict[Cause, dict[str, Any]] = {
+    Cause.TWO_PUBLISHERS: {"trust": {"two_publishers": "a and b"}},
+    Cause.TWO_OPERATORS: {"trust": {"two_operators": "a and b"}},
+    Cause.RESTRICTIONS_UNHEEDED: {"trust": {"unheeded": "one of -3 m/s"}},
+    Cause.JOURNEY_REFUSED: {"trust": {"journey_refused": "it has 1 stops"}},
+    Cause.INTERNAL_ERROR: {"trust": {"internal_error": "internal error: KeyError"}},
+    Cause.NO_JOURNEY: {"leg": None},
+    Cause.RESTRICTIONS_UNTOLD: {"trust": {"restrictions_told": False}},
+    Cause.SECTION_IMPOSSIBLE: {"leg": {"refusal": "the train stalls"}},
+    Cause.NO_POSITION: {"here": {"problem": Problem(ProblemKind.NO_POSITION)}},
+    Cause.POSITION_REJECTED: {"here": {"problem": Problem(ProblemKind.JUMPED, 300.0)}},
+    Cause.POSITION_STALE: {"here": {"problem": Problem(ProblemKind.STALE, 4.2)}},
+    Cause.POSITION_AHEAD: {"here": {"problem": Problem(ProblemKind.AHEAD_OF_CLOCK, 4.2)}},
+    Cause.POSITION_UNCERTAIN: {"here": {"problem": Problem(ProblemKind.POSITION_UNCERTAIN, 60.0)}},
+    Cause.OUTSIDE_SECTION: {"here": {"s_m": 9000.0}},
+    Cause.MOVING_UP: {"here": {"s_m": -20.0}, "leg": {"departure_ns": 200}},
+    Cause.PAST_STOP: {"here": {"s_m": 1060.0}},
+    Cause.NO_PLAN: {"no_plan": "the train stalls"},
+}
+"""The facts that lead to each cause when nothing else is wrong."""
+
+
+def decided(*causes: Cause) -> Any:
+    """What is decided where the facts of several causes hold at once; later ones do not undo those before."""
+    here: dict[str, Any] = {}
+    leg: dict[str, Any] | None = {}
+    trust: dict[str, Any] = {}
+    no_plan = ""
+    for cause in causes:
+        facts = FACTS[cause]
+        here = {**facts.get("here", {}), **here}
+        trust = {**facts.get("trust", {}), **trust}
+        leg = None if facts.get("leg", {}) is None or leg is None else {**facts.get("leg", {}), **leg}
+        no_plan = facts.get("no_plan", no_plan)
+    legs = None if leg is None else replace(LEG, **leg)
+    return decide(replace(HERE, **here), replace(Trust(), **trust), legs, no_plan=no_plan)
+
+
+def test_with_nothing_wrong_there_is_advice() -> None:
+    assert decide(HERE, Trust(), LEG) is None
+
+
+@pytest.mark.parametrize("cause", [cause for cause in Cause if cause is not Cause.NONE])
+def test_every_cause_follows_from_its_facts_and_has_words(cause: Cause) -> None:
+    found = decided(cause)
+    assert found is not None
+    assert found.cause is cause
+    assert wording.withdrawal(found)
+
+
+def test_the_first_cause_in_the_order_of_their_numbers_decides() -> None:
+    causes = [cause for cause in Cause if cause is not Cause.NONE]
+    for i, first in enumerate(causes):
+        for later in causes[i + 1 :]:
+            assert decided(first, later).cause is first, (first, later)
+
+
+def test_a_leg_without_a_timetable_is_no_journey() -> None:
+    found = decide(HERE, Trust(), replace(LEG, is_timed=False))
+    assert found is not None
+    assert found.cause is Cause.NO_JOURNEY
+
+
+def test_every_problem_of_a_position_has_a_cause_and_words() -> None:
+    assert set(OF_PROBLEM) == set(ProblemKind)
+    for kind in ProblemKind:
+        assert wording.problem(Problem(kind, 1.0))
+
+
+def test_the_documentation_lists_every_cause() -> None:
+    page = (REPOSITORY / "docs" / "reference" / "bus.md").read_text(encoding="utf-8")
+    for cause in Cause:
+        assert f"| {int(cause)} | `{cause.label}` |" in page
