@@ -13,7 +13,7 @@ from das import __version__
 from das.advice.advice import Advice
 from das.advice.plan import Plan
 from das.bus import das_pb2
-from das.bus.session import Received
+from das.bus.received import Received
 from das.bus.topics import (
     ADVICE,
     DELAY,

@@ -5,12 +5,9 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING
 
+from das.bus.received import Received
 from das.bus.topics import CONTROL
-
-if TYPE_CHECKING:
-    from das.bus.session import Received
 
 CAPACITY = 1_000
 """Messages that may wait: at 50 µs each the newest is answered within 50 ms."""

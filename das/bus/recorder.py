@@ -23,8 +23,9 @@ from mcap_protobuf.schema import register_schema
 from das import __version__
 from das.bus import das_pb2
 from das.bus.config import BusFile, bus_options
+from das.bus.received import Received
 from das.bus.refusals import Refusals
-from das.bus.session import Bus, Received, check_endpoint
+from das.bus.session import Bus, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
 from das.command_line.printing import say
 from das.command_line.running import StopFlag, run_command

@@ -12,46 +12,22 @@ import re
 import socket
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
 import zenoh
-from google.protobuf.message import DecodeError, Message
+from google.protobuf.message import Message
 
 from das.bus.config import BusFile, locked_down, one_line
 from das.bus.inbox import CAPACITY, Inbox
 from das.bus.presence import TOKENS, Presence, Presences
+from das.bus.received import Received, decoded
 from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
 from das.domain.errors import DasError
 
 HEARTBEAT_S = 1.0
 """So often a latched topic says which message was its last: one lost with a link that was closing is fetched again."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
-
-
-@dataclass(frozen=True)
-class Received:
-    """A message as heard. `message` is None where the payload is not of the topic's type.
-
-    `source` is the session that stamped it with its time: the sender's, where that stamps; `size` in bytes.
-    """
-
-    topic: Topic
-    key: str
-    message: Any
-    source: str = ""
-    size: int = 0
-
-
-def decoded(topic: Topic, key: str, payload: bytes, source: str = "") -> Received:
-    """A message of a topic from what was sent."""
-    message: Message | None = topic.message()
-    try:
-        message.ParseFromString(payload)  # type: ignore[union-attr]
-    except DecodeError:
-        message = None
-    return Received(topic, key, message, source, len(payload))
 
 
 def free_ports(count: int) -> list[int]:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from das.bus.session import Received
+from das.bus.received import Received
 from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, TARGET
 
 

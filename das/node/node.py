@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from das.bus import codec, das_pb2
-from das.bus.session import Bus, Received
+from das.bus.received import Received
+from das.bus.session import Bus
 from das.cab.cab import Cab
 from das.cab.heard import Kind, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Severity, Status

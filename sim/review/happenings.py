@@ -62,36 +62,39 @@ def silences(recording: Recording, trip: DrivenCourse) -> tuple[Span, ...]:
     """
     first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found: list[Span] = []
-    for said in _silent(recording, first_ns, last_ns):
+    before: int | str = ""
+    for said, cause in _silent(recording, first_ns, last_ns):
         span = said._replace(start_ns=max(said.start_ns, first_ns), end_ns=min(said.end_ns, last_ns))
         if span.end_ns <= span.start_ns:
             continue
-        if found and found[-1].end_ns == span.start_ns and _same(found[-1].text, span.text):
+        if found and found[-1].end_ns == span.start_ns and before == cause:
             found[-1] = found[-1]._replace(end_ns=span.end_ns)
         else:
             found.append(span)
+        before = cause
     return tuple(found)
 
 
-def _silent(recording: Recording, first_ns: int, last_ns: int) -> Iterator[Span]:
+def _silent(recording: Recording, first_ns: int, last_ns: int) -> Iterator[tuple[Span, int | str]]:
+    """The times without advice, each with what caused it."""
     advices = sorted((entry.message for entry in recording.of(topics.ADVICE)), key=lambda message: message.time_ns)
     heard_ns = first_ns
     for advice, following in pairwise([*advices, None]):
         assert advice is not None
         if advice.time_ns > heard_ns:
-            yield Span(heard_ns, advice.time_ns, NOT_HEARD)
+            yield Span(heard_ns, advice.time_ns, NOT_HEARD), NOT_HEARD
         next_ns = last_ns if following is None else following.time_ns
         valid_ns = max(advice.valid_until_ns, advice.time_ns + HEARD_NS)
         heard_ns = min(next_ns, valid_ns)
         if advice.source == das_pb2.Advice.SOURCE_NONE:
-            yield Span(advice.time_ns, heard_ns, advice.reason)
+            yield Span(advice.time_ns, heard_ns, advice.reason), _cause(advice)
     if advices:
-        yield Span(heard_ns, last_ns, NOT_HEARD)
+        yield Span(heard_ns, last_ns, NOT_HEARD), NOT_HEARD
 
 
-def _same(one: str, other: str) -> bool:
-    """Whether two reasons are the same except for the numbers in them."""
-    return re.sub(r"[\d.]+", "", one) == re.sub(r"[\d.]+", "", other)
+def _cause(advice: Any) -> int | str:
+    """The cause of a withdrawal; in a recording older than causes, the reason without the numbers in it."""
+    return int(advice.cause) or re.sub(r"[\d.]+", "", advice.reason)
 
 
 def signals(recording: Recording) -> tuple[Signal, ...]:

@@ -18,7 +18,7 @@ from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.inbox import Inbox
-from das.bus.session import decoded
+from das.bus.received import decoded
 from das.bus.topics import (
     ADVICE,
     CONTROL,

@@ -16,7 +16,7 @@ from das.bus import das_pb2
 from das.bus.acl import Role, access_control, keys_of
 from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
 from das.bus.inbox import CONTROL_FACTOR, Inbox
-from das.bus.session import Received
+from das.bus.received import Received
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Topic
 from das.domain.errors import DasError, InputError

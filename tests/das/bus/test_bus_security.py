@@ -17,8 +17,9 @@ import zenoh
 
 from das.bus import das_pb2
 from das.bus.config import BusFile, bus_folder
+from das.bus.received import Received
 from das.bus.recording import read_recording
-from das.bus.session import Bus, Received, free_ports
+from das.bus.session import Bus, free_ports
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS
 from sim.processes.lockstep import Crew, Lockstep

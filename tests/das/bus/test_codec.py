@@ -16,7 +16,7 @@ from das.advice.advice import Advice, Source
 from das.advice.cause import Cause
 from das.advice.modes import Mode
 from das.bus import codec, das_pb2
-from das.bus.session import decoded
+from das.bus.received import decoded
 from das.bus.topics import CONTROL, POSITION, TRUTH
 from das.cab.heard import (
     DelayHeard,

@@ -16,9 +16,10 @@ import pytest
 
 from das.advice.settings import DEFAULT
 from das.bus import das_pb2
+from das.bus.received import Received
 from das.bus.recorder import main as recorder_main
 from das.bus.recording import read_recording
-from das.bus.session import Bus, Received, check_endpoint, endpoint, free_ports
+from das.bus.session import Bus, check_endpoint, endpoint, free_ports
 from das.bus.topics import (
     ADVICE,
     CONTROL,

@@ -13,9 +13,9 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2
+from das.bus.received import decoded
 from das.bus.recorder import Recorder, RecordingFile
 from das.bus.recording import read_recording
-from das.bus.session import decoded
 from das.bus.topics import CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET
 from das.cab.cab import CabSettings
 from das.cab.guard import Guard

@@ -15,8 +15,9 @@ from typing import Any
 import pytest
 
 from das.bus import das_pb2
+from das.bus.received import Received, decoded
 from das.bus.recorder import RecordingFile
-from das.bus.session import Bus, Received, decoded, endpoint, free_ports
+from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS
 from das.cab.moderation import MOST_A_SECOND
 from das.domain.errors import DasError
