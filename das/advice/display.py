@@ -1,4 +1,4 @@
-"""The display: from a plan, and from what was shown before, to the next advice. Here every advice is built."""
+"""The display: from a plan, and from what was shown before, to the next advice. Every advice of a leg is built here."""
 
 from __future__ import annotations
 
@@ -197,7 +197,10 @@ class Display:
         return mode
 
     def held_mode(self, wanted: Mode, now_ns: int) -> Mode:
-        """The mode to show: a new one only after the last was held a while, unless it asks for less effort."""
+        """The mode to show.
+
+        A new mode is shown only after the last was held for a while, unless it asks for less traction or more brake.
+        """
         urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
         held_s = (now_ns - self._mode_since_ns) * NS
         settled = self._mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.modes.hold_s

@@ -1,4 +1,4 @@
-"""A point to be passed in a window of time: the optimum up to it and the optimum from it on (design §5.9).
+"""A point to be passed in a window of time: the optimum up to it and the optimum from it on.
 
 Up to the point the run ends at any speed; what lies ahead is priced by its value at the multiplier that the time left
 behind the point asks for. So both parts together are the least energy of the whole, up to the step of the ladder.
@@ -66,8 +66,8 @@ class PassingFronts:
     def solve(cls, section: Section, at_m: float, ladder_w: Floats, run: PassingRun) -> PassingFronts:
         """Solve both parts for a run that passes the point `at_m` (m), with a ladder of multipliers (W).
 
-        They answer for other times and states as well, a little off the optimum of these. Raises DasError for a point
-        that is not on the way, InfeasibleError where the parts cannot be driven.
+        The fronts answer for other times and states as well, but their runs then cost a little more than the optimum.
+        Raises DasError for a point that is not on the way, InfeasibleError where the parts cannot be driven.
         """
         first, last = _parts(section, at_m)
         after = solve_front(last, lambda_w=ladder_w)

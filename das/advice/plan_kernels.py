@@ -55,9 +55,9 @@ def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces
 
 @kernel
 def without_ripples(modes, v, cruise, rolling, band):
-    """Modes per interval with those between two stretches of `cruise` as these, while speeds stay within `band` (m/s).
+    """Modes per interval, where what lies between two stretches of `cruise` counts as cruising as well.
 
-    Only the modes `rolling` are left out so.
+    That holds while the speeds in between stay within `band` (m/s) of each other and only the modes `rolling` occur.
     """
     result = modes.copy()
     after = -1  # where the last stretch of cruising has ended
@@ -76,9 +76,9 @@ def without_ripples(modes, v, cruise, rolling, band):
 
 @kernel
 def without_short(modes, t_s, brakes, least_s):
-    """Modes per interval without those that end within `least_s`: they are as the one before, in all not longer.
+    """Modes per interval without those that last less than `least_s`: each of these becomes the mode before it.
 
-    Modes from `brakes` on are kept: nothing may hide them.
+    The modes hidden in a row last less than `least_s` together. Modes from `brakes` on are never hidden.
     """
     result = modes.copy()
     hidden_s = 0.0

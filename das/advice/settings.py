@@ -23,7 +23,8 @@ class ModeSettings:
     """A display of four modes shows an electric brake below this share of the full one as coasting: a driver who knows
     only full brakes would brake too early."""
     hold_s: float = 3.0
-    """A new mode is shown only after the one before has lasted this long, unless it asks for less effort or brakes."""
+    """A new mode is shown only after the one before has lasted this long. One that asks for less traction or for more
+    brake is shown at once."""
 
 
 @dataclass(frozen=True, kw_only=True)

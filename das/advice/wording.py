@@ -1,4 +1,4 @@
-"""All the words that go with advice, and with withdrawals. Programs go by causes and modes, never by these texts."""
+"""The words that go with advice, and with withdrawals. Programs go by causes and modes, never by these texts."""
 
 from __future__ import annotations
 

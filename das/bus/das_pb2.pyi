@@ -693,7 +693,7 @@ class Status(_message.Message):
         DESCRIPTOR: _descriptor.EnumDescriptor
         STATE_STARTING: Status._State.ValueType  # 0
         STATE_WAITING: Status._State.ValueType  # 1
-        """for a journey or a position"""
+        """for a journey"""
         STATE_READY: Status._State.ValueType  # 2
         """section solved, no position yet"""
         STATE_ADVISING: Status._State.ValueType  # 3
@@ -704,7 +704,7 @@ class Status(_message.Message):
     class State(_State, metaclass=_StateEnumTypeWrapper): ...
     STATE_STARTING: Status.State.ValueType  # 0
     STATE_WAITING: Status.State.ValueType  # 1
-    """for a journey or a position"""
+    """for a journey"""
     STATE_READY: Status.State.ValueType  # 2
     """section solved, no position yet"""
     STATE_ADVISING: Status.State.ValueType  # 3

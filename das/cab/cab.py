@@ -111,7 +111,7 @@ class Cab:
 
     @property
     def has_journey(self) -> bool:
-        """Whether a journey was heard, for better or worse."""
+        """Whether a journey was heard, be it accepted or refused."""
         return bool(self.legs.legs) or bool(self._trust.journey_refused)
 
     def close(self) -> None:

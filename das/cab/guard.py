@@ -38,7 +38,8 @@ class GuardSettings:
     ahead_s: float = 60.0
     """A message further ahead of the clock than this would shut out those that come after it."""
     silent_s: float = STALE_AFTER_S
-    """A publisher of positions that is not heard for this long, as long as a position is of use, has given way."""
+    """A publisher of positions that has not been heard for this long has given way to another one. It is the time for
+    which a position is of use."""
 
 
 DEFAULT = GuardSettings()
@@ -87,9 +88,9 @@ class Guard:
         return f"{kind}: {found} was ignored" if found else ""
 
     def due(self, now_ns: int) -> list[Heard]:
-        """The newest messages that were ahead of the clock and are no more, to be judged again: each is said once.
+        """The messages that were ahead of the clock and are not any more; they are to be judged again.
 
-        A clock that was wrong is set right, or hears of the time after the message; nobody says it a second time.
+        Each sender says a message only once, so the newest of each kind is kept until the clock has reached it.
         """
         there = [
             (kind, one)

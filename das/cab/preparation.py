@@ -131,19 +131,19 @@ class Preparation:
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def prepare(self, legs: Sequence[Leg], now: int, situation: Situation, now_ns: int, *, told: bool) -> None:
-        """Have fronts for leg number `now` and for the next one, and look for no others.
+    def prepare(self, legs: Sequence[Leg], index: int, situation: Situation, now_ns: int, *, told: bool) -> None:
+        """Have fronts for the leg of number `index`, on which the train is, and for the next leg; look for no others.
 
         The leg before keeps what it has. Where something is `told`, a search that failed may go well now.
         """
         for i, leg in enumerate(legs):
             leg.refresh_goal()
             one = self._prepared[leg]
-            if now <= i <= now + 1:
+            if index <= i <= index + 1:
                 if one.failed_ns is not None and (told or abs(now_ns - one.failed_ns) * NS >= TRY_AGAIN_S):
                     one.ready = False
                 self._ensure(leg, one, situation, now_ns)
-            elif i != now - 1:
+            elif i != index - 1:
                 _release(leg, one)
             elif one.search is not None:
                 one.give_up()

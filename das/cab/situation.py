@@ -25,7 +25,10 @@ class Situation:
     conditions: Conditions = AS_PLANNED
 
     def between(self, start_m: float, end_m: float) -> Situation:
-        """The same, with those restrictions alone that the train meets on a section: its tail counts."""
+        """This situation with only the restrictions that the train meets between two positions (m).
+
+        A restriction counts until the tail of the train has left it.
+        """
         length_m = 0.0 if self.point_mass else self.vehicle.train_length_m
         met = (x for x in self.restrictions if x.start_m < end_m and x.end_m > start_m - length_m)
         return replace(self, restrictions=tuple(sorted(met, key=lambda x: (x.start_m, x.end_m, x.limit_mps))))

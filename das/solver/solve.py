@@ -33,8 +33,10 @@ def solve_front(
 ) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
-    `end_value_j` (J + 1,) is what lies ahead of a section with a free end speed costs (J), by the speeds of its last
-    node. From the end in blocks of decision nodes, first the transitions of a block are found, each thread taking some
+    Where the end speed of the section is free, `end_value_j` holds for each of its J + 1 possible end speeds the energy
+    (J) that the way behind the section costs.
+
+    From the end in blocks of decision nodes, first the transitions of a block are found, each thread taking some
     of its nodes; then the block is swept, each thread taking some of the multipliers. The kernels release the GIL and
     share nothing that they write. Only the transitions of one block are kept, because all of them together would be as
     large as the result. The number of threads and the size of a block change no bit of the result.

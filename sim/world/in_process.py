@@ -54,7 +54,7 @@ class InProcess:
         return advice
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Nothing is recorded."""
+        """Nothing is recorded in this process."""
 
     def _hear(self, heard: Heard) -> None:
         if heard.kind in STATES:

@@ -22,7 +22,10 @@ class Tick(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What is recorded beside: the truth, the cab with what it shows, what the driver last asked for, what happened."""
+    """What is recorded although the on-board system does not hear it.
+
+    That is the truth, the cab with what it shows, what the driver last asked for, and what happened.
+    """
 
     state: PlantState
     cab: CabView
@@ -37,7 +40,7 @@ class Link(Protocol):
         """The advice for a tick (`das.advice.advice.Advice` or the bus's message)."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Record what nobody advises on."""
+        """Record what the on-board system does not hear."""
 
     def restart(self) -> None:
         """Kill the on-board system and start it anew."""

@@ -199,7 +199,7 @@ def _moment(timetable: Fields) -> int:
 
 def _within(fields: Fields, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
     """Read a quantity that must be finite and within its ends (SI)."""
-    value = fields.quantity(name, dimension, default)
+    value = fields.quantity(name, dimension, default, unbounded=True)
     if not ends[0] <= value <= ends[1] or np.isinf(value):
         key = key_of(fields, name, dimension)
         raise fields.error(key, fields.data[key], _expected(key[len(name) + 1 :], dimension, ends))

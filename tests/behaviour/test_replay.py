@@ -197,7 +197,7 @@ def test_a_recorded_trip_of_another_section_is_refused(tmp_path: Path) -> None:
 
 
 BAD = [
-    (["view", "junk.mcap", "--save", "junk.mcap"], "is the recording to read"),
+    (["view", "junk.mcap", "--save", "junk.mcap"], "the file to write is one that is read"),
     (["replay", "nothing.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nothing.csv"),
     (["replay", "empty.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "empty.csv"),
     (["replay", "nan.csv", "--route", "flat-6km", "--vehicle", "re460-ic", "--line", "posts.csv"], "nan.csv.*line 2"),

@@ -28,8 +28,8 @@ LARGEST = 1e12
 power of a network, is below it."""
 LARGEST_TIME_S = 1e10
 """Largest time on a journey's clock, whose zero may be that of 1970."""
-LARGEST_LENGTH_M = 2e7
-"""Largest position or length: half the way round the earth."""
+LARGEST_LENGTH_M = 1e9
+"""Largest position or length (m); what a line can plausibly have is judged after reading, and less."""
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:

@@ -15,13 +15,14 @@ from typing import Any
 import pytest
 import zenoh
 
-from das.bus import das_pb2
+from das.bus import codec, das_pb2
 from das.bus.config import BusFile, bus_folder
-from das.bus.received import Received
+from das.bus.received import Received, decoded
 from das.bus.recording import read_recording
 from das.bus.session import Bus, free_ports
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS
+from das.cab.heard import JourneyHeard
 from sim.processes.lockstep import Crew, Lockstep
 
 pytestmark = pytest.mark.processes
@@ -242,7 +243,9 @@ def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: 
         bus=bus_folder(tmp_path / "bus", False, TRAIN),
     )
     with Lockstep(crew) as lockstep:
-        lockstep.begin(journey(start_ns))
+        heard = codec.heard(decoded(JOURNEY, "", journey(start_ns).SerializeToString()), 0)
+        assert isinstance(heard, JourneyHeard)
+        lockstep.begin(heard)
         lockstep.send(RESTRICTION, das_pb2.Restrictions(time_ns=start_ns))
         for tick in range(1, 4):
             now_ns = start_ns + tick * 10**9

@@ -360,7 +360,7 @@ def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
     ("arguments", "message"),
     [
         (["--route", "nowhere", "--vehicle", "re460-ic"], "nowhere: not a bundled route"),
-        (["--route", "flat-6km", "--vehicle", "re460-ic", "--clock", "moon"], "--clock moon: expected wall or bus"),
+        (["--route", "flat-6km", "--vehicle", "re460-ic", "--clock", "moon"], "'moon' is not one of 'wall', 'bus'"),
         (["--route", "flat-6km", "--vehicle", "re460-ic", "--train", "a/b"], "train name 'a/b'"),
         (["--route", "flat-6km", "--vehicle", "re460-ic", "--rate", "9"], "--rate 9: expected 0.2 to 5 Hz"),
         (["--route", "flat-6km", "--vehicle", "re460-ic", "--tables", "/nowhere"], "no such folder of tables"),

@@ -116,8 +116,9 @@ def _meridian() -> dict[str, Any]:
 
 @pytest.mark.processes
 @pytest.mark.slow
-def test_the_command_shows_writes_and_draws(tmp_path: Path) -> None:
+def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A made-up trip with many defects: they are named, the picture is drawn, and the cleaned file has none left."""
+    monkeypatch.setenv("COLUMNS", "140")  # No phrase is broken over lines.
     trip = write(tmp_path, late_end(dropouts(spikes(clean(6000.0)))))
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     where = ("--route", "flat-6km", "--vehicle", "re460-ic", "--no-reverse", "--line", str(posts))

@@ -47,8 +47,8 @@ CASES: list[tuple[Read, str, str, str, str]] = [
         read_route,
         ROUTE,
         "length_km = 3.0",
-        "length_km = 30000",
-        "length_km = 30000: expected a number of at most 2e+04",
+        "length_km = 3000000",
+        "length_km = 3000000: expected a number of at most 1e+06",
     ),
     (
         read_route,

@@ -180,7 +180,9 @@ def test_a_train_is_read(tmp_path: Path, name: str) -> None:
 def test_a_train_by_hand(tmp_path: Path) -> None:
     train = read_train(written(tmp_path, FULL_TRAIN))
     assert train.inertial_mass_kg == pytest.approx(108_000)
-    assert (train.length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx((75, 44.4444444, 3e5))
+    assert (train.train_length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
+        (75, 44.4444444, 3e5)
+    )
     assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 0.9)
     assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - 0.8)
     assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(1.0 * 12.96)
@@ -190,7 +192,7 @@ def test_a_train_by_hand(tmp_path: Path) -> None:
 def test_the_flirt_by_hand() -> None:
     train = load_vehicle(str(train_path("CH_Stadler_FLIRT_TPF")))
     assert train.inertial_mass_kg == pytest.approx(134_200)
-    assert (train.length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
+    assert (train.train_length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
         (58.6, 44.4444444, 1.22e6)
     )
     assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 1.1)
