@@ -25,8 +25,7 @@ def backward_sweep(first, last, lam, moves, value, time_to_go):
     """Bellman sweep of the multipliers lam[first … last − 1] at once: value (J) and time-to-go (s) of every state.
 
     value[k, j, l] = min over landings of energy + lam·dt + value at the landing (linear in v²). Row k = n of both
-    outputs must hold the end values; the other rows are filled. Landings are taken five at a time (`TOGETHER`): one
-    at a time, loading and storing the best so far takes longer than the sums.
+    outputs must hold the end values; the other rows are filled. Landings are taken `TOGETHER`, five at a time.
     """
     dt, energy, target, weight, count = moves
     n, states = count.shape
