@@ -16,7 +16,7 @@ from das.advice.plan import Place, Plan
 from das.advice.planner import Goal, Planner, TrainState
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
-from das.estimate.localisation import Estimate
+from das.estimate.estimate import Estimate
 from das.solver.kernels.forces import brake_limit, traction_limit
 from das.solver.section import Section
 from das.solver.solution import Fit

@@ -43,8 +43,8 @@ from das.cab.heard import (
     Unreadable,
 )
 from das.cab.outputs import Estimated, Event, Output, Status
-from das.estimate.calibration import Effort
-from das.estimate.localisation import PositionFix, Quality
+from das.estimate.effort import Effort
+from das.estimate.fix import PositionFix, Quality
 
 TOPICS_HEARD: Mapping[Kind, Topic] = {
     Kind.POSITION: POSITION,

@@ -40,7 +40,8 @@ from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.domain.units import NS
 from das.estimate.calibration import Calibrator
-from das.estimate.localisation import Estimate, Localisation
+from das.estimate.estimate import Estimate
+from das.estimate.localisation import Localisation
 
 LONGEST_REASON = 80
 """So many letters of a target's reason, or of an error's, are repeated with the advice."""

@@ -20,7 +20,7 @@ from das.cab.operators import Operators
 from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.domain.units import NS
-from das.estimate.localisation import STALE_AFTER_S
+from das.estimate.localisation_settings import STALE_AFTER_S
 
 
 @dataclass(frozen=True, kw_only=True)

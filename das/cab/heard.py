@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, NamedTuple
 
-from das.estimate.calibration import Effort
-from das.estimate.localisation import PositionFix
+from das.estimate.effort import Effort
+from das.estimate.fix import PositionFix
 
 
 class Kind(StrEnum):

@@ -7,8 +7,9 @@ from das.cab.outputs import Estimated
 from das.domain.conditions import Conditions
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration import Calibrator, Recalibration
-from das.estimate.localisation import Quality
+from das.estimate.calibration import Calibrator
+from das.estimate.fix import Quality
+from das.estimate.recalibration import Recalibration
 
 SAID_EVERY_S = 10.0
 """What was found is said so often."""

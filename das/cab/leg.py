@@ -16,7 +16,8 @@ from das.cab.withdrawal import LegFacts
 from das.domain.errors import DasError
 from das.domain.route import Stop
 from das.domain.units import NS
-from das.estimate.localisation import STANDSTILL_MPS, Estimate
+from das.estimate.estimate import Estimate
+from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.section import Section
 
 

@@ -22,7 +22,7 @@ from das.cab.situation import Situation, difference
 from das.cab.targets import LEAST_WAY_M
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.estimate.localisation import STANDSTILL_MPS
+from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.section import Section
 
 TRY_AGAIN_S = 10.0

@@ -11,7 +11,7 @@ from das.cab.learning import is_fresh
 from das.cab.moderation import Moderation
 from das.cab.outputs import Event, Output, Severity
 from das.domain.units import NS
-from das.estimate.localisation import Estimate
+from das.estimate.estimate import Estimate
 
 PLAN_EVERY_S = 10.0
 LOSSES_EVERY_S = 1.0

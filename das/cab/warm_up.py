@@ -7,7 +7,8 @@ from das.advice.planner import PlanBasis
 from das.cab.leg import Leg
 from das.domain.route import Stop
 from das.domain.units import NS
-from das.estimate.localisation import Localisation, PositionFix
+from das.estimate.fix import PositionFix
+from das.estimate.localisation import Localisation
 from das.solver.warm_up import warm_up as solve_tiny
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from das.advice.cause import OF_PROBLEM, Cause, Withdrawal
 from das.advice.settings import DEFAULT, StopSettings
-from das.estimate.localisation import STANDSTILL_MPS, Estimate
+from das.estimate.estimate import Estimate
+from das.estimate.standstill import STANDSTILL_MPS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,1 +1,1 @@
-"""What the measurements say: where the train is, what it weighs, how hard it runs."""
+"""What follows from measurements: where the train is and how fast it runs, what it weighs, and what resists it."""

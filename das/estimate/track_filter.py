@@ -1,13 +1,13 @@
-"""A Kalman filter along the track: position, speed, acceleration, and the error that a receiver drags along.
+"""A Kalman filter along the track for the position, the speed, the acceleration and the wandering error of a receiver.
 
 State x = (s, v, a, b). Between fixes the acceleration is a random walk driven by white jerk of density q, and the
 receiver's error b wanders (first-order Gauss–Markov with time constant τ and standard deviation σ_b):
 
     s' = v, v' = a, a' = white noise of density q, b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ))
 
-Measured are s + b and v, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with Applications
-to Tracking and Navigation, 2001, sections 6.2.3 and 8.3). Written out in floats: a matrix library takes longer to call
-than this takes to run.
+Sensors measure s + b and v, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with
+Applications to Tracking and Navigation, 2001, sections 6.2.3 and 8.3). The matrices are written out in floats, because
+calling a matrix library takes longer than all of the computation.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import math
 from typing import NamedTuple
 
 WANDER_S = 30.0
-"""Time constant with which a receiver's error of position wanders (assumption)."""
+"""Time constant (s) with which the error of a receiver's position wanders (assumption)."""
 
 
 class Track(NamedTuple):
-    """Mean (s m, v m/s, a m/s², b m) and the upper half of its covariance."""
+    """The mean of the state (s in m, v in m/s, a in m/s², b in m) and the upper half of its covariance."""
 
     s: float
     v: float
@@ -39,7 +39,7 @@ class Track(NamedTuple):
 
 
 def begin(s_m: float, position_sd_m: float, v_mps: float, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
-    """The state after a first fix: all of its error may be of the kind that wanders."""
+    """Return the state after a first fix, all of whose error may be of the kind that wanders."""
     var = position_sd_m**2
     return Track(
         s_m, v_mps, 0.0, 0.0, var, 0.0, 0.0, -var, speed_sd_mps**2, 0.0, 0.0, acceleration_sd_mps2**2, 0.0, var
@@ -47,12 +47,12 @@ def begin(s_m: float, position_sd_m: float, v_mps: float, speed_sd_mps: float, a
 
 
 def predict(x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float) -> Track:
-    """The state `dt` seconds (>= 0) later: P ← F·P·Fᵀ + Q. Trains do not roll back: they stop where v is 0."""
+    """Return the state `dt` seconds (>= 0) later, with P ← F·P·Fᵀ + Q; a train stops at v = 0 and never rolls back."""
     h, q, keep = 0.5 * dt * dt, jerk_psd_m2ps5, math.exp(-dt / WANDER_S)
     s, v, a = x.s + x.v * dt + x.a * h, x.v + x.a * dt, x.a
     if v < 0:
         s, v, a = x.s + 0.5 * x.v * x.v / -x.a, 0.0, 0.0
-    # Rows of F·P that F's second factor needs again.
+    # The entries of F·P above the diagonal, which the product with Fᵀ needs again.
     sv, sa = x.sv + dt * x.vv + h * x.va, x.sa + dt * x.va + h * x.aa
     va = x.va + dt * x.aa
     return Track(
@@ -74,39 +74,39 @@ def predict(x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float) -> T
 
 
 def stand(x: Track, dt: float, wander_sd_m: float) -> Track:
-    """A train that stands: `dt` seconds later it is where it was, and the receiver's error has wandered on."""
+    """Return the state of a standing train `dt` seconds later: only the receiver's error has wandered."""
     still = x._replace(v=0.0, a=0.0, sv=0.0, sa=0.0, vv=0.0, va=0.0, vb=0.0, aa=0.0, ab=0.0)
     return predict(still, dt, 0.0, wander_sd_m)
 
 
 def set_off(x: Track, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
-    """A train that stood may be moving."""
+    """Return the state of a train that stood and may be moving now: its speed and acceleration are unknown."""
     return x._replace(vv=speed_sd_mps**2, aa=acceleration_sd_mps2**2)
 
 
 def unknown_acceleration(x: Track, acceleration_sd_mps2: float) -> Track:
-    """The same state, the driver having changed the effort."""
+    """Return the state after the driver may have changed the effort: the acceleration is less certain."""
     return x._replace(aa=x.aa + acceleration_sd_mps2**2)
 
 
 def position_variance(x: Track) -> float:
-    """Variance of s + b (m²), without the fresh noise of a fix."""
+    """Return the variance of s + b (m²), without the fresh noise of a fix."""
     return x.ss + 2.0 * x.sb + x.bb
 
 
 def with_position(x: Track, s_m: float, variance_m2: float) -> Track:
-    """The state corrected by a measured position with fresh noise of this variance (> 0)."""
+    """Return the state corrected by a measured position with fresh noise of this variance (> 0)."""
     column = (x.ss + x.sb, x.sv + x.vb, x.sa + x.ab, x.sb + x.bb)
     return _corrected(x, column, s_m - x.s - x.b, position_variance(x) + variance_m2)
 
 
 def with_speed(x: Track, speed_mps: float, variance_m2ps2: float) -> Track:
-    """The state corrected by a measured speed with fresh noise of this variance (> 0)."""
+    """Return the state corrected by a measured speed with fresh noise of this variance (> 0)."""
     return _corrected(x, (x.sv, x.vv, x.va, x.vb), speed_mps - x.v, x.vv + variance_m2ps2)
 
 
 def _corrected(x: Track, column: tuple[float, float, float, float], innovation: float, variance: float) -> Track:
-    """x ← x + c·y/S, P ← P − c·cᵀ/S with the column c = P·Hᵀ, the innovation y and its variance S."""
+    """Return x ← x + c·y/S and P ← P − c·cᵀ/S, with the column c = P·Hᵀ, the innovation y and its variance S."""
     s, v, a, b = column
     gain_s, gain_v, gain_a, gain_b = s / variance, v / variance, a / variance, b / variance
     speed = x.v + gain_v * innovation

@@ -19,8 +19,8 @@ from das.cab.heard import (
     ToldRestriction,
 )
 from das.domain.errors import DasError
-from das.estimate.calibration import Effort
-from das.estimate.localisation import PositionFix
+from das.estimate.effort import Effort
+from das.estimate.fix import PositionFix
 from sim.drivers.cab import AdviceView, CabView, Driver, Presentation, present
 from sim.plant.plant import COAST, Command, PlantState
 from sim.world.calls import Calls, KeptCall

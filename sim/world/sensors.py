@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from das.estimate.calibration import Effort
-from das.estimate.localisation import LEAST_SD_M, LEAST_SD_MPS, PositionFix, Quality
+from das.estimate.effort import Effort
+from das.estimate.fix import PositionFix, Quality
+from das.estimate.localisation_settings import LEAST_SD_M, LEAST_SD_MPS
 from sim.plant.plant import PlantState
 from sim.world.day import Day
 from sim.world.disturbances import SensorFault, SensorOutage

@@ -14,7 +14,7 @@ from das.bus import codec
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from das.cab.heard import DelayHeard, Heard, PositionHeard, RestrictionsHeard, ToldRestriction
-from das.estimate.localisation import PositionFix, Quality
+from das.estimate.fix import PositionFix, Quality
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.processes.lockstep import Lockstep

@@ -15,7 +15,7 @@ from das.advice.modes import Mode
 from das.advice.settings import DEFAULT
 from das.domain.conditions import Conditions
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
-from das.estimate.localisation import STALE_AFTER_S
+from das.estimate.localisation_settings import STALE_AFTER_S
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import adhesion_coefficient

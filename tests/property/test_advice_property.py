@@ -22,7 +22,7 @@ from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Restriction
 from das.domain.units import NS, STANDARD_GRAVITY_MPS2
-from das.estimate.localisation import PositionFix
+from das.estimate.fix import PositionFix
 from das.solver.fastest import fastest, least_time_s
 from das.solver.front import Front
 from das.solver.section import Section

@@ -8,10 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from das.domain.units import NS
-from das.estimate.localisation import (
-    Localisation,
-    PositionFix,
-)
+from das.estimate.fix import PositionFix
+from das.estimate.localisation import Localisation
 from das.estimate.track_filter import WANDER_S
 from tests.support.making import make_train
 

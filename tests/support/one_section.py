@@ -8,7 +8,9 @@ from das.advice.planner import PlanBasis
 from das.cab.leg import Leg, NoPlanError
 from das.cab.withdrawal import Trust, decide
 from das.domain.route import Stop
-from das.estimate.localisation import Estimate, Localisation, PositionFix
+from das.estimate.estimate import Estimate
+from das.estimate.fix import PositionFix
+from das.estimate.localisation import Localisation
 from das.solver.front import Front
 from das.solver.section import Section
 

@@ -18,7 +18,8 @@ from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.localisation import Localisation, PositionFix
+from das.estimate.fix import PositionFix
+from das.estimate.localisation import Localisation
 from tests.support.making import make_route, make_train
 from tests.support.one_section import advised
 

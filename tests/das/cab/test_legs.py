@@ -27,7 +27,7 @@ from das.domain.losses import Level
 from das.domain.route import Restriction, Route, Stop, Stretches
 from das.domain.units import NS
 from das.domain.vehicle import Load
-from das.estimate.localisation import PositionFix
+from das.estimate.fix import PositionFix
 from tests.support.driven_node import START_NS, DrivenNode
 from tests.support.small_trips import (
     DUE,

@@ -12,7 +12,7 @@ from das.bus import das_pb2
 from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, RESTRICTION, STATUS
 from das.cab.cab import CabSettings
 from das.cab.heard import PositionHeard, RestrictionsHeard
-from das.estimate.localisation import PositionFix
+from das.estimate.fix import PositionFix
 from sim.world.in_process import InProcess
 from sim.world.link import Tick
 from tests.das.node.test_node import journey as journey_of_now

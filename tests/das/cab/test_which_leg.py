@@ -14,7 +14,7 @@ from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop
 from das.domain.units import NS
-from das.estimate.localisation import PositionFix
+from das.estimate.fix import PositionFix
 from tests.support.making import flat, make_train
 from tests.support.small_trips import SmallTrip
 

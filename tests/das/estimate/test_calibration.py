@@ -20,22 +20,12 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Route, Tunnel, Zone
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration import (
-    FORGETTING,
-    LEAST_RATIO,
-    MASS_STEP,
-    MODEL_SD,
-    MOST_RATIO,
-    PLAN_ANEW_EVERY_S,
-    PRIOR_SD,
-    STOP_MASS_SD,
-    WINDOW_SAMPLES,
-    Belief,
-    Calibrator,
-    Effort,
-    Estimates,
-    Recalibration,
-)
+from das.estimate.belief import Belief
+from das.estimate.calibration import Calibrator
+from das.estimate.calibration_settings import DEFAULT
+from das.estimate.effort import Effort
+from das.estimate.ratios import Estimates
+from das.estimate.recalibration import Recalibration
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import COAST, Patch, Plant, PlantState, force
@@ -161,20 +151,20 @@ def test_what_is_not_observed_is_not_forgotten() -> None:
     """However long one direction is seen, the others keep their variance; it itself ends at r·(1 − λ)."""
     belief = Belief(np.zeros(2), np.diag([0.04, 9.0]))
     for _ in range(5000):
-        belief = belief.updated(np.array([0.0, 2.0]), 0.1, 0.5, FORGETTING)
+        belief = belief.updated(np.array([0.0, 2.0]), 0.1, 0.5, DEFAULT.belief.forgetting)
     assert belief.covariance[0, 0] == 0.04
     assert belief.covariance[0, 1] == 0.0
-    assert 4.0 * belief.covariance[1, 1] == pytest.approx(0.5 * (1 - FORGETTING), rel=1e-6)
+    assert 4.0 * belief.covariance[1, 1] == pytest.approx(0.5 * (1 - DEFAULT.belief.forgetting), rel=1e-6)
 
 
 def test_what_changes_is_followed_with_the_stated_memory() -> None:
     """After n observations of a step, 1 − λⁿ of it is found, once the memory is full."""
     row, belief = np.array([1.0]), Belief(np.zeros(1), np.eye(1))
     for _ in range(1000):
-        belief = belief.updated(row, 0.0 - belief.theta[0], 1.0, FORGETTING)
+        belief = belief.updated(row, 0.0 - belief.theta[0], 1.0, DEFAULT.belief.forgetting)
     for _ in range(50):
-        belief = belief.updated(row, 1.0 - belief.theta[0], 1.0, FORGETTING)
-    assert belief.theta[0] == pytest.approx(1 - FORGETTING**50, rel=1e-6)
+        belief = belief.updated(row, 1.0 - belief.theta[0], 1.0, DEFAULT.belief.forgetting)
+    assert belief.theta[0] == pytest.approx(1 - DEFAULT.belief.forgetting**50, rel=1e-6)
 
 
 # --- against the plant --------------------------------------------------------------------------------------------
@@ -289,9 +279,9 @@ def calibrated(states: States, route: Route | None = None, **train: float) -> Es
 
 UNTOUCHED = Estimates(
     mass_ratio=1.0,
-    mass_sd=math.hypot(PRIOR_SD[0], MODEL_SD[0]),
+    mass_sd=math.hypot(DEFAULT.belief.prior_sd.mass, DEFAULT.belief.model_sd.mass),
     resistance_ratio=1.0,
-    resistance_sd=math.hypot(PRIOR_SD[1], MODEL_SD[1]),
+    resistance_sd=math.hypot(DEFAULT.belief.prior_sd.resistance, DEFAULT.belief.model_sd.resistance),
     samples=0,
     usable=False,
 )
@@ -310,19 +300,19 @@ def test_slow_and_standing_trains_say_nothing() -> None:
 
 def test_neutral_sections_say_nothing() -> None:
     neutral = replace(flat(20e3), neutral_sections=(Zone(start_m=1.3e3, length_m=100.0),))
-    assert calibrated(on_the_flat(WINDOW_SAMPLES), neutral) == UNTOUCHED
-    assert calibrated(on_the_flat(WINDOW_SAMPLES)).samples == 1
+    assert calibrated(on_the_flat(DEFAULT.window.samples), neutral) == UNTOUCHED
+    assert calibrated(on_the_flat(DEFAULT.window.samples)).samples == 1
 
 
 def test_forces_near_what_the_rail_carries_say_nothing() -> None:
     # µ(72 km/h) = 0.226: 44 kN on 20 t of driven axles.
-    assert calibrated(on_the_flat(WINDOW_SAMPLES), adhesive_mass_kg=20e3) == UNTOUCHED
-    assert calibrated(on_the_flat(WINDOW_SAMPLES), adhesive_mass_kg=30e3).samples == 1
+    assert calibrated(on_the_flat(DEFAULT.window.samples), adhesive_mass_kg=20e3) == UNTOUCHED
+    assert calibrated(on_the_flat(DEFAULT.window.samples), adhesive_mass_kg=30e3).samples == 1
 
 
 def test_brakes_of_uncertain_force_say_nothing_of_an_even_run() -> None:
     """Held downhill by the friction brake: its force is not known better than what is looked for."""
-    run = on_the_flat(WINDOW_SAMPLES, force_n=0.0)
+    run = on_the_flat(DEFAULT.window.samples, force_n=0.0)
     rubbing = tuple(s._replace(force_el_n=150e3, force_friction_n=-150e3) for s in run)
     assert calibrated(rubbing, friction_brake_force_n=2e5) == UNTOUCHED
     assert calibrated(run, friction_brake_force_n=2e5).samples == 1
@@ -330,9 +320,9 @@ def test_brakes_of_uncertain_force_say_nothing_of_an_even_run() -> None:
 
 @pytest.mark.parametrize("fault", ["frozen", "jump", "unusable", "gap", "back", "no number", "too fast"])
 def test_faults_of_the_sensors_break_the_window_off(fault: str) -> None:
-    states = on_the_flat(WINDOW_SAMPLES)
+    states = on_the_flat(DEFAULT.window.samples)
     calibrator = Calibrator(flat(20e3), make_train(resistance=(1e3, 20.0, 4.0)))
-    for i, s in enumerate(states[:WINDOW_SAMPLES]):
+    for i, s in enumerate(states[: DEFAULT.window.samples]):
         late, s_m, speed_mps = i >= 12, s.s_m, s.speed_mps
         if fault == "frozen" and late:
             s_m = states[11].s_m
@@ -366,7 +356,7 @@ def test_after_a_stop_the_mass_may_be_another_one() -> None:
         calibrator.set_position(at_ns, last.s_m, 0.0)
         calibrator.set_effort(Effort(time_ns=at_ns, force_el_n=0.0, force_friction_n=0.0))
     after = calibrator.estimates
-    assert after.mass_sd == pytest.approx(math.hypot(before.mass_sd, STOP_MASS_SD))
+    assert after.mass_sd == pytest.approx(math.hypot(before.mass_sd, DEFAULT.load.mass_sd))
     assert (after.mass_ratio, after.resistance_sd) == (before.mass_ratio, before.resistance_sd)
     assert before.usable
     assert not after.usable
@@ -388,10 +378,10 @@ def test_garbage_stays_bounded(stream: list[tuple[int, float, float, float, floa
             calibrator.set_position(at_ns, s_m + i * speed_mps, speed_mps)
             calibrator.set_effort(Effort(time_ns=at_ns, force_el_n=electric_n, force_friction_n=friction_n))
         found = calibrator.estimates
-        assert LEAST_RATIO[0] <= found.mass_ratio <= MOST_RATIO[0]
-        assert LEAST_RATIO[1] <= found.resistance_ratio <= MOST_RATIO[1]
-        assert MODEL_SD[0] < found.mass_sd <= UNTOUCHED.mass_sd
-        assert MODEL_SD[1] < found.resistance_sd <= UNTOUCHED.resistance_sd
+        assert DEFAULT.belief.least.mass <= found.mass_ratio <= DEFAULT.belief.most.mass
+        assert DEFAULT.belief.least.resistance <= found.resistance_ratio <= DEFAULT.belief.most.resistance
+        assert DEFAULT.belief.model_sd.mass < found.mass_sd <= UNTOUCHED.mass_sd
+        assert DEFAULT.belief.model_sd.resistance < found.resistance_sd <= UNTOUCHED.resistance_sd
 
 
 @pytest.mark.parametrize("electric_n", [-60e3, 90e3])
@@ -443,8 +433,8 @@ def test_the_plan_is_made_anew_when_it_would_change_and_not_too_often() -> None:
     first = recalibration.due(estimates(1.1, 1.2), now)
     assert first == Conditions(mass_ratio=1.1, resistance_ratio=1.2, receptivity_ratio=0.5)
     assert first.train(VEHICLE).mass_kg == pytest.approx(1.1 * VEHICLE.mass_kg)
-    assert recalibration.due(estimates(1.1 + 0.9 * MASS_STEP, 1.22), now + 10**12) is None
-    soon, later = now + round(0.9 * PLAN_ANEW_EVERY_S / NS), now + round(1.1 * PLAN_ANEW_EVERY_S / NS)
+    assert recalibration.due(estimates(1.1 + 0.9 * DEFAULT.replan.mass_step, 1.22), now + 10**12) is None
+    soon, later = now + round(0.9 * DEFAULT.replan.every_s / NS), now + round(1.1 * DEFAULT.replan.every_s / NS)
     assert recalibration.due(estimates(1.2, 1.2), soon) is None
     assert recalibration.due(estimates(1.2, 1.2), later) == replace(first, mass_ratio=1.2)
     assert recalibration.conditions.mass_ratio == 1.2

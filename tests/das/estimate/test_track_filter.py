@@ -10,9 +10,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from das.domain.units import NS
 from das.estimate import track_filter
-from das.estimate.localisation import (
-    Localisation,
-)
+from das.estimate.localisation import Localisation
 from das.estimate.track_filter import WANDER_S, Track
 from tests.support.fixes import SD_M, SD_MPS, T0, TRAIN, fixes, truth
 

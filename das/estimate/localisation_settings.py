@@ -1,0 +1,160 @@
+"""The tuning of the localisation, as frozen data: each figure with its meaning and why it is what it is.
+
+A gate given in standard deviations refers to those of the estimate and of the fix together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+
+class Deviations(NamedTuple):
+    """One standard deviation each of a measured position (m) and of a measured speed (m/s)."""
+
+    position_m: float
+    speed_mps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorSettings:
+    """How exact sensors are taken to be."""
+
+    good: Deviations = field(default=Deviations(5.0, 0.2))
+    """Standard deviations of a fix of good quality that states none (assumption)."""
+    unknown: Deviations = field(default=Deviations(10.0, 0.3))
+    """Standard deviations of a fix of unknown quality that states none (assumption)."""
+    degraded: Deviations = field(default=Deviations(30.0, 0.5))
+    """Standard deviations of a degraded fix that states none (assumption)."""
+    least_position_sd_m: float = 0.5
+    """A stated standard deviation of the position below this is raised to it: no receiver is believed to be better."""
+    least_speed_sd_mps: float = 0.02
+    """A stated standard deviation of the speed below this is raised to it: no odometer is believed to be better."""
+    odometer_ratio: float = 0.01
+    """While no position is measured, the way is wrong by this share of it: one standard deviation for worn wheels
+    and slip."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PossibleSettings:
+    """What a fix can state at all; a fix beyond one of these bounds is rejected."""
+
+    overspeed_ratio: float = 1.3
+    """A speed above the train's largest one times this is a fault of the sensor."""
+    backwards_mps: float = -0.3
+    """A speed below this is a fault of the sensor; one between this and 0 is the noise of a standing train."""
+    largest_m: float = 1e7
+    """A position or a stated uncertainty beyond this is a fault of the sensor, because no line is 10 000 km long."""
+    largest_stated_sd_m: float = 200.0
+    """A fix that states a larger standard deviation is of no use: it could lie anywhere, and no jump could be told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GateSettings:
+    """How far a fix may lie off what is expected; a fix that lies further off is rejected."""
+
+    sds: float = 5.0
+    """A fix that is off by more than this many standard deviations is rejected: noise alone is less than
+    once in a million times."""
+    least_m: float = 10.0
+    """A position that is off by no more than this is never rejected, however exact the sensors say that they are."""
+    least_mps: float = 1.0
+    """A speed that is off by no more than this is never rejected, however exact the sensors say that they are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionSettings:
+    """How trains accelerate."""
+
+    hard_mps2: float = 1.0
+    """Any train can brake about as hard as this, whatever its traction."""
+    effort_lasts_s: float = 60.0
+    """A driver holds an effort for about this long; the jerk density is 2·σ²/this, with σ half the hardest start or
+    braking."""
+    manoeuvre_sds: float = 3.0
+    """Where a measured speed is off by more than this many standard deviations, the driver may have changed the effort:
+    the acceleration counts as unknown again."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandstillSettings:
+    """When a train counts as standing, and when as set off."""
+
+    slow_mps: float = 0.1
+    """A measured speed up to this may be that of a standing train, however exact the odometer says that it is."""
+    slow_sds: float = 2.5
+    """A measured speed up to this many of its standard deviations may be that of a standing train."""
+    expected_slow_mps: float = 0.5
+    """A train whose estimated speed is above this is not taken to stand, whatever speed was measured last."""
+    stands_after_s: float = 2.0
+    """A train that may be standing for this long stands; one slow fix alone may be noise."""
+    sets_off_sds: float = 3.3
+    """One speed above this many standard deviations ends a standstill at once: noise does so once in 2 000."""
+    creep_fixes: int = 5
+    """The mean of this many speeds ends a standstill as well, where each alone is too slow to be told from noise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrozenSettings:
+    """When a receiver that repeats its position counts as frozen."""
+
+    way_m: float = 2.0
+    """A position that stays the same while the measured speeds make more way than this is frozen."""
+    coarse_sds: float = 4.0
+    """Where the speeds change, so that only the position stays the same, the way must also be longer than this many
+    standard deviations, because a coarse receiver repeats its position for a while."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestartSettings:
+    """When the estimate begins anew from what is heard."""
+
+    silence_s: float = 30.0
+    """After this long without an accepted fix nothing is left of the estimate, and the next fix begins it anew."""
+    fixes: int = 4
+    """This many rejected fixes in a row that agree with each other show that the estimate was wrong, not they."""
+    span_s: float = 2.0
+    """The rejected fixes that agree must span at least this long, because at 20 Hz four of them come
+    within a fifth of a second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UseSettings:
+    """When an estimate may be used for advice."""
+
+    stale_after_s: float = 3.0
+    """An estimate is not used when its last fix is older than this, or is ahead of the clock by more
+    than this."""
+    largest_position_sd_m: float = 50.0
+    """An estimate is not used when one standard deviation of its position is larger than this."""
+    largest_speed_sd_mps: float = 2.0
+    """An estimate is not used when one standard deviation of its speed is larger than this."""
+    recovered_ratio: float = 0.7
+    """An estimate that was too uncertain is used again below this share of the limits, so that advice does not
+    come and go."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalisationSettings:
+    """All the tuning of the localisation."""
+
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+    possible: PossibleSettings = field(default_factory=PossibleSettings)
+    gate: GateSettings = field(default_factory=GateSettings)
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    standstill: StandstillSettings = field(default_factory=StandstillSettings)
+    frozen: FrozenSettings = field(default_factory=FrozenSettings)
+    restart: RestartSettings = field(default_factory=RestartSettings)
+    use: UseSettings = field(default_factory=UseSettings)
+
+
+DEFAULT: Final = LocalisationSettings()
+
+STALE_AFTER_S: Final = DEFAULT.use.stale_after_s
+"""An estimated position whose last fix is older than this (s) is not used for advice."""
+OVERSPEED_RATIO: Final = DEFAULT.possible.overspeed_ratio
+"""A measured speed above the train's largest one times this is a fault of the sensor."""
+LEAST_SD_M: Final = DEFAULT.sensors.least_position_sd_m
+"""No receiver is believed to state positions with a smaller standard deviation (m) than this."""
+LEAST_SD_MPS: Final = DEFAULT.sensors.least_speed_sd_mps
+"""No odometer is believed to state speeds with a smaller standard deviation (m/s) than this."""

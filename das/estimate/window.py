@@ -1,0 +1,116 @@
+"""A window of samples of a running train, and its means of acceleration, force, line and resistance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from das.domain.route import NEUTRAL, Route
+from das.domain.vehicle import Vehicle
+from das.estimate.belief import Floats
+from das.estimate.calibration_settings import WindowSettings
+from das.solver.section import LineProfile
+
+NORMAL_MAD = 0.6745
+"""The median size of a normal variable, in standard deviations."""
+
+
+class Sample(NamedTuple):
+    """What was measured at one moment: position (m), speed (m/s), the whole wheel force (N) and its friction part."""
+
+    time_s: float
+    s_m: float
+    speed_mps: float
+    force_n: float
+    friction_n: float
+
+
+class MeasuredWindow(NamedTuple):
+    """Means over a window of samples, all with the same weights, and the variances of two of them."""
+
+    acceleration_mps2: float
+    force_n: float
+    """The wheel force."""
+    line_mps2: float
+    """The force of gradients and curves by the mass of the train."""
+    moving_n: float
+    """The resistance c1·v + c2·v² of the train as planned."""
+    tunnel_n: float
+    """The additional resistance in tunnels, q·v²."""
+    acceleration_variance: float
+    force_variance: float
+
+
+class LineIntegral:
+    """The forces of the line on a train, integrated along the way, so that a mean over any way is a difference."""
+
+    def __init__(self, route: Route, vehicle: Vehicle, train_length_m: float, settings: WindowSettings) -> None:
+        self._settings = settings
+        self._resistance = vehicle.resistance
+        breaks = route.breakpoints_m()
+        grid = np.arange(0.0, route.length_m + train_length_m, settings.grid_m)
+        ends = (grid, breaks, breaks + train_length_m, [route.length_m + train_length_m])
+        self._node_m = np.unique(np.concatenate(ends))
+        profile = LineProfile.on(route, vehicle, self._node_m, train_length_m)
+
+        def along(value: Floats) -> Floats:
+            return np.concatenate(([0.0], np.cumsum(value * profile.step_m)))
+
+        self._work_m2ps2 = along(profile.constant_n / vehicle.mass_kg)
+        self._tunnel = along(profile.tunnel_n_per_mps2)
+        self._neutral_m = along((profile.supply == NEUTRAL).astype(float))
+
+    def window(self, samples: Sequence[Sample]) -> MeasuredWindow | None:
+        """Return the means over a window, all with the weights with which the slope of the speeds weighs accelerations.
+
+        The slope is Σc·v with c = (t − t̄)/Σ(t − t̄)². Summed by parts it is Σω·ā over the intervals between samples,
+        with ω = Δt·Σ_later c. The result is None where the way does not fit the speeds, and near a neutral section.
+        """
+        tuning = self._settings
+        t, s, v, force, friction = np.array(samples).T
+        off = t - t.mean()
+        scatter = float(off @ off)
+        share = np.diff(t) * np.cumsum((off / scatter)[::-1])[::-1][1:]
+        speed = 0.5 * (v[:-1] + v[1:])
+        way = speed * np.diff(t)
+        if abs(s[-1] - s[0] - way.sum()) > tuning.odometry_m or self._in_neutral(float(s[0]), float(s[-1])):
+            return None
+        middle = 0.5 * (s[:-1] + s[1:])
+        weight = 0.5 * (np.append(share, 0.0) + np.append(0.0, share))
+        # An effort that changes between two samples may do so at any moment between them.
+        between = np.sum((share * np.diff(force)) ** 2) / 12.0
+        noise = np.sum((weight * tuning.force_sd_ratio * force) ** 2)
+        noise = noise + (tuning.friction_sd_ratio * weight @ friction) ** 2
+        r = self._resistance
+        return MeasuredWindow(
+            acceleration_mps2=float(off @ v) / scatter,
+            force_n=float(weight @ force),
+            line_mps2=float(share @ self._mean(self._work_m2ps2, middle, way)),
+            moving_n=float(share @ (r.c1_n_per_mps * speed + r.c2_n_per_mps2 * speed**2)),
+            tunnel_n=float(share @ (self._mean(self._tunnel, middle, way) * speed**2)),
+            acceleration_variance=max(_noise_mps(v), tuning.speed_sd_mps) ** 2 / scatter,
+            force_variance=float(between + noise),
+        )
+
+    def _mean(self, integral: Floats, middle_m: Floats, way_m: Floats) -> Floats:
+        """Return the means of what was integrated over stretches of the way, given by their middles and lengths (m)."""
+        ahead, behind = (np.interp(middle_m + x * way_m, self._node_m, integral) for x in (0.5, -0.5))
+        return np.asarray((ahead - behind) / way_m)
+
+    def _in_neutral(self, from_m: float, to_m: float) -> bool:
+        """Whether the way between two positions of the head (m) comes near a neutral section."""
+        margin_m = self._settings.neutral_margin_m
+        ends = np.interp([from_m - margin_m, to_m + margin_m], self._node_m, self._neutral_m)
+        return bool(ends[1] > ends[0])
+
+
+def _noise_mps(speed_mps: Floats) -> float:
+    """Return the noise of speeds (m/s, one standard deviation) from the median size of their second differences.
+
+    The median leaves out the few second differences that come from changing forces.
+    """
+    bends = np.abs(np.diff(speed_mps, 2))
+    return float(np.median(bends)) / (NORMAL_MAD * math.sqrt(6.0))
