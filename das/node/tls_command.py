@@ -11,7 +11,12 @@ from das.bus.topics import check_train_name
 from das.command_line.printing import typed
 from das.domain.errors import DasError
 
-tls_app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+tls_app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 LAST_PORT = 65535
 
 

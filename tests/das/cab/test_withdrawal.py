@@ -10,7 +10,7 @@ import pytest
 from das.advice import wording
 from das.advice.cause import OF_PROBLEM, Cause
 from das.cab.withdrawal import LegFacts, Trust, decide
-from das.estimate.localisation import Estimate
+from das.estimate.estimate import Estimate
 from das.estimate.problems import Problem, ProblemKind
 from tests.support.making import REPOSITORY
 
