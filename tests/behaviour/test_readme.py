@@ -1,0 +1,53 @@
+"""The command lines of README.md and of the tutorials work, one after the other, in an empty folder."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.support.making import REPOSITORY, das_precompute, das_sim
+
+PAGES = ("README.md", "docs/tutorials/own-line.md", "docs/tutorials/first-replay.md")
+ELSEWHERE = ("pytest", "das-node")
+"""Programs of other tests: the tests themselves, and the node, which runs until it is stopped."""
+WRITTEN = ("my-line/posts.csv", "my-line/tables/build.json", "run.png", "tables/build.json", "x.png")
+"""Files that the commands of all pages leave behind, beside recordings."""
+
+
+def lines(page: str) -> list[list[str]]:
+    """The words after `uv run` of every command line in a page's blocks of commands, without those run elsewhere."""
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    found = [line.split("uv run ", 1)[1] for block in blocks for line in block.splitlines() if "uv run " in line]
+    words = [shlex.split(line, comments=True) for line in found]
+    return [one for one in words if one[0] not in ELSEWHERE]
+
+
+def run(words: list[str], folder: Path) -> str:
+    """Run a command line in a folder as the page says it; what it printed."""
+    program, *arguments = words
+    recordings = sorted((folder / "recordings").glob("*.mcap"))
+    arguments = [str(recordings[0]) if "replay-…" in one else one for one in arguments]
+    assert program in ("das-sim", "das-precompute"), words
+    done = das_sim(*arguments, cwd=folder) if program == "das-sim" else das_precompute(folder, *arguments)
+    assert done.returncode == 0, f"{shlex.join(words)}: {done.stderr}"
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.processes
+def test_every_command_line_of_the_pages_works(tmp_path: Path) -> None:
+    """One folder for all pages; a command that two pages have is run once."""
+    commands = {shlex.join(words): words for page in PAGES for words in lines(page)}
+    assert len(commands) >= 15
+    for words in commands.values():
+        assert run(words, tmp_path), words
+    assert [name for name in WRITTEN if not (tmp_path / name).is_file()] == []
+    assert list((tmp_path / "recordings").glob("*.mcap"))
+
+
+def test_every_page_has_command_lines() -> None:
+    assert [page for page in PAGES if len(lines(page)) < 5] == []

@@ -1,0 +1,104 @@
+"""The commands and options of the three programs, as the tables of docs/reference/commands.md show them.
+
+`python -m tests.support.command_tables` writes these tables into the page again, after an option has changed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from typer.core import TyperCommand
+from typer.main import get_command
+
+import das.node.command
+import das.node.tls_command
+import precompute.cli.program
+import sim.cli.commands
+from das.command_line.application import single_command
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "commands.md"
+BLOCK = re.compile(r"(<!-- options of (?P<command>[a-z -]+): begin -->\n).*?(<!-- options: end -->)", re.DOTALL)
+EVERYWHERE = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
+"""Options that the head of the page explains once."""
+
+
+def commands() -> dict[str, TyperCommand]:
+    """Every command by the words with which a user starts it."""
+    found: dict[str, TyperCommand] = {}
+    for entry in precompute.cli.program.COMMANDS:
+        found[f"das-precompute {entry.name}"] = entry.load()
+    for entry in sim.cli.commands.ENTRIES:
+        found[f"das-sim {entry.name}"] = entry.load()
+    found["das-node"] = single_command("das-node", das.node.command.advise, ())
+    (tls_init,) = get_command(das.node.tls_command.tls_app).commands.values()  # type: ignore[attr-defined]
+    assert isinstance(tls_init, TyperCommand)
+    found["das-node tls-init"] = tls_init
+    return found
+
+
+def spellings(command: TyperCommand) -> list[str]:
+    """Every spelling of every option of a command, without those that every command has."""
+    options = (option for option in command.params if option.param_type_name == "option")
+    return [one for option in options for one in (*option.opts, *option.secondary_opts) if one not in EVERYWHERE]
+
+
+def table(command: TyperCommand) -> str:
+    """The arguments and options of a command as a table of Markdown."""
+    rows = [f"| {_cell(names)} | {_cell(text)} |" for names, text in _rows(command)]
+    return "\n".join(["| argument or option | meaning |", "|---|---|", *rows])
+
+
+def _rows(command: TyperCommand) -> Iterator[tuple[str, str]]:
+    for parameter in sorted(command.params, key=lambda one: one.param_type_name):  # arguments before options
+        text = str(getattr(parameter, "help", None) or "")
+        if parameter.param_type_name == "argument":
+            yield f"`{parameter.metavar or str(parameter.name).upper()}`", text
+            continue
+        names = [one for one in (*parameter.opts, *parameter.secondary_opts) if one not in EVERYWHERE]
+        if names:
+            yield ", ".join(f"`{one}`" for one in names) + _value(parameter), text + _default(parameter)
+
+
+def _value(option: Any) -> str:
+    """What follows the option: nothing, one of some words, or a value."""
+    kind = option.type_descriptor.annotation
+    if option.is_flag:
+        return ""
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return " " + " \\| ".join(f"`{word.value}`" for word in kind)
+    return f" {option.metavar or {int: 'N', float: 'X', Path: 'PATH'}.get(kind, 'TEXT')}"
+
+
+def _default(option: Any) -> str:
+    """The default, where the help does not name it: nothing for flags and for options that are left out."""
+    default = getattr(option.default, "value", option.default)
+    if option.required:
+        return " Required."
+    if option.is_flag or default is None or "[default:" in str(option.help):
+        return ""
+    return f" [default: {default:g}]" if isinstance(default, float) else f" [default: {default}]"
+
+
+def _cell(text: str) -> str:
+    """Text for a cell: a bar would end the cell."""
+    return re.sub(r"(?<!\\)\|", r"\\|", " ".join(text.split()))
+
+
+def with_tables(page: str, all_commands: Mapping[str, TyperCommand]) -> str:
+    """The page with the table of every command as the program has it; ValueError for a command that there is not."""
+
+    def written(block: re.Match[str]) -> str:
+        name = block["command"]
+        if name not in all_commands:
+            raise ValueError(f"{PAGE.name}: options of {name}: there is no such command")
+        return f"{block[1]}{table(all_commands[name])}\n{block[3]}"
+
+    return BLOCK.sub(written, page)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), commands()), encoding="utf-8")
