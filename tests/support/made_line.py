@@ -92,4 +92,4 @@ def counts(trip: MatchedTrip) -> dict[FindingKind, int]:
 
 
 def matched(trip: Record, line: Line, on: Route) -> MatchedTrip:
-    return match_trip(trip, line, on, on.stops[0], on.stops[-1])
+    return match_trip(trip, line, on, (on.stops[0], on.stops[-1]))
