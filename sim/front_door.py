@@ -86,5 +86,5 @@ def run_day(
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
     }
     return SimulatedDay(
-        states=states, outcome=outcome(day, run), ledger=day.plant.ledger(run.legs[0][0], run.legs[-1][1])
+        states=states, outcome=outcome(day, run).as_dict(), ledger=day.plant.ledger(run.legs[0][0], run.legs[-1][1])
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import plan_kernels as kernels
-from das.advice.modes import classify_modes, four_modes, next_changes, without_short
+from das.advice.classifying import classify_modes, four_modes, next_changes, without_short
 from das.advice.settings import DEFAULT, ModeSettings
 from das.solver.section import Section
 from das.solver.solution import Solution

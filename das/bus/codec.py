@@ -16,6 +16,7 @@ from das.bus import das_pb2
 from das.bus.received import Received
 from das.bus.topics import (
     ADVICE,
+    CONTROL,
     DELAY,
     EFFORT,
     ESTIMATE,
@@ -85,6 +86,19 @@ def heard(received: Received, heard_ns: int) -> Heard | None:
 def told(value: Heard) -> Outgoing:
     """The message that tells a cab something."""
     return Outgoing(TOPICS_HEARD[value.kind], _ENCODERS[type(value)](value))
+
+
+def control(now_ns: int, tick: int, *, restrictions_ns: int, targets_ns: int, finish: bool = False) -> Outgoing:
+    """The message by which a simulation tells a node the time (ns since 1970) and asks for the advice of a tick.
+
+    `restrictions_ns` and `targets_ns` are the times of the restrictions and targets that the node must have heard
+    before it answers (0: none). `finish` says that the run is over; the node ends.
+    """
+    command = das_pb2.Control.COMMAND_FINISH if finish else das_pb2.Control.COMMAND_TICK
+    message = das_pb2.Control(
+        time_ns=now_ns, tick=tick, command=command, restrictions_ns=restrictions_ns, targets_ns=targets_ns
+    )
+    return Outgoing(CONTROL, message)
 
 
 def said(output: Output, tick: int = 0) -> Outgoing:

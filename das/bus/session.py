@@ -2,8 +2,8 @@
 
 Zenoh's default session listens on every interface and multicasts. It is never opened here: config.py says what is
 opened instead, and what a site's own file may say. Messages arrive through one subscriber, so that each sender's
-messages come in the order of sending. Only latched topics (journey, restrictions, targets, status) come by subscribers of their own,
-which also fetch the last message that was sent before.
+messages come in the order of sending. Only latched topics (journey, restrictions, targets, status) come by subscribers
+of their own, which also fetch the last message that was sent before.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def work(job: BatchJob) -> dict[str, Any]:
 
 def _run(job: BatchJob) -> dict[str, Any]:
     day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed)
-    figures = outcome(day, _driven(day, job))
+    figures = outcome(day, _driven(day, job)).as_dict()
     stops = figures.pop("stops")
     return {
         **figures,

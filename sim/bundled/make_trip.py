@@ -7,17 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 
-from das.bus import das_pb2
+from das.bus import codec
 from das.bus.recorder import RecordingFile
-from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
+from das.bus.topics import LOCATION
+from das.cab.heard import DelayHeard, Heard, JourneyHeard, OrderedStop, PositionHeard
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
+from das.estimate.fix import PositionFix, Quality
 from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
+from sim.processes.messages import location
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08
@@ -69,12 +71,17 @@ def write_trip(path: Path, plan: TripPlan, states: list[HurriedState], command: 
     """Write what a receiver and the operator would have said of a trip as a recording of ours."""
     random = np.random.default_rng(plan.seed + 1)
     file = RecordingFile(path)
+
+    def tell(value: Heard, time_ns: int) -> None:
+        topic, message = codec.told(value)
+        file.add(topic, topic.key(plan.train), message, time_ns)
+
     try:
         file.add_metadata("run", {"kind": "simulated trip", "command": command, "seed": str(plan.seed)})
         start_ns = plan.departure_ns + round(plan.delay_s / NS)
         first_ns = start_ns - round(STANDING_S / NS)
-        file.add(JOURNEY, JOURNEY.key(plan.train), _journey(plan, first_ns), first_ns)
-        file.add(DELAY, DELAY.key(plan.train), das_pb2.Delay(time_ns=first_ns, delay_s=plan.delay_s), first_ns)
+        tell(_journey(plan, first_ns), first_ns)
+        tell(DelayHeard(time_ns=first_ns, delay_s=plan.delay_s), first_ns)
         offset = 0.0
         decay = math.exp(-FIX_EVERY_S / POSITION_CORRELATION_S)
         standing = [states[0]] * STANDING_S
@@ -84,33 +91,33 @@ def write_trip(path: Path, plan: TripPlan, states: list[HurriedState], command: 
             moving = state.speed_mps > 0
             speed = max(state.speed_mps + SPEED_SIGMA_MPS * random.standard_normal(), 0.0) if moving else 0.0
             s_m = state.s_m + (offset if moving else 0.0)
-            position = das_pb2.Position(
+            fix = PositionFix(
                 time_ns=time_ns,
                 s_m=s_m,
                 speed_mps=speed,
                 uncertainty_m=POSITION_SIGMA_M,
-                quality=das_pb2.Position.QUALITY_GOOD,
+                speed_uncertainty_mps=0.0,
+                quality=Quality.GOOD,
             )
-            file.add(POSITION, POSITION.key(plan.train), position, time_ns)
+            tell(PositionHeard(fix=fix), time_ns)
             place = plan.route.location_deg(s_m)
             if place is not None:
-                fix = LocationFix(latitude=float(place[0]), longitude=float(place[1]), frame_id="train")
-                fix.timestamp.FromNanoseconds(time_ns)
-                file.add(LOCATION, LOCATION.key(plan.train), fix, time_ns)
+                on_map = location(time_ns, float(place[0]), float(place[1]))
+                file.add(LOCATION, LOCATION.key(plan.train), on_map, time_ns)
     finally:
         file.close()
 
 
-def _journey(plan: TripPlan, time_ns: int) -> das_pb2.Journey:
+def _journey(plan: TripPlan, time_ns: int) -> JourneyHeard:
     arrival_ns = plan.departure_ns + round(plan.running_time_s / NS)
-    return das_pb2.Journey(
+    return JourneyHeard(
         time_ns=time_ns,
         train=plan.train,
         route_id=plan.route.id,
         vehicle_id=plan.vehicle.id,
         reversed=plan.reversed,
-        stops=[
-            das_pb2.Journey.Stop(name=plan.start.name, s_m=plan.start.position_m, departure_ns=plan.departure_ns),
-            das_pb2.Journey.Stop(name=plan.end.name, s_m=plan.end.position_m, arrival_ns=arrival_ns),
-        ],
+        stops=(
+            OrderedStop(plan.start.name, plan.start.position_m, departure_ns=plan.departure_ns),
+            OrderedStop(plan.end.name, plan.end.position_m, arrival_ns=arrival_ns),
+        ),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from das.bus import das_pb2
+from das.advice.modes import Mode
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.chance import Chance, ReactionTimes
 from sim.drivers.diary import Diary
@@ -13,13 +13,13 @@ from sim.drivers.human_settings import HumanSettings
 from sim.drivers.parameters import HumanParameters
 
 _KINDS: dict[int, str] = {
-    das_pb2.MODE_FULL_TRACTION: "traction",
-    das_pb2.MODE_REDUCED_TRACTION: "traction",
-    das_pb2.MODE_CRUISE: "hold",
-    das_pb2.MODE_COAST: "coast",
-    das_pb2.MODE_REDUCED_BRAKE: "brake",
-    das_pb2.MODE_FULL_BRAKE: "brake",
-    das_pb2.MODE_FRICTION_BRAKE: "brake",
+    Mode.FULL_TRACTION: "traction",
+    Mode.REDUCED_TRACTION: "traction",
+    Mode.CRUISE: "hold",
+    Mode.COAST: "coast",
+    Mode.REDUCED_BRAKE: "brake",
+    Mode.FULL_BRAKE: "brake",
+    Mode.FRICTION_BRAKE: "brake",
 }
 """The kind of advice by its mode; a reduced maximum speed is a speed to hold."""
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-from das.bus import das_pb2
+from das.advice.modes import Mode
 from das.domain.units import NS
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
@@ -64,7 +64,7 @@ class AdviceView:
     force_n: float = math.nan
     horizon_speed_mps: tuple[float, ...] = ()
     horizon_force_n: tuple[float, ...] = ()
-    next_mode: int = das_pb2.MODE_NONE
+    next_mode: int = Mode.NONE
     next_change_s: float = math.nan
 
 
@@ -136,7 +136,7 @@ def present(
     cab's clock shows 0.
     """
     mode = int(advice.mode)
-    if presentation is Presentation.NONE or mode == das_pb2.MODE_NONE:
+    if presentation is Presentation.NONE or mode == Mode.NONE:
         return None
     time_s = (advice.time_ns - clock_zero_ns) * NS
     until_s = (advice.valid_until_ns - clock_zero_ns) * NS
@@ -154,7 +154,7 @@ def present(
             valid_until_s=until_s,
             presentation=presentation,
             mode=mode,
-            speed_mps=advice.advised_speed_mps if mode == das_pb2.MODE_CRUISE else math.nan,
+            speed_mps=advice.advised_speed_mps if mode == Mode.CRUISE else math.nan,
             next_mode=int(advice.next_four_mode),
             next_change_s=advice.next_four_change_s,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from das.bus import das_pb2
+from das.advice.modes import Mode
 from sim.drivers.attention import DisplayReading, Lapses
 from sim.drivers.cab import AdviceView, CabView, Efforts, Presentation
 from sim.drivers.chance import Chance, Errors, ReactionTimes
@@ -121,11 +121,11 @@ class HumanDriver:
             more_n = self._display.heeded.correction_mps2 * outlook.train.inertial_mass_kg
             more_ratio = handling.efforts.lever_ratio(more_n)
             return min(max(view.lever_ratio * self._errors.force_ratio + more_ratio, -1.0), 1.0)
-        if view.mode == das_pb2.MODE_CRUISE:
+        if view.mode == Mode.CRUISE:
             return handling.held(cab, outlook, min(view.speed_mps, allowed_mps))
-        if view.mode == das_pb2.MODE_FULL_TRACTION:
+        if view.mode == Mode.FULL_TRACTION:
             return 1.0
-        if view.mode == das_pb2.MODE_FULL_BRAKE:
+        if view.mode == Mode.FULL_BRAKE:
             return handling.efforts.lever_ratio(-handling.efforts.electric_n)
         return 0.0
 

@@ -6,10 +6,9 @@ depend on how fast the machine is.
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,33 +18,20 @@ from typing import Any
 from google.protobuf.message import Message
 from mcap.reader import make_reader
 
-from das.bus import codec, das_pb2
-from das.bus.acl import Role
-from das.bus.config import BusFolder
-from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import ADVICE, CONTROL, RECORDER, RESTRICTION, STATUS, TARGET, Topic
-from das.cab.heard import JourneyHeard
+from das.advice.modes import Mode
+from das.bus import codec
+from das.bus.topics import ADVICE, RESTRICTION, TARGET, Topic
+from das.cab.heard import Heard, JourneyHeard
+from das.cab.outputs import NodeState
 from das.domain.errors import DasError
-from sim.processes.process import Process
+from sim.processes.answers import Answers
+from sim.processes.crew import Crew, Stations
 
 START_TIMEOUT_S = 120.0
 """The node compiles its solver the first time on a machine."""
 ANSWER_TIMEOUT_S = 10.0
 RECORDER_WINDOW = 50
 """The recorder may be this many ticks behind before the simulation waits for it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Crew:
-    """How node and recorder of a run are started."""
-
-    train: str
-    node_arguments: tuple[str, ...]
-    out: Path
-    metadata: dict[str, str]
-    start_ns: int
-    attachments: tuple[Path, ...] = ()
-    bus: BusFolder | None = None
 
 
 @dataclass(kw_only=True)
@@ -72,30 +58,21 @@ class Lockstep:
 
     def __init__(self, crew: Crew) -> None:
         self.crew, self.traffic = crew, Traffic()
-        self._ports = [endpoint(port) for port in free_ports(3)]
+        self._stations, self._answers = Stations(crew), Answers()
         self._stack = ExitStack()
-        self._node_state, self._reason = das_pb2.Status.STATE_STARTING, ""
-        self._written = das_pb2.RecorderStatus()
-        self._answered: Any | None = None
         self._asked_tick = 0
         self._told_ns = {RESTRICTION.name: 0, TARGET.name: 0}
 
     def __enter__(self) -> Lockstep:
         try:
-            self._recorder = self._stack.enter_context(self._start_recorder())
-            self._node = self._start_node()
+            self._recorder = self._stack.enter_context(self._stations.start_recorder())
+            self._node = self._stations.start_node()
             self._stack.callback(lambda: self._node.__exit__(None, None, None))
-            self.bus = self._stack.enter_context(self._own_bus())
+            self.bus = self._stack.enter_context(self._stations.open_bus())
         except BaseException:
             self._stack.close()
             raise
         return self
-
-    def _own_bus(self) -> Bus:
-        hear, files = (ADVICE, STATUS, RECORDER), self.crew.bus
-        if files is not None:
-            return Bus(self.crew.train, hear=hear, file=files.file(Role.SIMULATOR))
-        return Bus(self.crew.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -105,13 +82,13 @@ class Lockstep:
     def begin(self, journey: JourneyHeard) -> None:
         """Wait for both, and until the node has taken the journey."""
         began = time.perf_counter()
-        waiting = (das_pb2.Status.STATE_WAITING, das_pb2.Status.STATE_READY)
+        answers, waiting = self._answers, (NodeState.WAITING, NodeState.READY)
         self._until(
-            lambda: self._node_state in waiting and self._written.node_state in waiting,
+            lambda: answers.node_state in waiting and answers.written.node_state in waiting,
             START_TIMEOUT_S,
             "node and recorder to start",
         )
-        self.send(*codec.told(journey))
+        self.tell(journey)
         self._until_taken()
         self.traffic.start_s = time.perf_counter() - began
 
@@ -121,9 +98,13 @@ class Lockstep:
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
         self._node.__exit__(None, None, None)
-        self._node_state = das_pb2.Status.STATE_STARTING
-        self._node = self._start_node()
+        self._answers.node_state = NodeState.STARTING
+        self._node = self._stations.start_node()
         self._until_taken()
+
+    def tell(self, value: Heard) -> None:
+        """Tell the node something that it can hear."""
+        self.send(*codec.told(value))
 
     def send(self, topic: Topic, message: Message) -> None:
         """Publish a message and count it."""
@@ -134,25 +115,21 @@ class Lockstep:
 
     def ask(self, now_ns: int, tick: int) -> Any:
         """The node's advice for a tick."""
-        self._answered, self._asked_tick = None, tick
-        self.send(CONTROL, self._control(now_ns, tick))
-        self._until(
-            lambda: self._answered is not None and self._answered.tick == tick,
-            ANSWER_TIMEOUT_S,
-            f"the node's advice for second {tick}",
-        )
-        self._until(lambda: tick - self._written.tick <= RECORDER_WINDOW, ANSWER_TIMEOUT_S, "the recorder to keep up")
-        self._count(self._answered)
-        return self._answered
+        answers, self._asked_tick = self._answers, tick
+        answers.advice = None
+        self._ask(now_ns, tick)
+        self._until(lambda: answers.advised(tick), ANSWER_TIMEOUT_S, f"the node's advice for second {tick}")
+        self._until(lambda: tick - answers.written.tick <= RECORDER_WINDOW, ANSWER_TIMEOUT_S, "the recorder to keep up")
+        self._count(answers.advice)
+        return answers.advice
 
     def finish(self, now_ns: int) -> None:
         """Tell both that the run is over, wait until everything is written, and stop them."""
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last tick")
-        last = self._asked_tick + 1
-        self.send(CONTROL, self._control(now_ns, last, das_pb2.Control.COMMAND_FINISH))
-        stopping = das_pb2.Status.STATE_STOPPING
+        answers, last = self._answers, self._asked_tick + 1
+        self._ask(now_ns, last, finish=True)
         self._until(
-            lambda: self._written.tick == last and self._written.node_state == stopping,
+            lambda: answers.written.tick == last and answers.written.node_state == NodeState.STOPPING,
             ANSWER_TIMEOUT_S,
             "the recorder to finish",
             watch_node=False,
@@ -161,35 +138,36 @@ class Lockstep:
         self._recorder.finish()
         self.traffic.recorded = recorded_counts(self.crew.out)
 
-    def _control(
-        self, now_ns: int, tick: int, command: das_pb2.Control.Command.ValueType = das_pb2.Control.COMMAND_TICK
-    ) -> das_pb2.Control:
-        """A tick; the node answers it when it has heard what was told before, which comes by a way of its own."""
-        return das_pb2.Control(
-            time_ns=now_ns,
-            tick=tick,
-            command=command,
+    def _ask(self, now_ns: int, tick: int, *, finish: bool = False) -> None:
+        """Send a Control message; the node answers it when it has heard what was told before, which comes by a way of
+        its own."""
+        asked = codec.control(
+            now_ns,
+            tick,
             restrictions_ns=self._told_ns[RESTRICTION.name],
             targets_ns=self._told_ns[TARGET.name],
+            finish=finish,
         )
+        self.send(*asked)
 
     def _all_written(self) -> bool:
-        return self._written.tick >= self._asked_tick and self._written.advice_tick >= self._asked_tick
+        written = self._answers.written
+        return written.tick >= self._asked_tick and written.advice_tick >= self._asked_tick
 
     def _until_taken(self) -> None:
         """Until the node is ready, and the recorder has heard it say so."""
-        ready, refused = das_pb2.Status.STATE_READY, das_pb2.Status.STATE_WITHDRAWN
+        answers, ready, refused = self._answers, NodeState.READY, NodeState.WITHDRAWN
         self._until(
-            lambda: self._node_state == refused or self._node_state == self._written.node_state == ready,
+            lambda: answers.node_state == refused or answers.node_state == answers.written.node_state == ready,
             START_TIMEOUT_S,
             "the node to take the journey",
         )
-        if self._node_state == refused:
-            raise DasError(f"the node: {self._reason}")
+        if answers.node_state == refused:
+            raise DasError(f"the node: {answers.reason}")
 
     def _count(self, advice: Any) -> None:
         self.traffic.ticks += 1
-        if advice.mode == das_pb2.MODE_NONE:
+        if advice.mode == Mode.NONE:
             self.traffic.advices_withdrawn += 1
             return
         self.traffic.advices_given += 1
@@ -207,41 +185,7 @@ class Lockstep:
                 if time.monotonic() > deadline:
                     raise DasError(f"waited {timeout_s:.0f} s for {what}")
                 continue
-            message = received.message
-            if message is None:
-                continue
-            if received.topic is ADVICE:
-                self._answered = message
-            elif received.topic is STATUS:
-                self._node_state, self._reason = message.state, message.reason
-            elif received.topic is RECORDER:
-                self._written = message
-
-    def _start_recorder(self) -> Process:
-        crew = self.crew
-        arguments = [
-            *self._place(1, Role.RECORDER),
-            "--out",
-            str(crew.out),
-            "--overwrite",
-            "--metadata",
-            json.dumps(crew.metadata),
-        ]
-        arguments += ["--start-ns", str(crew.start_ns)]
-        for path in crew.attachments:
-            arguments += ["--attach", str(path)]
-        return Process("recorder", "das.bus.recorder", arguments)
-
-    def _start_node(self) -> Process:
-        return Process("node", "das.node", [*self._place(2, Role.NODE), "--clock", "bus", *self.crew.node_arguments])
-
-    def _place(self, own: int, role: Role) -> Sequence[str]:
-        """Train and endpoints of the process that listens on port `own`, or its role's bus file."""
-        if self.crew.bus is not None:
-            return ["--train", self.crew.train, *self.crew.bus.file(role).arguments()]
-        others = [port for i, port in enumerate(self._ports) if i != own]
-        connect = [word for port in others for word in ("--connect", port)]
-        return ["--train", self.crew.train, "--listen", self._ports[own], *connect]
+            self._answers.take(received.topic, received.message)
 
 
 def sleep_until(moment: float) -> None:

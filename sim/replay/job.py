@@ -22,7 +22,7 @@ from das.domain.units import NS
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli.shared import speed_factor
-from sim.processes.lockstep import Crew
+from sim.processes.crew import Crew
 from sim.replay.options import ReplayOptions
 from sim.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import estimate_run

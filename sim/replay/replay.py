@@ -11,16 +11,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from google.protobuf.message import Message
 
-from das.bus import das_pb2
-from das.bus.topics import DELAY, LOCATION, LOG, POSITION, RESTRICTION, TRUTH, Topic
-from das.cab.heard import JourneyHeard, OrderedStop
+from das.bus import codec, das_pb2
+from das.bus.codec import Outgoing
+from das.bus.topics import LOCATION, LOG, TRUTH
+from das.cab.heard import DelayHeard, JourneyHeard, OrderedStop, PositionHeard, RestrictionsHeard
 from das.domain.errors import DasError
 from das.domain.units import NS
+from das.estimate.fix import PositionFix, Quality
 from das.solver.front import Front
 from das.solver.solution import Solution
-from sim.processes.lockstep import Crew, Lockstep, Traffic, sleep_until
+from sim.processes.crew import Crew
+from sim.processes.lockstep import Lockstep, Traffic, sleep_until
 from sim.processes.messages import happened, location
 from sim.trips.estimate import DrivenEstimate
 from sim.trips.trip import Trip
@@ -115,8 +117,8 @@ def _play(job: ReplayJob, lockstep: Lockstep, progress: Callable[[int, int], Non
     began = time.perf_counter()
     for tick in range(1, ticks + 1):
         now_ns = timing.first_tick_ns + round((tick - 1) * TICK_S / NS)
-        for topic, message in feed.until(now_ns):
-            lockstep.send(topic, message)
+        for outgoing in feed.until(now_ns):
+            lockstep.send(*outgoing)
         if job.speed is not None:
             sleep_until(began + (tick - 1) * TICK_S / job.speed)
         lockstep.ask(now_ns, tick)
@@ -146,14 +148,13 @@ class _Feed:
         self._items = iter(sorted(self._all(), key=lambda item: item[0]))
         self._next = next(self._items, None)
 
-    def until(self, now_ns: int) -> Iterator[tuple[Topic, Message]]:
+    def until(self, now_ns: int) -> Iterator[Outgoing]:
         """Yield the messages up to a moment, each once."""
         while self._next is not None and self._next[0] <= now_ns:
-            _, topic, message = self._next
-            yield topic, message
+            yield self._next[1]
             self._next = next(self._items, None)
 
-    def _all(self) -> Iterator[tuple[int, Topic, Message]]:
+    def _all(self) -> Iterator[tuple[int, Outgoing]]:
         yield from self._positions()
         yield from self._delays()
         yield from self._truth()
@@ -161,32 +162,33 @@ class _Feed:
         late_s = (self.job.trip.run.start_time_ns - timing.departure_ns) * NS
         text = f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late"
         # A trip tells of no temporary restrictions; the node must know that there are none.
-        yield timing.first_tick_ns, RESTRICTION, das_pb2.Restrictions(time_ns=timing.first_tick_ns)
-        yield timing.first_tick_ns, LOG, happened(timing.first_tick_ns, text)
+        at_ns = timing.first_tick_ns
+        yield at_ns, codec.told(RestrictionsHeard(time_ns=at_ns, restrictions=()))
+        yield at_ns, Outgoing(LOG, happened(at_ns, text))
 
-    def _positions(self) -> Iterator[tuple[int, Topic, Message]]:
+    def _positions(self) -> Iterator[tuple[int, Outgoing]]:
         matched = self.job.trip.matched
-        good, degraded = das_pb2.Position.QUALITY_GOOD, das_pb2.Position.QUALITY_DEGRADED
         for i, time_ns in enumerate(matched.time_ns.tolist()):
             dropout = bool(matched.dropout[i])
-            position = das_pb2.Position(
+            fix = PositionFix(
                 time_ns=time_ns,
                 s_m=float(matched.s_m[i]),
                 speed_mps=float(matched.speed_mps[i]),
                 uncertainty_m=float(matched.uncertainty_m[i]),
-                quality=das_pb2.Position.QUALITY_INVALID if matched.invalid[i] else degraded if dropout else good,
+                speed_uncertainty_mps=0.0,
+                quality=Quality.INVALID if matched.invalid[i] else Quality.DEGRADED if dropout else Quality.GOOD,
             )
-            yield time_ns, POSITION, position
+            yield time_ns, codec.told(PositionHeard(fix=fix))
             if np.isfinite(matched.latitude_deg[i]):
                 place = float(matched.latitude_deg[i]), float(matched.longitude_deg[i])
-                yield time_ns, LOCATION, location(time_ns, *place)
+                yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
 
-    def _delays(self) -> Iterator[tuple[int, Topic, Message]]:
+    def _delays(self) -> Iterator[tuple[int, Outgoing]]:
         """The recording's own delays, else the deviation from the optimum of the timetable's running time."""
         trip, timing = self.job.trip, self.job.timing
         if trip.delays and not self.job.delay_given:
             for time_ns, delay_s in trip.delays:
-                yield time_ns, DELAY, das_pb2.Delay(time_ns=time_ns, delay_s=delay_s)
+                yield time_ns, codec.told(DelayHeard(time_ns=time_ns, delay_s=delay_s))
             return
         planned = self.job.reference.trajectory
         run = trip.run
@@ -194,9 +196,9 @@ class _Feed:
             time_ns = run.start_time_ns + round(float(run.time_s[i]) / NS)
             due_s = float(np.interp(run.s_m[i], planned.s_m, planned.t_s))
             delay_s = (time_ns - timing.departure_ns) * NS - due_s
-            yield time_ns, DELAY, das_pb2.Delay(time_ns=time_ns, delay_s=delay_s)
+            yield time_ns, codec.told(DelayHeard(time_ns=time_ns, delay_s=delay_s))
 
-    def _truth(self) -> Iterator[tuple[int, Topic, Message]]:
+    def _truth(self) -> Iterator[tuple[int, Outgoing]]:
         run, driven = self.job.trip.run, self.job.driven
         trajectory, index = driven.trajectory, driven.index
         for i in range(len(run.time_s)):
@@ -214,4 +216,4 @@ class _Feed:
                 gradient_ratio=float(trajectory.grade_ratio[j]),
                 limit_mps=float(trajectory.limit_mps[j]),
             )
-            yield time_ns, TRUTH, truth
+            yield time_ns, Outgoing(TRUTH, truth)

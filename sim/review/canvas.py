@@ -118,7 +118,7 @@ def marks(axis: Any, along: Along, happened: Sequence[Happening]) -> None:
     low, high = axis.get_xlim()
     transform = axis.get_xaxis_transform()
     numbered = sorted((float((x - low) / (high - low)), number) for number, x in enumerate(places, start=1))
-    for middle, numbers in _joined(numbered):
+    for middle, numbers in joined_labels(numbered):
         kinds = [happened[number - 1].kind for number in numbers]
         color = KINDS[next((kind for kind in ("warning", "silence") if kind in kinds), "log")]
         axis.text(
@@ -128,18 +128,21 @@ def marks(axis: Any, along: Along, happened: Sequence[Happening]) -> None:
         )  # fmt: skip
 
 
-def _joined(numbered: Sequence[tuple[float, int]]) -> list[tuple[float, list[int]]]:
+def joined_labels(numbered: Sequence[tuple[float, int]]) -> list[tuple[float, list[int]]]:
     """Labels in order, as (middle, numbers), with those joined that would cover each other."""
     found: list[tuple[float, list[int]]] = []
     for place, number in numbered:
         found.append((place, [number]))
-        while len(found) > 1 and found[-1][0] - found[-2][0] < _width(found[-1][1]) + _width(found[-2][1]):
-            (last, more), (before, some) = found.pop(), found.pop()
+        while len(found) > 1:
+            (before, some), (last, more) = found[-2:]
+            if last - before >= half_width_ratio(more) + half_width_ratio(some):
+                break
+            del found[-2:]
             found.append(((last * len(more) + before * len(some)) / (len(more) + len(some)), sorted([*some, *more])))
     return found
 
 
-def _width(numbers: Sequence[int]) -> float:
+def half_width_ratio(numbers: Sequence[int]) -> float:
     """Half the width of a label, as a share of the axis."""
     return 0.5 * DIGIT_SHARE * (len(_numbers(numbers)) + 1)
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from das.bus import das_pb2, topics
+from das.advice.advice import Source
+from das.bus import topics
 from das.bus.recording import Recording
 from sim.review.series import DrivenCourse, Floats, Times
 
@@ -52,7 +53,7 @@ def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Flo
     """
     advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
     truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
-    said_mps = np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, advice["limit_mps"])
+    said_mps = np.where(advice["source"] == Source.NONE, np.nan, advice["limit_mps"])
     if not len(truth["time_ns"]):
         truth = {"time_ns": advice["time_ns"], "limit_mps": said_mps}
     at, limit_mps = truth["time_ns"], truth["limit_mps"].copy()

@@ -29,7 +29,7 @@ def save_view(recording_path: Path, rrd_path: Path) -> None:
     recording = read_recording(recording_path)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        _write(recording, whole)
+        write_view(recording, whole)
         write_whole(rrd_path, whole.read_bytes())
 
 
@@ -78,7 +78,8 @@ def _close(viewer: subprocess.Popen[bytes]) -> None:
                 viewer.wait(CLOSING_S)
 
 
-def _write(recording: Recording, path: Path) -> None:
+def write_view(recording: Recording, path: Path) -> None:
+    """Write a rerun file with our layout; what is there is lost, and stays half written where this fails."""
     import rerun as rr
 
     from sim.review import entities, layout

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.advice.advice import Source
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
@@ -167,7 +168,7 @@ def _advised(recording: Recording) -> Found:
         topics.ADVICE, "time_ns", "source", "advised_speed_mps", "advised_force_n", "predicted_deviation_s",
         "buffer_ratio",
     )  # fmt: skip
-    at, gap = advice["time_ns"], np.where(advice["source"] == das_pb2.Advice.SOURCE_NONE, np.nan, 1.0)
+    at, gap = advice["time_ns"], np.where(advice["source"] == Source.NONE, np.nan, 1.0)
     return {
         "speed/advised": (at, advice["advised_speed_mps"] / KMH * gap),
         "force/advised": (at, advice["advised_force_n"] / KN * gap),

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from das.bus import das_pb2
 from das.bus.recording import MAGIC, Recording, read_recording
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats
+from das.estimate.fix import Quality
 from sim.trips.csv_record import read_csv
 from sim.trips.gpx import read_gpx
 from sim.trips.record import Record
@@ -85,7 +85,7 @@ def _of_recording(path: Path) -> Reading:
     time_ns = data["time_ns"]
     if len(time_ns) < 2:
         raise DasError(f"{path}: the recording has {len(time_ns)} positions, expected at least 2")
-    invalid = data["quality"] == das_pb2.Position.QUALITY_INVALID
+    invalid = data["quality"] == Quality.INVALID
     for name in ("s_m", "speed_mps"):
         _refuse(path, name, data[name], ~np.isfinite(data[name]) & ~invalid, "a finite number")
     _refuse(path, "speed_mps", data["speed_mps"], (data["speed_mps"] < -BACKWARD_NOISE_MPS) & ~invalid, "a speed >= 0")
@@ -103,7 +103,7 @@ def _of_recording(path: Path) -> Reading:
             position_m=np.where(invalid, np.nan, data["s_m"]),
             speed_mps=np.maximum(np.where(invalid, np.nan, data["speed_mps"]), 0.0),
             uncertainty_m=data["uncertainty_m"],
-            degraded=data["quality"] == das_pb2.Position.QUALITY_DEGRADED,
+            degraded=data["quality"] == Quality.DEGRADED,
             invalid=invalid,
             as_driven=True,
         ),

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from das.bus.config import BusFolder
     from sim.world.day import Day
     from sim.world.loop import Run
+    from sim.world.outcome import DayResult, RecordedFigures
     from sim.world.scenario import Scenario
 
 
@@ -90,10 +91,7 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
-    if in_process and out is not None:
-        raise DasError("--out: a run --in-process records nothing")
-    if in_process and bus is not None:
-        raise DasError("--bus: a run --in-process has no bus")
+    _check_in_process(in_process, out, bus)
     factor = speed_factor(speed)
     if out is not None:
         check_writable(out)
@@ -119,9 +117,17 @@ def run(
         out = out or new_recording("run")
     found = _drive(day, _Asked(driver=driver, advice=advice, speed=factor, out=out, train=train, bus=files))
     if as_json:
-        print(json.dumps(found))
+        print(json.dumps(found.as_dict()))
     else:
         print_result(found)
+
+
+def _check_in_process(in_process: bool, out: Path | None, bus: Path | None) -> None:
+    """DasError where options that need the bus are given for a run without one."""
+    if in_process and out is not None:
+        raise DasError("--out: a run --in-process records nothing")
+    if in_process and bus is not None:
+        raise DasError("--bus: a run --in-process has no bus")
 
 
 def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
@@ -133,17 +139,17 @@ def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
             raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
 
 
-def _drive(day: Day, options: _Asked) -> dict[str, Any]:
-    """Run the day, over the bus where there is a recording to write; its figures."""
+def _drive(day: Day, options: _Asked) -> DayResult:
+    """Run the day, over the bus where there is a recording to write."""
     from sim.world.disturbances import described
-    from sim.world.outcome import outcome
+    from sim.world.outcome import DayResult, outcome
 
     interrupt_on_termination()
     title = f"{day.service.scenario.id}, {options.driver}"
     try:
         with progress_bar(title, "starting node and recorder" if options.out else "driving", "km") as progress:
             pace = _Pace(options.speed, progress)
-            run, of_recording = _run(day, options, pace.tick)
+            run, recorded = _run(day, options, pace.tick)
     except KeyboardInterrupt:
         if options.out is not None:
             print(f"stopped; recorded so far: {options.out}", file=sys.stderr)
@@ -152,39 +158,38 @@ def _drive(day: Day, options: _Asked) -> dict[str, Any]:
         if options.out is None or not options.out.is_file() or options.out.stat().st_size == 0:
             raise
         raise DasError(f"{error}; recorded so far: {options.out}") from error
-    figures = outcome(day, run)
-    return {
-        **figures,
-        "driver": str(options.driver),
-        "advice": str(options.advice),
-        "happens": described(day.disturbances),
-        "drawn": day.drawn,
-        "wall_s": pace.driven_s,
-        "real_time_factor": figures["simulated_s"] / max(pace.driven_s, 1e-9),
-        **of_recording,
-    }
+    return DayResult(
+        outcome=outcome(day, run),
+        driver=options.driver,
+        advice=options.advice,
+        happens=described(day.disturbances),
+        drawn=day.drawn,
+        wall_s=pace.driven_s,
+        recorded=recorded,
+    )
 
 
-def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, dict[str, Any]]:
+def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, RecordedFigures | None]:
     """The run, and figures of its recording."""
     from sim.world.in_process import InProcess
     from sim.world.loop import World
+    from sim.world.outcome import RecordedFigures
     from sim.world.over_bus import How, make_crew, run_over_bus
 
     driver = day.driver(options.driver)
     if options.out is None:
-        return World(day, driver, options.advice, InProcess(day.service)).run(tick), {"file": None}
+        return World(day, driver, options.advice, InProcess(day.service)).run(tick), None
     how = How(
         driver=options.driver, advice=options.advice, train=options.train, command=typed_command(), bus=options.bus
     )
     run, traffic = run_over_bus(day, driver, options.advice, make_crew(day, how, options.out), tick)
-    return run, {
-        "messages_sent": sum(traffic.sent.values()),
-        "messages_recorded": sum(traffic.recorded.values()),
-        "messages_lost": traffic.lost,
-        "start_s": traffic.start_s,
-        "file": str(options.out),
-    }
+    return run, RecordedFigures(
+        file=str(options.out),
+        messages_sent=sum(traffic.sent.values()),
+        messages_recorded=sum(traffic.recorded.values()),
+        messages_lost=traffic.lost,
+        start_s=traffic.start_s,
+    )
 
 
 class _Pace:

@@ -3,27 +3,108 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
-from sim.world.loop import Run
+from sim.world.loop import Counts, Run
+from sim.world.safety import Violations
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
 """Where energy is lost for good, as in the paper's figure, and what the line did not take back."""
 
 
-def outcome(day: Day, run: Run) -> dict[str, Any]:
-    """The figures of a run (times in s on the run's clock, energies in kWh at the current collector).
+@dataclass(frozen=True, kw_only=True)
+class RunEnergies:
+    """Energies of a run at the current collector, and the optima beside them (J).
 
-    `energy_kwh` is from departure to arrival, summed over the sections; what is drawn at stops in between is
-    `energy_at_stops_kwh`, comfort systems are beside both. The parts and their shares are of the whole time from the
-    first departure to the last arrival. The optima are the plan's least energy: for the timetable, and (hindsight)
-    for the times the sections really took; neither knows the day's disturbances.
+    `driven_j` is from departure to arrival, summed over the sections; `at_stops_j` is drawn at stops in between. The
+    optima are the plan's least energy: `planned_j` for the timetable, `hindsight_j` for the times the sections really
+    took; neither knows the day's disturbances. `hindsight_late`: a section took less time than the plan's train can,
+    so its optimum is the fastest run.
     """
+
+    driven_j: float
+    at_stops_j: float
+    planned_j: float
+    hindsight_j: float
+    hindsight_late: bool
+
+    @property
+    def beyond_hindsight_ratio(self) -> float | None:
+        """By how much the run took more than the optimum for its own times; None where that optimum is not above 0."""
+        return self.driven_j / self.hindsight_j - 1.0 if self.hindsight_j > 0 else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The energies (kWh), for programs."""
+        return {
+            "energy_kwh": kwh(self.driven_j),
+            "energy_at_stops_kwh": kwh(self.at_stops_j),
+            "energy_planned_kwh": kwh(self.planned_j),
+            "energy_hindsight_kwh": kwh(self.hindsight_j),
+            "hindsight_faster_than_possible": self.hindsight_late,
+            "beyond_hindsight_ratio": self.beyond_hindsight_ratio,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class DayOutcome:
+    """What a run of a day came to.
+
+    `calls` say how the stops were kept. `running_time_s` is the time between departures and arrivals, `simulated_s` the
+    whole time of the run. `ledger` is where the energy went from the first departure to the last arrival (J), comfort
+    systems included. `counts` say how the advice fared, `violations` what must not happen and did.
+    """
+
+    scenario: str
+    seed: int
+    level: str
+    calls: tuple[KeptCall, ...]
+    running_time_s: float
+    energies: RunEnergies
+    ledger: Ledger
+    counts: Counts
+    violations: Violations
+    simulated_s: int
+
+    @property
+    def late_s(self) -> float:
+        """Arrival at the last stop after the timetable's (early < 0)."""
+        return self.calls[-1].late_s
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures for JSON and tables: times in s on the run's clock, energies in kWh, speeds in km/h."""
+        violations = self.violations
+        return {
+            "scenario": self.scenario,
+            "seed": self.seed,
+            "level": self.level,
+            "late_s": self.late_s,
+            "stops": [_stop(call) for call in self.calls],
+            "running_time_s": self.running_time_s,
+            **self.energies.as_dict(),
+            **_parts(self.ledger),
+            "ledger_residual_ratio": self.ledger.residual_ratio,
+            "advices_given": self.counts.advised,
+            "advices_withdrawn": self.counts.withdrawn,
+            "advices_unheard": self.counts.unheard,
+            "advices_above_limit": self.counts.above_limit,
+            "signals_passed": violations.signals_passed,
+            "beyond_signal_m": violations.beyond_signal_m,
+            "over_limit_s": violations.over_limit_s,
+            "over_limit_kmh": kmh(violations.over_limit_mps),
+            "simulated_s": self.simulated_s,
+        }
+
+
+def outcome(day: Day, run: Run) -> DayOutcome:
+    """What a run of a day came to."""
     service = day.service
     whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
     energy_j = sum(day.plant.ledger(*leg).input for leg in run.legs)
@@ -31,32 +112,24 @@ def outcome(day: Day, run: Run) -> dict[str, Any]:
         front.trajectory(arrived.time_s - departed.time_s)
         for front, (departed, arrived) in zip(service.fronts, run.legs, strict=True)
     ]
-    hindsight_j = sum(solution.ledger.input for solution in hindsight)
-    return {
-        "scenario": service.scenario.id,
-        "seed": day.seed,
-        "level": str(service.level),
-        "late_s": run.late_s,
-        "stops": [_stop(call) for call in run.calls],
-        "running_time_s": sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
-        "energy_kwh": kwh(energy_j),
-        "energy_at_stops_kwh": kwh(whole.input - energy_j),
-        "energy_planned_kwh": kwh(sum(solution.ledger.input for solution in service.planned)),
-        "energy_hindsight_kwh": kwh(hindsight_j),
-        "hindsight_faster_than_possible": any(solution.fit is Fit.LATE for solution in hindsight),
-        "beyond_hindsight_ratio": energy_j / hindsight_j - 1.0 if hindsight_j > 0 else None,
-        **_parts(whole),
-        "ledger_residual_ratio": whole.residual_ratio,
-        "advices_given": run.counts.advised,
-        "advices_withdrawn": run.counts.withdrawn,
-        "advices_unheard": run.counts.unheard,
-        "advices_above_limit": run.counts.above_limit,
-        "signals_passed": run.violations.signals_passed,
-        "beyond_signal_m": run.violations.beyond_signal_m,
-        "over_limit_s": run.violations.over_limit_s,
-        "over_limit_kmh": kmh(run.violations.over_limit_mps),
-        "simulated_s": len(run.states) - 1,
-    }
+    return DayOutcome(
+        scenario=service.scenario.id,
+        seed=day.seed,
+        level=str(service.level),
+        calls=run.calls,
+        running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
+        energies=RunEnergies(
+            driven_j=energy_j,
+            at_stops_j=whole.input - energy_j,
+            planned_j=sum(solution.ledger.input for solution in service.planned),
+            hindsight_j=sum(solution.ledger.input for solution in hindsight),
+            hindsight_late=any(solution.fit is Fit.LATE for solution in hindsight),
+        ),
+        ledger=whole,
+        counts=run.counts,
+        violations=run.violations,
+        simulated_s=len(run.states) - 1,
+    )
 
 
 def _stop(call: KeptCall) -> dict[str, Any]:
@@ -70,12 +143,74 @@ def _stop(call: KeptCall) -> dict[str, Any]:
     }
 
 
-def _parts(ledger: Ledger) -> dict[str, float]:
-    """Energy and share of each way in which energy is lost for good, and the potential energy."""
+def shares(ledger: Ledger) -> dict[str, tuple[float, float]]:
+    """Energy (J) and share (0 to 1) of each way in which energy is lost for good, by the names in `SHARES`."""
     parts = {name: float(getattr(ledger, name)) for name in SHARES}
     total = sum(parts.values())
+    return {name: (energy_j, energy_j / total) for name, energy_j in parts.items()}
+
+
+def _parts(ledger: Ledger) -> dict[str, float]:
+    """Energy and share of each way in which energy is lost for good, and the potential energy."""
+    parts = shares(ledger)
     return {
-        **{f"{name}_kwh": kwh(energy_j) for name, energy_j in parts.items()},
-        **{f"{name}_ratio": energy_j / total for name, energy_j in parts.items()},
+        **{f"{name}_kwh": kwh(energy_j) for name, (energy_j, _) in parts.items()},
+        **{f"{name}_ratio": ratio for name, (_, ratio) in parts.items()},
         "potential_kwh": kwh(ledger.potential),
     }
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedFigures:
+    """A run's recording: its file, messages sent, written and lost, and how long node and recorder took to start."""
+
+    file: str
+    messages_sent: int
+    messages_recorded: int
+    messages_lost: int
+    start_s: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures, for programs."""
+        return {
+            "messages_sent": self.messages_sent,
+            "messages_recorded": self.messages_recorded,
+            "messages_lost": self.messages_lost,
+            "start_s": self.start_s,
+            "file": self.file,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class DayResult:
+    """What `das-sim run` tells: the outcome, how the day was driven, what happened on it, and the recording.
+
+    `happens` is one line about the disturbances, `drawn` everything that the seed drew (SI). `wall_s` is how long the
+    run took by the stopwatch. `recorded` is None for a run in one process, which records nothing.
+    """
+
+    outcome: DayOutcome
+    driver: DriverKind
+    advice: Presentation
+    happens: str
+    drawn: Mapping[str, Any]
+    wall_s: float
+    recorded: RecordedFigures | None = None
+
+    @property
+    def real_time_factor(self) -> float:
+        """How many times faster than real time the run went."""
+        return self.outcome.simulated_s / max(self.wall_s, 1e-9)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures as `das-sim run --json` prints them."""
+        return {
+            **self.outcome.as_dict(),
+            "driver": str(self.driver),
+            "advice": str(self.advice),
+            "happens": self.happens,
+            "drawn": self.drawn,
+            "wall_s": self.wall_s,
+            "real_time_factor": self.real_time_factor,
+            **({"file": None} if self.recorded is None else self.recorded.as_dict()),
+        }

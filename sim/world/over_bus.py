@@ -11,14 +11,15 @@ from typing import Any, NamedTuple
 from google.protobuf.message import Message
 
 from das import __version__
-from das.bus import codec, das_pb2
+from das.bus import das_pb2
 from das.bus.config import BusFolder
 from das.bus.topics import CAB, LOCATION, LOG, TRUTH
 from das.cab.heard import PositionHeard
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
 from sim.plant.kernels import demanded
-from sim.processes.lockstep import Crew, Lockstep, Traffic
+from sim.processes.crew import Crew
+from sim.processes.lockstep import Lockstep, Traffic
 from sim.processes.messages import happened, location
 from sim.recording.inputs import sha256
 from sim.world.day import Day
@@ -43,7 +44,7 @@ class OverBus:
     def exchange(self, tick: Tick) -> Any:
         """Send what is told at a tick and wait for the node's advice."""
         for heard in tick.told:
-            self._lockstep.send(*codec.told(heard))
+            self._lockstep.tell(heard)
             if isinstance(heard, PositionHeard):
                 self._locate(tick.now_ns, heard.fix.s_m)
         return self._lockstep.ask(tick.now_ns, tick.number)

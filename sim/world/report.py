@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Final
 
 from rich.table import Table
 
 from das.command_line.printing import print_table, tell, typed
 from das.domain.conditions import Conditions
+from das.domain.units import kmh, kwh
 from sim.drivers.cab import AT_STOP_M
-from sim.world.outcome import SHARES
+from sim.drivers.kinds import DriverKind
+from sim.world.calls import KeptCall
+from sim.world.outcome import SHARES, DayResult, shares
 
 STOP_LEGEND: Final = {
     "due, arrived, departed": "minutes and seconds since the timetable's first departure",
@@ -31,85 +35,92 @@ UNCHANGED: Final = asdict(Conditions())
 """The conditions of a train and line that are as planned."""
 
 
-def print_result(found: dict[str, Any]) -> None:
+def print_result(result: DayResult) -> None:
     """Print the stops, the figures, and what should be known about them."""
-    print_table(_stops(found), STOP_LEGEND)
+    print_table(_stops(result), STOP_LEGEND)
     table = Table(show_header=False)
     table.add_column()
     table.add_column(justify="right", no_wrap=True)
-    for row in _rows(found):
+    for row in _rows(result):
         table.add_row(*row)
     print_table(table)
-    for note in _notes(found):
+    for note in _notes(result):
         tell(f"note: {note}")
-    if found["file"] is not None:
-        tell(f"written: {found['file']}")
-        tell(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}")
+    if result.recorded is not None:
+        tell(f"written: {result.recorded.file}")
+        tell(f"view it: {typed('das-sim')} view {shlex.quote(result.recorded.file)}")
 
 
-def _stops(found: dict[str, Any]) -> Table:
-    title = f"{found['scenario']}, seed {found['seed']}, driver {found['driver']}, advice {found['advice']}"
+def _stops(result: DayResult) -> Table:
+    found = result.outcome
+    title = f"{found.scenario}, seed {found.seed}, driver {result.driver}, advice {result.advice}"
     table = Table(title=title, title_justify="left")
     table.add_column("stop")
     for name in ("due", "arrived", "departed", "late", "missed"):
         table.add_column(name, justify="right")
-    for stop in found["stops"]:
+    for call in found.calls:
         table.add_row(
-            stop["name"],
-            _clock(stop["due_s"]),
-            _clock(stop["arrived_s"]),
-            _clock(stop["departed_s"]),
-            f"{stop['late_s']:+.0f} s",
-            "" if stop["arrived_s"] is None else f"{stop['missed_m']:+.1f} m",
+            call.name,
+            _clock(call.due_s),
+            _clock(call.arrived_s),
+            _clock(call.departed_s),
+            f"{call.late_s:+.0f} s",
+            "" if math.isnan(call.arrived_s) else f"{call.missed_m:+.1f} m",
         )
     return table
 
 
-def _clock(time_s: float | None) -> str:
-    """A time on the run's clock as minutes and seconds."""
-    if time_s is None:
+def _clock(time_s: float) -> str:
+    """A time on the run's clock as minutes and seconds; nothing for NaN."""
+    if math.isnan(time_s):
         return ""
     minutes, seconds = divmod(round(time_s), 60)
     return f"{minutes}:{seconds:02d}"
 
 
-def _rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+def _rows(result: DayResult) -> list[tuple[str, str]]:
     """Energies, where they went, and the messages."""
-    beyond = found["beyond_hindsight_ratio"]
+    found, energies = result.outcome, result.outcome.energies
+    beyond = energies.beyond_hindsight_ratio
     rows = [
-        ("energy, departures to arrivals", f"{found['energy_kwh']:.1f} kWh"),
-        ("  optimum of the plan", f"{found['energy_planned_kwh']:.1f} kWh"),
-        ("  optimum for the times as driven", f"{found['energy_hindsight_kwh']:.1f} kWh"),
+        ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
+        ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
+        ("  optimum for the times as driven", f"{kwh(energies.hindsight_j):.1f} kWh"),
         ("  beyond that optimum", "–" if beyond is None else f"{100 * beyond:+.1f} %"),
     ]
-    for name in SHARES:
-        rows.append((LABELS[name], f"{found[f'{name}_kwh']:.1f} kWh  {100 * found[f'{name}_ratio']:4.1f} %"))
-    advices = f"{found['advices_given']} given, {found['advices_withdrawn']} withdrawn"
-    rows.append(("advices", f"{advices}, {found['advices_unheard']} not heard"))
-    if found["file"] is not None:
-        rows.append(("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"))
-    rows.append(("simulated", f"{found['simulated_s']} s at {found['real_time_factor']:.0f} × real time"))
+    parts = shares(found.ledger)
+    rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
+    counts, recorded = found.counts, result.recorded
+    rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
+    if recorded is not None:
+        rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
+    rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
     return rows
 
 
-def _notes(found: dict[str, Any]) -> list[str]:
+def _notes(result: DayResult) -> list[str]:
     """What should be known about the figures."""
-    notes = [f"on this day: {found['happens']}"]
-    human = found["drawn"]["human"] if found["driver"] == "human" else {}
+    found, violations = result.outcome, result.outcome.violations
+    notes = [f"on this day: {result.happens}"]
+    human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}
     if human:
         notes.append("the driver: " + ", ".join(f"{name} {value:.4g}" for name, value in human.items()))
-    truth = {name: value for name, value in found["drawn"]["truth"].items() if value != UNCHANGED[name]}
+    truth = {name: value for name, value in result.drawn["truth"].items() if value != UNCHANGED[name]}
     if truth:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
-    for stop in found["stops"]:
-        if stop["missed_m"] > AT_STOP_M:
-            notes.append(f"the train came to stand {stop['missed_m']:.0f} m beyond {stop['name']}")
-    if found["signals_passed"]:
-        notes.append(f"signals passed at danger: {found['signals_passed']}, by up to {found['beyond_signal_m']:.0f} m")
-    if found["over_limit_s"]:
-        notes.append(f"{found['over_limit_s']:.0f} s above limits, by up to {found['over_limit_kmh']:.0f} km/h")
-    if found["hindsight_faster_than_possible"]:
+    notes += [_beyond(call) for call in found.calls if call.missed_m > AT_STOP_M]
+    if violations.signals_passed:
+        beyond_m = violations.beyond_signal_m
+        notes.append(f"signals passed at danger: {violations.signals_passed}, by up to {beyond_m:.0f} m")
+    if violations.over_limit_s:
+        over_kmh = kmh(violations.over_limit_mps)
+        notes.append(f"{violations.over_limit_s:.0f} s above limits, by up to {over_kmh:.0f} km/h")
+    if found.energies.hindsight_late:
         notes.append("a section took less time than the plan's train can: its optimum is the fastest run")
-    if found["advices_above_limit"]:
-        notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
+    if found.counts.above_limit:
+        notes.append(f"{found.counts.above_limit} advices were above the limit: please report this")
     return notes
+
+
+def _beyond(call: KeptCall) -> str:
+    return f"the train came to stand {call.missed_m:.0f} m beyond {call.name}"

@@ -13,8 +13,9 @@ import pytest
 from das.advice.advice import Advice
 from das.advice.modes import Mode
 from das.advice.settings import DEFAULT
+from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
-from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2, kwh
 from das.estimate.localisation_settings import STALE_AFTER_S
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
@@ -34,7 +35,7 @@ from sim.world.disturbances import (
     TrainAhead,
 )
 from sim.world.in_process import InProcess
-from sim.world.link import Heard, Told
+from sim.world.link import Tick, Told
 from sim.world.loop import Run, World
 from sim.world.outcome import outcome
 from sim.world.scenario import Drawn, bundled_scenarios, load_scenario
@@ -53,14 +54,18 @@ class Witness(InProcess):
 
     def __init__(self, service: Service) -> None:
         super().__init__(service)
-        self.heard: list[Heard] = []
+        self.ticks: list[Tick] = []
         self.advices: list[Advice] = []
         self.told: list[Told] = []
 
-    def exchange(self, heard: Heard) -> Advice:
-        self.heard.append(heard)
-        self.advices.append(super().exchange(heard))
+    def exchange(self, tick: Tick) -> Advice:
+        self.ticks.append(tick)
+        self.advices.append(super().exchange(tick))
         return self.advices[-1]
+
+    def restrictions(self) -> list[tuple[Tick, RestrictionsHeard]]:
+        """Every tick at which restrictions are told, with them."""
+        return [(tick, one) for tick in self.ticks for one in tick.told if isinstance(one, RestrictionsHeard)]
 
     def tell(self, now_ns: int, told: Told) -> None:
         self.told.append(told)
@@ -101,7 +106,7 @@ def drive(name: str, driver: str = "perfect", advice: str = "vector", seed: int 
     day = make_day(service, seed)
     said = Witness(service)
     run = World(day, make_driver(DriverKind(driver), service.line, seed=seed), Presentation(advice), said).run()
-    return Driven(day, run, said, outcome(day, run))
+    return Driven(day, run, said, outcome(day, run).as_dict())
 
 
 def fastest_late_s(driven: Driven, section: int) -> float:
@@ -139,7 +144,8 @@ def test_half_the_step_changes_the_energy_little() -> None:
     halved = Plant(service.route, service.vehicle, level=service.level, dynamics=Dynamics(step_s=0.025))
     day = replace(make_day(service, SEED), plant=halved)
     run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(service)).run()
-    assert outcome(day, run)["energy_kwh"] == pytest.approx(drive("clear-day").figures["energy_kwh"], rel=5e-4)
+    energy_kwh = kwh(outcome(day, run).energies.driven_j)
+    assert energy_kwh == pytest.approx(drive("clear-day").figures["energy_kwh"], rel=5e-4)
 
 
 def test_departure_delay_is_made_up_as_far_as_possible() -> None:
@@ -162,7 +168,7 @@ def test_delay_on_the_way_is_known_to_the_driver_alone_and_made_up() -> None:
     within = (s_m >= slow.from_m) & (s_m <= slow.to_m + driven.day.service.vehicle.train_length_m)
     assert speed_mps[within].max() <= slow.speed_mps + TRACKING_MPS
     assert speed_mps[within].mean() > 0.9 * slow.speed_mps
-    assert all(not heard.restrictions for heard in driven.said.heard)
+    assert all(not told.restrictions for _, told in driven.said.restrictions())
     advised = [a.advised_speed_mps for a in driven.said.advices if slow.from_m < a.s_m < slow.to_m]
     assert max(advised) > slow.speed_mps
     late_s = driven.late_s()
@@ -178,10 +184,12 @@ def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
     within = (s_m >= one.from_m) & (s_m <= end_m)
     assert speed_mps[within].max() <= one.speed_mps + TRACKING_MPS
     assert speed_mps[s_m < one.from_m - 2_000].max() > one.speed_mps + 5
-    told = [(heard.restrictions, driven.run.states[heard.tick - 1].s_m) for heard in driven.said.heard]
-    none, (first, begun_m), (last, over_m) = [entry for entry in told if entry[0] is not None]
-    assert none == told[0] == ((), 0.0)  # at the first tick: a node must know that there are none
-    assert first is not None
+    told = driven.said.restrictions()
+    assert told[0][0] is driven.said.ticks[0]  # at the first tick: a node must know that there are none
+    none, (first, begun_m), (last, over_m) = [
+        (heard.restrictions, driven.run.states[tick.number - 1].s_m) for tick, heard in told
+    ]
+    assert none == ((), 0.0)
     assert [tuple(x) for x in first] == [(one.from_m, one.to_m, one.speed_mps)]
     assert last == ()
     way_m = 60.0  # in a second
@@ -195,7 +203,7 @@ def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
     """The line's limit under the train and the temporary one, as this test reads them, above every advised speed."""
     driven = drive("restriction-ahead")
     one, service = driven.one(AnnouncedRestriction), driven.day.service
-    told_ns = next(heard.now_ns for heard in driven.said.heard if heard.restrictions)
+    told_ns = next(tick.now_ns for tick, heard in driven.said.restrictions() if heard.restrictions)
     advices = [
         a for a in driven.said.advices if a.time_ns >= told_ns and a.s_m <= one.to_m + service.vehicle.train_length_m
     ]
@@ -237,7 +245,7 @@ def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stoppin
     run = World(day, make_driver(DriverKind.PERFECT, service.line), Presentation.VECTOR, InProcess(day.service)).run()
     slowest = min(state.speed_mps for state in run.states if 31_000 < state.s_m < ahead.at_m)
     assert slowest < 5 < speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min()
-    assert outcome(day, run)["energy_kwh"] > driven.figures["energy_kwh"]
+    assert kwh(outcome(day, run).energies.driven_j) > driven.figures["energy_kwh"]
     assert run.calls[-1].late_s > driven.late_s()[-1] - 1.0
 
 
@@ -374,7 +382,7 @@ def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Pa
         driver = make_driver(DriverKind.PERFECT, service.line, seed=SEED)
         run = World(make_day(service, SEED), driver, Presentation.VECTOR, link).run()
         assert abs(run.late_s) <= 5
-        found.append(link._trip._situation.conditions)
+        found.append(link.cab.legs.situation.conditions)
     assert found[0].mass_ratio == pytest.approx(1.15, abs=0.03)
     assert found[0].resistance_ratio == pytest.approx(1.25, abs=0.08)
     assert found[1] == Conditions()

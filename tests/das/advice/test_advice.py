@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from das.advice.advice import Advice, Source, Timetable
+from das.advice.classifying import classify_modes, without_short
 from das.advice.display import Display
-from das.advice.modes import FOUR_MODES, ROLLING, Mode, classify_modes, without_short
+from das.advice.modes import FOUR_MODES, ROLLING, Mode
 from das.advice.plan import Plan
 from das.advice.plan_kernels import without_ripples
 from das.advice.reduced import ReducedSpeed

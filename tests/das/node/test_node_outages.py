@@ -19,15 +19,18 @@ from das.bus.received import Received, decoded
 from das.bus.recorder import RecordingFile
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS
+from das.cab.cab import Cab
 from das.cab.moderation import MOST_A_SECOND
+from das.cab.orders import Post
+from das.cab.situation import Situation
+from das.cab.trains import Trains
 from das.domain.errors import DasError
-from das.domain.files.load import load_route, load_vehicle
+from das.node.clock import WallClock
+from das.node.node import Node
 from sim.processes.process import Process
 from tests.das.node.test_node import until
-from tests.property.test_fuzz import Sink, make_node
+from tests.support.driven_node import FRONTS, ROUTE, START_NS, TRAIN, VEHICLE, S, Sink, journey
 
-TRAIN = "T1"
-S = 10**9
 TIMEOUT_S = 120.0
 LONGER_THAN_THE_LEASE_S = 2.5
 FLAT = ("--route", "flat-6km", "--vehicle", "re460-ic")
@@ -153,60 +156,74 @@ def test_a_node_that_is_stopped_while_it_compiles_ends_at_once(tmp_path: Path) -
     assert (child.returncode, said) == (130, "stopped\n")
 
 
-def heard(topic: Any, message: Any) -> Received:
-    return decoded(topic, topic.key(TRAIN), message.SerializeToString(), "simulator")
+class HandClock:
+    """The time that a test sets, in place of the wall's."""
+
+    def __init__(self) -> None:
+        self.time_ns = START_NS
+
+    def __call__(self) -> int:
+        return self.time_ns
 
 
-def journey(now_ns: int) -> das_pb2.Journey:
-    stops = [
-        das_pb2.Journey.Stop(name="A", s_m=0.0, departure_ns=now_ns),
-        das_pb2.Journey.Stop(name="B", s_m=6_000.0, arrival_ns=now_ns + 300 * S),
-    ]
-    return das_pb2.Journey(time_ns=now_ns, route_id="flat-6km", vehicle_id="re460-ic", stops=stops)
+class WallNode:
+    """A node without sockets that goes by a clock which the test sets."""
+
+    def __init__(self) -> None:
+        self.sink, self.clock = Sink(), HandClock()
+        post = Post(train=TRAIN, route=ROUTE, trains=Trains(VEHICLE, VEHICLE))
+        cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), FRONTS)
+        self.node = Node(self.sink, cab, WallClock(self.clock))  # type: ignore[arg-type]
+
+    def tell(self, topic: Any, message: Any) -> None:
+        self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), "simulator"))
+
+    def tick(self) -> Any:
+        """The advice for the moment that the clock shows."""
+        self.node.tick(self.clock())
+        return self.sink.of(ADVICE)[-1]
+
+    def run_at(self, time_ns: int, s_m: float) -> Any:
+        """Set the clock, tell a position, and take the advice."""
+        self.clock.time_ns = time_ns
+        self.tell(POSITION, das_pb2.Position(time_ns=time_ns, s_m=s_m, speed_mps=10.0))
+        return self.tick()
 
 
 def test_a_node_whose_clock_was_wrong_when_it_was_told_knows_it_when_the_clock_is_right() -> None:
-    sink, now_ns = Sink(), 1_800_000_000 * S
-    node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
-    node._control_ns = now_ns - 3600 * S
     one = das_pb2.Restrictions.Restriction(start_m=500.0, end_m=3_500.0, limit_mps=15.0)
-    node.take(heard(JOURNEY, journey(now_ns)))
-    node.take(heard(RESTRICTION, das_pb2.Restrictions(time_ns=now_ns, restrictions=[one])))
-    node.tick(now_ns - 3600 * S)
-    assert "3600 s ahead of the clock" in sink.said[-1][1].reason
-    node._control_ns = now_ns + S
-    node.take(heard(POSITION, das_pb2.Position(time_ns=now_ns + S, s_m=1_000.0, speed_mps=10.0)))
-    node.tick(now_ns + S)
-    advice = sink.said[-1][1]
+    driven = WallNode()
+    driven.clock.time_ns = START_NS - 3600 * S
+    driven.tell(JOURNEY, journey())
+    driven.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS, restrictions=[one]))
+    assert "3600 s ahead of the clock" in driven.tick().reason
+    advice = driven.run_at(START_NS + S, 1_000.0)
     assert advice.mode != das_pb2.MODE_NONE
     assert advice.limit_mps == 15.0
 
 
 def test_a_clock_set_back_does_not_hold_back_the_plan() -> None:
-    sink, now_ns = Sink(), 1_800_000_000 * S
-    node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
-    node.take(heard(RESTRICTION, das_pb2.Restrictions(time_ns=1)))
-    node.take(heard(JOURNEY, journey(now_ns)))
-    for moment_ns, plans in ((now_ns, 1), (now_ns + S, 1), (now_ns - 3600 * S, 2)):
-        node._bus_clock_ns = moment_ns
-        node.take(heard(POSITION, das_pb2.Position(time_ns=moment_ns, s_m=1_000.0, speed_mps=10.0)))
-        node.tick(moment_ns)
-        if moment_ns < now_ns:  # the state from ahead of the clock was forgotten
-            node.take(heard(POSITION, das_pb2.Position(time_ns=moment_ns + S, s_m=1_010.0, speed_mps=10.0)))
-            node.tick(moment_ns + S)
-        assert sum(topic is PLAN for topic, _ in sink.said) == plans
+    driven = WallNode()
+    driven.tell(RESTRICTION, das_pb2.Restrictions(time_ns=1))
+    driven.tell(JOURNEY, journey())
+    for moment_ns, plans in ((START_NS, 1), (START_NS + S, 1), (START_NS - 3600 * S, 2)):
+        driven.run_at(moment_ns, 1_000.0)
+        if moment_ns < START_NS:  # the state from ahead of the clock was forgotten
+            driven.run_at(moment_ns + S, 1_010.0)
+        assert len(driven.sink.of(PLAN)) == plans
 
 
 def test_what_a_flood_costs_and_what_is_refused_is_said_in_moderation() -> None:
-    sink, now_ns = Sink(), 1_800_000_000 * S
-    node = make_node(sink, load_route("flat-6km"), load_vehicle("re460-ic"))
+    driven = WallNode()
     for i in range(40):
-        sink.dropped += 10
-        node._bus_clock_ns = now_ns + i * S // 20
-        node.tick(node._bus_clock_ns)
-        node.take(heard(JOURNEY, das_pb2.Journey(time_ns=now_ns, route_id=f"elsewhere {i}")))
-    refused = sum("journey refused" in message.message for topic, message in sink.said if topic is EVENT)
-    assert refused <= 2 * MOST_A_SECOND
-    node.tick(now_ns + 3 * S)
-    said = [message.message for topic, message in sink.said if topic is EVENT and "dropped" in message.message]
-    assert said == [f"{n} messages were dropped: too many at once" for n in (10, 200, 190)]
+        driven.sink.dropped += 10
+        driven.clock.time_ns = START_NS + i * S // 20
+        driven.tick()
+        driven.tell(JOURNEY, journey(route_id=f"elsewhere {i}", stops=[]))
+    events = [one.message for one in driven.sink.of(EVENT)]
+    assert sum(text.startswith("journey refused") for text in events) == 2 * MOST_A_SECOND
+    assert sum(text.startswith("no advice: journey refused") for text in events) == 1
+    driven.clock.time_ns = START_NS + 3 * S
+    driven.tick()
+    dropped = [one.message for one in driven.sink.of(EVENT) if "dropped" in one.message]
+    assert dropped == [f"{n} messages were dropped: too many at once" for n in (10, 200, 190)]

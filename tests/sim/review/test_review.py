@@ -110,7 +110,7 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(rerun_view, "_write", fail)
+    monkeypatch.setattr(rerun_view, "write_view", fail)
     with pytest.raises(KeyboardInterrupt):
         rerun_view.save_view(whole, rrd)
     assert rrd.read_bytes() == b"before"

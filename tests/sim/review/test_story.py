@@ -235,14 +235,14 @@ def test_the_picture_shows_them_where_they_were() -> None:
 
 def test_numbers_of_marks_do_not_cover_each_other() -> None:
     pytest.importorskip("matplotlib")
-    from sim.review.canvas import _joined, _width
+    from sim.review.canvas import half_width_ratio, joined_labels
 
     rng = np.random.default_rng(5)
     for _ in range(50):
         places = np.sort(rng.uniform(0.0, 1.0, 25) ** 2)
-        found = _joined([(float(x), number) for number, x in enumerate(places, start=1)])
+        found = joined_labels([(float(x), number) for number, x in enumerate(places, start=1)])
         assert sorted(number for _, numbers in found for number in numbers) == list(range(1, 26))
-        ends = [(middle - _width(numbers), middle + _width(numbers)) for middle, numbers in found]
+        ends = [(middle - half_width_ratio(numbers), middle + half_width_ratio(numbers)) for middle, numbers in found]
         assert all(a[1] <= b[0] + 1e-12 for a, b in pairwise(ends))
 
 

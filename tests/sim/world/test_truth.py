@@ -37,7 +37,8 @@ def day_of(path: Path, seed: int = 1) -> Day:
 def figures(path: Path) -> dict[str, Any]:
     """What a perfect follower's run comes to."""
     day = day_of(path)
-    return outcome(day, World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(day.service)).run())
+    run = World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(day.service)).run()
+    return outcome(day, run).as_dict()
 
 
 def write_map(path: Path, times: float) -> None:

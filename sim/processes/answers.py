@@ -1,0 +1,45 @@
+"""What node and recorder said last."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from das.bus.topics import ADVICE, RECORDER, STATUS, Topic
+from das.cab.outputs import NodeState
+
+
+class Written(NamedTuple):
+    """How far the recorder has got: the last tick and the last advice it wrote, and the node's state in the file."""
+
+    tick: int = 0
+    advice_tick: int = 0
+    node_state: int = NodeState.STARTING
+
+
+class Answers:
+    """Keeps the last word of node and recorder."""
+
+    def __init__(self) -> None:
+        self.node_state: int = NodeState.STARTING
+        """The state that the node said last."""
+        self.reason = ""
+        """Why the node is in that state, in its words."""
+        self.written = Written()
+        """How far the recorder has got."""
+        self.advice: Any | None = None
+        """The last advice (the bus's message); None before the first."""
+
+    def take(self, topic: Topic, message: Any | None) -> None:
+        """Take note of a message; None, one that cannot be read, is left out."""
+        if message is None:
+            return
+        if topic is ADVICE:
+            self.advice = message
+        elif topic is STATUS:
+            self.node_state, self.reason = message.state, message.reason
+        elif topic is RECORDER:
+            self.written = Written(message.tick, message.advice_tick, message.node_state)
+
+    def advised(self, tick: int) -> bool:
+        """Whether the node has answered a tick."""
+        return self.advice is not None and self.advice.tick == tick

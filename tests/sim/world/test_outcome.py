@@ -1,0 +1,109 @@
+"""The figures of a run: typed values inside, and the same names as ever where programs read them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from das.domain.units import KMH, KWH
+from sim.batch.table import FIGURES, SCHEMA_NAMES
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind
+from sim.world.day import Day, make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
+from sim.world.outcome import SHARES, DayResult, RecordedFigures, outcome, shares
+from sim.world.safety import Violations
+from tests.support.flat_days import service_of
+
+KEYS = [
+    *("scenario", "seed", "level", "late_s", "stops", "running_time_s"),
+    *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh"),
+    *("hindsight_faster_than_possible", "beyond_hindsight_ratio"),
+    *("component_loss_kwh", "resistance_kwh", "friction_brake_kwh", "unreturned_kwh", "comfort_kwh"),
+    *("component_loss_ratio", "resistance_ratio", "friction_brake_ratio", "unreturned_ratio", "comfort_ratio"),
+    *("potential_kwh", "ledger_residual_ratio"),
+    *("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit"),
+    *("signals_passed", "beyond_signal_m", "over_limit_s", "over_limit_kmh", "simulated_s"),
+]
+"""The names that docs/reference/batch-table.md and `das-sim run --json` promise, in their order."""
+HOW = ["driver", "advice", "happens", "drawn", "wall_s", "real_time_factor"]
+RECORDING = ["messages_sent", "messages_recorded", "messages_lost", "start_s", "file"]
+
+
+def driven(path: Path) -> tuple[Day, Run]:
+    day = make_day(service_of(path), 1)
+    return day, World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(day.service)).run()
+
+
+def test_names_and_values_of_the_figures(flat: Callable[[str], Path]) -> None:
+    day, run = driven(flat(""))
+    found = outcome(day, run)
+    figures = found.as_dict()
+    assert list(figures) == KEYS
+    json.dumps(figures, allow_nan=False)
+    assert (figures["scenario"], figures["seed"], figures["level"]) == ("flat", 1, "l3")
+    assert [stop["name"] for stop in figures["stops"]] == [stop.name for stop in day.service.stops]
+    assert (figures["stops"][0]["arrived_s"], figures["stops"][-1]["departed_s"]) == (None, None)
+    assert figures["late_s"] == found.late_s == figures["stops"][-1]["late_s"]
+    assert figures["simulated_s"] == len(run.states) - 1 > figures["running_time_s"] > 100
+    # Between one departure and one arrival nothing is drawn at stops, and the states say the same energy.
+    (departed, arrived) = run.legs[0]
+    assert figures["energy_at_stops_kwh"] == pytest.approx(0.0, abs=1e-9)
+    assert figures["energy_kwh"] == pytest.approx((arrived.input_j - departed.input_j) / KWH)
+    assert figures["beyond_hindsight_ratio"] == pytest.approx(
+        figures["energy_kwh"] / figures["energy_hindsight_kwh"] - 1.0
+    )
+    parts = shares(found.ledger)
+    assert list(parts) == list(SHARES)
+    assert sum(ratio for _, ratio in parts.values()) == pytest.approx(1.0)
+    assert all(figures[f"{name}_kwh"] == parts[name][0] / KWH for name in SHARES)
+
+
+def test_every_figure_has_its_column_in_the_table(flat: Callable[[str], Path]) -> None:
+    figures = outcome(*driven(flat(""))).as_dict()
+    assert set(figures) <= set(SCHEMA_NAMES)
+    assert set(FIGURES) <= set(figures)
+    assert {name for name, value in figures.items() if isinstance(value, float)} <= set(FIGURES)
+
+
+def test_violations_and_a_worthless_optimum_are_told(flat: Callable[[str], Path]) -> None:
+    found = outcome(*driven(flat("")))
+    bad = Violations(signals_passed=2, beyond_signal_m=30.0, over_limit_s=4.0, over_limit_mps=10 * KMH)
+    free = dataclasses.replace(found.energies, hindsight_j=0.0)
+    figures = dataclasses.replace(found, violations=bad, energies=free).as_dict()
+    assert (figures["signals_passed"], figures["beyond_signal_m"], figures["over_limit_s"]) == (2, 30.0, 4.0)
+    assert figures["over_limit_kmh"] == pytest.approx(10.0)
+    assert figures["beyond_hindsight_ratio"] is None
+
+
+def test_an_outcome_is_not_changed_afterwards(flat: Callable[[str], Path]) -> None:
+    found = outcome(*driven(flat("")))
+    for part, name in ((found, "seed"), (found.energies, "driven_j"), (found.counts, "advised")):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(part, name, 0)
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_what_is_told_beside_the_outcome(recorded: bool, flat: Callable[[str], Path]) -> None:
+    day, run = driven(flat(""))
+    file = RecordedFigures(file="x.mcap", messages_sent=5, messages_recorded=4, messages_lost=1, start_s=0.5)
+    result = DayResult(
+        outcome=outcome(day, run),
+        driver=DriverKind.PERFECT,
+        advice=Presentation.VECTOR,
+        happens="nothing",
+        drawn=day.drawn,
+        wall_s=2.0,
+        recorded=file if recorded else None,
+    )
+    told = result.as_dict()
+    assert list(told) == [*KEYS, *HOW, *(RECORDING if recorded else ["file"])]
+    assert told["file"] == ("x.mcap" if recorded else None)
+    assert (told["driver"], told["advice"]) == ("perfect", "vector")
+    assert told["real_time_factor"] == result.outcome.simulated_s / 2.0
+    json.dumps(told, allow_nan=False)
