@@ -20,14 +20,13 @@ TRAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 class Topic:
     """One topic: its key is `<root>/<train>/<name>`.
 
-    `rate_hz` is the usual rate, None for messages sent when something happens. `latched` topics keep their last
-    message for subscribers that come late. All topics are reliable and block rather than drop.
+    `latched` topics keep their last message for subscribers that come late. All topics are reliable and block rather
+    than drop.
     """
 
     name: str
     root: str
     message: type[Message]
-    rate_hz: float | None
     publisher: str
     recorded: bool = True
     latched: bool = False
@@ -37,30 +36,26 @@ class Topic:
         return f"{self.root}/{train}/{self.name}"
 
 
-POSITION: Final = Topic(name="position", root="das", message=das_pb2.Position, rate_hz=1.0, publisher="localisation")
-DELAY: Final = Topic(name="delay", root="das", message=das_pb2.Delay, rate_hz=None, publisher="operator")
-EFFORT: Final = Topic(name="effort", root="das", message=das_pb2.Effort, rate_hz=1.0, publisher="train control")
-JOURNEY: Final = Topic(
-    name="journey", root="das", message=das_pb2.Journey, rate_hz=None, publisher="operator", latched=True
-)
+POSITION: Final = Topic(name="position", root="das", message=das_pb2.Position, publisher="localisation")
+DELAY: Final = Topic(name="delay", root="das", message=das_pb2.Delay, publisher="operator")
+EFFORT: Final = Topic(name="effort", root="das", message=das_pb2.Effort, publisher="train control")
+JOURNEY: Final = Topic(name="journey", root="das", message=das_pb2.Journey, publisher="operator", latched=True)
 RESTRICTION: Final = Topic(
-    name="restriction", root="das", message=das_pb2.Restrictions, rate_hz=None, publisher="operator", latched=True
+    name="restriction", root="das", message=das_pb2.Restrictions, publisher="operator", latched=True
 )
-TARGET: Final = Topic(
-    name="target", root="das", message=das_pb2.Targets, rate_hz=None, publisher="operator", latched=True
-)
-CONTROL: Final = Topic(name="control", root="das", message=das_pb2.Control, rate_hz=1.0, publisher="simulator")
-ADVICE: Final = Topic(name="advice", root="das", message=das_pb2.Advice, rate_hz=1.0, publisher="node")
-PLAN: Final = Topic(name="plan", root="das", message=das_pb2.Plan, rate_hz=0.1, publisher="node")
-ESTIMATE: Final = Topic(name="estimate", root="das", message=das_pb2.Estimate, rate_hz=0.1, publisher="node")
-STATUS: Final = Topic(name="status", root="das", message=das_pb2.Status, rate_hz=1.0, publisher="node", latched=True)
-EVENT: Final = Topic(name="event", root="das", message=Log, rate_hz=None, publisher="node")
-TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, rate_hz=1.0, publisher="simulator")
-LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, rate_hz=1.0, publisher="simulator")
-CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, rate_hz=1.0, publisher="simulator")
-LOG: Final = Topic(name="log", root="sim", message=Log, rate_hz=None, publisher="simulator")
+TARGET: Final = Topic(name="target", root="das", message=das_pb2.Targets, publisher="operator", latched=True)
+CONTROL: Final = Topic(name="control", root="das", message=das_pb2.Control, publisher="simulator")
+ADVICE: Final = Topic(name="advice", root="das", message=das_pb2.Advice, publisher="node")
+PLAN: Final = Topic(name="plan", root="das", message=das_pb2.Plan, publisher="node")
+ESTIMATE: Final = Topic(name="estimate", root="das", message=das_pb2.Estimate, publisher="node")
+STATUS: Final = Topic(name="status", root="das", message=das_pb2.Status, publisher="node", latched=True)
+EVENT: Final = Topic(name="event", root="das", message=Log, publisher="node")
+TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, publisher="simulator")
+LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, publisher="simulator")
+CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simulator")
+LOG: Final = Topic(name="log", root="sim", message=Log, publisher="simulator")
 RECORDER: Final = Topic(
-    name="recorder", root="das", message=das_pb2.RecorderStatus, rate_hz=1.0, publisher="recorder", recorded=False
+    name="recorder", root="das", message=das_pb2.RecorderStatus, publisher="recorder", recorded=False
 )
 
 TOPICS: Final = (

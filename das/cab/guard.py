@@ -34,7 +34,7 @@ class GuardSettings:
     most_targets: int = 100
     """More targets at a time than this are not meant."""
     longest_text: int = 200
-    """No operator means a name of more letters than this."""
+    """A name, an id or a remark of more letters than this is not meant."""
     ahead_s: float = 60.0
     """A message further ahead of the clock than this would shut out those that come after it."""
     silent_s: float = STALE_AFTER_S

@@ -53,19 +53,19 @@ class Sink:
         return "\n".join(message.message for message in self.of(EVENT))
 
 
-def make_node(sink: Sink, settings: CabSettings | None = None) -> Node:
+def make_node(sink: Sink, settings: CabSettings | None = None, fronts: Fronts = FRONTS) -> Node:
     """A node with the clock of the bus, on the flat line."""
     post = Post(train=TRAIN, route=ROUTE, trains=Trains(VEHICLE, VEHICLE))
-    cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), FRONTS, settings)
+    cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), fronts, settings)
     return Node(sink, cab, BusClock())  # type: ignore[arg-type]
 
 
 class DrivenNode:
     """A node whose train runs at 20 m/s from second 0 on; it was told a journey, and that there are no restrictions."""
 
-    def __init__(self, settings: CabSettings | None = None, *, told: bool = True) -> None:
+    def __init__(self, settings: CabSettings | None = None, *, told: bool = True, fronts: Fronts = FRONTS) -> None:
         self.sink = Sink()
-        self.node = make_node(self.sink, settings)
+        self.node = make_node(self.sink, settings, fronts)
         if told:
             self.tell(JOURNEY, journey())
             self.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))

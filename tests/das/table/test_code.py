@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from das.bus import das_pb2
 from das.table.hashes import CODE, differing_parts, is_other_code, solver_code_sha256
 from das.table.reading import Table
 from tests.support.copies import copy_of, edit, run_copy
@@ -28,15 +29,18 @@ multipliers = 8
 ON_BOARD = """
 import json
 from pathlib import Path
+from das.bus.topics import STATUS
 from das.cab.fronts import Fronts
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
+from tests.support.driven_node import DrivenNode
 
-section = build_section(load_route("flat-6km"), load_vehicle("re460-ic"))
 fronts = Fronts(Path("tables"), threads=1)
-found = fronts.find(section)
-bound_j = found.front.trajectory(300.0).bound_j
-print(json.dumps({"source": found.source.name, "notes": fronts.notes + list(found.notes), "bound_j": bound_j}))
+driven = DrivenNode(fronts=fronts)
+advice = driven.tick(1.0)
+bound_j = fronts.find(build_section(load_route("flat-6km"), load_vehicle("re460-ic"))).front.trajectory(300.0).bound_j
+told = {"cause": advice.cause, "source": advice.source, "events": driven.sink.events(), "bound_j": bound_j}
+print(json.dumps(told))
 """
 HASH = "from das.table.hashes import solver_code_sha256\nprint(solver_code_sha256())"
 KERNEL = "return low + a * (high - low)"
@@ -60,7 +64,7 @@ def file_with(folder: Path, text: str) -> Path:
 
 
 def on_board(folder: Path) -> dict[str, Any]:
-    """What a node that has the tables finds for their section."""
+    """What a node that has the tables advises from on their section, and what it says."""
     done = run_copy(folder, "-c", ON_BOARD)
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout))
@@ -73,7 +77,7 @@ def command(folder: Path, *words: str) -> tuple[int, str]:
 
 
 def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path: Path) -> None:
-    copy_of(tmp_path, "das", "precompute")
+    copy_of(tmp_path, "das", "precompute", "tests")
     shutil.copytree(built / "tables", tmp_path / "tables")
     shutil.copy(built / "plan.toml", tmp_path)
     (table,) = (tmp_path / "tables").glob("flat-6km*")
@@ -86,8 +90,8 @@ def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path
     assert f"{name}: made by other solver code; build it again" in said
     assert "made by other solver code" in command(tmp_path, "show", "tables")[1]
     solved = on_board(tmp_path)
-    assert solved["source"] == "SOLVED"
-    assert solved["notes"] == [f"{name}: made by other solver code; solved instead"]
+    assert (solved["cause"], solved["source"]) == (das_pb2.CAUSE_NONE, das_pb2.Advice.SOURCE_SOLVED)
+    assert f"{name}: made by other solver code; solved instead" in solved["events"]
     code, said = command(tmp_path, "build", "plan.toml", "--out", "tables", "--workers", "1")
     assert code == 0, said
     assert "1 built" in said
@@ -95,7 +99,8 @@ def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path
     code, said = command(tmp_path, "verify", "tables")
     assert code == 0, said
     again = on_board(tmp_path)
-    assert (again["source"], again["notes"]) == ("TABLE", [])
+    assert (again["cause"], again["source"]) == (das_pb2.CAUSE_NONE, das_pb2.Advice.SOURCE_TABLE)
+    assert "solver code" not in again["events"]
     assert again["bound_j"] == pytest.approx(solved["bound_j"], rel=5e-3)
     # The change was one that counts: the old table holds other energies.
     assert solved["bound_j"] > 1.1 * _bound_j(built)
