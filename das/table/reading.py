@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from das.table.format import ARRAYS, ArrayFormat, Arrays, Sizes, TableError, gri
 from das.table.hashes import CODE, differing_parts, hashes_of, is_other_code, solver_code_sha256, with_code
 from das.table.manifest import read_manifest, sizes_of
 
+READERS = 2
+"""So many files of a table are read at once."""
 GRID_TOLERANCE = 1e-6
 """Positions (m) and speeds (m/s) of the grid rebuilt from route and train may differ by this from the table's."""
 
@@ -64,7 +67,10 @@ class Table:
     def arrays(self) -> Arrays:
         """All arrays, read into memory; TableError names the first that is cut, altered or not finite."""
         sizes = self.sizes
-        return {name: self._array(name, array, sizes) for name, array in ARRAYS.items()}
+        # Hashing takes most of the time, and two files can be hashed at once.
+        with ThreadPoolExecutor(READERS, "table") as pool:
+            read = pool.map(lambda name: self._array(name, ARRAYS[name], sizes), ARRAYS)
+            return dict(zip(ARRAYS, read, strict=True))
 
     def verify(self) -> None:
         """Check that this very code made the table, and every byte of it; raises TableError."""
