@@ -6,7 +6,7 @@ The cab does not use it: on board the whole run is rolled out. It serves analyse
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.units import KMH
@@ -22,8 +22,7 @@ _FITS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Continuation:
+class Continuation(NamedTuple):
     """What the optimum does from a state.
 
     `speed_mps` is the advised speed at `next_m`, the next decision node, and `force_n` the mean wheel force up to there
@@ -48,7 +47,7 @@ class LookUp:
         section = front.section
         self._section, self._node_m = section, section.node_m[section.decision]
         self._arrays = (
-            section.node_m, section.decision, section.for_kernels, section.bounds, front.policies,
+            section.node_m, section.decision, *section.for_kernels, *section.bounds, *front.policies,
             section.train, section.loss_params,
         )  # fmt: skip
 
