@@ -61,6 +61,7 @@ def test_functions_take_few_parameters_and_are_typed() -> None:
                 assert thing.__code__.co_argcount + thing.__code__.co_kwonlyargcount <= 6, name
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize(
     ("statement", "not_loaded"),
     [

@@ -159,6 +159,7 @@ def complete(words: str) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.processes
 def test_a_shell_completes_commands_options_and_values() -> None:
     assert complete("das-precompute so") == ["solve"]
     assert complete("das-precompute solve --lev") == ["--level"]
@@ -186,11 +187,13 @@ def imported(words: list[str]) -> set[str]:
     return set(done.stdout.rsplit("IMPORTED", 1)[1].split())
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("words", [["-h"], ["--help"]], ids=" ".join)
 def test_a_program_prints_its_help_without_anything_heavy(words: list[str]) -> None:
     assert imported(words) == set()
 
 
+@pytest.mark.processes
 def test_the_version_of_the_installed_program(tmp_path: Path) -> None:
     done = in_a_process("precompute.cli", "--version", cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"das-precompute {__version__}\n", "")

@@ -54,6 +54,7 @@ def answered(folder: Path, **env: str) -> tuple[int, int, str]:
     return int(value), int(hits), done.stderr
 
 
+@pytest.mark.processes
 def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels: Path) -> None:
     assert answered(kernels) == (21, 0, "")
     assert answered(kernels) == (21, 1, "")
@@ -66,12 +67,14 @@ def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels:
     assert answered(kernels) == (31, 1, "")
 
 
+@pytest.mark.processes
 def test_a_module_that_the_kernel_does_not_use_changes_nothing(kernels: Path) -> None:
     assert answered(kernels)[:2] == (21, 0)
     (kernels / "das/domain/units.py").write_text((kernels / "das/domain/units.py").read_text() + "MORE = 1\n")
     assert answered(kernels)[:2] == (21, 1)
 
 
+@pytest.mark.processes
 def test_few_old_versions_are_kept(kernels: Path) -> None:
     folder = kernels / "das/__pycache__" / FOLDER / "das.caller"
     for offset in range(2, KEPT_VERSIONS + 4):
@@ -80,6 +83,7 @@ def test_few_old_versions_are_kept(kernels: Path) -> None:
     assert len(list(folder.iterdir())) == KEPT_VERSIONS
 
 
+@pytest.mark.processes
 def test_the_users_folder_is_used(kernels: Path) -> None:
     place = kernels / "mine"
     assert answered(kernels, NUMBA_CACHE_DIR=str(place))[:2] == (21, 0)
@@ -90,6 +94,7 @@ def test_the_users_folder_is_used(kernels: Path) -> None:
     assert not (kernels / "das/__pycache__").exists()
 
 
+@pytest.mark.processes
 def test_an_installation_that_cannot_be_written_to_uses_the_users_folder_of_caches(kernels: Path) -> None:
     (kernels / "das/__pycache__").write_text("a file: no folder can be made here, whoever we are")
     home = {"HOME": str(kernels / "home"), "XDG_CACHE_HOME": str(kernels / "home/caches")}
@@ -98,6 +103,7 @@ def test_an_installation_that_cannot_be_written_to_uses_the_users_folder_of_cach
     assert list((kernels / "home").rglob(f"{FOLDER}/das.caller"))
 
 
+@pytest.mark.processes
 def test_where_nothing_can_be_kept_the_user_is_told_how_to_help(kernels: Path) -> None:
     (kernels / "das/__pycache__").write_text("a file")
     nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null/caches"}
@@ -106,6 +112,7 @@ def test_where_nothing_can_be_kept_the_user_is_told_how_to_help(kernels: Path) -
     assert said.count("set NUMBA_CACHE_DIR to a folder that can be written to") == 1
 
 
+@pytest.mark.processes
 def test_bounds_checks_have_their_own_compiled_code(kernels: Path) -> None:
     assert answered(kernels)[:2] == (21, 0)
     assert answered(kernels, NUMBA_BOUNDSCHECK="1")[:2] == (21, 0)

@@ -253,6 +253,7 @@ def operator(at: str, node_at: str, *limits: str) -> Iterator[subprocess.Popen[b
         child.wait()
 
 
+@pytest.mark.processes
 def test_operators_that_are_killed_and_come_back_over_the_bus() -> None:
     node_at, simulator_at, first_at, second_at = (endpoint(port) for port in free_ports(4))
     connect = [word for at in (simulator_at, first_at, second_at) for word in ("--connect", at)]
@@ -278,6 +279,7 @@ def test_operators_that_are_killed_and_come_back_over_the_bus() -> None:
                 until(simulator, contested, child)
 
 
+@pytest.mark.slow
 def test_nodes_that_are_started_anew_agree_that_two_living_operators_differ() -> None:
     """Whichever of the two lists each of them hears first."""
     node_at, simulator_at, first_at, second_at = (endpoint(port) for port in free_ports(4))
@@ -300,6 +302,7 @@ def test_nodes_that_are_started_anew_agree_that_two_living_operators_differ() ->
             until(simulator, limited(10.0), child)
 
 
+@pytest.mark.slow
 def test_who_is_there_is_known_over_mutual_tls_with_access_control(tmp_path: Path) -> None:
     ports = dict(zip(LISTENERS, free_ports(len(LISTENERS)), strict=True))
     folder = tmp_path / "bus"

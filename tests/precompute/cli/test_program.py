@@ -127,6 +127,7 @@ def test_what_is_printed_fits_80_columns_and_explains_its_abbreviations(
         assert explained in done.stdout
 
 
+@pytest.mark.processes
 def test_the_catalogue_is_what_the_files_say(tmp_path: Path) -> None:
     done = in_a_process("precompute.cli", "catalogue", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

@@ -221,6 +221,7 @@ def test_fronts_journeys_and_sensitivity(folder: Path) -> None:
         assert run(folder, line)
 
 
+@pytest.mark.processes
 @pytest.mark.slow
 def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder: Path) -> None:
     for line in commands(folder, "das-precompute build", "das-precompute show", "das-precompute verify"):
