@@ -1,4 +1,4 @@
-"""Who may say what on the bus: roles, and Zenoh's access control for them.
+"""Roles on the bus: what each participant may say, and how Zenoh's access control enforces it.
 
 Peers talk to each other directly, so each one judges for itself: what comes in (`ingress`) by the name in the
 certificate of who sends it, and what it sends itself (`egress`). The receiver's judgement is the one that counts.

@@ -177,7 +177,7 @@ class Guard:
 
 
 class Publishers:
-    """Who says where the train is: one session at a time, known by its name in Zenoh's time stamps."""
+    """The one publisher of positions that the cab heeds: a session, known by its name in Zenoh's time stamps."""
 
     def __init__(self, silent_s: float = DEFAULT.silent_s) -> None:
         self._silent_s = silent_s

@@ -1,4 +1,4 @@
-"""Who drives and what the display shows, by name, in a module that imports nothing heavy: command lines need it."""
+"""Names of drivers and of displays; this module imports nothing heavy, because command lines need it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class DriverKind(StrEnum):
-    """Who drives."""
+    """The driver of a simulated train."""
 
     PERFECT = "perfect"
     FAST = "fast"

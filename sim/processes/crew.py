@@ -1,4 +1,4 @@
-"""Who takes part in a run over the bus: node and recorder, where each listens, and how they are started."""
+"""The participants of a run over the bus: node and recorder, where each listens, and how they are started."""
 
 from __future__ import annotations
 
