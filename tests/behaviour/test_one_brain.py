@@ -55,11 +55,11 @@ class Hostile:
         return self._link.exchange(tick._replace(told=tuple(told)))
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """What nobody advises on goes its way."""
+        """Pass on what is only recorded."""
         self._link.tell(now_ns, told)
 
     def restart(self) -> None:
-        """So does a restart."""
+        """Restart the cab behind the link."""
         self._link.restart()
 
 
