@@ -17,7 +17,6 @@ import pytest
 
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, STATUS, TRUTH
-from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
@@ -25,6 +24,7 @@ from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, Hurrie
 from sim.replay.command import bundled_recording
 from sim.trips.estimate import estimate_run
 from tests.support.making import das_sim, in_a_process
+from tests.support.recordings import advices_so_far
 
 
 @pytest.fixture(scope="module")
@@ -128,14 +128,6 @@ def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
     found = json.loads(done.stdout)
     assert found["real_time_factor"] <= 40.4
     assert time.monotonic() - began > found["advices"] / 40.4
-
-
-def advices_so_far(path: Path) -> int:
-    """Advices in a recording under way; 0 while there is nothing to read yet."""
-    try:
-        return len(read_recording(path).of(ADVICE))
-    except DasError:
-        return 0
 
 
 @pytest.mark.processes

@@ -33,7 +33,6 @@ from das.bus.topics import (
     STATUS,
     TRUTH,
 )
-from das.domain.errors import DasError
 from das.domain.units import KMH, NS
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
@@ -44,6 +43,7 @@ from sim.world.loop import World
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
 from tests.support.making import das_sim, in_a_process
+from tests.support.recordings import advices_so_far
 
 EVENTFUL = """
 schema_version = 1
@@ -295,7 +295,7 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_whole_recording(folder: Path) -> None:
         text=True,
     )  # fmt: skip
     deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and _advices_so_far(folder / "cut.mcap") < 20:
+    while time.monotonic() < deadline and advices_so_far(folder / "cut.mcap") < 20:
         time.sleep(0.2)
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=60)
@@ -303,13 +303,6 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_whole_recording(folder: Path) -> None:
     assert "recorded so far: cut.mcap" in said
     assert "Traceback" not in said
     assert read_recording(folder / "cut.mcap").complete
-
-
-def _advices_so_far(path: Path) -> int:
-    try:
-        return len(read_recording(path).of(ADVICE))
-    except DasError:
-        return 0
 
 
 @pytest.mark.processes

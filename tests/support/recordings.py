@@ -1,4 +1,4 @@
-"""A recording of a short trip, written message by message, for tests of reading and of review."""
+"""Recordings for tests: one of a short trip, written message by message, and what one under way holds so far."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
+from das.bus.recording import read_recording
+from das.domain.errors import DasError
 
 START_NS = 1_800_000_000_000_000_000
 SECONDS = 600
@@ -117,3 +119,11 @@ def publish_second(publish: Publish, t_s: int) -> None:
         publish(topics.DELAY, das_pb2.Delay(time_ns=time_ns, delay_s=30.0), t_s)
     if t_s == 200:
         publish_event(publish, t_s, "advice withdrawn", Log.WARNING)
+
+
+def advices_so_far(path: Path) -> int:
+    """Advices in a recording under way; 0 while there is nothing to read yet."""
+    try:
+        return len(read_recording(path).of(topics.ADVICE))
+    except DasError:
+        return 0
