@@ -11,9 +11,10 @@ from pathlib import Path
 
 from das.advice import wording
 from das.advice.advice import Advice
-from das.advice.cause import Cause, Withdrawal
+from das.advice.cause import Cause
 from das.advice.modes import Mode
 from das.advice.settings import AdviceSettings
+from das.cab import event_wording
 from das.cab.fronts import Fronts
 from das.cab.guard import Guard, GuardSettings
 from das.cab.heard import (
@@ -141,7 +142,7 @@ class Cab:
             for news in self._guard.take_news():
                 self._reporting.complain(self._clock_ns, news)
         except (ArithmeticError, ValueError) as error:
-            self._ignore(kind, f"a message was ignored ({error})")
+            self._ignore(kind, event_wording.failed(error))
         except Exception as error:
             self._lose(kind, self._unforeseen(error))
         self._news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
@@ -202,20 +203,20 @@ class Cab:
             self._localisation = Localisation(order.vehicle)
         self._trust = dataclasses.replace(self._trust, journey_refused="")
         self.learning.set_vehicle(order.vehicle)
-        names = " – ".join(stop.name for stop in order.stops)
-        self._reporting.event(journey.time_ns, Severity.INFO, f"journey {names}")
-        self._reporting.say(self._status(journey.time_ns, NodeState.READY, f"ready for {names}"))
+        names = [stop.name for stop in order.stops]
+        self._reporting.event(journey.time_ns, Severity.INFO, event_wording.journey(names))
+        self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
 
     def _refuse(self, time_ns: int, why: str) -> None:
         self._trust = dataclasses.replace(self._trust, journey_refused=why)
         self.legs.end()
-        text = wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
+        text = event_wording.journey_refused(why)
         self._reporting.complain(self._clock_ns, text, Severity.ERROR)
         self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
         """Say that something was ignored; while restrictions in force are not known, there is no advice."""
-        self._reporting.complain(self._clock_ns, f"{kind}: {why}")
+        self._reporting.complain(self._clock_ns, event_wording.about(kind, why))
         if kind is Kind.RESTRICTION:
             self._guard.lose_restrictions(why)
 
@@ -231,7 +232,7 @@ class Cab:
         """Say that something went wrong that nobody foresaw, and where; returns the text."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
-        text = f"internal error: {what} ({Path(place.filename).name}:{place.lineno})"
+        text = event_wording.internal_error(what, Path(place.filename).name, place.lineno)
         self._reporting.complain(self._clock_ns, text, Severity.ERROR)
         return text
 
