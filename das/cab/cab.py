@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -68,13 +67,10 @@ class CabSettings:
     background: bool = False
     """Whether fronts are looked for in a thread of their own; else each tick waits for what it needs."""
     stopwatch: Callable[[], float] = no_stopwatch
-    """Gives seconds for the durations in the status; by default none are measured, so that nothing depends on them."""
+    """Gives seconds for the durations in the status; by default none are measured, so that nothing depends on them.
+    In real time it is the `WALL_STOPWATCH`."""
     advice: AdviceSettings = field(default_factory=AdviceSettings)
     guard: GuardSettings = field(default_factory=GuardSettings)
-
-
-WALL_STOPWATCH = time.perf_counter
-"""The stopwatch for a cab that runs in real time."""
 
 
 class Cab:
