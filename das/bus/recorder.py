@@ -191,7 +191,7 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
         if metadata:
             file.add_metadata("run", metadata)
         if bus_file is not None:
-            Refusals()
+            Refusals().listen()
         with made as bus:
             recorder = Recorder(bus, file, arguments.start_ns)
             while not stop.stopped:

@@ -46,7 +46,7 @@ def serve(options: NodeOptions) -> None:
     post = Post(train=place.train, route=route, trains=trains, reverse=line.reverse)
     made = Bus(place.train, listen=listen, connect=place.connect or [], hear=_heard(advice), file=file)
     the_cab = Cab(post, situation, Fronts(advice.tables), _settings(advice))
-    refusals = Refusals() if file else None
+    refusals = Refusals().listen() if file else None
     with made as bus, contextlib.closing(the_cab) as cab:
         node = Node(bus, cab, _clock(advice))
         _begin(node, stops_m, tables=advice.tables is not None)
