@@ -16,6 +16,7 @@ from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rule_settings import RULE
 from sim.drivers.rules import TimeRule
+from sim.drivers.tracking import RollOff
 from sim.plant.plant import COAST, Command, lever
 
 
@@ -69,7 +70,7 @@ class HumanDriver:
         times = ReactionTimes(human, chance, diary)
         self._errors = Errors(human, chance)
         self._foresight = Foresight(line, Habit(braking_mps2=human.braking_mps2, below_mps=human.below_limit_mps))
-        self._rule = TimeRule(RULE.judged_every_s)
+        self._rule, self._roll_off = TimeRule(RULE.judged_every_s), RollOff()
         self._motion, self._departure = Motion(), Departure(times)
         self._lapses = Lapses(human, settings, chance, diary)
         self._display = DisplayReading(human, settings, chance, times, diary)
@@ -110,9 +111,23 @@ class HumanDriver:
             wanted = self._advised(cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming)) if near else wanted
         else:
-            wanted = handling.held(cab, outlook, min(self._top_mps(cab, outlook), coming if near else allowed))
+            wanted = self._under_top(cab, outlook, coming if near else allowed)
         needed = handling.needed_braking(cab, outlook, reach_s)
         return wanted if needed is None else min(wanted, handling.braked(cab, outlook, needed))
+
+    def _under_top(self, cab: CabView, outlook: Outlook, allowed_mps: float) -> float:
+        """The setting for the highest speed that he drives at; when the display lowers it, he lets the train roll."""
+        top_mps, held = self._top_mps(cab, outlook), self._handling.held
+        rolled_mps = self._roll_off.speed_mps(top_mps, cab.speed_mps) if self._by_top_speed else None
+        if rolled_mps is None:
+            return held(cab, outlook, min(top_mps, allowed_mps))
+        return min(held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
+
+    @property
+    def _by_top_speed(self) -> bool:
+        """Whether he follows advice that says a highest speed."""
+        heeded = self._display.heeded
+        return heeded.follows and not heeded.by_effort
 
     def _advised(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting that the advice asks for."""
@@ -132,7 +147,7 @@ class HumanDriver:
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""
         heeded = self._display.heeded
-        if heeded.follows and heeded.view is not None and heeded.view.presentation is Presentation.RMS:
+        if heeded.view is not None and self._by_top_speed:
             return heeded.view.speed_mps
         keeps = self._rule.cap_mps(cab, outlook)
         return keeps + self.parameters.haste_ratio * max(outlook.top_mps - keeps, 0.0)
