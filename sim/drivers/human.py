@@ -16,7 +16,6 @@ from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rule_settings import RULE
 from sim.drivers.rules import TimeRule
-from sim.drivers.tracking import RollOff
 from sim.plant.plant import COAST, Command, lever
 
 
@@ -70,7 +69,7 @@ class HumanDriver:
         times = ReactionTimes(human, chance, diary)
         self._errors = Errors(human, chance)
         self._foresight = Foresight(line, Habit(braking_mps2=human.braking_mps2, below_mps=human.below_limit_mps))
-        self._rule, self._roll_off = TimeRule(RULE.judged_every_s), RollOff()
+        self._rule = TimeRule(RULE.judged_every_s)
         self._motion, self._departure = Motion(), Departure(times)
         self._lapses = Lapses(human, settings, chance, diary)
         self._display = DisplayReading(human, settings, chance, times, diary)
@@ -111,17 +110,10 @@ class HumanDriver:
             wanted = self._advised(cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming)) if near else wanted
         else:
-            wanted = self._under_top(cab, outlook, coming if near else allowed)
+            top_mps, rolls = self._top_mps(cab, outlook), self._by_top_speed
+            wanted = handling.under_top(cab, outlook, top_mps, coming if near else allowed, rolls=rolls)
         needed = handling.needed_braking(cab, outlook, reach_s)
         return wanted if needed is None else min(wanted, handling.braked(cab, outlook, needed))
-
-    def _under_top(self, cab: CabView, outlook: Outlook, allowed_mps: float) -> float:
-        """The setting for the highest speed that he drives at; when the display lowers it, he lets the train roll."""
-        top_mps, held = self._top_mps(cab, outlook), self._handling.held
-        rolled_mps = self._roll_off.speed_mps(top_mps, cab.speed_mps) if self._by_top_speed else None
-        if rolled_mps is None:
-            return held(cab, outlook, min(top_mps, allowed_mps))
-        return min(held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
 
     @property
     def _by_top_speed(self) -> bool:
