@@ -42,6 +42,7 @@ def test_it_says_the_limit_the_lower_limit_from_where_braking_begins_and_the_slo
     section = section_of(12_000.0, [(0.0, 80.0), (1_000.0, 140.0), (6_000.0, 60.0)])
     staircase, judged = staircase_of(section), 120.4 * KMH
     feet = [(6_000.0, 60 * KMH), (12_000.0, 0.0)]
+    assert staircase_of(section).at(0.0, 0.0, judged) == pytest.approx(80.0 * KMH)  # to a standing train as well
     shown = {}
     for s_m in np.arange(0.0, 12_000.0, 5.0):
         here = float(section.limit_mps[np.searchsorted(section.node_m, s_m, side="right") - 1])
