@@ -272,8 +272,8 @@ class Display:
 
 def _top_speed_mps(scene: Scene) -> float:
     """The top speed to show (m/s), for displays that show no more."""
-    state, _, planner, goal = scene
-    return planner.reduced.shown_mps(state.s_m, state.v_mps, state.now_ns, goal.arrival_ns)
+    state, reduced = scene.state, scene.planner.reduced
+    return reduced.shown_mps(state.s_m, state.v_mps, state.now_ns, scene.goal.arrival_ns)
 
 
 def stop_name(section: Section, near_m: float) -> str:

@@ -22,8 +22,9 @@ class Shown(NamedTuple):
 
     @classmethod
     def of(cls, view: AdviceView) -> Shown:
-        """What is read off an advice as it is presented."""
-        speed_kmh = _whole(view.display_speed_mps / KMH)
+        """What is read off an advice as it is presented; a speed that has no form of its own is rounded to km/h."""
+        speed_mps = view.speed_mps if math.isnan(view.display_speed_mps) else view.display_speed_mps
+        speed_kmh = _whole(speed_mps / KMH)
         match view.presentation:
             case Presentation.RMS:
                 return cls(speed_kmh=speed_kmh)

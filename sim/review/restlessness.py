@@ -45,7 +45,7 @@ def _shown(cab: Any) -> Shown | None:
         presentation=presentation,
         mode=cab.mode,
         speed_mps=cab.advised_speed_mps,
-        display_speed_mps=cab.display_speed_mps or cab.advised_speed_mps,  # 0: older than the field
+        display_speed_mps=cab.display_speed_mps or math.nan,  # 0: the recording is older than the field
         lever_ratio=cab.advised_lever_ratio,
     )
     return Shown.of(view)

@@ -31,5 +31,6 @@ def test_effort_is_read_in_fifths_of_the_controller(ratio: float, steps: int) ->
 
 
 def test_what_is_not_known_is_not_shown() -> None:
-    nothing = view(Presentation.VECTOR, display_speed_mps=math.nan, lever_ratio=math.nan)
+    nothing = view(Presentation.VECTOR, speed_mps=math.nan, display_speed_mps=math.nan, lever_ratio=math.nan)
     assert Shown.of(nothing) == Shown(mode=Mode.CRUISE)
+    assert Shown.of(view(Presentation.RMS, display_speed_mps=math.nan)) == Shown(speed_kmh=81)
