@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.modes import Mode
@@ -51,7 +51,8 @@ class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
     Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
-    maximum, in FOUR_MODE the speed to hold. `lever_ratio` is the advised effort on the controller's scale (see
+    maximum, in FOUR_MODE the speed to hold; `display_speed_mps` is the same in whole km/h, as the driver reads it. A
+    simulated driver goes by the former. `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
     """
 
@@ -60,6 +61,7 @@ class AdviceView:
     presentation: Presentation
     mode: int
     speed_mps: float = math.nan
+    display_speed_mps: float = math.nan
     lever_ratio: float = math.nan
     force_n: float = math.nan
     horizon_speed_mps: tuple[float, ...] = ()
@@ -138,32 +140,31 @@ def present(
     mode = int(advice.mode)
     if presentation is Presentation.NONE or mode == Mode.NONE:
         return None
-    time_s = (advice.time_ns - clock_zero_ns) * NS
-    until_s = (advice.valid_until_ns - clock_zero_ns) * NS
+    view = AdviceView(
+        time_s=(advice.time_ns - clock_zero_ns) * NS,
+        valid_until_s=(advice.valid_until_ns - clock_zero_ns) * NS,
+        presentation=presentation,
+        mode=mode,
+    )
     if presentation is Presentation.RMS:
-        reduced_mps = advice.reduced_max_speed_mps
-        if math.isnan(reduced_mps):  # nothing to show where the train has arrived
-            return None
-        return AdviceView(
-            time_s=time_s, valid_until_s=until_s, presentation=presentation, mode=mode, speed_mps=reduced_mps
-        )
+        top_mps = advice.reduced_max_speed_mps
+        # There is nothing to show where the train has arrived.
+        return None if math.isnan(top_mps) else replace(view, speed_mps=top_mps, display_speed_mps=top_mps)
     if presentation is Presentation.FOUR_MODE:
         mode = int(advice.four_mode)
-        return AdviceView(
-            time_s=time_s,
-            valid_until_s=until_s,
-            presentation=presentation,
+        holds = mode == Mode.CRUISE
+        return replace(
+            view,
             mode=mode,
-            speed_mps=advice.advised_speed_mps if mode == Mode.CRUISE else math.nan,
+            speed_mps=advice.advised_speed_mps if holds else math.nan,
+            display_speed_mps=advice.display_speed_mps if holds else math.nan,
             next_mode=int(advice.next_four_mode),
             next_change_s=advice.next_four_change_s,
         )
-    return AdviceView(
-        time_s=time_s,
-        valid_until_s=until_s,
-        presentation=presentation,
-        mode=mode,
+    return replace(
+        view,
         speed_mps=advice.advised_speed_mps,
+        display_speed_mps=advice.display_speed_mps,
         lever_ratio=lever_ratio(advice.advised_force_n, advice.advised_speed_mps, train),
         force_n=advice.advised_force_n,
         horizon_speed_mps=tuple(advice.horizon_speed_mps),
