@@ -117,7 +117,7 @@ def said(output: Output, tick: int = 0) -> Outgoing:
 
 def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
     """An advice as a message; the field names are the same."""
-    return das_pb2.Advice(tick=tick, **dataclasses.asdict(advice))
+    return das_pb2.Advice(tick=tick, **vars(advice))
 
 
 def event_message(event: Event, name: str = "das-node") -> Log:

@@ -88,6 +88,8 @@ class Leg:
             self._reached_m = self.here.s_m
         passing = next((point for point in self.points if point.s_m > self._reached_m), None)
         before = self.goal
+        if self.arrival_ns == before.target_ns and passing == before.passing:
+            return
         behind = self._is_behind(passing)
         if self.arrival_ns != before.target_ns or (passing != before.passing and not behind):
             self.planner.forget()
