@@ -1,0 +1,287 @@
+"""A schedule: a calm run as instructions by place, each of which says what to do and up to which speed.
+
+A driver, and the forecast of what he will do, needs no more: accelerate with this effort to that speed, hold it up to
+this place, coast, brake to that speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import InfeasibleError
+from das.solver.calm.calm import CalmFront, CalmRun
+from das.solver.calm.notches import NotchKind
+from das.solver.kernels.calm_follow import follow
+from das.solver.kernels.calm_roll_out import run_energy
+from das.solver.kernels.tuples import KnownRun, LineArrays
+from das.solver.section import Section
+from das.solver.state import following_node
+
+Floats = NDArray[np.float64]
+MET_MPS = 1e-3
+"""A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
+NOWHERE = -1.0
+
+
+class Forecast(NamedTuple):
+    """What following a schedule comes to: speeds at the nodes of the section (behind the state: NaN), time, energy."""
+
+    speeds_mps: Floats
+    time_s: float
+    energy_j: float
+
+
+class Instruction(NamedTuple):
+    """One thing to do: its kind and share of effort, the first interval of the section, and the speed it leads to."""
+
+    kind: NotchKind
+    share: float
+    begin: int
+    target_mps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScheduleSettings:
+    """How a calm run becomes a schedule."""
+
+    least_s: float = 10.0
+    """An instruction that is no brake lasts at least this long, or it becomes part of the one before it."""
+    back_share: float = 0.7
+    """A train slower than the speed to hold gets back to it with this share of its traction."""
+    ripple_mps: float = 1.5
+    """A short acceleration by less than this, from one speed to hold to the next, is left out."""
+    reach_m: float = 2000.0
+    """Coasting begins at most this much earlier than in the calm run, so that the train is not early."""
+    tries: int = 8
+    """The place where coasting begins is narrowed down so many times."""
+    near_s: float = 0.3
+    """A schedule that arrives within this time of what was asked is near enough."""
+    late_s: float = 1.0
+    """A schedule that arrives later than asked by more than this is made from a quicker run."""
+    rounds: int = 4
+    """So many runs are tried, each quicker than the one before."""
+
+
+DEFAULT = ScheduleSettings()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Schedule:
+    """Instructions in the order of the line from interval `first` of the section on, and the run that keeps to them.
+
+    `known` is that run, at all nodes of the section; brakes follow its speeds.
+    """
+
+    section: Section
+    instructions: tuple[Instruction, ...]
+    known: KnownRun
+    back_share: float
+
+    @cached_property
+    def at(self) -> NDArray[np.int64]:
+        """The number of the instruction of every interval of the section (before the start: the first)."""
+        begins = np.array([one.begin for one in self.instructions])
+        intervals = np.arange(len(self.section.step_m))
+        return np.maximum(np.searchsorted(begins, intervals, side="right") - 1, 0)
+
+    @cached_property
+    def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Kind, share and target speed of every instruction."""
+        kinds = np.array([int(one.kind) for one in self.instructions])
+        return (
+            kinds,
+            np.array([one.share for one in self.instructions]),
+            np.array([one.target_mps for one in self.instructions]),
+        )
+
+    def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Forecast:
+        """What becomes of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls."""
+        section = self.section
+        following = min(following_node(section, s_m), len(section.step_m))
+        first = following - 1
+        line, envelope = section.for_kernels, section.envelope_mps
+        step = section.step_m.copy()
+        step[first] = max(float(section.node_m[following]) - s_m, 1e-3)
+        line = line._replace(step_m=step)
+        speeds = np.full(len(section.node_m), np.nan)
+        speeds[first] = v_mps
+        time_s = follow(
+            first, self.at, *self.columns, self.back_share, self.known, met_mps, line, envelope, section.train, speeds
+        )  # fmt: skip
+        time_s = section.finished_s(time_s, s_m, v_mps)
+        ahead = LineArrays(*(array[first:] for array in line))
+        return Forecast(speeds, time_s, float(run_energy(ahead, section.train, section.loss_params, speeds[first:])))
+
+    def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Forecast]:
+        """The same instructions with the run that keeps to them from a state, and that run."""
+        forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
+        speeds = forecast.speeds_mps
+        known = np.isfinite(speeds)
+        first = int(np.argmax(known))
+        speeds = np.where(known, speeds, v_mps)
+        step = self.section.step_m
+        times = 2.0 * step / np.maximum(speeds[:-1] + speeds[1:], 1e-6)
+        to_go = np.append(times[::-1].cumsum()[::-1], 0.0)
+        to_go[:first] = to_go[first]
+        return replace(self, known=KnownRun(speeds, to_go)), forecast
+
+
+class Scheduled(NamedTuple):
+    """A schedule, and what keeping to it comes to."""
+
+    schedule: Schedule
+    forecast: Forecast
+    lambda_w: float
+
+
+def scheduled(
+    front: CalmFront, time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings = DEFAULT
+) -> Scheduled:
+    """The schedule from a state that takes `time_s`, or as little as a calm run can.
+
+    Short instructions that are left out make a run later: then one that takes less time is made into the schedule.
+    Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
+    """
+    asked_s, best = time_s, None
+    for _ in range(settings.rounds):
+        run = front.run(asked_s, s_m, v_mps)
+        found = _in_time(run, time_s, settings)
+        if best is None or abs(found.forecast.time_s - time_s) < abs(best.forecast.time_s - time_s):
+            best = found
+        late_s = found.forecast.time_s - time_s
+        if late_s <= settings.late_s or run.time_s > asked_s:
+            break
+        asked_s -= late_s
+    assert best is not None
+    return best
+
+
+def _in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) -> Scheduled:
+    """The schedule of a run, with coasting begun so much earlier that it is not early."""
+    state, section = run.state, run.state.section
+    first = len(section.step_m) - len(state.step_m)
+    speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
+    raw = Schedule(
+        section=section,
+        instructions=_instructions(run, first, settings),
+        known=KnownRun(speeds, np.zeros_like(speeds)),
+        back_share=settings.back_share,
+    )
+    s_m, v_mps = float(state.node_m[0]), state.speed_mps
+    best = raw.settled(s_m, v_mps)
+    low, high = 0.0, 1.0
+    for _ in range(settings.tries):
+        if best[1].time_s >= time_s - settings.near_s:
+            break
+        share = 0.5 * (low + high)
+        try:
+            tried = _coasting_earlier(raw, share * settings.reach_m).settled(s_m, v_mps)
+        except InfeasibleError:  # Coasting so early, the train would stand.
+            high = share
+            continue
+        if tried[1].time_s > time_s + settings.near_s:
+            high = share
+        else:
+            low, best = share, tried
+    return Scheduled(*best, run.lambda_w)
+
+
+def _coasting_earlier(schedule: Schedule, by_m: float) -> Schedule:
+    """The schedule with every stretch of coasting that follows another instruction begun earlier by a distance (m)."""
+    node_m, moved = schedule.section.node_m, list(schedule.instructions)
+    for i in range(1, len(moved)):
+        if moved[i].kind is NotchKind.COAST:
+            least = moved[i - 1].begin + 1
+            begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
+            moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
+    return replace(schedule, instructions=tuple(moved))
+
+
+@dataclass(kw_only=True)
+class _Part:
+    """A stretch of a run in one notch, while short ones are joined to their neighbours."""
+
+    kind: NotchKind
+    share: float
+    first: int
+    last: int
+
+
+def _instructions(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Instruction, ...]:
+    """The stretches of a run in one notch, without the short ones; `first` is the run's interval on the section."""
+    speeds = run.speeds_mps
+    elapsed_s = run.state.elapsed_s(speeds)
+    parts = _without_short(_parts(run), elapsed_s, speeds, settings)
+    found = []
+    for part, after in zip(parts, [*parts[1:], None], strict=True):
+        target = float(speeds[part.last + 1])
+        if part.kind is NotchKind.HOLD:
+            target = float(speeds[part.first])
+        elif part.kind is NotchKind.TRACTION:
+            target = float(speeds[part.first : part.last + 2].max())
+            if after is not None and after.kind is NotchKind.HOLD:
+                target = float(speeds[after.first])
+        found.append(Instruction(part.kind, part.share, first + part.first, target))
+    return tuple(found)
+
+
+def _parts(run: CalmRun) -> list[_Part]:
+    """The stretches of a run in one notch; all brakes in a row are one."""
+    parts: list[_Part] = []
+    for i, notch in enumerate(run.notch.tolist()):
+        kind, share = NotchKind(int(run.notches.kind[notch])), float(run.notches.share[notch])
+        if kind in (NotchKind.BRAKE, NotchKind.CURVE):
+            kind, share = NotchKind.BRAKE, 0.0
+        if parts and (parts[-1].kind, parts[-1].share) == (kind, share):
+            parts[-1].last = i
+        else:
+            parts.append(_Part(kind=kind, share=share, first=i, last=i))
+    return parts
+
+
+def _without_short(
+    parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings
+) -> list[_Part]:
+    """The parts without those too short to be followed, which become part of the one before them (or after)."""
+
+    def lasts_s(part: _Part) -> float:
+        return float(elapsed_s[part.last + 1] - elapsed_s[part.first])
+
+    while len(parts) > 1:
+        short = [i for i, part in enumerate(parts) if part.kind is not NotchKind.BRAKE and lasts_s(part) < settings.least_s]
+        if not short:
+            break
+        i = min(short, key=lambda k: lasts_s(parts[k]))
+        part, before = parts[i], parts[i - 1] if i else None
+        after = parts[i + 1] if i + 1 < len(parts) else None
+        if before is None or (part.kind is NotchKind.TRACTION and before.kind is not NotchKind.TRACTION and after is not None):
+            rises = float(speeds[part.last + 1] - speeds[part.first])
+            holds = before is not None and before.kind is after.kind is NotchKind.HOLD and rises < settings.ripple_mps
+            if holds:
+                before.last = after.last
+                del parts[i : i + 2]
+                continue
+            after.first = part.first
+            if after.kind is NotchKind.HOLD:
+                after.kind, after.share = NotchKind.TRACTION, part.share
+        else:
+            before.last = part.last
+        del parts[i]
+        parts = _joined(parts)
+    return parts
+
+
+def _joined(parts: list[_Part]) -> list[_Part]:
+    """The parts, where neighbours that say the same are one."""
+    found = parts[:1]
+    for part in parts[1:]:
+        if (part.kind, part.share) == (found[-1].kind, found[-1].share):
+            found[-1].last = part.last
+        else:
+            found.append(part)
+    return found

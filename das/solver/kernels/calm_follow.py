@@ -1,0 +1,57 @@
+"""Following a schedule: what a train does that keeps to a calm run from where it is now."""
+
+from __future__ import annotations
+
+from das.compiling.kernels import kernel
+from das.solver.kernels.calm_moves import BRAKE, COAST, HOLD, TRACTION
+from das.solver.kernels.calm_roll_out import speed_under
+from das.solver.kernels.driving import drive
+from das.solver.kernels.forces import on_supply
+
+BELOW_MPS = 0.5
+"""A speed to hold is held from this much (m/s) below it on; a train slower than that accelerates first."""
+
+
+@kernel
+def followed_speed(i, kind, share, target, back_share, known, line, v):
+    """The speed at the end of interval i that a train in an instruction means to have; see `follow`."""
+    step, g, q, here = line
+    coasting = speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
+    if kind == COAST:
+        return coasting
+    if kind == TRACTION or kind == HOLD:
+        if v > target:
+            return min(max(coasting, target), v)
+        if kind == HOLD and v >= target - BELOW_MPS:
+            return target
+        effort = share if kind == TRACTION else back_share
+        return min(speed_under(TRACTION, effort, v, step[i], g[i], q[i], here), target)
+    return min(coasting, known)
+
+
+@kernel
+def follow(first, at, kinds, shares, targets, back_share, known, met_mps, line, envelope, p, v):
+    """Follow a schedule from v[first] to the end; fills v, returns the trip time (s), or -1 after a stall.
+
+    `at[i]` is the instruction that holds in interval i, with its kind, share and target speed. `known` is the run that
+    the schedule comes from (speeds and time to go at every node): brakes follow its speeds, and from where the speeds
+    of the two are within `met_mps` of each other they are one (negative: nowhere).
+    """
+    step, g, q, u = line
+    total = 0.0
+    for i in range(first, step.size):
+        c = at[i]
+        landing = followed_speed(
+            i, kinds[c], shares[c], targets[c], back_share, known.speed_mps[i + 1],
+            (step, g, q, on_supply(p, u[i])), v[i],
+        )
+        if not drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v):
+            # On a hill that the schedule cannot climb the train takes all its traction.
+            if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
+                return -1.0
+        total += 2.0 * step[i] / (v[i] + v[i + 1])
+        if abs(v[i + 1] - known.speed_mps[i + 1]) < met_mps and i + 1 < step.size:
+            for k in range(i + 1, step.size):
+                v[k + 1] = known.speed_mps[k + 1]
+            return total + known.time_to_go_s[i + 1]
+    return total
