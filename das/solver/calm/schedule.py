@@ -6,6 +6,7 @@ this place, coast, brake to that speed.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -99,6 +100,21 @@ class Schedule:
             np.array([one.target_mps for one in self.instructions]),
         )
 
+    def speed_at(self, s_m: float) -> float:
+        """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
+        return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
+
+    def number_at(self, s_m: float) -> int:
+        """The number of the instruction that holds at a position."""
+        interval = int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1
+        return int(self.at[min(max(interval, 0), len(self.at) - 1)])
+
+    def begin_m(self, number: int) -> float:
+        """Where an instruction begins (m); beyond the last one: the end of the section."""
+        if number >= len(self.instructions):
+            return self.section.end_m
+        return float(self.section.node_m[self.instructions[number].begin])
+
     def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Forecast:
         """What becomes of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls."""
         section = self.section
@@ -123,12 +139,9 @@ class Schedule:
         speeds = forecast.speeds_mps
         known = np.isfinite(speeds)
         first = int(np.argmax(known))
-        speeds = np.where(known, speeds, v_mps)
-        step = self.section.step_m
-        times = 2.0 * step / np.maximum(speeds[:-1] + speeds[1:], 1e-6)
-        to_go = np.append(times[::-1].cumsum()[::-1], 0.0)
-        to_go[:first] = to_go[first]
-        return replace(self, known=KnownRun(speeds, to_go)), forecast
+        run = known_run(self.section, np.where(known, speeds, v_mps))
+        run.time_to_go_s[:first] = run.time_to_go_s[first]
+        return replace(self, known=run), forecast
 
 
 class Scheduled(NamedTuple):
@@ -150,7 +163,7 @@ def scheduled(
     asked_s, best = time_s, None
     for _ in range(settings.rounds):
         run = front.run(asked_s, s_m, v_mps)
-        found = _in_time(run, time_s, settings)
+        found = schedule_in_time(run, time_s, settings)
         if best is None or abs(found.forecast.time_s - time_s) < abs(best.forecast.time_s - time_s):
             best = found
         late_s = found.forecast.time_s - time_s
@@ -161,7 +174,7 @@ def scheduled(
     return best
 
 
-def _in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) -> Scheduled:
+def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) -> Scheduled:
     """The schedule of a run, with coasting begun so much earlier that it is not early."""
     state, section = run.state, run.state.section
     first = len(section.step_m) - len(state.step_m)
@@ -285,3 +298,23 @@ def _joined(parts: list[_Part]) -> list[_Part]:
         else:
             found.append(part)
     return found
+
+
+def on_section(schedule: Schedule, section: Section) -> Schedule:
+    """The schedule on another section of the same line, by place; brakes follow the old run where it is allowed."""
+    node_m, before = section.node_m, schedule.section.node_m
+    found: list[Instruction] = []
+    for one in schedule.instructions:
+        begin = min(int(np.searchsorted(node_m, before[one.begin])), len(section.step_m) - 1)
+        if found and begin <= found[-1].begin:
+            found.pop()
+        found.append(one._replace(begin=begin))
+    squares = np.interp(node_m, before, schedule.known.speed_mps**2)
+    speeds = np.minimum(np.sqrt(squares), section.envelope_mps)
+    return replace(schedule, section=section, instructions=tuple(found), known=known_run(section, speeds))
+
+
+def known_run(section: Section, speeds_mps: Floats) -> KnownRun:
+    """A run by its speeds at the nodes of a section, with the time to go from each of them."""
+    times = 2.0 * section.step_m / np.maximum(speeds_mps[:-1] + speeds_mps[1:], 1e-3)
+    return KnownRun(speeds_mps, np.append(times[::-1].cumsum()[::-1], 0.0))

@@ -1,0 +1,160 @@
+"""New references: a schedule for the time that is left, and through the window of a point ahead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from das.advice.coach.settings import CoachSettings
+from das.domain.errors import DasError
+from das.solver.calm.calm import CalmFront, solve_calm
+from das.solver.calm.schedule import (
+    Forecast,
+    Instruction,
+    NotchKind,
+    Schedule,
+    Scheduled,
+    schedule_in_time,
+    scheduled,
+)
+from das.solver.fastest import capped
+from das.solver.kernels.envelope import braking_envelope
+from das.solver.section import Section
+from das.solver.state import State
+
+HALVINGS = 12
+"""The speed with which a point is passed in time is found by halving an interval so many times."""
+SLOWEST_MPS = 2.0
+"""No train is told to go slower than this to a point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What a reference is made for: a state, the time left to the end (s), and a point with its window (s from now)."""
+
+    s_m: float
+    v_mps: float
+    left_s: float
+    point_m: float | None = None
+    earliest_s: float | None = None
+    latest_s: float | None = None
+
+
+def drivers_section(section: Section, settings: CoachSettings) -> Section:
+    """The section with the braking and the margins that the driver uses."""
+    driver, train = settings.driver, section.train
+    if driver.planning_brake_mps2 is not None:
+        train = train._replace(max_deceleration_mps2=min(driver.planning_brake_mps2, train.max_deceleration_mps2))
+    elif driver.below_limit_mps == 0:
+        return section
+    limit = np.maximum(section.limit_mps - driver.below_limit_mps, np.minimum(section.limit_mps, SLOWEST_MPS))
+    ceiling, stuck = braking_envelope(section.for_kernels, limit, section.end_speed_mps, train)
+    # Where a descent cannot be braked so easily, the section's own envelope holds.
+    return section if stuck >= 0 else capped(section, ceiling)
+
+
+def solve_coach(section: Section, settings: CoachSettings, *, threads: int = 2) -> CalmFront:
+    """The calm runs that the coach of a section chooses from."""
+    return solve_calm(drivers_section(section, settings), settings.calm, threads=threads)
+
+
+def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+    """The schedule for what is wanted; raises DasError where the section cannot be finished from the state."""
+    left_s = max(wanted.left_s, 1.0)
+    free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
+    if wanted.point_m is None or wanted.point_m <= wanted.s_m:
+        return free
+    at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
+    if wanted.earliest_s is not None and at_s < wanted.earliest_s:
+        return _slowed(front, free, wanted, settings)
+    if wanted.latest_s is not None and at_s > wanted.latest_s:
+        return _hurried(front, wanted, settings)
+    return free
+
+
+def passes_s(schedule: Schedule, forecast: Forecast, s_m: float, point_m: float) -> float:
+    """The time (s) after which a train passes a point that keeps to a schedule from a position."""
+    times, node_m = elapsed_s(schedule, forecast, s_m)
+    return float(np.interp(point_m, node_m, times))
+
+
+def elapsed_s(schedule: Schedule, forecast: Forecast, s_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s, from 0) and positions (m) of a forecast from a position on."""
+    first = int(np.argmax(np.isfinite(forecast.speeds_mps)))
+    node_m = schedule.section.node_m[first:].copy()
+    node_m[0] = s_m
+    speeds = forecast.speeds_mps[first:]
+    steps_s = 2.0 * np.diff(node_m) / np.maximum(speeds[:-1] + speeds[1:], 1e-3)
+    return np.concatenate(([0.0], steps_s.cumsum())), node_m
+
+
+def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+    """One lower speed up to the point, so that it is not passed too early, then what the time asks for."""
+    assert wanted.point_m is not None and wanted.earliest_s is not None
+    low, high = SLOWEST_MPS, float(free.schedule.section.envelope_mps.max())
+    best = None
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        try:
+            tried = _under(free.schedule, wanted.point_m, middle).settled(wanted.s_m, wanted.v_mps)
+        except DasError:  # A hill cannot be climbed so slowly.
+            low = middle
+            continue
+        if passes_s(*tried, wanted.s_m, wanted.point_m) < wanted.earliest_s:
+            high = middle
+        else:
+            low, best = middle, tried
+    if best is None:
+        return free
+    return _with_rest(front, best, wanted, settings, free.lambda_w)
+
+
+def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+    """The slowest run of the ladder that passes the point in time (or the quickest), then what the time asks for."""
+    assert wanted.point_m is not None and wanted.latest_s is not None
+    state = State.at(front.section, wanted.s_m, wanted.v_mps)
+    slow, quick = -1, len(front.lambda_w) - 1
+    while quick - slow > 1:
+        middle = (slow + quick) // 2
+        run = front.roll_out(state, middle, middle, 0)
+        at_s = float(np.interp(wanted.point_m, state.node_m, state.elapsed_s(run.speeds_mps)))
+        slow, quick = (slow, middle) if at_s <= wanted.latest_s else (middle, quick)
+    found = schedule_in_time(front.roll_out(state, quick, quick, 0), 0.0, settings.schedule)
+    return _with_rest(front, (found.schedule, found.forecast), wanted, settings, found.lambda_w)
+
+
+def _under(schedule: Schedule, point_m: float, cap_mps: float) -> Schedule:
+    """The schedule with no higher speed than this up to a point."""
+    point = int(np.searchsorted(schedule.section.node_m, point_m))
+    capped_ones: list[Instruction] = []
+    for one in schedule.instructions:
+        if one.begin >= point or one.target_mps <= cap_mps:
+            capped_ones.append(one)
+        elif one.kind in (NotchKind.TRACTION, NotchKind.HOLD):
+            capped_ones.append(one._replace(target_mps=cap_mps))
+        else:
+            capped_ones.append(Instruction(NotchKind.HOLD, 0.0, one.begin, cap_mps))
+    return replace(schedule, instructions=tuple(capped_ones))
+
+
+def _with_rest(
+    front: CalmFront, way: tuple[Schedule, Forecast], wanted: Wanted, settings: CoachSettings, lambda_w: float
+) -> Scheduled:
+    """A way to the point, and from there on the schedule for the time that is left then."""
+    assert wanted.point_m is not None
+    schedule, forecast = way
+    section, node_m = schedule.section, schedule.section.node_m
+    point = int(np.searchsorted(node_m, wanted.point_m))
+    if point >= len(section.step_m) - 1:
+        return Scheduled(schedule, forecast, lambda_w)
+    took_s = passes_s(schedule, forecast, wanted.s_m, float(node_m[point]))
+    v_mps = float(forecast.speeds_mps[point])
+    rest = scheduled(front, max(wanted.left_s - took_s, 1.0), float(node_m[point]), v_mps, settings.schedule)
+    before = tuple(one for one in schedule.instructions if one.begin < point)
+    after = tuple(one._replace(begin=max(one.begin, point)) for one in rest.schedule.instructions)
+    speeds = np.concatenate((schedule.known.speed_mps[:point], rest.schedule.known.speed_mps[point:]))
+    both = replace(
+        schedule, instructions=(*before, *after), known=schedule.known._replace(speed_mps=speeds)
+    ).settled(wanted.s_m, wanted.v_mps)
+    return Scheduled(*both, rest.lambda_w)

@@ -1,0 +1,235 @@
+"""From the reference to what is shown: which instruction holds for the train as it is, and what comes after it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from das.advice.coach.coaching import Instruction
+from das.advice.coach.keeping import Kept
+from das.advice.coach.planning import elapsed_s
+from das.advice.coach.settings import ShowingSettings
+from das.advice.modes import EFFORT_ORDER, Mode
+from das.advice.planner import TrainState
+from das.domain.units import NS
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.schedule import Schedule
+from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, traction_limit
+from das.solver.section import Section
+
+FULL_RATIO = 0.97
+"""An effort from this share of the largest on counts as full."""
+SAME_MPS = 0.3
+"""Speeds this near to each other are the same on a display."""
+TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+
+
+class Place(NamedTuple):
+    """What bounds an instruction where the train is: the highest speed that is safe, and the limit (m/s)."""
+
+    allowed_mps: float
+    limit_mps: float
+
+
+class Shown(NamedTuple):
+    """What is shown: the instruction, those after it, and way (m) and time (s) to where it ends."""
+
+    now: Instruction
+    following: tuple[Instruction, ...]
+    target_m: float
+    target_s: float
+    number: int
+
+
+class Showing:
+    """Chooses what is shown, and remembers it, so that a display does not waver about a speed."""
+
+    def __init__(self, settings: ShowingSettings) -> None:
+        self._settings = settings
+        self._schedule: Schedule | None = None
+        self._number, self._back, self._share = 0, 0, 1.0
+        self._brakes: dict[int, float] = {}
+        self._shown, self._since_ns = Instruction(), 0
+
+    def forget(self) -> None:
+        """Nothing is shown any more."""
+        self._schedule, self._shown = None, Instruction()
+
+    def show(self, kept: Kept, state: TrainState, place: Place) -> Shown:
+        """What is shown of the reference to a train in a state."""
+        schedule = kept.reference.schedule
+        if schedule is not self._schedule:
+            self._schedule, self._number, self._back, self._brakes = schedule, 0, 0, {}
+        number = self._number_for(schedule, state)
+        if number != self._number:
+            self._back = 0
+        self._number = number
+        now = self._held(self._wanted(schedule, number, state, place), state, place)
+        times_s, at_m = elapsed_s(schedule, kept.forecast, state.s_m)
+        begins_s = [float(np.interp(schedule.begin_m(k), at_m, times_s)) for k in range(number + 1, number + 5)]
+        following = self._following(schedule, number, state, begins_s)
+        end_m = schedule.begin_m(number + 1)
+        return Shown(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
+
+    def _number_for(self, schedule: Schedule, state: TrainState) -> int:
+        """The instruction that holds, or the next one where it is due within the lead; none is taken up again."""
+        here = max(schedule.number_at(state.s_m), self._number)
+        soon = schedule.number_at(state.s_m + state.v_mps * self._settings.lead_s)
+        if soon > here and schedule.instructions[here + 1].kind in (NotchKind.COAST, NotchKind.BRAKE):
+            return here + 1
+        return here
+
+    def _wanted(self, schedule: Schedule, number: int, state: TrainState, place: Place) -> Instruction:
+        """The instruction for the train as it is."""
+        one, v_mps = schedule.instructions[number], state.v_mps
+        target = min(one.target_mps, place.limit_mps)
+        excess = v_mps - place.allowed_mps
+        if one.kind is NotchKind.BRAKE:
+            wanted = self._braking(schedule, number, state, target)
+        elif one.kind is NotchKind.COAST:
+            wanted = Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+        elif one.kind is NotchKind.TRACTION and v_mps < target - self._settings.reached_mps:
+            self._share = one.share
+            wanted = _traction(one.share, target)
+        else:
+            wanted = self._holding(schedule, state, target)
+        if excess > self._settings.overspeed_mps and wanted.mode not in BRAKES:
+            goal = min(target, place.allowed_mps)
+            if excess > self._settings.braked_mps:
+                return Instruction(mode=Mode.FULL_BRAKE, speed_mps=goal, effort_ratio=-1.0)
+            return Instruction(mode=Mode.COAST, speed_mps=goal, effort_ratio=0.0)
+        return wanted
+
+    def _holding(self, schedule: Schedule, state: TrainState, target: float) -> Instruction:
+        """Hold a speed; a train that is far from it goes back to it first."""
+        settings, away = self._settings, state.v_mps - target
+        if self._back == 0 and away < -settings.reached_mps and self._shown.mode in TRACTION:
+            self._back = 1  # It has not yet reached the speed that it accelerates to.
+        elif self._back == 0 and abs(away) > (settings.above_mps if away > 0 else settings.below_mps):
+            self._back = -1 if away > 0 else 1
+            self._share = schedule.back_share
+        elif (self._back > 0 and away >= -settings.reached_mps) or (self._back < 0 and away <= SAME_MPS):
+            self._back = 0
+        if self._back > 0:
+            return _traction(self._share, target)
+        if self._back < 0:
+            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+        return Instruction(mode=Mode.CRUISE, speed_mps=target)
+
+    def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
+        """Brake with one effort to the speed; a driver who has braked early lets the train roll until it is due."""
+        settings, v_mps = self._settings, state.v_mps
+        if v_mps <= target + SAME_MPS and target > SAME_MPS:
+            return self._holding(schedule, state, target)
+        before = schedule.speed_at(state.s_m) - v_mps
+        if self._back == 0 and before > settings.braked_early_mps:
+            self._back = -1
+        elif self._back < 0 and before < settings.braked_early_mps / 4:
+            self._back = 0
+        if self._back < 0:
+            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+        return _brake(self._brake_ratio(schedule, number), target)
+
+    def _brake_ratio(self, schedule: Schedule, number: int) -> float:
+        """The one effort that brakes as the schedule does, in whole steps."""
+        if number not in self._brakes:
+            step = self._settings.brake_step_ratio
+            needed = _mean_brake(schedule, number)
+            self._brakes[number] = max(math.ceil(needed / step - 1e-6), 1) * step
+        return self._brakes[number]
+
+    def _held(self, wanted: Instruction, state: TrainState, place: Place) -> Instruction:
+        """The instruction to show: one that asks for more effort or less brake waits until the last stood a while."""
+        shown = self._shown
+        same = wanted.mode is shown.mode and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS
+        if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Mode.CRUISE):
+            return shown
+        held_s = (state.now_ns - self._since_ns) * NS
+        settled = shown.mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.least_shown_s
+        urgent = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
+        released = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
+        lower = wanted.speed_mps < shown.speed_mps - SAME_MPS
+        if settled or urgent or released or lower or shown.speed_mps > place.limit_mps + SAME_MPS:
+            self._shown, self._since_ns = wanted, state.now_ns
+        return self._shown
+
+    def _following(
+        self, schedule: Schedule, number: int, state: TrainState, begins_s: list[float]
+    ) -> tuple[Instruction, ...]:
+        """The next changes; to hold the speed that the train accelerates to is none."""
+        found: list[Instruction] = []
+        instructions = schedule.instructions
+        for k, in_s in zip(range(number + 1, len(instructions)), begins_s, strict=False):
+            one, before = instructions[k], instructions[k - 1]
+            same = abs(one.target_mps - before.target_mps) < SAME_MPS
+            if one.kind is NotchKind.HOLD and before.kind is NotchKind.TRACTION and same:
+                continue
+            shown = self._announced(schedule, k)
+            found.append(replace(shown, way_m=schedule.begin_m(k) - state.s_m, in_s=in_s))
+        return tuple(found[: self._settings.ahead])
+
+    def _announced(self, schedule: Schedule, number: int) -> Instruction:
+        """An instruction as it is shown before it is due."""
+        one = schedule.instructions[number]
+        if one.kind is NotchKind.TRACTION:
+            return _traction(one.share, one.target_mps)
+        if one.kind is NotchKind.BRAKE:
+            return _brake(self._brake_ratio(schedule, number), one.target_mps)
+        if one.kind is NotchKind.COAST:
+            return Instruction(mode=Mode.COAST, speed_mps=one.target_mps, effort_ratio=0.0)
+        return Instruction(mode=Mode.CRUISE, speed_mps=one.target_mps)
+
+
+def force_n(section: Section, now: Instruction, s_m: float, v_mps: float) -> float:
+    """The wheel force (N) of an instruction at a position and speed: of a speed to hold, what it needs."""
+    train, v = section.train, max(v_mps, 0.1)
+    if now.mode in TRACTION:
+        return now.effort_ratio * float(traction_limit(v, train))
+    if now.mode in BRAKES:
+        return now.effort_ratio * _motors_n(section, v)
+    if now.mode is not Mode.CRUISE:
+        return 0.0
+    i = min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)
+    resistance_n = mean_resistance(v, v, section.tunnel_n_per_mps2[i], train) + section.constant_n[i]
+    return float(min(max(resistance_n, -_motors_n(section, v)), traction_limit(v, train)))
+
+
+def _motors_n(section: Section, v_mps: float) -> float:
+    """The largest effort (N) of the electric brake; of all brakes where there is none."""
+    train = section.train
+    electric_n = float(electric_limit(v_mps, train))
+    if electric_n > 0 and not train.brakes_dissipate:
+        return electric_n
+    return max(float(brake_limit(v_mps, train, train.friction_force_n)), 1.0)
+
+
+def _mean_brake(schedule: Schedule, number: int) -> float:
+    """The effort with which a schedule brakes, as a share of the largest of the electric brake (> 1: friction too)."""
+    section, instructions = schedule.section, schedule.instructions
+    last = instructions[number + 1].begin if number + 1 < len(instructions) else len(section.step_m)
+    parts = slice(instructions[number].begin, max(last, instructions[number].begin + 1))
+    v = schedule.known.speed_mps
+    squares = v[parts.start : parts.stop + 1] ** 2
+    way_m = float(section.step_m[parts].sum())
+    first, end = math.sqrt(float(squares[0])), math.sqrt(float(squares[-1]))
+    resistance_n = float(mean_resistance(first, end, 0.0, section.train))
+    line_n = float((section.constant_n[parts] * section.step_m[parts]).sum()) / way_m
+    inertia_n = section.train.inertial_mass_kg * float(squares[0] - squares[-1]) / (2.0 * way_m)
+    middle = max(math.sqrt(0.5 * float(squares[0] + squares[-1])), 1.0)
+    return max(inertia_n - resistance_n - line_n, 0.0) / _motors_n(section, middle)
+
+
+def _traction(share: float, target_mps: float) -> Instruction:
+    mode = Mode.FULL_TRACTION if share >= FULL_RATIO else Mode.REDUCED_TRACTION
+    return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)
+
+
+def _brake(ratio: float, target_mps: float) -> Instruction:
+    if ratio > 1.0 + 1e-6:
+        return Instruction(mode=Mode.FRICTION_BRAKE, speed_mps=target_mps, effort_ratio=-ratio)
+    mode = Mode.FULL_BRAKE if ratio >= FULL_RATIO else Mode.REDUCED_BRAKE
+    return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=-ratio)
