@@ -29,6 +29,7 @@ from das.bus.topics import (
     TARGET,
     Topic,
 )
+from das.cab import event_wording
 from das.cab.heard import (
     DelayHeard,
     EffortHeard,
@@ -80,7 +81,7 @@ def heard(received: Received, heard_ns: int) -> Heard | None:
     try:
         return _DECODERS[kind](received.message, common)
     except ValueError as error:
-        return Unreadable(told=kind, why=f"one that cannot be read ({error})", **common)  # type: ignore[arg-type]
+        return Unreadable(told=kind, why=event_wording.unreadable(error), **common)  # type: ignore[arg-type]
 
 
 def told(value: Heard) -> Outgoing:

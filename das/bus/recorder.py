@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -29,11 +29,14 @@ from das.bus.session import Bus, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
 from das.command_line.printing import say
 from das.command_line.running import StopFlag, run_command
+from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 
 FLUSH_EVERY_S = 1.0
 """Default chunking would lose up to 1 MiB when the process is killed."""
+REPORT_EVERY_S = 1.0
+"""The recorder says at least this often how far it is, also while there are no ticks."""
 LAST_NS = 2**63 - 1
 """The file holds times from 1970 on; those that a message may state beyond it are in the message alone."""
 MOST_WAITING = 20_000
@@ -43,18 +46,19 @@ MOST_WAITING = 20_000
 class RecordingFile:
     """An MCAP file under way: protobuf messages of our topics, metadata, attachments; CRCs on."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, clocks: Clocks = WALL) -> None:
         try:
             self._file: IO[bytes] = path.open("wb")
         except OSError as error:
             raise DasError(f"{path}: cannot be written ({error.strerror})") from error
         self.path = path
         self.messages = 0
+        self._clocks = clocks
         self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._writer.start(profile="", library=f"driver-advisory-system {__version__}")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self._flushed = time.monotonic()
+        self._flushed_s = clocks.seconds()
 
     def add(self, topic: Topic, key: str, message: Message, log_time_ns: int) -> None:
         """Write one message (to disk with the next flush)."""
@@ -69,21 +73,21 @@ class RecordingFile:
 
     def flush_if_due(self) -> None:
         """Put what was written on disk, at most once a second."""
-        now = time.monotonic()
-        if now - self._flushed >= FLUSH_EVERY_S:
+        if self._clocks.seconds() - self._flushed_s >= FLUSH_EVERY_S:
             self.flush()
 
     def flush(self) -> None:
         self._writer.flush()
         self._file.flush()
         os.fsync(self._file.fileno())
-        self._flushed = time.monotonic()
+        self._flushed_s = self._clocks.seconds()
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         self._writer.add_metadata(name, data)
 
     def add_attachment(self, name: str, media_type: str, content: bytes) -> None:
-        self._writer.add_attachment(time.time_ns(), time.time_ns(), name, media_type, content)
+        now_ns = self._clocks.now_ns()
+        self._writer.add_attachment(now_ns, now_ns, name, media_type, content)
 
     def close(self) -> None:
         """Finish the file: summary, index, checksums."""
@@ -116,10 +120,11 @@ class Recorder:
     it starts, is left out: how often it does depends on the machine.
     """
 
-    def __init__(self, bus: Bus, file: RecordingFile, clock_ns: int | None) -> None:
-        self.bus, self.file = bus, file
+    def __init__(self, bus: Bus, file: RecordingFile, clock_ns: int | None, clocks: Clocks = WALL) -> None:
+        self.bus, self.file, self._clocks = bus, file, clocks
         self._clock_ns, self._by_run = clock_ns, clock_ns is not None
         self._how = das_pb2.RecorderStatus(file=file.path.name)
+        self._reported_s = -math.inf
 
     def take(self, received: Received) -> None:
         """Write one message as heard; a payload that is not of its topic's type is left out."""
@@ -129,7 +134,7 @@ class Recorder:
         if topic is CONTROL and message.time_ns >= 0:
             self._clock_ns = message.time_ns
         if not self._by_run or message_time_ns(message) != 0:
-            log_time_ns = self._clock_ns if self._clock_ns is not None else time.time_ns()
+            log_time_ns = self._clock_ns if self._clock_ns is not None else self._clocks.now_ns()
             self.file.add(topic, received.key, message, log_time_ns)
         if self._noted(topic, message):
             self.report()
@@ -147,8 +152,14 @@ class Recorder:
 
     def report(self) -> None:
         """Say how many messages are written, and up to which tick."""
-        self._how.time_ns, self._how.messages = time.time_ns(), self.file.messages
+        self._how.time_ns, self._how.messages = self._clocks.now_ns(), self.file.messages
         self.bus.publish(RECORDER, self._how)
+
+    def report_if_due(self) -> None:
+        """Say how many messages are written once every `REPORT_EVERY_S`, also while no messages come."""
+        if self._clocks.seconds() - self._reported_s > REPORT_EVERY_S:
+            self.report()
+            self._reported_s = self._clocks.seconds()
 
 
 def record(arguments: argparse.Namespace) -> None:
@@ -180,18 +191,15 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
         if metadata:
             file.add_metadata("run", metadata)
         if bus_file is not None:
-            Refusals()
+            Refusals().listen()
         with made as bus:
             recorder = Recorder(bus, file, arguments.start_ns)
-            said = 0.0
             while not stop.stopped:
                 received = bus.receive(0.1)
                 if received is not None:
                     recorder.take(received)
                 file.flush_if_due()
-                if time.monotonic() - said > 1.0:
-                    recorder.report()
-                    said = time.monotonic()
+                recorder.report_if_due()
             while (received := bus.receive(0)) is not None:
                 recorder.take(received)
             if bus.dropped:

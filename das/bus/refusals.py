@@ -10,13 +10,15 @@ import os
 import re
 import sys
 import threading
-import time
 from collections import deque
+from collections.abc import Callable
+from typing import Self
 
 import zenoh
 
 from das.cab.moderation import Moderation
 from das.command_line.printing import say
+from das.domain.clocks import WALL_NS
 
 LEVELS = (
     "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"
@@ -35,19 +37,24 @@ LONGEST = 200
 
 
 class Refusals:
-    """Reads Zenoh's log from now on; to be made once, before the bus is opened, by a process with no other output."""
+    """Tells from Zenoh's log what was refused; `now_ns` is the clock of the moderation (ns since 1970)."""
 
-    def __init__(self) -> None:
+    def __init__(self, now_ns: Callable[[], int] = WALL_NS) -> None:
+        self._now_ns = now_ns
         self._news: deque[str] = deque(maxlen=MOST_KEPT)
         self._moderation = Moderation()
         self._denials: dict[str, str] = {}
         self._names: dict[str, str] = {}
+
+    def listen(self) -> Self:
+        """Read the log from now on: to be done once, before the bus is opened, by a process with no other output."""
         pipe, output = os.pipe()
         sys.stdout.flush()
         os.dup2(output, 1)
         os.close(output)
         threading.Thread(target=self._read, args=(pipe,), name="zenoh-log", daemon=True).start()
         zenoh.init_log_from_env_or(LEVELS)
+        return self
 
     def take(self) -> list[str]:
         """What was refused since the last call; all of it went to standard error as well."""
@@ -56,12 +63,16 @@ class Refusals:
     def _read(self, pipe: int) -> None:
         rest = b""
         while block := os.read(pipe, 1 << 16):
-            whole, newline, rest = (rest + block).rpartition(b"\n")
-            # Nearly all of it says that something is in order: passed over without looking at each line.
-            if newline and any(mark in whole for mark in WORTH_READING):
-                for line in ANSI.sub(b"", whole).decode(errors="replace").splitlines():
-                    self._line(line)
-            self._say_rest()
+            whole, _, rest = (rest + block).rpartition(b"\n")
+            self.hear(whole)
+
+    def hear(self, lines: bytes) -> None:
+        """Take whole lines of the log, or none; then say how many were left unsaid, once their second is over."""
+        # Nearly all of it says that something is in order: passed over without looking at each line.
+        if any(mark in lines for mark in WORTH_READING):
+            for line in ANSI.sub(b"", lines).decode(errors="replace").splitlines():
+                self._line(line)
+        self._say_rest()
 
     def _line(self, line: str) -> None:
         """One line; a denial counts only when the message was kept out: Zenoh also tries what it might deny."""
@@ -91,10 +102,10 @@ class Refusals:
     def _say(self, text: str) -> None:
         # A key is the sender's to choose: it must not write on the terminal what it likes.
         text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
-        if self._moderation.allows(time.time_ns()):
+        if self._moderation.allows(self._now_ns()):
             self._news.append(f"bus: {text}")
             say(f"bus: {text}")
 
     def _say_rest(self) -> None:
-        if unsaid := self._moderation.unsaid(time.time_ns()):
+        if unsaid := self._moderation.unsaid(self._now_ns()):
             say(f"bus: {unsaid} more of these")

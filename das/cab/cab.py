@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,9 +10,10 @@ from pathlib import Path
 
 from das.advice import wording
 from das.advice.advice import Advice
-from das.advice.cause import Cause, Withdrawal
+from das.advice.cause import Cause
 from das.advice.modes import Mode
 from das.advice.settings import AdviceSettings
+from das.cab import event_wording
 from das.cab.fronts import Fronts
 from das.cab.guard import Guard, GuardSettings
 from das.cab.heard import (
@@ -67,13 +67,10 @@ class CabSettings:
     background: bool = False
     """Whether fronts are looked for in a thread of their own; else each tick waits for what it needs."""
     stopwatch: Callable[[], float] = no_stopwatch
-    """Gives seconds for the durations in the status; by default none are measured, so that nothing depends on them."""
+    """Gives seconds for the durations in the status; by default none are measured, so that nothing depends on them.
+    In real time it is the `WALL_STOPWATCH`."""
     advice: AdviceSettings = field(default_factory=AdviceSettings)
     guard: GuardSettings = field(default_factory=GuardSettings)
-
-
-WALL_STOPWATCH = time.perf_counter
-"""The stopwatch for a cab that runs in real time."""
 
 
 class Cab:
@@ -141,7 +138,7 @@ class Cab:
             for news in self._guard.take_news():
                 self._reporting.complain(self._clock_ns, news)
         except (ArithmeticError, ValueError) as error:
-            self._ignore(kind, f"a message was ignored ({error})")
+            self._ignore(kind, event_wording.failed(error))
         except Exception as error:
             self._lose(kind, self._unforeseen(error))
         self._news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
@@ -202,20 +199,20 @@ class Cab:
             self._localisation = Localisation(order.vehicle)
         self._trust = dataclasses.replace(self._trust, journey_refused="")
         self.learning.set_vehicle(order.vehicle)
-        names = " – ".join(stop.name for stop in order.stops)
-        self._reporting.event(journey.time_ns, Severity.INFO, f"journey {names}")
-        self._reporting.say(self._status(journey.time_ns, NodeState.READY, f"ready for {names}"))
+        names = [stop.name for stop in order.stops]
+        self._reporting.event(journey.time_ns, Severity.INFO, event_wording.journey(names))
+        self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
 
     def _refuse(self, time_ns: int, why: str) -> None:
         self._trust = dataclasses.replace(self._trust, journey_refused=why)
         self.legs.end()
-        text = wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
+        text = event_wording.journey_refused(why)
         self._reporting.complain(self._clock_ns, text, Severity.ERROR)
         self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
         """Say that something was ignored; while restrictions in force are not known, there is no advice."""
-        self._reporting.complain(self._clock_ns, f"{kind}: {why}")
+        self._reporting.complain(self._clock_ns, event_wording.about(kind, why))
         if kind is Kind.RESTRICTION:
             self._guard.lose_restrictions(why)
 
@@ -231,7 +228,7 @@ class Cab:
         """Say that something went wrong that nobody foresaw, and where; returns the text."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
-        text = f"internal error: {what} ({Path(place.filename).name}:{place.lineno})"
+        text = event_wording.internal_error(what, Path(place.filename).name, place.lineno)
         self._reporting.complain(self._clock_ns, text, Severity.ERROR)
         return text
 

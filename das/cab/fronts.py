@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
+from das.cab import event_wording
 from das.compiling.sources import SourcesMissingError
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
@@ -76,13 +77,13 @@ class Fronts:
                 try:
                     return Found(front=read_front(table.folder, section), source=Source.TABLE)
                 except TableError as error:
-                    notes.append(f"{error}; solved instead")
+                    notes.append(event_wording.table_broken(error))
             elif table.is_meant_for(section):
                 others.append((table, differing))
         if others and not notes:
             # The nearest one says it all: a folder may hold tables of many trains, loads and levels.
             nearest, differing = min(others, key=lambda other: len(other[1]))
-            notes.append(f"{nearest.folder}: {why_not(section, differing)}; solved instead")
+            notes.append(event_wording.table_unfit(nearest.folder, why_not(section, differing)))
         front = solve_front(section, threads=self._threads, lambda_w=onboard_ladder(section))
         return Found(front=front, source=Source.SOLVED, notes=tuple(notes))
 
@@ -92,14 +93,14 @@ class Fronts:
         try:
             solver_code_sha256()
         except SourcesMissingError as error:
-            self.notes.append(f"{folder}: nobody can tell which solver code made the tables ({error}); none is used")
+            self.notes.append(event_wording.tables_not_used(folder, error))
             return ()
         listed = []
         for manifest in sorted(folder.glob(f"*/{MANIFEST}")):
             try:
                 listed.append(_Listed.of(Table.open(manifest.parent)))
             except TableError as error:
-                self.notes.append(f"{error}; not used")
+                self.notes.append(event_wording.table_not_used(error))
         return tuple(listed)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from das.cab import event_wording
 from das.cab.heard import (
     Heard,
     JourneyHeard,
@@ -82,10 +83,10 @@ class Guard:
             return self._problem_of_restrictions(heard)
         found = self._problem_by_itself(heard)
         if not found and kind is Kind.POSITION and not self._publishers.is_heard(heard.source, now_ns):
-            found = f"one of a second publisher, {heard.source or 'unnamed'},"
+            found = event_wording.second_publisher(heard.source)
         if not found and isinstance(heard, StateHeard):
             found = self._replayed(heard)
-        return f"{kind}: {found} was ignored" if found else ""
+        return event_wording.ignored(kind, found) if found else ""
 
     def due(self, now_ns: int) -> list[Heard]:
         """The messages that were ahead of the clock and are not any more; they are to be judged again.
@@ -118,13 +119,14 @@ class Guard:
         found = self._problem_by_itself(heard)
         if found or not isinstance(heard, RestrictionsHeard):
             self.lose_restrictions(found)
-            return f"restrictions that cannot be heeded: {found}"
+            return event_wording.restrictions_unheeded(found)
         told = list(heard.restrictions)
         if found := self._replayed(heard):
             if told != self._in_force:  # A replay, or an operator whose clock was set back: nobody can tell.
-                self.lose_restrictions(f"{found}, which said otherwise")
-                return f"restrictions that cannot be heeded: {self.unheeded}"
-            return f"{Kind.RESTRICTION}: {found} was ignored"
+                why = event_wording.older_and_different(found)
+                self.lose_restrictions(why)
+                return event_wording.restrictions_unheeded(why)
+            return event_wording.ignored(Kind.RESTRICTION, found)
         self._in_force, self.unheeded = told, None
         return ""
 
@@ -133,7 +135,7 @@ class Guard:
         kind, now_ns = kind_of(heard), heard.heard_ns
         if isinstance(heard, StateHeard) and now_ns > 0 and _ahead_s(heard, now_ns) > self._settings.ahead_s:
             self._early[kind] = heard
-            return f"one from {_ahead_s(heard, now_ns):.0f} s ahead of the clock"
+            return event_wording.ahead_of_clock(_ahead_s(heard, now_ns))
         found = self._problem_of_sense(heard)
         if found:
             self._early.pop(kind, None)
@@ -146,7 +148,7 @@ class Guard:
         # Where the clock was set back, the newest of before shuts nothing out.
         was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > self._settings.ahead_s
         if heard.time_ns < newest_ns and not was_set_back:
-            return f"one {(newest_ns - heard.time_ns) * NS:.0f} s older than the last"
+            return event_wording.older_than_last((newest_ns - heard.time_ns) * NS)
         self._newest_ns[kind] = heard.time_ns
         self._early.pop(kind, None)
         return ""
@@ -155,25 +157,26 @@ class Guard:
         """Why nobody can have meant this, or nothing."""
         settings = self._settings
         if isinstance(heard, Unreadable):
-            return heard.why or "a message that cannot be read"
+            return heard.why or event_wording.NOT_OF_ITS_KIND
         if isinstance(heard, RestrictionsHeard):
             if len(heard.restrictions) > settings.most_restrictions:
-                return f"{len(heard.restrictions)} of them, more than {settings.most_restrictions}"
-            return next((_shown(one) for one in heard.restrictions if not _is_restriction(one)), "")
+                return event_wording.too_many_restrictions(len(heard.restrictions), settings.most_restrictions)
+            wrong = next((one for one in heard.restrictions if not _is_restriction(one)), None)
+            return event_wording.impossible_restriction(wrong) if wrong is not None else ""
         if isinstance(heard, TargetsHeard):
             if len(heard.targets) > settings.most_targets:
-                return f"one of {len(heard.targets)} targets, more than {settings.most_targets}"
+                return event_wording.too_many_targets(len(heard.targets), settings.most_targets)
             return self._too_long(*(one.stop for one in heard.targets))
         if isinstance(heard, JourneyHeard):
             if len(heard.stops) > settings.most_stops:
-                return f"one of {len(heard.stops)} stops, more than {settings.most_stops}"
+                return event_wording.too_many_stops(len(heard.stops), settings.most_stops)
             texts = (heard.train, heard.route_id, heard.vehicle_id, heard.load, heard.level)
             return self._too_long(*texts, *(stop.name for stop in heard.stops))
         return ""
 
     def _too_long(self, *texts: str) -> str:
         longest = max(map(len, texts), default=0)
-        return f"one with a name of {longest} letters" if longest > self._settings.longest_text else ""
+        return event_wording.name_too_long(longest) if longest > self._settings.longest_text else ""
 
 
 class Publishers:
@@ -198,7 +201,7 @@ class Publishers:
     def contested(self, now_ns: int) -> str:
         """The two publishers that both say where the train is now, so that no position can be trusted; or nothing."""
         if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._heard_ns):
-            return f"{self._source or 'unnamed'} and {self._rival}"
+            return event_wording.two_publishers(self._source, self._rival)
         return ""
 
     def _within(self, now_ns: int, then_ns: int) -> bool:
@@ -215,7 +218,3 @@ def _is_restriction(one: ToldRestriction) -> bool:
     except DasError:
         return False
     return True
-
-
-def _shown(one: ToldRestriction) -> str:
-    return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m"

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from das.advice.advice import Timetable
 from das.advice.settings import DEFAULT, AdviceSettings, StopSettings
+from das.cab import event_wording
 from das.cab import targets as traffic
 from das.cab.heard import Target
 from das.cab.leg import Leg
@@ -55,7 +56,7 @@ class Legs:
         news = self.preparation.take_news()
         if self._agreed != self._agreed_said:
             self._agreed_said = self._agreed
-            news.append(News(f"targets: {traffic.in_words(self._agreed)}"))
+            news.append(News(event_wording.targets(self._agreed)))
         return news
 
     def check(self, stops_m: Sequence[float]) -> None:
@@ -122,7 +123,7 @@ class Legs:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
                 situation.between(start_m, end_m).section(start_m, end_m)
         except DasError as error:
-            self.preparation.say(News(f"calibration ignored: {error}", True))
+            self.preparation.say(News(event_wording.calibration_ignored(error), True))
             return
         self.situation = situation
         self._heed()
@@ -132,7 +133,7 @@ class Legs:
         self._targets = tuple(targets)
         self._agreed, refused = traffic.assign(self._targets, self.legs)
         for why in refused:
-            self.preparation.say(News(f"target ignored: {why}", True))
+            self.preparation.say(News(event_wording.target_ignored(why), True))
         self._heed()
 
     def set_delay(self, delay_s: float) -> None:
@@ -162,7 +163,7 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
     """One timetable a leg; raises DasError where a leg has no time or begins before the last has ended."""
     for i, (before, after) in enumerate(pairwise(timetables), 1):
         if after.departure_ns < before.arrival_ns:
-            raise DasError(f"timetable: the departure from stop {i + 1} is before the arrival there")
+            raise DasError(event_wording.departs_before_arrival(i + 1))
     for timetable in timetables:
         timetable.check()
     for leg, timetable in zip(legs, timetables, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from das.cab import event_wording
 from das.cab.heard import STATES, Heard, Kind, PublisherSeen, RestrictionsHeard, Unreadable, kind_of
 
 MOST_RIVALS, MOST_GONE = 20, 50
@@ -78,10 +79,10 @@ class Operator:
             self._gone.pop(next(one for one in self._gone if one != self.source))
         return next(iter(self._rivals.values()), None) if source == self.source else None
 
-    def contradiction(self) -> str:
-        """The session that says other restrictions than the one that counts, or nothing."""
+    def contradiction(self) -> str | None:
+        """The session that says other restrictions than the one that counts; None where no session does."""
         told = _places(self._newest)
-        return next((named(source) for source, rival in self._rivals.items() if _places(rival) != told), "")
+        return next((source for source, rival in self._rivals.items() if _places(rival) != told), None)
 
 
 class Operators:
@@ -100,12 +101,10 @@ class Operators:
         known, before = operator.is_rival(heard.source), operator.source
         if operator.heeds(heard):
             if before is not None and operator.source != before:
-                self._news.append(f"{kind}: {named(operator.source)} counts from now on, {named(before)} is gone")
+                self._news.append(event_wording.takes_over(kind, operator.source, before))
             return True
         if not known and operator.is_rival(heard.source):
-            self._news.append(
-                f"{kind}: two publishers: what {named(heard.source)} says is not heeded while {named(before)} is there"
-            )
+            self._news.append(event_wording.not_heeded(kind, heard.source, before))
         return False
 
     def source(self, kind: Kind) -> str | None:
@@ -126,17 +125,12 @@ class Operators:
         """The two publishers that say different restrictions, so that nobody can tell which hold; else nothing."""
         operator = self._of[Kind.RESTRICTION]
         other = operator.contradiction()
-        return f"{named(operator.source)} and {other}" if other else ""
+        return event_wording.two_operators(operator.source, other) if other is not None else ""
 
     def take_news(self) -> list[str]:
         """What has happened since this was last asked, in words."""
         news, self._news = self._news, []
         return news
-
-
-def named(source: str | None) -> str:
-    """A session by its name."""
-    return source or "one without a name"
 
 
 def _places(heard: Heard | None) -> list[tuple[float, float, float]] | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from das.advice.advice import Timetable
+from das.cab import event_wording
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.cab.trains import Trains
 from das.domain.errors import DasError
@@ -37,17 +38,16 @@ class Post:
     def accept(self, journey: JourneyHeard) -> Order:
         """The journey as an order; DasError where it is not for this train or line, or has no sense."""
         if journey.route_id != self.route.id:
-            raise DasError(f"it is for route {journey.route_id!r}, this node has {self.route.id!r}")
+            raise DasError(event_wording.other_route(journey.route_id, self.route.id))
         if journey.train and journey.train != self.train:
-            raise DasError(f"it is for train {journey.train!r}, this node is for {self.train!r}")
+            raise DasError(event_wording.other_train(journey.train, self.train))
         if journey.reversed != self.reverse:
-            way = ("forwards", "in reverse")
-            raise DasError(f"it drives the route {way[journey.reversed]}, this node has it {way[self.reverse]}")
+            raise DasError(event_wording.other_direction(told_reverse=journey.reversed, own_reverse=self.reverse))
         if len(journey.stops) < 2:
-            raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
+            raise DasError(event_wording.too_few_stops(len(journey.stops)))
         _check_times(journey.stops)
         if journey.level and journey.level not in list(Level):
-            raise DasError(f"level {journey.level!r}: expected one of {', '.join(Level)}")
+            raise DasError(event_wording.unknown_level(journey.level))
         return Order(
             stops=tuple(Stop(name=stop.name, position_m=stop.s_m) for stop in journey.stops),
             timetables=tuple(
@@ -64,8 +64,8 @@ def _check_times(stops: Sequence[OrderedStop]) -> None:
     for number, stop in enumerate(stops, 1):
         for name, time_ns in (("arrival", stop.arrival_ns), ("departure", stop.departure_ns)):
             if time_ns < 0:
-                raise DasError(f"stop {number} has the {name} {time_ns} ns, expected nanoseconds since 1970")
+                raise DasError(event_wording.time_before_1970(number, name, time_ns))
     if not stops[0].departure_ns:
-        raise DasError("the first stop has no departure")
+        raise DasError(event_wording.NO_DEPARTURE)
     if not stops[-1].arrival_ns:
-        raise DasError("the last stop has no arrival")
+        raise DasError(event_wording.NO_ARRIVAL)

@@ -12,10 +12,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from das.advice.advice import Source
 from das.advice.passing import PassingFronts, PassingRun, PassingTarget
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
+from das.cab import event_wording
 from das.cab.fronts import Found, Fronts, onboard_ladder
 from das.cab.leg import Leg
 from das.cab.situation import Situation, difference
@@ -178,16 +178,15 @@ class Preparation:
         found = answer.found
         if found is None:
             one.refusal = answer.refusal
-            self._news.append(News(f"{leg.section.name}: no plan: {answer.refusal}", True))
+            self._news.append(News(event_wording.no_front(leg.section.name, answer.refusal), True))
             return
         one.refusal = ""
         if answer.refusal:
-            self._news.append(News(f"target: {answer.refusal}", True))
+            self._news.append(News(event_wording.target_unsolved(answer.refusal), True))
         self._news += [News(note, True) for note in found.notes]
         leg.use(PlanBasis(section=found.front.section, front=found.front, source=found.source, passing=answer.passing))
-        how = "from a table" if found.source is Source.TABLE else "solved"
-        why, one.why = f" ({one.why})" if one.why else "", ""
-        self._news.append(News(f"{leg.start.name} – {leg.end.name}: {how}{why}"))
+        why, one.why = one.why, ""
+        self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
 
 
 def _heed(leg: Leg, one: _Prepared, wanted: Situation) -> None:
@@ -197,7 +196,7 @@ def _heed(leg: Leg, one: _Prepared, wanted: Situation) -> None:
     try:
         leg.use_meanwhile(wanted.section(leg.start.position_m, leg.end.position_m), why)
     except DasError as error:
-        refusal = f"{why}: {error}"
+        refusal = event_wording.impossible_now(why, error)
     # Only now that the leg has it: whatever else goes wrong, it is not taken for prepared.
     one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
 
@@ -240,7 +239,7 @@ def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # No advice is better than a thread that died in silence.
-        refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
+        refusal, failed = event_wording.solving_failed(error), True
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 

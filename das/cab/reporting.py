@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from das.advice import wording
 from das.advice.advice import Advice
 from das.advice.cause import Cause
-from das.advice.modes import Mode, mode_name
+from das.advice.modes import Mode
 from das.advice.plan import Plan
+from das.cab import event_wording
 from das.cab.learning import is_fresh
 from das.cab.moderation import Moderation
 from das.cab.outputs import Event, Output, Severity
@@ -53,17 +53,17 @@ class Reporting:
     def losses(self, now_ns: int, dropped: int) -> None:
         """Say how many complaints were left unsaid, and how many messages a flood has cost (`dropped`: in all)."""
         if unsaid := self._complaints.unsaid(now_ns):
-            self.event(now_ns, Severity.WARNING, f"{unsaid} more messages were ignored")
+            self.event(now_ns, Severity.WARNING, event_wording.unsaid(unsaid))
         lost = dropped - self._dropped
         if lost and abs(now_ns - self._losses_ns) * NS >= LOSSES_EVERY_S:
-            self.event(now_ns, Severity.WARNING, f"{lost} messages were dropped: too many at once")
+            self.event(now_ns, Severity.WARNING, event_wording.dropped(lost))
             self._dropped, self._losses_ns = dropped, now_ns
 
     def changes(self, advice: Advice) -> None:
         """Say where the mode changes, or the cause of a withdrawal, with the reason."""
         if (advice.mode, advice.cause) != self._shown:
             severity = Severity.WARNING if advice.mode is Mode.NONE else Severity.INFO
-            self.event(advice.time_ns, severity, f"{mode_name(advice.mode)}: {advice.reason}")
+            self.event(advice.time_ns, severity, event_wording.shown(advice.mode, advice.reason))
             self._shown = advice.mode, advice.cause
 
     def note_internal_error(self) -> None:
@@ -73,11 +73,10 @@ class Reporting:
     def rejections(self, here: Estimate) -> None:
         """Say where positions begin to be rejected, and where they are taken up anew elsewhere."""
         if here.restarts > self._restarts:
-            self.event(here.time_ns, Severity.WARNING, f"position: taken up anew at {here.s_m:.0f} m")
+            self.event(here.time_ns, Severity.WARNING, event_wording.position_restarted(here.s_m))
         rejecting = here.rejected > self._rejected
         if rejecting and not self._rejecting and here.rejection is not None:
-            text = f"position: rejected, {wording.problem(here.rejection)}"
-            self.event(here.time_ns, Severity.WARNING, text)
+            self.event(here.time_ns, Severity.WARNING, event_wording.position_rejected(here.rejection))
         self._rejected, self._restarts, self._rejecting = here.rejected, here.restarts, rejecting
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:

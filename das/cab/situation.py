@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from das.cab import event_wording
 from das.domain.conditions import Conditions
 from das.domain.losses import Level
 from das.domain.route import Restriction, Route
@@ -57,12 +58,11 @@ class Situation:
 def difference(before: Situation, after: Situation) -> str:
     """What makes two situations differ, in words."""
     if before.vehicle is not after.vehicle:
-        return "another train or load"
+        return event_wording.OTHER_TRAIN
     if before.level != after.level:
-        return "another level"
+        return event_wording.OTHER_LEVEL
     if before.restrictions != after.restrictions:
         gone = len(set(before.restrictions) - set(after.restrictions))
         lifted = gone and len(after.restrictions) < len(before.restrictions)
-        return "restriction lifted" if lifted else "restriction set"
-    found = after.conditions
-    return f"mass × {found.mass_ratio:.2f} and resistance × {found.resistance_ratio:.2f} of the plan's"
+        return event_wording.RESTRICTION_LIFTED if lifted else event_wording.RESTRICTION_SET
+    return event_wording.other_conditions(after.conditions)

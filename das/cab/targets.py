@@ -1,18 +1,15 @@
-"""Targets of traffic management: to which leg each belongs, and how they are repeated in words."""
+"""Targets of traffic management: to which leg each belongs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 from das.advice.passing import PassingTarget
+from das.cab import event_wording
 from das.cab.heard import Target
 from das.cab.leg import Leg
 from das.domain.errors import DasError
-from das.domain.units import KM, NS
 
-MOST_NAMED = 3
-"""So many of the targets that are agreed to are named."""
 LEAST_WAY_M = 2.0
 """A point to pass lies at least this far from both ends of its section."""
 
@@ -39,7 +36,7 @@ def _hand_over(target: Target, legs: Sequence[Leg]) -> None:
         at_end = leg.end.name.casefold() == target.stop.casefold() if target.stop else target.s_m == end_m
         if at_end:
             if target.arrival_ns <= 0:
-                raise DasError(f"{leg.end.name}: no arrival is given")
+                raise DasError(event_wording.no_arrival_given(leg.end.name))
             leg.arrival_ns = target.arrival_ns
             return
         if not target.stop and leg.start.position_m + LEAST_WAY_M <= target.s_m <= end_m - LEAST_WAY_M:
@@ -52,17 +49,4 @@ def _hand_over(target: Target, legs: Sequence[Leg]) -> None:
                 )
             )
             return
-    raise DasError(f"{target.stop or f'{target.s_m:.0f} m'} is not on the way to a stop of this journey")
-
-
-def in_words(targets: Sequence[Target]) -> str:
-    """The first few targets in words."""
-    more = [f"{len(targets) - MOST_NAMED} more"] if len(targets) > MOST_NAMED else []
-    return "; ".join([*map(_in_words, targets[:MOST_NAMED]), *more]) or "none any more"
-
-
-def _in_words(target: Target) -> str:
-    words = (("at", target.arrival_ns), ("not before", target.earliest_ns), ("not after", target.latest_ns))
-    times = (f"{word} {datetime.fromtimestamp(at_ns * NS, UTC):%H:%M:%S}" for word, at_ns in words if at_ns > 0)
-    why = f" ({target.reason})" if target.reason else ""
-    return " ".join([target.stop or f"km {target.s_m / KM:.1f}", *times]) + why
+    raise DasError(event_wording.not_on_the_way(target))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from das.cab import event_wording
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
 from das.domain.vehicle import Vehicle
@@ -38,6 +39,6 @@ class Trains:
             return self.find(vehicle_id).loaded(load)
         # Never a path: an id comes over the bus.
         if vehicle_id not in catalogue("vehicles"):
-            known = ", ".join(sorted({name for name, _ in self._found} | set(catalogue("vehicles"))))
-            raise DasError(f"it is for vehicle {vehicle_id!r}, this node knows {known}")
+            known = sorted({name for name, _ in self._found} | set(catalogue("vehicles")))
+            raise DasError(event_wording.unknown_vehicle(vehicle_id, known))
         return load_vehicle(vehicle_id)

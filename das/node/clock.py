@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
 from das.bus.received import Received
 from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, TARGET
+from das.domain.clocks import WALL_NS
 
 
 class Clock(Protocol):
@@ -34,7 +34,7 @@ class WallClock:
 
     is_wall = True
 
-    def __init__(self, time_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, time_ns: Callable[[], int] = WALL_NS) -> None:
         self.now_ns = self.judged_at_ns = time_ns
 
     def note(self, received: Received) -> None:

@@ -8,7 +8,7 @@ from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
-from das.cab.cab import WALL_STOPWATCH, Cab, CabSettings, no_stopwatch
+from das.cab.cab import Cab, CabSettings, no_stopwatch
 from das.cab.fronts import Fronts
 from das.cab.orders import Post
 from das.cab.outputs import NodeState
@@ -19,6 +19,7 @@ from das.command_line.compiling import loading_solver
 from das.command_line.loading import load_route, load_vehicle, warn_unusual
 from das.command_line.printing import say
 from das.command_line.running import StopFlag, interrupt_on_termination
+from das.domain.clocks import WALL_STOPWATCH
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route, section_stops
 from das.domain.vehicle import Vehicle
@@ -45,7 +46,7 @@ def serve(options: NodeOptions) -> None:
     post = Post(train=place.train, route=route, trains=trains, reverse=line.reverse)
     made = Bus(place.train, listen=listen, connect=place.connect or [], hear=_heard(advice), file=file)
     the_cab = Cab(post, situation, Fronts(advice.tables), _settings(advice))
-    refusals = Refusals() if file else None
+    refusals = Refusals().listen() if file else None
     with made as bus, contextlib.closing(the_cab) as cab:
         node = Node(bus, cab, _clock(advice))
         _begin(node, stops_m, tables=advice.tables is not None)

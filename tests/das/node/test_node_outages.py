@@ -30,6 +30,7 @@ from das.node.node import Node
 from sim.processes.process import Process
 from tests.das.node.test_node import until
 from tests.support.driven_node import FRONTS, ROUTE, START_NS, TRAIN, VEHICLE, S, Sink, journey
+from tests.support.hand_clock import HandClock
 
 TIMEOUT_S = 120.0
 LONGER_THAN_THE_LEASE_S = 2.5
@@ -156,21 +157,11 @@ def test_a_node_that_is_stopped_while_it_compiles_ends_at_once(tmp_path: Path) -
     assert (child.returncode, said) == (130, "stopped\n")
 
 
-class HandClock:
-    """The time that a test sets, in place of the wall's."""
-
-    def __init__(self) -> None:
-        self.time_ns = START_NS
-
-    def __call__(self) -> int:
-        return self.time_ns
-
-
 class WallNode:
     """A node without sockets that goes by a clock which the test sets."""
 
     def __init__(self) -> None:
-        self.sink, self.clock = Sink(), HandClock()
+        self.sink, self.clock = Sink(), HandClock(START_NS)
         post = Post(train=TRAIN, route=ROUTE, trains=Trains(VEHICLE, VEHICLE))
         cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), FRONTS)
         self.node = Node(self.sink, cab, WallClock(self.clock))  # type: ignore[arg-type]

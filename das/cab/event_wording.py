@@ -1,0 +1,323 @@
+"""The words of the cab's events, and of the refusals and faults that events repeat. Programs never go by these texts.
+
+The words of advice and of withdrawals are in `das.advice.wording`; an event that says the same takes them from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Final
+
+from das.advice import wording
+from das.advice.advice import Source
+from das.advice.cause import Cause, Withdrawal
+from das.advice.modes import Mode, mode_name
+from das.cab.heard import Kind, Target, ToldRestriction
+from das.domain.conditions import Conditions
+from das.domain.losses import Level
+from das.domain.units import KM, NS
+from das.estimate.problems import Problem
+
+MOST_NAMED = 3
+"""So many of the targets that are agreed to are named."""
+
+# --- messages that are ignored ---------------------------------------------------------------------------------------
+
+
+def ignored(kind: Kind, what: str) -> str:
+    """A message that the guard did not let in; `what` names it by what is wrong with it."""
+    return about(kind, f"{what} was ignored")
+
+
+def about(kind: Kind, what: str) -> str:
+    """Something that concerns messages of one kind."""
+    return f"{kind}: {what}"
+
+
+def failed(error: Exception) -> str:
+    """A message whose figures the program could not compute with."""
+    return f"a message was ignored ({error})"
+
+
+def restrictions_unheeded(why: str) -> str:
+    """Restrictions that were not taken over, so that there is no advice either."""
+    return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
+
+
+def unsaid(count: int) -> str:
+    """Complaints that were left unsaid because there were too many."""
+    return f"{count} more messages were ignored"
+
+
+def dropped(count: int) -> str:
+    """Messages that a flood has cost."""
+    return f"{count} messages were dropped: too many at once"
+
+
+# --- what is wrong with a message ------------------------------------------------------------------------------------
+
+NOT_OF_ITS_KIND: Final = "a message that cannot be read"
+
+
+def unreadable(error: Exception) -> str:
+    """A message of its kind with a value that cannot be."""
+    return f"one that cannot be read ({error})"
+
+
+def ahead_of_clock(ahead_s: float) -> str:
+    """A message that states a time too far ahead."""
+    return f"one from {ahead_s:.0f} s ahead of the clock"
+
+
+def older_than_last(behind_s: float) -> str:
+    """A message that was said before the one that holds."""
+    return f"one {behind_s:.0f} s older than the last"
+
+
+def older_and_different(older: str) -> str:
+    """An older list of restrictions that is not the one in force; `older`: the words of `older_than_last`."""
+    return f"{older}, which said otherwise"
+
+
+def too_many_restrictions(count: int, most: int) -> str:
+    """A list of restrictions that nobody can mean."""
+    return f"{count} of them, more than {most}"
+
+
+def too_many_targets(count: int, most: int) -> str:
+    """A list of targets that nobody can mean."""
+    return f"one of {count} targets, more than {most}"
+
+
+def too_many_stops(count: int, most: int) -> str:
+    """A journey that nobody can mean."""
+    return f"one of {count} stops, more than {most}"
+
+
+def name_too_long(letters: int) -> str:
+    """A message with a name that nobody can mean."""
+    return f"one with a name of {letters} letters"
+
+
+def impossible_restriction(one: ToldRestriction) -> str:
+    """A restriction whose ends or limit cannot be."""
+    return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m"
+
+
+# --- who says it -----------------------------------------------------------------------------------------------------
+
+
+def second_publisher(source: str) -> str:
+    """A position of another publisher than the one that counts."""
+    return f"one of a second publisher, {source or 'unnamed'},"
+
+
+def two_publishers(source: str | None, rival: str) -> str:
+    """The two publishers that both say where the train is."""
+    return f"{source or 'unnamed'} and {rival}"
+
+
+def two_operators(source: str | None, rival: str) -> str:
+    """The two publishers that say different restrictions."""
+    return f"{_named(source)} and {_named(rival)}"
+
+
+def takes_over(kind: Kind, source: str | None, before: str) -> str:
+    """A publisher whose word counts now that the one before is gone."""
+    return about(kind, f"{_named(source)} counts from now on, {_named(before)} is gone")
+
+
+def not_heeded(kind: Kind, source: str, before: str | None) -> str:
+    """A publisher whose word does not count while the one before is there."""
+    return about(kind, f"two publishers: what {_named(source)} says is not heeded while {_named(before)} is there")
+
+
+def _named(source: str | None) -> str:
+    """A session by its name."""
+    return source or "one without a name"
+
+
+# --- the journey -----------------------------------------------------------------------------------------------------
+
+
+def journey(stops: Iterable[str]) -> str:
+    """A journey that was taken over, by the names of its stops."""
+    return f"journey {_way(stops)}"
+
+
+def ready(stops: Iterable[str]) -> str:
+    """The status that goes with a journey that was taken over."""
+    return f"ready for {_way(stops)}"
+
+
+def _way(stops: Iterable[str]) -> str:
+    return " – ".join(stops)
+
+
+def journey_refused(why: str) -> str:
+    """A journey that was not taken over, so that there is no advice either."""
+    return wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
+
+
+def other_route(told: str, own: str) -> str:
+    """A journey for another line."""
+    return f"it is for route {told!r}, this node has {own!r}"
+
+
+def other_train(told: str, own: str) -> str:
+    """A journey for another train."""
+    return f"it is for train {told!r}, this node is for {own!r}"
+
+
+def other_direction(*, told_reverse: bool, own_reverse: bool) -> str:
+    """A journey that drives the route the other way."""
+    way = ("forwards", "in reverse")
+    return f"it drives the route {way[told_reverse]}, this node has it {way[own_reverse]}"
+
+
+def unknown_vehicle(told: str, known: Iterable[str]) -> str:
+    """A journey for a vehicle that this node has no file of."""
+    return f"it is for vehicle {told!r}, this node knows {', '.join(known)}"
+
+
+def too_few_stops(count: int) -> str:
+    """A journey that goes nowhere."""
+    return f"it has {count} stops, expected at least 2"
+
+
+def unknown_level(told: str) -> str:
+    """A journey with a level of loss modelling that there is not."""
+    return f"level {told!r}: expected one of {', '.join(Level)}"
+
+
+def time_before_1970(stop: int, name: str, time_ns: int) -> str:
+    """A journey with a time that cannot be; `name`: arrival or departure at the stop of this number."""
+    return f"stop {stop} has the {name} {time_ns} ns, expected nanoseconds since 1970"
+
+
+NO_DEPARTURE: Final = "the first stop has no departure"
+NO_ARRIVAL: Final = "the last stop has no arrival"
+
+
+def departs_before_arrival(stop: int) -> str:
+    """A journey that leaves the stop of this number before it is there."""
+    return f"timetable: the departure from stop {stop} is before the arrival there"
+
+
+# --- targets of traffic management -----------------------------------------------------------------------------------
+
+
+def targets(agreed: Sequence[Target]) -> str:
+    """The targets that are kept to from now on; the first few are named."""
+    more = [f"{len(agreed) - MOST_NAMED} more"] if len(agreed) > MOST_NAMED else []
+    return "targets: " + ("; ".join([*map(_target, agreed[:MOST_NAMED]), *more]) or "none any more")
+
+
+def _target(target: Target) -> str:
+    words = (("at", target.arrival_ns), ("not before", target.earliest_ns), ("not after", target.latest_ns))
+    times = (f"{word} {datetime.fromtimestamp(at_ns * NS, UTC):%H:%M:%S}" for word, at_ns in words if at_ns > 0)
+    why = f" ({target.reason})" if target.reason else ""
+    return " ".join([target.stop or f"km {target.s_m / KM:.1f}", *times]) + why
+
+
+def target_ignored(why: str) -> str:
+    """A target that does not belong to the journey."""
+    return f"target ignored: {why}"
+
+
+def target_unsolved(why: str) -> str:
+    """A target whose point no front was found for."""
+    return f"target: {why}"
+
+
+def no_arrival_given(stop: str) -> str:
+    """A target at a stop without the time to be there."""
+    return f"{stop}: no arrival is given"
+
+
+def not_on_the_way(target: Target) -> str:
+    """A target at a stop or point that the journey does not reach."""
+    return f"{target.stop or f'{target.s_m:.0f} m'} is not on the way to a stop of this journey"
+
+
+# --- fronts, and why they are looked for anew ------------------------------------------------------------------------
+
+OTHER_TRAIN: Final = "another train or load"
+OTHER_LEVEL: Final = "another level"
+RESTRICTION_LIFTED: Final = "restriction lifted"
+RESTRICTION_SET: Final = "restriction set"
+
+
+def other_conditions(found: Conditions) -> str:
+    """Mass and resistance that were found while driving."""
+    return f"mass × {found.mass_ratio:.2f} and resistance × {found.resistance_ratio:.2f} of the plan's"
+
+
+def calibration_ignored(error: Exception) -> str:
+    """Mass and resistance that were found, but with which the train could not drive."""
+    return f"calibration ignored: {error}"
+
+
+def front_found(start: str, end: str, source: Source, why: str) -> str:
+    """A leg whose front is there, where it comes from, and why it was looked for anew (nothing: it was not)."""
+    how = "from a table" if source is Source.TABLE else "solved"
+    return f"{start} – {end}: {how}" + (f" ({why})" if why else "")
+
+
+def no_front(section: str, why: str) -> str:
+    """A section that no front was found for."""
+    return f"{section}: no plan: {why}"
+
+
+def solving_failed(error: Exception) -> str:
+    """A search for a front that failed for a reason nobody foresaw."""
+    return f"solving failed ({type(error).__name__}: {error})"
+
+
+def impossible_now(why: str, error: Exception) -> str:
+    """A section that cannot be driven since something has changed (`why`)."""
+    return f"{why}: {error}"
+
+
+def table_broken(error: Exception) -> str:
+    """A table that turned out to be of no use when it was read."""
+    return f"{error}; solved instead"
+
+
+def table_unfit(folder: object, why: str) -> str:
+    """A table that was made for a section like this one, but not for this one."""
+    return f"{folder}: {why}; solved instead"
+
+
+def table_not_used(error: Exception) -> str:
+    """A table whose manifest cannot be used."""
+    return f"{error}; not used"
+
+
+def tables_not_used(folder: object, error: Exception) -> str:
+    """Tables that cannot be compared with the solver, because its source is not there."""
+    return f"{folder}: nobody can tell which solver code made the tables ({error}); none is used"
+
+
+# --- advice, position and faults -------------------------------------------------------------------------------------
+
+
+def shown(mode: Mode, reason: str) -> str:
+    """Advice of another mode, or withdrawn for another cause, than before."""
+    return f"{mode_name(mode)}: {reason}"
+
+
+def position_restarted(s_m: float) -> str:
+    """A position that was rejected for so long that the train is taken to be there."""
+    return f"position: taken up anew at {s_m:.0f} m"
+
+
+def position_rejected(what: Problem) -> str:
+    """The first position that is rejected after one that was not."""
+    return f"position: rejected, {wording.problem(what)}"
+
+
+def internal_error(what: str, file: str, line: int | None) -> str:
+    """Something that nobody foresaw, and the line of the program where it went wrong."""
+    return f"internal error: {what} ({file}:{line})"
