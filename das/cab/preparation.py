@@ -23,6 +23,7 @@ from das.cab.targets import LEAST_WAY_M
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS
+from das.solver.calm.calm import CalmFront
 from das.solver.section import Section
 
 TRY_AGAIN_S = 10.0
@@ -41,6 +42,7 @@ class _Answer(NamedTuple):
 
     found: Found | None
     passing: PassingFronts | None
+    calm: CalmFront | None
     refusal: str
     failed: bool
     took_s: float
@@ -75,8 +77,10 @@ class Preparation:
     `close` at the end.
     """
 
-    def __init__(self, fronts: Fronts, stopwatch: Callable[[], float], *, background: bool) -> None:
-        self._fronts, self._stopwatch = fronts, stopwatch
+    def __init__(
+        self, fronts: Fronts, stopwatch: Callable[[], float], coach: CoachSettings, *, background: bool
+    ) -> None:
+        self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
         self._pool = ThreadPoolExecutor(1, "solve") if background else None
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
@@ -124,6 +128,8 @@ class Preparation:
         """Look for the front of a section before there is a journey; raises DasError."""
         began = self._stopwatch()
         self._fronts.find(section)
+        if self._coach.enabled:
+            self._fronts.find_calm(section, self._coach)
         self.solve_s = self._stopwatch() - began
 
     def close(self) -> None:
@@ -165,9 +171,9 @@ class Preparation:
     def _submit(self, leg: Leg) -> Future[_Answer]:
         question = _Question.of(leg)
         if self._pool is not None:
-            return self._pool.submit(_answered, self._fronts, question, self._stopwatch)
+            return self._pool.submit(_answered, self._fronts, question, self._coach, self._stopwatch)
         answer: Future[_Answer] = Future()
-        answer.set_result(_answered(self._fronts, question, self._stopwatch))
+        answer.set_result(_answered(self._fronts, question, self._coach, self._stopwatch))
         return answer
 
     def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
@@ -184,7 +190,11 @@ class Preparation:
         if answer.refusal:
             self._news.append(News(event_wording.target_unsolved(answer.refusal), True))
         self._news += [News(note, True) for note in found.notes]
-        leg.use(PlanBasis(section=found.front.section, front=found.front, source=found.source, passing=answer.passing))
+        basis = PlanBasis(
+            section=found.front.section, front=found.front, source=found.source, passing=answer.passing,
+            calm=answer.calm,
+        )  # fmt: skip
+        leg.use(basis)
         why, one.why = one.why, ""
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
 
@@ -229,18 +239,22 @@ class _Question(NamedTuple):
         return cls(section, goal.passing, now_ns, goal.arrival_ns, here.s_m, here.speed_mps)
 
 
-def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
+def _answered(
+    fronts: Fronts, question: _Question, coach: CoachSettings, stopwatch: Callable[[], float]
+) -> _Answer:
     """Look for a front, and for those of a point; whatever goes wrong is the answer."""
     began = stopwatch()
-    found, passing, refusal, failed = None, None, "", False
+    found, passing, calm, refusal, failed = None, None, None, "", False
     try:
         found = fronts.find(question.section)
+        if coach.enabled:
+            calm = fronts.find_calm(found.front.section, coach)
         passing = _passing(question)
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # No advice is better than a thread that died in silence.
         refusal, failed = event_wording.solving_failed(error), True
-    return _Answer(found, passing, refusal, failed, stopwatch() - began)
+    return _Answer(found, passing, calm, refusal, failed, stopwatch() - began)
 
 
 def _passing(question: _Question) -> PassingFronts | None:

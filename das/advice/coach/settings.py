@@ -87,9 +87,10 @@ class MarginSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CoachSettings:
-    """All the tuning of the coach. Without `enabled` there is none, and nothing is computed for it."""
+    """All the tuning of the coach."""
 
-    enabled: bool = True
+    enabled: bool = False
+    """Whether there is a coach; without one nothing is computed for it."""
     calm: CalmSettings = field(default_factory=CalmSettings)
     schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
     driver: DriverSettings = field(default_factory=DriverSettings)

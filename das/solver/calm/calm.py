@@ -92,6 +92,11 @@ class CalmFront:
     goal_mps: Floats
     """At each integration node the lower speed that brakes lead to."""
 
+    @property
+    def nbytes(self) -> int:
+        """The size of the policies (bytes)."""
+        return self.policy.choice.nbytes + self.policy.stay.nbytes
+
     def run(self, time_s: float, s_m: float, v_mps: float, notch: int = NO_NOTCH) -> CalmRun:
         """The calm run from a state that takes about `time_s`; the fastest one where there is less time.
 
