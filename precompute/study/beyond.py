@@ -12,8 +12,8 @@ from das.domain.losses import LossModel
 from das.domain.trajectory import Trajectory
 from das.domain.units import KW
 from precompute.baselines import strategies as baselines
-from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L3, LEVELS, StudyCase
-from precompute.study.drawing import LEVEL_COLOURS, new_figure
+from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L0_REG, L3, LEVELS, StudyCase, Variant
+from precompute.study.drawing import DASHES, LEVEL_COLOURS, new_figure
 from precompute.study.output import Output, markdown_table
 from precompute.study.runs import Workbench
 from precompute.study.table2 import label
@@ -206,6 +206,19 @@ def _draw_lines(axes: Any, rows: list[tuple[object, ...]], key: str) -> None:
     for variant in LEVELS:
         points = [(row[2], row[3 + _COLUMNS.index(key)]) for row in rows if row[1] == variant.name]
         x, y = np.array(points, dtype=float).T
-        axes.plot(x, y, "o-", markersize=4, color=LEVEL_COLOURS[variant.name], label=variant.label)
+        axes.plot(x, y, label=variant.label, **_line(variant))
     axes.set_ylim(0, 1.05 * axes.get_ylim()[1])
     axes.grid(color="0.9")
+
+
+def _line(variant: Variant) -> dict[str, Any]:
+    """Lines such that each shows where several lie on each other: L0 REG's broad and below, dashes on top."""
+    name = variant.name
+    return {
+        "color": LEVEL_COLOURS[name],
+        "linestyle": DASHES.get(name, "-"),
+        "linewidth": 4.0 if variant is L0_REG else 1.8,
+        "marker": "o",
+        "markersize": 6 if variant is L0_REG else 4,
+        "zorder": 3 if name in DASHES else 2,
+    }

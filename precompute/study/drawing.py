@@ -41,6 +41,8 @@ LEVEL_COLOURS = {
     "l3-igbt": "#d55e00",
 }
 """Colour of each level in every picture (Okabe and Ito's, told apart by the colour-blind)."""
+DASHES: dict[str, Any] = {"l1": (0, (5, 3)), "l0-noreg": (0, (1, 1.5))}
+"""Levels whose curves lie upon another's are drawn last and dashed."""
 BUFFER_COLOURS = ("#12a150", "#1f6fe0", "#9a3fd6", "#e02424", "#e0a100", "#000000")
 """Colours of the buffers 0, 2, 7, 15, 25 % and the largest, as the paper's: green, blue, purple, red, yellow, black."""
 GREYISH = "#7a7a7a"
@@ -52,6 +54,8 @@ SHADES = 24
 """Number of shades along a run."""
 CROSS_STEP_M = 200.0
 """Crosses along a run are this far apart."""
+PANEL_GAP_IN = 0.09
+"""Room at the left and right of each panel, so that labels do not touch the panel beside it."""
 
 
 @contextmanager
@@ -68,8 +72,9 @@ def style() -> Iterator[None]:
 def new_figure(width_in: float, height_in: float) -> Any:
     """An empty figure with constrained layout, outside pyplot's global state."""
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+    return Figure(figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=PANEL_GAP_IN))
 
 
 def draw_speed(axes: Any, run: Trajectory, colour: str, *, crosses: bool = True) -> None:

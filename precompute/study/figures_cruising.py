@@ -155,7 +155,7 @@ def _draw_energy(axes: Any, data: Cruising, speed: Floats, coarse: slice) -> Non
         least = float(kwh(data.per_km_j(data.total_w("l2")))[at])
         axes.plot([cheapest], [least], "o", color="black", markersize=6)
         axes.annotate(
-            f"{cheapest:.0f} km/h\n(paper: about {CRUISING_MINIMUM_KMH:.0f})",
+            f"{cheapest:.1f} km/h\n(paper: about {CRUISING_MINIMUM_KMH:.0f})",
             (cheapest, least),
             xytext=(cheapest, least + 0.22 * top),
             ha="center",

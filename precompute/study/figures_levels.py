@@ -35,6 +35,8 @@ HIGHEST_ENERGY_PERCENT = 125.0
 """The energy axis ends here; what is above is said in words (L0 NOREG counts the kinetic energy)."""
 HIGHEST_DRAWN_MPS = 165 * KMH
 """Force over speed is drawn up to this speed."""
+OTHER_SIDE_RATIO = 0.1
+"""When only driving (or braking), the force axis goes beyond zero by this share: cruising needs a little traction."""
 MAX = "max"
 
 
@@ -213,9 +215,23 @@ def _draw_forces(axes: Any, bench: Workbench, case: StudyCase, runs: dict[str, T
     low_kn = bench.vehicle(L3).electric_brake.max_force_n / KN
     low = 0.0 if case is ACCELERATION else -1.05 * low_kn
     high = 0.0 if case is DECELERATION else 1.05 * top_kn
-    margin = 0.03 * (high - low)
+    margin = OTHER_SIDE_RATIO * (high - low)
     axes.set_ylim(low - (margin if low == 0 else 0), high + (margin if high == 0 else 0))
+    note_forces_off_scale(axes, [run for run in runs.values() if run is not None])
     return mappable
+
+
+def note_forces_off_scale(axes: Any, runs: list[Trajectory]) -> None:
+    """Say in words how far the forces go where the axis ends before them (L0 REG's runs alternate)."""
+    low_kn, high_kn = axes.get_ylim()
+    forces_kn = np.concatenate([run.force_el_n + run.force_friction_n for run in runs]) / KN
+    if forces_kn.min() < low_kn:
+        how, y, va = f"braking up to\n{-forces_kn.min():.0f} kN", 0.97, "top"
+    elif forces_kn.max() > high_kn:
+        how, y, va = f"driving up to\n{forces_kn.max():.0f} kN", 0.03, "bottom"
+    else:
+        return
+    axes.text(0.97, y, f"{how}\n(off the scale)", transform=axes.transAxes, ha="right", va=va, fontsize=9)
 
 
 def _draw_energy(axes: Any, variant: Variant, curve: EnergyCurve) -> None:

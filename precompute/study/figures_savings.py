@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from das.domain.units import PERCENT
 from precompute.study.cases import ACCELERATION, DECELERATION, L0_NOREG, L1, L2, L3, LEVELS, StudyCase, Variant
-from precompute.study.drawing import LEVEL_COLOURS, new_figure
+from precompute.study.drawing import DASHES, LEVEL_COLOURS, new_figure
 from precompute.study.figures_levels import LARGEST_DRAWN_PERCENT, EnergyCurve, energy_curve
 from precompute.study.output import Output
 from precompute.study.printed import SAVINGS, PrintedSaving
@@ -83,8 +83,8 @@ def fig8(bench: Workbench, output: Output) -> dict[str, Any]:
     return _figure("fig8", bench, output, DECELERATION)
 
 
-_DASHES = {"l1": (0, (5, 3)), "l0-noreg": (0, (1, 1.5))}
-"""Levels whose curves lie upon another's are drawn last and dashed."""
+LEGEND_ROOM_RATIO = 1.25
+"""The axis of the savings goes this far beyond the largest, so that the legend lies on no curve."""
 
 
 def _figure(name: str, bench: Workbench, output: Output, case: StudyCase) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _draw(
 ) -> Any:
     figure = new_figure(9.5, 7.5)
     energy, gain = figure.subplots(2, 1, sharex=True, height_ratios=(1.5, 1))
-    for variant, curve in sorted(curves.items(), key=lambda item: item[0].name in _DASHES):
+    for variant, curve in sorted(curves.items(), key=lambda item: item[0].name in DASHES):
         energy.plot(curve.buffer_percent, curve.l3_percent, **_line(variant))
         if variant is not L3:
             gain.plot(curve.buffer_percent, saved[variant], **_line(variant))
@@ -119,6 +119,7 @@ def _draw(
     energy.legend(handles=_handles(), loc="upper right")
     _draw_printed(gain, found)
     gain.set(xlabel="buffer $t_+$, %", ylabel="saved by L3, % of the fastest run", xlim=(0, LARGEST_DRAWN_PERCENT))
+    gain.set_ylim(top=LEGEND_ROOM_RATIO * gain.get_ylim()[1])
     for axes in (energy, gain):
         axes.grid(color="0.9")
     return figure
@@ -127,7 +128,7 @@ def _draw(
 def _line(variant: Variant) -> dict[str, Any]:
     return {
         "color": LEVEL_COLOURS[variant.name],
-        "linestyle": _DASHES.get(variant.name, "-"),
+        "linestyle": DASHES.get(variant.name, "-"),
         "linewidth": 2.6 if variant is L3 else 1.8,
     }
 

@@ -30,8 +30,20 @@ from precompute.study import (
     printed,
     table2,
 )
-from precompute.study.cases import ALL_VARIANTS, COMPLETE, DECELERATION, L0_NOREG, L0_REG, L1, L2, L3, L3_IGBT
+from precompute.study.cases import (
+    ACCELERATION,
+    ALL_VARIANTS,
+    COMPLETE,
+    DECELERATION,
+    L0_NOREG,
+    L0_REG,
+    L1,
+    L2,
+    L3,
+    L3_IGBT,
+)
 from precompute.study.command import ITEMS, chosen, make
+from precompute.study.drawing import new_figure
 from precompute.study.output import Output
 from precompute.study.runs import Workbench, lowest_running_speed_mps
 from tests.support.making import das_precompute, in_a_process
@@ -229,6 +241,21 @@ def test_largest_buffers(bench: Workbench) -> None:
     assert slowest.bound == "not below 20 km/h"
     assert lowest_running_speed_mps(slowest.trajectory) / KMH == pytest.approx(20, abs=0.2)
     assert bench.slowest(COMPLETE, L1).buffer_percent > bench.slowest(COMPLETE, L2).buffer_percent
+
+
+def test_forces_beyond_the_axis_are_told_in_words(bench: Workbench) -> None:
+    """Fig. 5b ends just below zero, where L0 REG's run brakes harder; L1's does not brake at all."""
+    said = {}
+    for variant in (L0_REG, L1):
+        run = bench.run(ACCELERATION, variant, 7)
+        assert run is not None
+        axes = new_figure(4, 3).subplots()
+        axes.set_ylim(-30, 315)
+        figures_levels.note_forces_off_scale(axes, [run])
+        said[variant] = [text.get_text() for text in axes.texts]
+    run = bench.run(ACCELERATION, L0_REG, 7)
+    assert run is not None
+    assert said == {L0_REG: [f"braking up to\n{-run.force_el_n.min() / 1e3:.0f} kN\n(off the scale)"], L1: []}
 
 
 def test_table2_csv_has_every_cell(bench: Workbench, tmp_path: Path) -> None:
