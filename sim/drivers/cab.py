@@ -51,7 +51,8 @@ class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
     Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
-    maximum, in FOUR_MODE the speed to hold. `lever_ratio` is the advised effort on the controller's scale (see
+    maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold. There `due_s` is the time until the
+    instruction is due, and `target_way_m` the way to where its speed is reached. `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
     """
 
@@ -66,6 +67,9 @@ class AdviceView:
     horizon_force_n: tuple[float, ...] = ()
     next_mode: int = Mode.NONE
     next_change_s: float = math.nan
+    due_s: float = 0.0
+    target_way_m: float = math.nan
+    reason: str = ""
 
 
 class PostedRestriction(NamedTuple):
@@ -147,6 +151,8 @@ def present(
         return AdviceView(
             time_s=time_s, valid_until_s=until_s, presentation=presentation, mode=mode, speed_mps=reduced_mps
         )
+    if presentation is Presentation.COACH:
+        return _coached(advice, train, time_s, until_s)
     if presentation is Presentation.FOUR_MODE:
         mode = int(advice.four_mode)
         return AdviceView(
@@ -170,6 +176,28 @@ def present(
         horizon_force_n=tuple(advice.horizon_force_n),
         next_mode=int(advice.next_mode),
         next_change_s=advice.next_change_s,
+    )
+
+
+def _coached(advice: Any, train: TrainNumbers, time_s: float, until_s: float) -> AdviceView | None:
+    """What the display shows of the coach; None where there is no reference."""
+    coach = advice.coach
+    if coach is None or int(coach.now.mode) == Mode.NONE:
+        return None
+    following = coach.following[0] if coach.following else None
+    return AdviceView(
+        time_s=time_s,
+        valid_until_s=until_s,
+        presentation=Presentation.COACH,
+        mode=int(coach.now.mode),
+        speed_mps=coach.now.speed_mps,
+        lever_ratio=lever_ratio(coach.force_n, advice.speed_mps, train),
+        force_n=coach.force_n,
+        next_mode=int(following.mode) if following is not None else Mode.NONE,
+        next_change_s=following.in_s if following is not None else math.nan,
+        due_s=coach.now.in_s,
+        target_way_m=coach.target_m,
+        reason=coach.reason,
     )
 
 

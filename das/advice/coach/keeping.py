@@ -13,6 +13,7 @@ from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, TrainState
 from das.domain.errors import DasError
 from das.domain.units import NS
+from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.calm.calm import CalmFront
 from das.solver.calm.schedule import Forecast, Schedule, Scheduled, on_section
 from das.solver.section import Section
@@ -45,10 +46,8 @@ class Drift:
 
     def __init__(self, settings: MarginSettings) -> None:
         self._settings = settings
-        self._square = settings.drift_s_per_min**2
+        self._mean, self._square = 0.0, settings.drift_s_per_min**2
         self._since: tuple[int, float] | None = None
-
-    SAMPLED_S = 20.0
 
     def see(self, now_ns: int, late_s: float, *, anew: bool) -> None:
         """Take note of a forecast; `anew`: it is that of another reference than the last one."""
@@ -56,11 +55,12 @@ class Drift:
             self._since = (now_ns, late_s)
             return
         minutes = (now_ns - self._since[0]) * NS / 60.0
-        if minutes * 60.0 < self.SAMPLED_S:
+        if minutes * 60.0 < self._settings.sampled_s:
             return
-        drift = (late_s - self._since[1]) / math.sqrt(minutes)
+        drift_s = late_s - self._since[1]
         kept = math.exp(-minutes / self._settings.forgotten_min)
-        self._square = kept * self._square + (1.0 - kept) * drift**2
+        self._mean = kept * self._mean + (1.0 - kept) * drift_s / minutes
+        self._square = kept * self._square + (1.0 - kept) * drift_s**2 / minutes
         self._since = (now_ns, late_s)
 
     def margin_s(self, ahead_s: float) -> float:
@@ -69,6 +69,10 @@ class Drift:
         spread_s = settings.deviations * math.sqrt(self._square * max(ahead_s, 0.0) / 60.0)
         return min(max(spread_s, settings.least_s), settings.most_s)
 
+    def loss_s(self, ahead_s: float) -> float:
+        """The time (s) that this driver is likely to lose against a reference in so long."""
+        return min(max(self._mean, 0.0) * max(ahead_s, 0.0) / 60.0, self._settings.most_s)
+
 
 class Keeper:
     """Holds the reference of a section, and makes a new one where there is reason to."""
@@ -76,7 +80,7 @@ class Keeper:
     def __init__(self, section: Section, front: CalmFront | None, settings: CoachSettings) -> None:
         self._section, self._front, self._settings = section, front, settings
         self.reference: Reference | None = None
-        self._changed = False
+        self._changed = self._standing = False
         self._asked_ns = 0
         self._drift = Drift(settings.margin)
 
@@ -123,6 +127,8 @@ class Keeper:
             return ReplanCause.NONE, forecast
         if self._changed:
             return ReplanCause.LINE, forecast
+        if self._standing and state.v_mps > STANDSTILL_MPS:
+            return ReplanCause.START, forecast  # The train departs now, whenever it was to.
         if goal.arrival_ns != reference.arrival_ns:
             return ReplanCause.GOAL, forecast
         if goal.passing is not None and goal.passing != reference.point:
@@ -190,7 +196,7 @@ class Keeper:
         return self._taken(found, Replan(cause=cause, time_ns=state.now_ns, gain_j=gain_j, gain_s=gain_s), state, goal)
 
     def _taken(self, found: Scheduled, replan: Replan, state: TrainState, goal: Goal) -> Kept:
-        self._changed = False
+        self._changed, self._standing = False, state.v_mps <= STANDSTILL_MPS
         self.reference = Reference(
             schedule=found.schedule, lambda_w=found.lambda_w, arrival_ns=goal.arrival_ns, point=goal.passing,
             replan=replan,
@@ -210,10 +216,11 @@ class Keeper:
             latest_s = ahead_s - self._drift.margin_s(ahead_s)
             if earliest_s is not None:
                 latest_s = max(latest_s, earliest_s)
+        left_s = self._left_s(state, goal)
         wanted = Wanted(
             s_m=state.s_m,
             v_mps=state.v_mps,
-            left_s=self._left_s(state, goal),
+            left_s=left_s - self._drift.loss_s(left_s),
             point_m=None if point is None else point.s_m,
             earliest_s=earliest_s,
             latest_s=latest_s,

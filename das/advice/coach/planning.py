@@ -11,12 +11,11 @@ from das.domain.errors import DasError
 from das.solver.calm.calm import CalmFront, solve_calm
 from das.solver.calm.schedule import (
     Forecast,
-    Instruction,
-    NotchKind,
     Schedule,
     Scheduled,
     schedule_in_time,
     scheduled,
+    topped,
 )
 from das.solver.fastest import capped
 from das.solver.kernels.envelope import braking_envelope
@@ -94,10 +93,11 @@ def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSe
     assert wanted.point_m is not None and wanted.earliest_s is not None
     low, high = SLOWEST_MPS, float(free.schedule.section.envelope_mps.max())
     best = None
+    point = int(np.searchsorted(free.schedule.section.node_m, wanted.point_m))
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         try:
-            tried = _under(free.schedule, wanted.point_m, middle).settled(wanted.s_m, wanted.v_mps)
+            tried = topped(free.schedule, middle, point).settled(wanted.s_m, wanted.v_mps)
         except DasError:  # A hill cannot be climbed so slowly.
             low = middle
             continue
@@ -122,20 +122,6 @@ def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Sched
         slow, quick = (slow, middle) if at_s <= wanted.latest_s else (middle, quick)
     found = schedule_in_time(front.roll_out(state, quick, quick, 0), 0.0, settings.schedule)
     return _with_rest(front, (found.schedule, found.forecast), wanted, settings, found.lambda_w)
-
-
-def _under(schedule: Schedule, point_m: float, cap_mps: float) -> Schedule:
-    """The schedule with no higher speed than this up to a point."""
-    point = int(np.searchsorted(schedule.section.node_m, point_m))
-    capped_ones: list[Instruction] = []
-    for one in schedule.instructions:
-        if one.begin >= point or one.target_mps <= cap_mps:
-            capped_ones.append(one)
-        elif one.kind in (NotchKind.TRACTION, NotchKind.HOLD):
-            capped_ones.append(one._replace(target_mps=cap_mps))
-        else:
-            capped_ones.append(Instruction(NotchKind.HOLD, 0.0, one.begin, cap_mps))
-    return replace(schedule, instructions=tuple(capped_ones))
 
 
 def _with_rest(

@@ -57,8 +57,10 @@ class ShowingSettings:
     """A train above what is allowed by more than this is told to coast,"""
     braked_mps: float = 1.5
     """and by more than this to brake."""
-    braked_early_mps: float = 2.5
-    """A driver who has braked so much early that the train is slower than planned by more than this lets it roll."""
+    braked_early_ratio: float = 0.5
+    """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
+    braked_again_ratio: float = 0.95
+    """and to brake again when this share of it is needed."""
     brake_step_ratio: float = 0.1
     """The effort of the brake is shown in steps of this size."""
     ahead: int = 2
@@ -81,6 +83,8 @@ class MarginSettings:
     """The margin is so many standard deviations of the drift of the train against the reference."""
     drift_s_per_min: float = 2.0
     """The drift before anything is known of the driver (standard deviation, s in a minute)."""
+    sampled_s: float = 20.0
+    """The drift is looked at this often."""
     forgotten_min: float = 5.0
     """After this time (min) what was learned of the driver counts for 1/e."""
 

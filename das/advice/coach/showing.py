@@ -125,10 +125,11 @@ class Showing:
         settings, v_mps = self._settings, state.v_mps
         if v_mps <= target + SAME_MPS and target > SAME_MPS:
             return self._holding(schedule, state, target)
-        before = schedule.speed_at(state.s_m) - v_mps
-        if self._back == 0 and before > settings.braked_early_mps:
+        way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
+        eased = (v_mps**2 - target**2) / (2.0 * way_m) / schedule.braking_mps2(number)
+        if self._back == 0 and eased < settings.braked_early_ratio:
             self._back = -1
-        elif self._back < 0 and before < settings.braked_early_mps / 4:
+        elif self._back < 0 and eased > settings.braked_again_ratio:
             self._back = 0
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)

@@ -27,6 +27,7 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
+BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
 
 
 class Forecast(NamedTuple):
@@ -62,6 +63,10 @@ class ScheduleSettings:
     """The place where coasting begins is narrowed down so many times."""
     near_s: float = 0.3
     """A schedule that arrives within this time of what was asked is near enough."""
+    early_s: float = 1.0
+    """A schedule that arrives earlier than asked by more than this gets a lower highest speed,"""
+    lowest_top_ratio: float = 0.8
+    """but not lower than this share of the highest speed before."""
     late_s: float = 1.0
     """A schedule that arrives later than asked by more than this is made from a quicker run."""
     rounds: int = 4
@@ -75,7 +80,7 @@ DEFAULT = ScheduleSettings()
 class Schedule:
     """Instructions in the order of the line from interval `first` of the section on, and the run that keeps to them.
 
-    `known` is that run, at all nodes of the section; brakes follow its speeds.
+    `known` is that run, at all nodes of the section.
     """
 
     section: Section
@@ -89,6 +94,13 @@ class Schedule:
         begins = np.array([one.begin for one in self.instructions])
         intervals = np.arange(len(self.section.step_m))
         return np.maximum(np.searchsorted(begins, intervals, side="right") - 1, 0)
+
+    @cached_property
+    def ends_m(self) -> Floats:
+        """How far behind each interval of the section its instruction ends (m)."""
+        node_m = self.section.node_m
+        ends = np.array([self.begin_m(k + 1) for k in range(len(self.instructions))])
+        return np.asarray(ends[self.at] - node_m[1:])
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
@@ -109,6 +121,14 @@ class Schedule:
         interval = int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1
         return int(self.at[min(max(interval, 0), len(self.at) - 1)])
 
+    def braking_mps2(self, number: int) -> float:
+        """The mean deceleration (m/s²) of an instruction to brake."""
+        first = self.instructions[number].begin
+        last = self.instructions[number + 1].begin if number + 1 < len(self.instructions) else len(self.at)
+        speeds, node_m = self.known.speed_mps, self.section.node_m
+        last = max(last, first + 1)
+        return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
+
     def begin_m(self, number: int) -> float:
         """Where an instruction begins (m); beyond the last one: the end of the section."""
         if number >= len(self.instructions):
@@ -127,7 +147,7 @@ class Schedule:
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
         time_s = follow(
-            first, self.at, *self.columns, self.back_share, self.known, met_mps, line, envelope, section.train, speeds
+            first, self.at, self.ends_m, *self.columns, self.back_share, self.known, met_mps, line, envelope, section.train, speeds
         )  # fmt: skip
         time_s = section.finished_s(time_s, s_m, v_mps)
         ahead = LineArrays(*(array[first:] for array in line))
@@ -201,7 +221,44 @@ def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) ->
             high = share
         else:
             low, best = share, tried
+    if best[1].time_s < time_s - settings.early_s:
+        best = _slower(best, time_s, s_m, v_mps, settings)
     return Scheduled(*best, run.lambda_w)
+
+
+def _slower(
+    found: tuple[Schedule, Forecast], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
+) -> tuple[Schedule, Forecast]:
+    """The schedule with a highest speed that is low enough for the time."""
+    schedule = found[0]
+    highest = max(one.target_mps for one in schedule.instructions)
+    low, high, best = settings.lowest_top_ratio * highest, highest, found
+    for _ in range(settings.tries):
+        middle = 0.5 * (low + high)
+        try:
+            tried = topped(schedule, middle).settled(s_m, v_mps)
+        except InfeasibleError:
+            low = middle
+            continue
+        if tried[1].time_s > time_s + settings.near_s:
+            low = middle
+        else:
+            high, best = middle, tried
+    return best
+
+
+def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Schedule:
+    """The schedule with no higher speed than this, up to an interval of the section (by default everywhere)."""
+    last = len(schedule.at) if before is None else before
+    found: list[Instruction] = []
+    for one in schedule.instructions:
+        if one.begin >= last or one.target_mps <= top_mps:
+            found.append(one)
+        elif one.kind in (NotchKind.TRACTION, NotchKind.HOLD):
+            found.append(one._replace(target_mps=top_mps))
+        else:
+            found.append(Instruction(NotchKind.HOLD, 0.0, one.begin, top_mps))
+    return replace(schedule, instructions=tuple(found))
 
 
 def _coasting_earlier(schedule: Schedule, by_m: float) -> Schedule:
@@ -230,26 +287,25 @@ def _instructions(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple
     speeds = run.speeds_mps
     elapsed_s = run.state.elapsed_s(speeds)
     parts = _without_short(_parts(run), elapsed_s, speeds, settings)
-    found = []
-    for part, after in zip(parts, [*parts[1:], None], strict=True):
+    found: list[Instruction] = []
+    for part, after in zip(reversed(parts), [None, *reversed(parts[1:])], strict=True):
         target = float(speeds[part.last + 1])
         if part.kind is NotchKind.HOLD:
             target = float(speeds[part.first])
         elif part.kind is NotchKind.TRACTION:
             target = float(speeds[part.first : part.last + 2].max())
-            if after is not None and after.kind is NotchKind.HOLD:
-                target = float(speeds[after.first])
-        found.append(Instruction(part.kind, part.share, first + part.first, target))
-    return tuple(found)
+            if after is not None and after.kind in (NotchKind.HOLD, NotchKind.TRACTION):
+                target = found[-1].target_mps  # Traction with another effort goes on to the same speed.
+        kind = NotchKind.BRAKE if part.kind in BRAKES else part.kind
+        found.append(Instruction(kind, part.share, first + part.first, target))
+    return tuple(reversed(found))
 
 
 def _parts(run: CalmRun) -> list[_Part]:
-    """The stretches of a run in one notch; all brakes in a row are one."""
+    """The stretches of a run in one notch."""
     parts: list[_Part] = []
     for i, notch in enumerate(run.notch.tolist()):
         kind, share = NotchKind(int(run.notches.kind[notch])), float(run.notches.share[notch])
-        if kind in (NotchKind.BRAKE, NotchKind.CURVE):
-            kind, share = NotchKind.BRAKE, 0.0
         if parts and (parts[-1].kind, parts[-1].share) == (kind, share):
             parts[-1].last = i
         else:
@@ -257,36 +313,46 @@ def _parts(run: CalmRun) -> list[_Part]:
     return parts
 
 
-def _without_short(
-    parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings
-) -> list[_Part]:
-    """The parts without those too short to be followed, which become part of the one before them (or after)."""
+def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings) -> list[_Part]:
+    """The parts without those too short to be followed: the shortest first becomes part of a neighbour."""
 
-    def lasts_s(part: _Part) -> float:
-        return float(elapsed_s[part.last + 1] - elapsed_s[part.first])
+    def lasts_s(k: int) -> float:
+        return float(elapsed_s[parts[k].last + 1] - elapsed_s[parts[k].first])
 
-    while len(parts) > 1:
-        short = [i for i, part in enumerate(parts) if part.kind is not NotchKind.BRAKE and lasts_s(part) < settings.least_s]
+    while True:
+        short = [k for k in range(len(parts)) if lasts_s(k) < settings.least_s and _may_go(parts, k)]
         if not short:
-            break
-        i = min(short, key=lambda k: lasts_s(parts[k]))
-        part, before = parts[i], parts[i - 1] if i else None
-        after = parts[i + 1] if i + 1 < len(parts) else None
-        if before is None or (part.kind is NotchKind.TRACTION and before.kind is not NotchKind.TRACTION and after is not None):
-            rises = float(speeds[part.last + 1] - speeds[part.first])
-            holds = before is not None and before.kind is after.kind is NotchKind.HOLD and rises < settings.ripple_mps
-            if holds:
+            return parts
+        k = min(short, key=lasts_s)
+        part, rises = parts[k], float(speeds[parts[k].last + 1] - speeds[parts[k].first])
+        before, after = parts[k - 1] if k else None, parts[k + 1] if k + 1 < len(parts) else None
+        if part.kind is NotchKind.TRACTION and after is not None and after.kind is NotchKind.HOLD:
+            if before is not None and before.kind is NotchKind.HOLD and rises < settings.ripple_mps:
                 before.last = after.last
-                del parts[i : i + 2]
+                del parts[k : k + 2]
                 continue
-            after.first = part.first
-            if after.kind is NotchKind.HOLD:
-                after.kind, after.share = NotchKind.TRACTION, part.share
-        else:
+            after.kind, after.share = NotchKind.TRACTION, part.share
+        if before is not None and (after is None or _joins_before(part, before, after)):
             before.last = part.last
-        del parts[i]
+        elif after is not None:
+            after.first = part.first
+        del parts[k]
         parts = _joined(parts)
-    return parts
+
+
+def _may_go(parts: list[_Part], k: int) -> bool:
+    """Whether a part may become part of a neighbour: a brake only of another brake."""
+    if parts[k].kind not in BRAKES:
+        return len(parts) > 1
+    neighbours = [parts[i] for i in (k - 1, k + 1) if 0 <= i < len(parts)]
+    return any(one.kind in BRAKES for one in neighbours)
+
+
+def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
+    """Whether a short part becomes part of the one before it, and not of the one after."""
+    if part.kind in BRAKES:
+        return before.kind in BRAKES
+    return part.kind is not NotchKind.TRACTION or before.kind is NotchKind.TRACTION
 
 
 def _joined(parts: list[_Part]) -> list[_Part]:
@@ -301,7 +367,7 @@ def _joined(parts: list[_Part]) -> list[_Part]:
 
 
 def on_section(schedule: Schedule, section: Section) -> Schedule:
-    """The schedule on another section of the same line, by place; brakes follow the old run where it is allowed."""
+    """The schedule on another section of the same line, by place."""
     node_m, before = section.node_m, schedule.section.node_m
     found: list[Instruction] = []
     for one in schedule.instructions:

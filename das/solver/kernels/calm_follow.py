@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from das.compiling.kernels import kernel
-from das.solver.kernels.calm_moves import BRAKE, COAST, HOLD, TRACTION
+from das.solver.kernels.calm_moves import COAST, HOLD, TRACTION
 from das.solver.kernels.calm_roll_out import speed_under
 from das.solver.kernels.driving import drive
 from das.solver.kernels.forces import on_supply
@@ -13,8 +15,8 @@ BELOW_MPS = 0.5
 
 
 @kernel
-def followed_speed(i, kind, share, target, back_share, known, line, v):
-    """The speed at the end of interval i that a train in an instruction means to have; see `follow`."""
+def followed_speed(i, kind, share, target, back_share, way, line, v):
+    """The speed at the end of interval i that a train in an instruction means to have; `way` (m) is left of it."""
     step, g, q, here = line
     coasting = speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
     if kind == COAST:
@@ -26,25 +28,26 @@ def followed_speed(i, kind, share, target, back_share, known, line, v):
             return target
         effort = share if kind == TRACTION else back_share
         return min(speed_under(TRACTION, effort, v, step[i], g[i], q[i], here), target)
-    return min(coasting, known)
+    if v <= target:
+        return min(target, max(coasting, v))
+    # One deceleration from here to the end of the instruction.
+    return min(coasting, math.sqrt(max(v * v - (v * v - target * target) * min(step[i] / way, 1.0), target * target)))
 
 
 @kernel
-def follow(first, at, kinds, shares, targets, back_share, known, met_mps, line, envelope, p, v):
+def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, line, envelope, p, v):
     """Follow a schedule from v[first] to the end; fills v, returns the trip time (s), or -1 after a stall.
 
-    `at[i]` is the instruction that holds in interval i, with its kind, share and target speed. `known` is the run that
-    the schedule comes from (speeds and time to go at every node): brakes follow its speeds, and from where the speeds
-    of the two are within `met_mps` of each other they are one (negative: nowhere).
+    `at[i]` is the instruction that holds in interval i, `ends[i]` how far behind the interval it ends (m); each has a kind,
+    share and target speed. `known` is a run that keeps to the schedule (speeds and time to go at every node): from
+    where the speeds of the two are within `met_mps` of each other they are one (negative: nowhere).
     """
     step, g, q, u = line
     total = 0.0
     for i in range(first, step.size):
         c = at[i]
-        landing = followed_speed(
-            i, kinds[c], shares[c], targets[c], back_share, known.speed_mps[i + 1],
-            (step, g, q, on_supply(p, u[i])), v[i],
-        )
+        here = (step, g, q, on_supply(p, u[i]))
+        landing = followed_speed(i, kinds[c], shares[c], targets[c], back_share, ends[i] + step[i], here, v[i])
         if not drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v):
             # On a hill that the schedule cannot climb the train takes all its traction.
             if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
