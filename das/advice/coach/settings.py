@@ -43,7 +43,7 @@ class KeepingSettings:
 class ShowingSettings:
     """How instructions are shown, and when the train counts as being at a speed."""
 
-    lead_s: float = 2.0
+    lead_s: float = 5.0
     """An instruction is shown this much before it is due: about the time in which a driver reacts."""
     reached_mps: float = 0.5
     """A speed to be reached is reached from this much below it on."""
@@ -61,8 +61,10 @@ class ShowingSettings:
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
     braked_again_ratio: float = 0.95
     """and to brake again when this share of it is needed."""
-    brake_step_ratio: float = 0.1
+    brake_step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size."""
+    brake_band_ratio: float = 0.25
+    """The effort of the brake stands while the deceleration that is needed stays this near to the one it gives."""
     ahead: int = 2
     """So many changes ahead are shown."""
     worth_over_s: float = 60.0

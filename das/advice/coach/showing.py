@@ -45,6 +45,13 @@ class Shown(NamedTuple):
     number: int
 
 
+class _Brake(NamedTuple):
+    """The deceleration (m/s²) that a brake was shown for, and its effort as a share of the motors' largest."""
+
+    rate_mps2: float
+    ratio: float
+
+
 class Showing:
     """Chooses what is shown, and remembers it, so that a display does not waver about a speed."""
 
@@ -52,7 +59,7 @@ class Showing:
         self._settings = settings
         self._schedule: Schedule | None = None
         self._number, self._back, self._share = 0, 0, 1.0
-        self._brakes: dict[int, float] = {}
+        self._brakes: dict[int, _Brake] = {}
         self._shown, self._since_ns = Instruction(), 0
 
     def forget(self) -> None:
@@ -73,6 +80,9 @@ class Showing:
         begins_s = [float(np.interp(schedule.begin_m(k), at_m, times_s)) for k in range(number + 1, number + 5)]
         following = self._following(schedule, number, state, begins_s)
         end_m = schedule.begin_m(number + 1)
+        due_m = schedule.begin_m(number) - state.s_m if number else 0.0
+        if due_m > 0:
+            now = replace(now, way_m=due_m, in_s=float(np.interp(schedule.begin_m(number), at_m, times_s)))
         return Shown(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
 
     def _number_for(self, schedule: Schedule, state: TrainState) -> int:
@@ -126,22 +136,26 @@ class Showing:
         if v_mps <= target + SAME_MPS and target > SAME_MPS:
             return self._holding(schedule, state, target)
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
-        eased = (v_mps**2 - target**2) / (2.0 * way_m) / schedule.braking_mps2(number)
+        needed = (v_mps**2 - target**2) / (2.0 * way_m)
+        eased = needed / schedule.braking_mps2(number)
         if self._back == 0 and eased < settings.braked_early_ratio:
             self._back = -1
         elif self._back < 0 and eased > settings.braked_again_ratio:
             self._back = 0
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        return _brake(self._brake_ratio(schedule, number), target)
+        return _brake(self._brake_ratio(schedule, number, state, needed), target)
 
-    def _brake_ratio(self, schedule: Schedule, number: int) -> float:
-        """The one effort that brakes as the schedule does, in whole steps."""
-        if number not in self._brakes:
-            step = self._settings.brake_step_ratio
-            needed = _mean_brake(schedule, number)
-            self._brakes[number] = max(math.ceil(needed / step - 1e-6), 1) * step
-        return self._brakes[number]
+    def _brake_ratio(self, schedule: Schedule, number: int, state: TrainState, needed_mps2: float) -> float:
+        """The effort of a brake: that of one deceleration, which stands until clearly more or less is needed."""
+        kept = self._brakes.get(number)
+        section, step = schedule.section, self._settings.brake_step_ratio
+        if kept is not None and abs(needed_mps2 / kept.rate_mps2 - 1.0) < self._settings.brake_band_ratio:
+            return kept.ratio
+        force = braking_force_n(section, needed_mps2, state.s_m, state.v_mps)
+        ratio = max(math.ceil(force / _motors_n(section, state.v_mps) / step - 0.5), 1) * step
+        self._brakes[number] = _Brake(needed_mps2, ratio)
+        return ratio
 
     def _held(self, wanted: Instruction, state: TrainState, place: Place) -> Instruction:
         """The instruction to show: one that asks for more effort or less brake waits until the last stood a while."""
@@ -179,7 +193,7 @@ class Showing:
         if one.kind is NotchKind.TRACTION:
             return _traction(one.share, one.target_mps)
         if one.kind is NotchKind.BRAKE:
-            return _brake(self._brake_ratio(schedule, number), one.target_mps)
+            return _brake(_mean_brake(schedule, number), one.target_mps)
         if one.kind is NotchKind.COAST:
             return Instruction(mode=Mode.COAST, speed_mps=one.target_mps, effort_ratio=0.0)
         return Instruction(mode=Mode.CRUISE, speed_mps=one.target_mps)
@@ -194,9 +208,15 @@ def force_n(section: Section, now: Instruction, s_m: float, v_mps: float) -> flo
         return now.effort_ratio * _motors_n(section, v)
     if now.mode is not Mode.CRUISE:
         return 0.0
+    return float(min(max(-braking_force_n(section, 0.0, s_m, v), -_motors_n(section, v)), traction_limit(v, train)))
+
+
+def braking_force_n(section: Section, rate_mps2: float, s_m: float, v_mps: float) -> float:
+    """The braking force (N, > 0) that decelerates a train at a rate (m/s²) at a position and speed."""
+    train = section.train
     i = min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)
-    resistance_n = mean_resistance(v, v, section.tunnel_n_per_mps2[i], train) + section.constant_n[i]
-    return float(min(max(resistance_n, -_motors_n(section, v)), traction_limit(v, train)))
+    resistance_n = mean_resistance(v_mps, v_mps, section.tunnel_n_per_mps2[i], train) + section.constant_n[i]
+    return float(train.inertial_mass_kg * rate_mps2 - resistance_n)
 
 
 def _motors_n(section: Section, v_mps: float) -> float:
@@ -209,19 +229,11 @@ def _motors_n(section: Section, v_mps: float) -> float:
 
 
 def _mean_brake(schedule: Schedule, number: int) -> float:
-    """The effort with which a schedule brakes, as a share of the largest of the electric brake (> 1: friction too)."""
-    section, instructions = schedule.section, schedule.instructions
-    last = instructions[number + 1].begin if number + 1 < len(instructions) else len(section.step_m)
-    parts = slice(instructions[number].begin, max(last, instructions[number].begin + 1))
-    v = schedule.known.speed_mps
-    squares = v[parts.start : parts.stop + 1] ** 2
-    way_m = float(section.step_m[parts].sum())
-    first, end = math.sqrt(float(squares[0])), math.sqrt(float(squares[-1]))
-    resistance_n = float(mean_resistance(first, end, 0.0, section.train))
-    line_n = float((section.constant_n[parts] * section.step_m[parts]).sum()) / way_m
-    inertia_n = section.train.inertial_mass_kg * float(squares[0] - squares[-1]) / (2.0 * way_m)
-    middle = max(math.sqrt(0.5 * float(squares[0] + squares[-1])), 1.0)
-    return max(inertia_n - resistance_n - line_n, 0.0) / _motors_n(section, middle)
+    """The effort with which a schedule begins a brake, as a share of the motors' largest (> 1: friction too)."""
+    section, begin = schedule.section, schedule.instructions[number].begin
+    v_mps = max(float(schedule.known.speed_mps[begin]), 1.0)
+    force = braking_force_n(section, schedule.braking_mps2(number), float(section.node_m[begin]), v_mps)
+    return max(force, 0.0) / _motors_n(section, v_mps)
 
 
 def _traction(share: float, target_mps: float) -> Instruction:
