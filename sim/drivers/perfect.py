@@ -33,7 +33,7 @@ class PerfectDriver:
 
     def _coached(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
         """Do what the coach says at the moment when it is due."""
-        if cab.time_s - view.time_s >= view.due_s or self._due is None:
+        if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
             self._due, self._due_at_m = view, cab.s_m
         view = self._due
         target = min(view.speed_mps, cab.limit_mps)

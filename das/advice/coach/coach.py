@@ -60,7 +60,7 @@ class Coach:
             target_s=shown.target_s,
             force_n=force_n(self._section, shown.now, state.s_m, state.v_mps),
             reason=self._reason(kept, shown, state, goal, place),
-            worth_j=self._worth_j(kept, state),
+            worth_j=self._worth_j(kept, state, waits=_waits(goal, state)),
             replan=kept.reference.replan,
         )
 
@@ -76,10 +76,9 @@ class Coach:
             return wording.too_fast(excess_mps)
         point = goal.passing
         ahead = self._ahead(kept.reference.schedule, shown.number, state)
-        if point is not None and point.earliest_ns is not None and point.s_m > state.s_m and shown.now.mode not in BRAKES:
-            if kept.reference.point == point and point.earliest_ns > state.now_ns:
-                clock = datetime.fromtimestamp(point.earliest_ns * NS, UTC).strftime("%H:%M:%S")
-                return wording.slow_for_point(point, state.now_ns, clock)
+        if point is not None and _waits(goal, state) and shown.now.mode not in BRAKES:
+            clock = datetime.fromtimestamp((point.earliest_ns or 0) * NS, UTC).strftime("%H:%M:%S")
+            return wording.slow_for_point(point, state.now_ns, clock)
         return wording.reason(shown.now.mode, shown.now.speed_mps, ahead, kept.late_s)
 
     def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Ahead | None:
@@ -99,10 +98,13 @@ class Coach:
         end_m = self._section.end_m
         return next((x.name for x in self._section.route.stops if abs(x.position_m - end_m) <= 1.0), "the stop")
 
-    def _worth_j(self, kept: Kept, state: TrainState) -> float:
-        """What keeping the reference saves (J) against going on at the present speed for a while first."""
+    def _worth_j(self, kept: Kept, state: TrainState, *, waits: bool) -> float:
+        """What keeping the reference saves (J) against going on at the present speed for a while first.
+
+        Nothing is said of a train that `waits` for a point to be free: going on is not allowed.
+        """
         reference = kept.reference
-        if kept.forecast.time_s < self._settings.showing.arrived_s:
+        if kept.forecast.time_s < self._settings.showing.arrived_s or waits:
             return 0.0
         going_on = self._going_on(reference.schedule, state)
         try:
@@ -125,3 +127,11 @@ class Coach:
             found.append(then._replace(begin=max(until, first + 1)))
         found += [one for one in later if one.begin > found[-1].begin]
         return replace(schedule, instructions=tuple(found))
+
+
+def _waits(goal: Goal, state: TrainState) -> bool:
+    """Whether a point ahead may not be passed yet."""
+    point = goal.passing
+    if point is None or point.earliest_ns is None:
+        return False
+    return point.s_m > state.s_m and point.earliest_ns > state.now_ns

@@ -106,7 +106,7 @@ class Keeper:
             return self._made(cause, state, goal, forecast)
         assert self.reference is not None and forecast is not None
         late_s = forecast.time_s - self._left_s(state, goal)
-        self._drift.see(state.now_ns, late_s, anew=False)
+        self._drift.see(state.now_ns, late_s, anew=state.v_mps <= STANDSTILL_MPS)
         kept = Kept(self.reference, forecast, late_s)
         doubt = self._doubt(kept, state, goal)
         if doubt is ReplanCause.NONE or self._front is None:

@@ -17,6 +17,7 @@ from das.solver.calm.schedule import (
     scheduled,
     topped,
 )
+from das.solver.calm.polish import polished
 from das.solver.fastest import capped
 from das.solver.kernels.envelope import braking_envelope
 from das.solver.section import Section
@@ -24,6 +25,8 @@ from das.solver.state import State
 
 HALVINGS = 12
 """The speed with which a point is passed in time is found by halving an interval so many times."""
+RUN_UPS_M = (0.0, 800.0, 2000.0)
+"""A train that was slow for a point may accelerate from this far before it on."""
 SLOWEST_MPS = 2.0
 """No train is told to go slower than this to a point."""
 
@@ -43,10 +46,16 @@ class Wanted:
 def drivers_section(section: Section, settings: CoachSettings) -> Section:
     """The section with the braking and the margins that the driver uses."""
     driver, train = settings.driver, section.train
+    rate_mps2 = driver.braking_ratio * train.max_deceleration_mps2
     if driver.planning_brake_mps2 is not None:
-        train = train._replace(max_deceleration_mps2=min(driver.planning_brake_mps2, train.max_deceleration_mps2))
-    elif driver.below_limit_mps == 0:
-        return section
+        rate_mps2 = min(driver.planning_brake_mps2, rate_mps2)
+    ratio = driver.braking_ratio
+    train = train._replace(
+        max_deceleration_mps2=rate_mps2,
+        electric_force_n=ratio * train.electric_force_n,
+        electric_power_w=ratio * train.electric_power_w,
+        friction_force_n=ratio * train.friction_force_n,
+    )
     limit = np.maximum(section.limit_mps - driver.below_limit_mps, np.minimum(section.limit_mps, SLOWEST_MPS))
     ceiling, stuck = braking_envelope(section.for_kernels, limit, section.end_speed_mps, train)
     # Where a descent cannot be braked so easily, the section's own envelope holds.
@@ -63,13 +72,13 @@ def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Schedu
     left_s = max(wanted.left_s, 1.0)
     free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
     if wanted.point_m is None or wanted.point_m <= wanted.s_m:
-        return free
+        return polished(free, left_s, wanted.s_m, wanted.v_mps)
     at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
     if wanted.earliest_s is not None and at_s < wanted.earliest_s:
         return _slowed(front, free, wanted, settings)
     if wanted.latest_s is not None and at_s > wanted.latest_s:
         return _hurried(front, wanted, settings)
-    return free
+    return polished(free, left_s, wanted.s_m, wanted.v_mps)
 
 
 def passes_s(schedule: Schedule, forecast: Forecast, s_m: float, point_m: float) -> float:
@@ -89,25 +98,53 @@ def elapsed_s(schedule: Schedule, forecast: Forecast, s_m: float) -> tuple[np.nd
 
 
 def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """One lower speed up to the point, so that it is not passed too early, then what the time asks for."""
+    """One lower speed up to the point or shortly before it, so that it is not passed too early, then the rest.
+
+    A train that accelerates before the point passes it faster; which way costs least is tried.
+    """
+    assert wanted.point_m is not None
+    best, price_w = free, free.lambda_w
+    for run_up_m in RUN_UPS_M:
+        until_m = wanted.point_m - run_up_m
+        if until_m <= wanted.s_m:
+            break
+        way = _slow_until(front, free.schedule, wanted, until_m, price_w)
+        if way is None:
+            continue
+        found = _with_rest(front, way, replace(wanted, point_m=until_m), settings, price_w)
+        if best is free or found.cost_j(wanted.left_s) < best.cost_j(wanted.left_s):
+            best, price_w = found, found.lambda_w
+    return best
+
+
+def _slow_until(
+    front: CalmFront, free: Schedule, wanted: Wanted, until_m: float, price_w: float
+) -> tuple[Schedule, Forecast] | None:
+    """The highest one speed up to a place with which the point is not passed too early; None where there is none.
+
+    From that place on the train runs at a price of time.
+    """
     assert wanted.point_m is not None and wanted.earliest_s is not None
-    low, high = SLOWEST_MPS, float(free.schedule.section.envelope_mps.max())
-    best = None
-    point = int(np.searchsorted(free.schedule.section.node_m, wanted.point_m))
+    low, high, best = SLOWEST_MPS, float(free.section.envelope_mps.max()), None
+    until = int(np.searchsorted(free.section.node_m, until_m))
+    quick = min(int(np.searchsorted(front.lambda_w, price_w)), len(front.lambda_w) - 1)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         try:
-            tried = topped(free.schedule, middle, point).settled(wanted.s_m, wanted.v_mps)
+            tried = topped(free, middle, until).settled(wanted.s_m, wanted.v_mps)
+            passes = passes_s(*tried, wanted.s_m, until_m)
+            if until_m < wanted.point_m:
+                state = State.at(front.section, until_m, float(tried[1].speeds_mps[until]))
+                run = front.roll_out(state, quick, quick, 0)
+                passes += float(np.interp(wanted.point_m, state.node_m, state.elapsed_s(run.speeds_mps)))
         except DasError:  # A hill cannot be climbed so slowly.
             low = middle
             continue
-        if passes_s(*tried, wanted.s_m, wanted.point_m) < wanted.earliest_s:
+        if passes < wanted.earliest_s:
             high = middle
         else:
             low, best = middle, tried
-    if best is None:
-        return free
-    return _with_rest(front, best, wanted, settings, free.lambda_w)
+    return best
 
 
 def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
@@ -136,7 +173,8 @@ def _with_rest(
         return Scheduled(schedule, forecast, lambda_w)
     took_s = passes_s(schedule, forecast, wanted.s_m, float(node_m[point]))
     v_mps = float(forecast.speeds_mps[point])
-    rest = scheduled(front, max(wanted.left_s - took_s, 1.0), float(node_m[point]), v_mps, settings.schedule)
+    left_s, point_m = max(wanted.left_s - took_s, 1.0), float(node_m[point])
+    rest = scheduled(front, left_s, point_m, v_mps, settings.schedule)
     before = tuple(one for one in schedule.instructions if one.begin < point)
     after = tuple(one._replace(begin=max(one.begin, point)) for one in rest.schedule.instructions)
     speeds = np.concatenate((schedule.known.speed_mps[:point], rest.schedule.known.speed_mps[point:]))

@@ -14,7 +14,10 @@ class DriverSettings:
     """How the driver brakes and which margins he keeps, so that what is planned is what he does."""
 
     planning_brake_mps2: float | None = None
-    """Limits and stops are braked for at no more than this rate (None: the train's largest planned one)."""
+    """Limits and stops are braked for at no more than this rate (None: what `braking_ratio` leaves)."""
+    braking_ratio: float = 0.9
+    """Limits and stops are braked for with no more than this share of the train's planned deceleration: a driver who
+    brakes one second late can still keep them."""
     below_limit_mps: float = 0.0
     """Limits are planned with this margin."""
 

@@ -81,7 +81,7 @@ class Showing:
         following = self._following(schedule, number, state, begins_s)
         end_m = schedule.begin_m(number + 1)
         due_m = schedule.begin_m(number) - state.s_m if number else 0.0
-        if due_m > 0:
+        if due_m > 0 and state.v_mps <= place.allowed_mps:
             now = replace(now, way_m=due_m, in_s=float(np.interp(schedule.begin_m(number), at_m, times_s)))
         return Shown(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
 

@@ -39,7 +39,7 @@ class CalmSettings:
     change_s: float = 0.03
     """A change of the notch must save as much energy as the train's full power needs in this time: 0.05 kWh of a
     locomotive of 6 MW. Half of it makes half as many changes more for 0.1 % of the energy."""
-    ladder_size: int = 24
+    ladder_size: int = 32
     """The number of multipliers λ."""
     low_ratio: float = 0.004
     """The lowest multiplier, as a share of the traction power that can be used on the section."""

@@ -27,15 +27,25 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
+LATE_RATIO = 3.0
+"""A second of being late costs so many times the price of time,"""
+UNSAID_RATIO = 10.0
+"""A second of braking without an instruction costs so many times the price of time,"""
+EARLY_RATIO = 0.7
+"""and one of being early is worth this share of it."""
 BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
 
 
 class Forecast(NamedTuple):
-    """What following a schedule comes to: speeds at the nodes of the section (behind the state: NaN), time, energy."""
+    """What following a schedule comes to: speeds at the nodes of the section (behind the state: NaN), time, energy.
+
+    In `unsaid_s` of the time, limits ahead ask for brakes though no instruction does.
+    """
 
     speeds_mps: Floats
     time_s: float
     energy_j: float
+    unsaid_s: float
 
 
 class Instruction(NamedTuple):
@@ -146,12 +156,13 @@ class Schedule:
         line = line._replace(step_m=step)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
-        time_s = follow(
+        time_s, unsaid_s = follow(
             first, self.at, self.ends_m, *self.columns, self.back_share, self.known, met_mps, line, envelope, section.train, speeds
         )  # fmt: skip
         time_s = section.finished_s(time_s, s_m, v_mps)
         ahead = LineArrays(*(array[first:] for array in line))
-        return Forecast(speeds, time_s, float(run_energy(ahead, section.train, section.loss_params, speeds[first:])))
+        energy_j = float(run_energy(ahead, section.train, section.loss_params, speeds[first:]))
+        return Forecast(speeds, time_s, energy_j, unsaid_s)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Forecast]:
         """The same instructions with the run that keeps to them from a state, and that run."""
@@ -171,6 +182,12 @@ class Scheduled(NamedTuple):
     forecast: Forecast
     lambda_w: float
 
+    def cost_j(self, time_s: float) -> float:
+        """The energy (J), what arriving at another time than asked costs or is worth, and brakes that nobody says."""
+        late_s = self.forecast.time_s - time_s
+        seconds = (LATE_RATIO if late_s > 0 else EARLY_RATIO) * late_s + UNSAID_RATIO * self.forecast.unsaid_s
+        return self.forecast.energy_j + self.lambda_w * seconds
+
 
 def scheduled(
     front: CalmFront, time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings = DEFAULT
@@ -184,7 +201,7 @@ def scheduled(
     for _ in range(settings.rounds):
         run = front.run(asked_s, s_m, v_mps)
         found = schedule_in_time(run, time_s, settings)
-        if best is None or abs(found.forecast.time_s - time_s) < abs(best.forecast.time_s - time_s):
+        if best is None or found.cost_j(time_s) < best.cost_j(time_s):
             best = found
         late_s = found.forecast.time_s - time_s
         if late_s <= settings.late_s or run.time_s > asked_s:
@@ -257,7 +274,7 @@ def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Sch
         elif one.kind in (NotchKind.TRACTION, NotchKind.HOLD):
             found.append(one._replace(target_mps=top_mps))
         else:
-            found.append(Instruction(NotchKind.HOLD, 0.0, one.begin, top_mps))
+            found.append(one)
     return replace(schedule, instructions=tuple(found))
 
 
@@ -350,6 +367,8 @@ def _may_go(parts: list[_Part], k: int) -> bool:
 
 def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
     """Whether a short part becomes part of the one before it, and not of the one after."""
+    if part.kind in BRAKES and after.kind in BRAKES:
+        return True  # One deceleration over the way of both would be slower: the second brake stays as it is.
     if part.kind in BRAKES:
         return before.kind in BRAKES
     return part.kind is not NotchKind.TRACTION or before.kind is NotchKind.TRACTION

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 
 from das.compiling.kernels import kernel
-from das.solver.kernels.calm_moves import COAST, HOLD, TRACTION
+from das.solver.kernels.calm_moves import BRAKE, COAST, HOLD, TRACTION
 from das.solver.kernels.calm_roll_out import speed_under
 from das.solver.kernels.driving import drive
 from das.solver.kernels.forces import on_supply
 
+UNSAID_MPS = 0.05
+"""A limit ahead asks for brakes where the train would be faster than allowed by more than this (m/s)."""
 BELOW_MPS = 0.5
 """A speed to hold is held from this much (m/s) below it on; a train slower than that accelerates first."""
 
@@ -36,7 +38,8 @@ def followed_speed(i, kind, share, target, back_share, way, line, v):
 
 @kernel
 def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, line, envelope, p, v):
-    """Follow a schedule from v[first] to the end; fills v, returns the trip time (s), or -1 after a stall.
+    """Follow a schedule from v[first] to the end; fills v, returns the trip time (s) and the time of it in which
+    limits ahead ask for brakes though no instruction does; (-1, 0) after a stall.
 
     `at[i]` is the instruction that holds in interval i, `ends[i]` how far behind the interval it ends (m); each has a kind,
     share and target speed. `known` is a run that keeps to the schedule (speeds and time to go at every node): from
@@ -44,6 +47,7 @@ def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, 
     """
     step, g, q, u = line
     total = 0.0
+    unsaid = 0.0
     for i in range(first, step.size):
         c = at[i]
         here = (step, g, q, on_supply(p, u[i]))
@@ -51,10 +55,13 @@ def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, 
         if not drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v):
             # On a hill that the schedule cannot climb the train takes all its traction.
             if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
-                return -1.0
-        total += 2.0 * step[i] / (v[i] + v[i + 1])
+                return -1.0, 0.0
+        took = 2.0 * step[i] / (v[i] + v[i + 1])
+        total += took
+        if kinds[c] != BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]:
+            unsaid += took
         if abs(v[i + 1] - known.speed_mps[i + 1]) < met_mps and i + 1 < step.size:
             for k in range(i + 1, step.size):
                 v[k + 1] = known.speed_mps[k + 1]
-            return total + known.time_to_go_s[i + 1]
-    return total
+            return total + known.time_to_go_s[i + 1], unsaid
+    return total, unsaid
