@@ -94,7 +94,7 @@ class Display:
     def waiting(self, scene: Scene) -> Advice:
         """The train stands before its departure; what is known of the way is shown already."""
         state, _, planner, goal, _ = scene
-        reduced_mps = planner.reduced.at(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
+        reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
         return self.standing(scene, wording.departs_in((goal.departure_ns - state.now_ns) * NS), reduced_mps)
 
     def braking(self, scene: Scene, reason: str) -> Advice:
@@ -104,7 +104,7 @@ class Display:
         available_n = _available_n(planner.section, -1.0, v_mps)
         most_n = min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg)
         self._show(Mode.FRICTION_BRAKE if train.friction_force_n > 0 else Mode.FULL_BRAKE, state.now_ns)
-        allowed = planner.allowed_mps(state.s_m)
+        allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
         seconds = np.arange(1, self._settings.display.horizon_s + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
         return Advice(
@@ -116,7 +116,7 @@ class Display:
             four_mode=Mode.FULL_BRAKE,
             next_four_mode=Mode.STOP,
             display_speed_mps=self.displayed(min(v_mps, allowed), allowed),
-            reduced_max_speed_mps=allowed,
+            reduced_max_speed_mps=top_mps if top_mps <= allowed else 0.0,
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
             advised_force_ratio=-most_n / available_n,
@@ -155,7 +155,7 @@ class Display:
             mode=mode,
             advised_speed_mps=advised,
             display_speed_mps=self.displayed(advised, allowed),
-            reduced_max_speed_mps=planner.reduced.at(state.s_m, state.v_mps, state.now_ns, goal.arrival_ns),
+            reduced_max_speed_mps=_top_speed_mps(scene),
             four_mode=four,
             next_four_mode=next_four.mode,
             next_four_change_s=next_four.time_s,
@@ -273,6 +273,12 @@ class Display:
             return wording.wait_for_point(point, state.now_ns)
         missed_s = _missed_s(point, plan)
         return wording.point_missed(point, missed_s) if missed_s >= self._settings.display.missed_named_s else ""
+
+
+def _top_speed_mps(scene: Scene) -> float:
+    """The top speed to show (m/s), for displays that show no more."""
+    state, reduced = scene.state, scene.planner.reduced
+    return reduced.shown_mps(state.s_m, state.v_mps, state.now_ns, scene.goal.arrival_ns)
 
 
 def stop_name(section: Section, near_m: float) -> str:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from das.advice.settings import DEFAULT, AdviceSettings
+from das.advice.staircase import Staircase
 from das.domain.units import NS
 from das.solver.kernels.envelope import braking_envelope
 from das.solver.kernels.fastest import fastest_roll_out
@@ -25,10 +26,15 @@ class ReducedSpeed:
         # Where a descent cannot be braked so easily, the envelope of the section holds.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
+        self._staircase = Staircase(section, self._ceiling_mps, easy_mps2, settings)
         self._judged_ns, self._for_ns, self._speed_mps = 0, 0, math.nan
 
-    def at(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
-        """The reduced maximum speed (m/s) from a state."""
+    def shown_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
+        """The top speed to show (m/s) in a state: the judged one, or a lower one that holds here or ahead."""
+        return self._staircase.at(s_m, v_mps, self.judged_mps(s_m, v_mps, now_ns, arrival_ns))
+
+    def judged_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
+        """The reduced maximum speed (m/s) from a state: the one for the whole way that is left."""
         age_s = (now_ns - self._judged_ns) * NS
         if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < self._settings.judged_every_s:
             before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan

@@ -50,7 +50,8 @@ class PlanSettings:
     slower_than_planned_mps: float = 1.0
     """A train slower than planned by more than this, before what it brakes for, has braked early."""
     braked_early_s: float = 5.0
-    """A driver who braked early for a limit or stop is told to speed up again only if that saves at least this long."""
+    """A driver who braked early for a limit or stop is told to speed up again, by a plan or by a higher top speed, only
+    if that saves at least this long."""
     overspeed_eased_mps: float = 1.0
     """A train above the brake curve by no more than this is planned from the curve, so that it need not brake hard."""
     longest_ratio: float = 2.5
@@ -105,9 +106,9 @@ class ReducedSpeedSettings:
     easy_braking_mps2: float = 0.5
     """Comfortable service braking (assumption)."""
     judged_every_s: float = 30.0
-    """The speed stands still for this long before it is judged anew."""
+    """The judged speed stands still for this long before it is judged anew."""
     slowest_mps: float = 20.0 * KMH
-    """No lower speed is asked for."""
+    """No lower speed is asked for, except under a lower limit; before a stop, this is the speed shown."""
     halvings: int = 12
     """The speed is found by halving an interval so many times."""
     below_ratio: float = 0.999

@@ -697,7 +697,7 @@ class Advice(_message.Message):
     advised_speed_mps in whole km/h, held within a band, never above what is allowed
     """
     reduced_max_speed_mps: _builtins.float
-    """the one highest speed that keeps the time; judged every 30 s"""
+    """the top speed to show: keeps the time (judged every 30 s), within what is ahead"""
     four_mode: Global___Mode.ValueType
     """FULL_TRACTION, CRUISE, COAST, FULL_BRAKE (or STOP, NONE)"""
     next_four_mode: Global___Mode.ValueType
@@ -1044,6 +1044,7 @@ class Cab(_message.Message):
     SIGNAL_M_FIELD_NUMBER: _builtins.int
     LEVER_RATIO_FIELD_NUMBER: _builtins.int
     REASON_FIELD_NUMBER: _builtins.int
+    DISPLAY_SPEED_MPS_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     presentation: Global___Cab.Presentation.ValueType
     """of the advice shown now; NONE: nothing is shown"""
@@ -1060,6 +1061,8 @@ class Cab(_message.Message):
     """what the controller is set to: share of the largest traction (> 0) or of all brakes (< 0)"""
     reason: _builtins.str
     """why, in the words of the coach"""
+    display_speed_mps: _builtins.float
+    """the speed that is shown, in whole km/h; NaN: none is"""
     def __init__(
         self,
         *,
@@ -1074,14 +1077,53 @@ class Cab(_message.Message):
         signal_m: _builtins.float = ...,
         lever_ratio: _builtins.float = ...,
         reason: _builtins.str = ...,
+        display_speed_mps: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "signal_m", b"signal_m", "time_ns", b"time_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "display_speed_mps", b"display_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "signal_m", b"signal_m", "time_ns", b"time_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Cab: _TypeAlias = Cab  # noqa: Y015
+
+@_typing.final
+class Measures(_message.Message):
+    """How restless the advice was that the driver of a run was shown, once at its end (sim/<train>/measures);
+    docs/reference/batch-table.md defines the measures.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    SHOWN_S_FIELD_NUMBER: _builtins.int
+    ADVICE_CHANGES_PER_MIN_FIELD_NUMBER: _builtins.int
+    REVERSALS_FIELD_NUMBER: _builtins.int
+    SHORTEST_MODE_S_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    shown_s: _builtins.float
+    """time in which the train moved and advice was shown"""
+    advice_changes_per_min: _builtins.float
+    """NaN: none was shown"""
+    reversals: _builtins.int
+    shortest_mode_s: _builtins.float
+    """NaN: no mode was followed by another"""
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        shown_s: _builtins.float = ...,
+        advice_changes_per_min: _builtins.float = ...,
+        reversals: _builtins.int = ...,
+        shortest_mode_s: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_changes_per_min", b"advice_changes_per_min", "reversals", b"reversals", "shortest_mode_s", b"shortest_mode_s", "shown_s", b"shown_s", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Measures: _TypeAlias = Measures  # noqa: Y015
 
 @_typing.final
 class Truth(_message.Message):

@@ -53,6 +53,7 @@ EVENT: Final = Topic(name="event", root="das", message=Log, publisher="node")
 TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, publisher="simulator")
 LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, publisher="simulator")
 CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simulator")
+MEASURES: Final = Topic(name="measures", root="sim", message=das_pb2.Measures, publisher="simulator")
 LOG: Final = Topic(name="log", root="sim", message=Log, publisher="simulator")
 RECORDER: Final = Topic(
     name="recorder", root="das", message=das_pb2.RecorderStatus, publisher="recorder", recorded=False
@@ -74,6 +75,7 @@ TOPICS: Final = (
     TRUTH,
     LOCATION,
     CAB,
+    MEASURES,
     LOG,
     RECORDER,
 )

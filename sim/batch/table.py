@@ -23,15 +23,18 @@ COUNTS = (
     "advices_withdrawn",
     "advices_unheard",
     "advices_above_limit",
+    "reversals",
     "signals_passed",
     "simulated_s",
 )
+TRUTHS = ("advice_restless", "hindsight_faster_than_possible")
 FIGURES = (
     *("late_s", "running_time_s"),
     *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh", "beyond_hindsight_ratio"),
     *(f"{name}_kwh" for name in SHARES),
     *(f"{name}_ratio" for name in SHARES),
     *("potential_kwh", "ledger_residual_ratio", "beyond_signal_m", "over_limit_s", "over_limit_kmh"),
+    *("advice_changes_per_min", "shortest_mode_s"),
 )
 
 
@@ -54,7 +57,7 @@ def write_table(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 
 
 SCHEMA_NAMES = (
-    *("seed", *TEXTS, *COUNTS, *FIGURES, "hindsight_faster_than_possible", "stops"),
+    *("seed", *TEXTS, *COUNTS, *FIGURES, *TRUTHS, "stops"),
     *(f"stop_{name}" for name in STOP_COLUMNS),
 )
 
@@ -67,7 +70,7 @@ def _schema() -> Any:
         **dict.fromkeys(TEXTS, pa.string()),
         **dict.fromkeys(COUNTS, pa.int64()),
         **dict.fromkeys(FIGURES, pa.float64()),
-        "hindsight_faster_than_possible": pa.bool_(),
+        **dict.fromkeys(TRUTHS, pa.bool_()),
         "stops": pa.list_(pa.string()),
         **{f"stop_{name}": pa.list_(pa.float64()) for name in STOP_COLUMNS},
     }

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.modes import Mode
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
@@ -51,8 +51,9 @@ class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
     Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
-    maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold. There `due_s` is the time until the
-    instruction is due, and `target_way_m` the way to where its speed is reached. `lever_ratio` is the advised effort on the controller's scale (see
+    maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold (`due_s` is the time until it is due,
+    `target_way_m` the way to where it is reached); `display_speed_mps` is the same in whole km/h, as the driver reads
+    it. A simulated driver goes by the former. `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
     """
 
@@ -61,6 +62,7 @@ class AdviceView:
     presentation: Presentation
     mode: int
     speed_mps: float = math.nan
+    display_speed_mps: float = math.nan
     lever_ratio: float = math.nan
     force_n: float = math.nan
     horizon_speed_mps: tuple[float, ...] = ()
@@ -142,34 +144,33 @@ def present(
     mode = int(advice.mode)
     if presentation is Presentation.NONE or mode == Mode.NONE:
         return None
-    time_s = (advice.time_ns - clock_zero_ns) * NS
-    until_s = (advice.valid_until_ns - clock_zero_ns) * NS
+    view = AdviceView(
+        time_s=(advice.time_ns - clock_zero_ns) * NS,
+        valid_until_s=(advice.valid_until_ns - clock_zero_ns) * NS,
+        presentation=presentation,
+        mode=mode,
+    )
     if presentation is Presentation.RMS:
-        reduced_mps = advice.reduced_max_speed_mps
-        if math.isnan(reduced_mps):  # nothing to show where the train has arrived
-            return None
-        return AdviceView(
-            time_s=time_s, valid_until_s=until_s, presentation=presentation, mode=mode, speed_mps=reduced_mps
-        )
+        top_mps = advice.reduced_max_speed_mps
+        # There is nothing to show where the train has arrived.
+        return None if math.isnan(top_mps) else replace(view, speed_mps=top_mps, display_speed_mps=top_mps)
     if presentation is Presentation.COACH:
-        return _coached(advice, train, time_s, until_s)
+        return _coached(view, advice, train)
     if presentation is Presentation.FOUR_MODE:
         mode = int(advice.four_mode)
-        return AdviceView(
-            time_s=time_s,
-            valid_until_s=until_s,
-            presentation=presentation,
+        holds = mode == Mode.CRUISE
+        return replace(
+            view,
             mode=mode,
-            speed_mps=advice.advised_speed_mps if mode == Mode.CRUISE else math.nan,
+            speed_mps=advice.advised_speed_mps if holds else math.nan,
+            display_speed_mps=advice.display_speed_mps if holds else math.nan,
             next_mode=int(advice.next_four_mode),
             next_change_s=advice.next_four_change_s,
         )
-    return AdviceView(
-        time_s=time_s,
-        valid_until_s=until_s,
-        presentation=presentation,
-        mode=mode,
+    return replace(
+        view,
         speed_mps=advice.advised_speed_mps,
+        display_speed_mps=advice.display_speed_mps,
         lever_ratio=lever_ratio(advice.advised_force_n, advice.advised_speed_mps, train),
         force_n=advice.advised_force_n,
         horizon_speed_mps=tuple(advice.horizon_speed_mps),
@@ -179,18 +180,17 @@ def present(
     )
 
 
-def _coached(advice: Any, train: TrainNumbers, time_s: float, until_s: float) -> AdviceView | None:
+def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView | None:
     """What the display shows of the coach; None where there is no reference."""
     coach = advice.coach
     if coach is None or int(coach.now.mode) == Mode.NONE:
         return None
     following = coach.following[0] if coach.following else None
-    return AdviceView(
-        time_s=time_s,
-        valid_until_s=until_s,
-        presentation=Presentation.COACH,
+    return replace(
+        view,
         mode=int(coach.now.mode),
         speed_mps=coach.now.speed_mps,
+        display_speed_mps=round(coach.now.speed_mps / KMH) * KMH,
         lever_ratio=lever_ratio(coach.force_n, advice.speed_mps, train),
         force_n=coach.force_n,
         next_mode=int(following.mode) if following is not None else Mode.NONE,

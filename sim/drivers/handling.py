@@ -12,6 +12,7 @@ from sim.drivers.human_settings import HumanSettings
 from sim.drivers.knowledge import Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rule_settings import TRACKING
+from sim.drivers.tracking import RollOff
 from sim.plant.kernels import TrainNumbers
 
 
@@ -41,12 +42,23 @@ class Handling:
     ) -> None:
         self._human, self._settings, self._errors, self._mark = human, settings, errors, mark
         self._correcting = self._braking = self._restraining = False
+        self._roll_off = RollOff()
         self.efforts = Efforts.at(0.0, train)
         """What the train can do at the present speed."""
 
     def stand(self) -> None:
         """The train stands: nothing is being corrected and the driver is not braking for anything."""
         self._correcting, self._braking = False, False
+
+    def under_top(self, cab: CabView, outlook: Outlook, top_mps: float, allowed_mps: float, *, rolls: bool) -> float:
+        """The setting that holds a top speed, or what is allowed if that is less.
+
+        When the top speed is lowered, the driver lets the train roll down to it, if he `rolls`.
+        """
+        rolled_mps = self._roll_off.speed_mps(top_mps if rolls else math.inf, cab.speed_mps)
+        if rolled_mps is None:
+            return self.held(cab, outlook, min(top_mps, allowed_mps))
+        return min(self.held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
 
     def held(self, cab: CabView, outlook: Outlook, speed_mps: float) -> float:
         """The setting that holds a speed; errors within the dead band are left, a small excess is rolled off."""

@@ -110,9 +110,16 @@ class HumanDriver:
             wanted = self._advised(cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming)) if near else wanted
         else:
-            wanted = handling.held(cab, outlook, min(self._top_mps(cab, outlook), coming if near else allowed))
+            top_mps, rolls = self._top_mps(cab, outlook), self._by_top_speed
+            wanted = handling.under_top(cab, outlook, top_mps, coming if near else allowed, rolls=rolls)
         needed = handling.needed_braking(cab, outlook, reach_s)
         return wanted if needed is None else min(wanted, handling.braked(cab, outlook, needed))
+
+    @property
+    def _by_top_speed(self) -> bool:
+        """Whether he follows advice that says a highest speed."""
+        heeded = self._display.heeded
+        return heeded.follows and not heeded.by_effort
 
     def _advised(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting that the advice asks for."""
@@ -150,7 +157,7 @@ class HumanDriver:
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""
         heeded = self._display.heeded
-        if heeded.follows and heeded.view is not None and heeded.view.presentation is Presentation.RMS:
+        if heeded.view is not None and self._by_top_speed:
             return heeded.view.speed_mps
         keeps = self._rule.cap_mps(cab, outlook)
         return keeps + self.parameters.haste_ratio * max(outlook.top_mps - keeps, 0.0)

@@ -7,7 +7,7 @@ import math
 from sim.drivers.cab import CabView, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.rule_settings import RULE
-from sim.drivers.tracking import hold, stand, stop_at, under_ceiling
+from sim.drivers.tracking import RollOff, hold, stand, stop_at, under_ceiling
 from sim.plant.plant import Command
 
 LATE_BRAKING = Habit(braking_mps2=RULE.late_braking_mps2)
@@ -38,15 +38,25 @@ class FastDriver:
 
 
 class RmsDriver(FastDriver):
-    """Holds one reduced maximum speed: the display's, or one that is judged at departure to keep the timetable."""
+    """Holds one reduced maximum speed: the display's, or one that is judged at departure to keep the timetable.
+
+    When it is lowered, the train rolls down to it, unless a limit or a stop ahead asks for brakes.
+    """
 
     def __init__(self, line: LineKnowledge, habit: Habit = EASY_BRAKING) -> None:
         super().__init__(line, habit)
-        self._rule = TimeRule()
+        self._rule, self._roll_off = TimeRule(), RollOff()
 
     def command(self, cab: CabView) -> Command:
         outlook = self.foresight.outlook(cab)
-        return stand(cab) or self._drive(cab, outlook, shown_cap(cab) or self._rule.cap_mps(cab, outlook))
+        return stand(cab) or self._under_top(cab, outlook, shown_cap(cab) or self._rule.cap_mps(cab, outlook))
+
+    def _under_top(self, cab: CabView, outlook: Outlook, top_mps: float) -> Command:
+        rolled_mps = self._roll_off.speed_mps(top_mps, cab.speed_mps)
+        if rolled_mps is None:
+            return self._drive(cab, outlook, top_mps)
+        # The speed to which it has come down is a top speed as well, to be held downhill; there is no traction.
+        return self._drive(cab, outlook, rolled_mps)._replace(high_n=0.0)
 
 
 class TimetableDriver(FastDriver):

@@ -10,6 +10,25 @@ from sim.drivers.rule_settings import TRACKING
 from sim.plant.plant import COAST, Command, force, speed
 
 
+class RollOff:
+    """A train that is above a top speed that was lowered rolls down to it: no traction, and no brakes for that speed.
+
+    `speed_mps` is to be called at every look.
+    """
+
+    def __init__(self) -> None:
+        self._top_mps = self._slowest_mps = math.inf
+
+    def speed_mps(self, top_mps: float, speed_mps: float) -> float | None:
+        """The speed that the train has come down to, so that it does not speed up again; None if it does not roll."""
+        lowered, self._top_mps = top_mps < self._top_mps, top_mps
+        if speed_mps <= top_mps:
+            self._slowest_mps = math.inf
+        elif lowered or self._slowest_mps < math.inf:
+            self._slowest_mps = min(self._slowest_mps, speed_mps)
+        return self._slowest_mps if self._slowest_mps < math.inf else None
+
+
 def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n: float = math.inf) -> Command:
     """Keep to the highest speed allowed here and where a changed effort will have built up."""
     v, s = cab.speed_mps, cab.s_m

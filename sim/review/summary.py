@@ -8,7 +8,9 @@ from textwrap import wrap
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kwh
+from sim.review.restlessness import recorded_restlessness
 from sim.world.disturbances import NOTHING
+from sim.world.report import restlessness_rows
 
 LETTERS = 150
 """Most letters in a line under the headline of a picture."""
@@ -60,6 +62,9 @@ def _trip(recording: Recording) -> list[tuple[str, str]]:
             ("time", f"{(where['time_ns'][-1] - where['time_ns'][0]) * NS:.0f} s"),
             ("energy at the collector", f"{kwh(where['energy_input_j'][-1]):.1f} kWh"),
         ]
+    shown = recorded_restlessness(recording)
+    rows += [(name.strip(), value) for name, value in restlessness_rows(shown)]
+    rows += [("warning", shown.warning)] if shown.warning is not None else []
     for status in recording.of(topics.STATUS)[-1:]:
         rows += [("node", f"version {status.message.version}, {status.message.advices} advices")]
     rows += [("messages", str(sum(len(entries) for entries in recording.messages.values())))]

@@ -9,10 +9,12 @@ from typing import Any
 from das.advice.modes import Mode
 from das.domain.errors import DasError
 from sim.drivers.cab import AdviceView, Driver, Presentation, present
+from sim.drivers.shown import Shown
 from sim.plant.plant import COAST, Command, PlantState
 from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.link import Link, Tick, Told
+from sim.world.restlessness import Restlessness, ShownWatch
 from sim.world.safety import Violations
 from sim.world.surroundings import Surroundings
 
@@ -49,7 +51,7 @@ class Counts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A finished run: one state a tick, the stops as kept, and how the advice fared.
+    """A finished run: one state a tick, the stops as kept, how the advice fared, and how restless it was.
 
     `legs`: the states at departure and arrival of every section.
     """
@@ -59,6 +61,7 @@ class Run:
     legs: tuple[tuple[PlantState, PlantState], ...]
     counts: Counts
     violations: Violations
+    restlessness: Restlessness
 
     @property
     def late_s(self) -> float:
@@ -75,7 +78,7 @@ class World:
         self._events: list[str] = []
         self._view: AdviceView | None = None
         self._command: Command = COAST
-        self._counts = Counts()
+        self._counts, self._watch = Counts(), ShownWatch()
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError where the train does not get there."""
@@ -101,6 +104,7 @@ class World:
             legs=tuple(legs),
             counts=self._counts,
             violations=self._around.violations,
+            restlessness=self._watch.found,
         )
 
     def _second(self, tick: int, state: PlantState) -> PlantState:
@@ -109,7 +113,10 @@ class World:
         self._events += around.news.update(state)
         self._advise(tick, now_ns, state)
         events, self._events = tuple(self._events), []
-        self.link.tell(now_ns, Told(state, around.cab(state, self._view), self._command, events))
+        cab = around.cab(state, self._view)
+        view = cab.shown
+        self._watch.look(state.time_s, state.speed_mps, None if view is None else Shown.of(view))
+        self.link.tell(now_ns, Told(state, cab, self._command, events))
         for _ in range(round(TICK_S / LOOK_S)):
             self._command = self.driver.command(around.cab(state, self._view))
             after = self.day.plant.advance(state, self._command, LOOK_S)

@@ -14,6 +14,7 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.loop import Counts, Run
+from sim.world.restlessness import Restlessness
 from sim.world.safety import Violations
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
@@ -59,7 +60,8 @@ class DayOutcome:
 
     `calls` say how the stops were kept. `running_time_s` is the time between departures and arrivals, `simulated_s` the
     whole time of the run. `ledger` is where the energy went from the first departure to the last arrival (J), comfort
-    systems included. `counts` say how the advice fared, `violations` what must not happen and did.
+    systems included. `counts` say how the advice fared, `restlessness` how often what was shown changed, `violations`
+    what must not happen and did.
     """
 
     scenario: str
@@ -70,6 +72,7 @@ class DayOutcome:
     energies: RunEnergies
     ledger: Ledger
     counts: Counts
+    restlessness: Restlessness
     violations: Violations
     simulated_s: int
 
@@ -95,6 +98,7 @@ class DayOutcome:
             "advices_withdrawn": self.counts.withdrawn,
             "advices_unheard": self.counts.unheard,
             "advices_above_limit": self.counts.above_limit,
+            **self.restlessness.as_dict(),
             "signals_passed": violations.signals_passed,
             "beyond_signal_m": violations.beyond_signal_m,
             "over_limit_s": violations.over_limit_s,
@@ -127,6 +131,7 @@ def outcome(day: Day, run: Run) -> DayOutcome:
         ),
         ledger=whole,
         counts=run.counts,
+        restlessness=run.restlessness,
         violations=run.violations,
         simulated_s=len(run.states) - 1,
     )
@@ -202,6 +207,12 @@ class DayResult:
         """How many times faster than real time the run went."""
         return self.outcome.simulated_s / max(self.wall_s, 1e-9)
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is wrong with the advice of the run; empty where nothing is."""
+        warning = self.outcome.restlessness.warning
+        return [] if warning is None else [warning]
+
     def as_dict(self) -> dict[str, Any]:
         """The figures as `das-sim run --json` prints them."""
         return {
@@ -212,5 +223,6 @@ class DayResult:
             "drawn": self.drawn,
             "wall_s": self.wall_s,
             "real_time_factor": self.real_time_factor,
+            "warnings": self.warnings,
             **({"file": None} if self.recorded is None else self.recorded.as_dict()),
         }

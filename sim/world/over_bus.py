@@ -13,7 +13,7 @@ from google.protobuf.message import Message
 from das import __version__
 from das.bus import das_pb2
 from das.bus.config import BusFolder
-from das.bus.topics import CAB, LOCATION, LOG, TRUTH
+from das.bus.topics import CAB, LOCATION, LOG, MEASURES, TRUTH
 from das.cab.heard import PositionHeard
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
@@ -26,6 +26,7 @@ from sim.world.day import Day
 from sim.world.disturbances import described
 from sim.world.link import Tick, Told
 from sim.world.loop import BEFORE_S, Progress, Run, World
+from sim.world.restlessness import Restlessness
 from sim.world.service import Service, scenario_files
 
 PRESENTATIONS = {
@@ -82,7 +83,9 @@ def run_over_bus(
     with Lockstep(crew) as lockstep:
         lockstep.begin(day.service.journey(crew.train, day.service.moment_ns(-BEFORE_S)))
         run = World(day, driver, presentation, OverBus(day, lockstep)).run(progress)
-        lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
+        end_ns = day.service.moment_ns(run.states[-1].time_s)
+        lockstep.send(MEASURES, _measures(end_ns, run.restlessness))
+        lockstep.finish(end_ns)
     return Recorded(run, lockstep.traffic)
 
 
@@ -179,7 +182,8 @@ def _cab(day: Day, now_ns: int, told: Told) -> Message:
 
 def _shown(view: AdviceView | None) -> dict[str, Any]:
     if view is None:
-        return dict.fromkeys(("advised_speed_mps", "advised_lever_ratio", "next_change_s"), math.nan)
+        hidden = ("advised_speed_mps", "advised_lever_ratio", "next_change_s", "display_speed_mps")
+        return dict.fromkeys(hidden, math.nan)
     return {
         "presentation": PRESENTATIONS[view.presentation],
         "mode": view.mode,
@@ -188,4 +192,15 @@ def _shown(view: AdviceView | None) -> dict[str, Any]:
         "next_mode": view.next_mode,
         "next_change_s": view.next_change_s,
         "reason": view.reason,
+        "display_speed_mps": view.display_speed_mps,
     }
+
+
+def _measures(now_ns: int, found: Restlessness) -> Message:
+    return das_pb2.Measures(
+        time_ns=now_ns,
+        shown_s=found.shown_s,
+        advice_changes_per_min=found.changes_per_min,
+        reversals=found.reversals,
+        shortest_mode_s=found.shortest_mode_s,
+    )

@@ -16,6 +16,7 @@ from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind
 from sim.world.calls import KeptCall
 from sim.world.outcome import SHARES, DayResult, shares
+from sim.world.restlessness import Restlessness
 
 STOP_LEGEND: Final = {
     "due, arrived, departed": "minutes and seconds since the timetable's first departure",
@@ -46,6 +47,8 @@ def print_result(result: DayResult) -> None:
     print_table(table)
     for note in _notes(result):
         tell(f"note: {note}")
+    for warning in result.warnings:
+        tell(f"warning: {warning}")
     if result.recorded is not None:
         tell(f"written: {result.recorded.file}")
         tell(f"view it: {typed('das-sim')} view {shlex.quote(result.recorded.file)}")
@@ -92,10 +95,23 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
     counts, recorded = found.counts, result.recorded
     rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
+    rows += restlessness_rows(found.restlessness)
     if recorded is not None:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
     return rows
+
+
+def restlessness_rows(found: Restlessness) -> list[tuple[str, str]]:
+    """How restless the advice was that the driver was shown; nothing where none was."""
+    if not found.shown_s:
+        return []
+    shortest = "–" if math.isnan(found.shortest_mode_s) else f"{found.shortest_mode_s:.0f} s"
+    return [
+        ("advice changed, while moving", f"{found.changes_per_min:.1f} times a minute"),
+        ("  from traction to brake or back", f"{found.reversals} times"),
+        ("  shortest mode", shortest),
+    ]
 
 
 def _notes(result: DayResult) -> list[str]:

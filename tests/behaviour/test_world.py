@@ -27,6 +27,7 @@ from das.bus.topics import (
     EVENT,
     JOURNEY,
     LOG,
+    MEASURES,
     PLAN,
     POSITION,
     RESTRICTION,
@@ -37,6 +38,7 @@ from das.domain.units import KMH, NS
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.processes.lockstep import Traffic
+from sim.review.restlessness import recorded_restlessness
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import World
@@ -145,7 +147,7 @@ def recording(folder: Path, found: dict[str, Any]) -> Recording:
 def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, found: dict[str, Any]) -> None:
     assert recording.complete
     heard = (POSITION, EFFORT, DELAY, JOURNEY, RESTRICTION, CONTROL)
-    for topic in (*heard, ADVICE, PLAN, ESTIMATE, STATUS, EVENT, TRUTH, CAB, LOG):
+    for topic in (*heard, ADVICE, PLAN, ESTIMATE, STATUS, EVENT, TRUTH, CAB, MEASURES, LOG):
         assert recording.of(topic), topic.name
     run = recording.metadata["run"]
     assert (run["kind"], run["scenario"], run["seed"], run["driver"], run["advice"]) == (
@@ -195,6 +197,20 @@ def test_energies_of_the_recording_are_those_of_the_result(recording: Recording,
     shares = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
     assert sum(found[f"{name}_ratio"] for name in shares) == pytest.approx(1.0)
     assert found["energy_kwh"] > found["energy_hindsight_kwh"] > 0
+
+
+@pytest.mark.processes
+def test_the_recording_holds_the_measures_of_the_result_and_gives_them_again(
+    recording: Recording, found: dict[str, Any]
+) -> None:
+    (entry,) = recording.of(MEASURES)
+    said, again = entry.message, recorded_restlessness(recording)
+    assert found["advice_changes_per_min"] > 0
+    assert said.advice_changes_per_min == found["advice_changes_per_min"] == pytest.approx(again.changes_per_min)
+    assert said.reversals == found["reversals"] == again.reversals
+    assert said.shortest_mode_s == found["shortest_mode_s"] == pytest.approx(again.shortest_mode_s)
+    assert said.shown_s == pytest.approx(again.shown_s)
+    assert found["warnings"] == ([again.warning] if again.warning else [])
 
 
 @pytest.mark.processes

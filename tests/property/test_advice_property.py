@@ -21,7 +21,7 @@ from das.cab.fronts import onboard_ladder
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Restriction
-from das.domain.units import NS, STANDARD_GRAVITY_MPS2
+from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.estimate.fix import PositionFix
 from das.solver.fastest import fastest, least_time_s
 from das.solver.front import Front
@@ -118,6 +118,10 @@ def check(advice: Advice, allowed: Allowed, v_mps: float) -> None:
         reach_m = 0.1 * second
         assert after <= allowed.highest(behind_m - reach_m, ahead_m + reach_m) + SLACK_MPS, (second, behind_m, ahead_m)
     assert advice.display_speed_mps <= allowed.highest(advice.s_m, advice.s_m) + SLACK_MPS
+    top_mps, near_stop = advice.reduced_max_speed_mps, advice.s_m > END_M - 50.0
+    assert top_mps <= advice.limit_mps
+    assert near_stop or top_mps <= allowed.highest(advice.s_m, advice.s_m) + SLACK_MPS
+    assert top_mps / KMH == pytest.approx(round(top_mps / KMH), abs=1e-6)
     assert -1 - 1e-3 <= advice.advised_force_ratio <= 1 + 1e-3
 
 

@@ -438,30 +438,32 @@ def test_four_modes_and_their_next_change(front: Front) -> None:
 
 def test_the_reduced_maximum_speed_keeps_the_time(front: Front) -> None:
     """A train that pulls fully, holds that speed and brakes easily arrives in time; 1 km/h less would be late."""
-    _, advice = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_250.0)
     reduced = ReducedSpeed(front.section)
-    top = advice.reduced_max_speed_mps
+    top = reduced.judged_mps(0.0, 0.0, ns(0), ns(1_250))
     assert top < 0.95 * float(front.section.limit_mps.max())
     assert reduced.time_s(0.0, 0.0, top) == pytest.approx(1_250.0, abs=0.5)
     assert reduced.time_s(0.0, 0.0, top - 1 * KMH) > 1_255.0
-    # It stands still between two looks, and is as fast as may be where the time is gone.
+    # It is shown in whole km/h, stands still between two looks, and is as fast as may be where the time is gone.
+    _, advice = advisor_at(front, 8_470.0, 20.0, now_s=420.0, arrival_s=1_250.0)
+    judged_kmh = ReducedSpeed(front.section).judged_mps(8_470.0, 20.0, ns(420), ns(1_250)) / KMH
+    assert advice.reduced_max_speed_mps / KMH == pytest.approx(round(judged_kmh))
     advisor, first = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
     advisor.set_position(PositionFix(time_ns=ns(210), s_m=5_300.0, speed_mps=35.0))
     assert advisor.update(ns(210)).reduced_max_speed_mps == first.reduced_max_speed_mps
-    _, late = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=800.0)
-    assert late.reduced_max_speed_mps == pytest.approx(float(front.section.limit_mps.max()), abs=1.0)
+    late = ReducedSpeed(front.section).judged_mps(0.0, 0.0, ns(0), ns(800))
+    assert late == pytest.approx(float(front.section.limit_mps.max()), abs=1.0)
 
 
 def test_the_reduced_maximum_speed_is_not_absurdly_slow_where_time_is_ample(front: Front) -> None:
     """As the plan: at first 2.5 times the least time; and it does not dwindle on the way."""
     reduced = ReducedSpeed(front.section)
     fast = float(front.section.limit_mps.max())
-    top = reduced.at(0.0, 0.0, ns(0), ns(9_000))
+    top = reduced.judged_mps(0.0, 0.0, ns(0), ns(9_000))
     assert reduced.time_s(0.0, 0.0, top) == pytest.approx(
         DEFAULT.plan.longest_ratio * reduced.time_s(0.0, 0.0, fast), abs=2.0
     )
     for second in range(60, 1_800, 60):
-        assert reduced.at(10.0 * second, top, ns(second), ns(9_000)) == top
+        assert reduced.judged_mps(10.0 * second, top, ns(second), ns(9_000)) == top
 
 
 def test_before_the_departure_the_reduced_speed_of_the_way_is_known(front: Front) -> None:

@@ -19,6 +19,7 @@ from das.advice.modes import Mode
 from das.bus import das_pb2
 from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
+from das.domain.route import Route
 from das.domain.trajectory import Trajectory
 from das.domain.units import KMH
 from das.solver.front import Front
@@ -162,6 +163,57 @@ def test_rms_holds_the_speed_on_the_display(zug_luzern: Case) -> None:
     top = [s.speed_mps for s in run.states]
     assert max(top) == pytest.approx(25.0, abs=0.3)
     assert np.mean(np.abs(np.array(top) - 25.0) < 0.3) > 0.5
+
+
+def top_speed_view(time_s: float, top_mps: float) -> AdviceView:
+    return AdviceView(
+        time_s=time_s,
+        valid_until_s=time_s + 3.0,
+        presentation=Presentation.RMS,
+        mode=das_pb2.MODE_CRUISE,
+        speed_mps=top_mps,
+    )
+
+
+def driven_under_lowered_top(kind: DriverKind, route: Route, speed_mps: float, for_s: float) -> list[PlantState]:
+    """A train at a speed whose top speed is lowered by 5 m/s after 20 s."""
+    line, plant = LineKnowledge(route=route, vehicle=RE460), Plant(route, RE460)
+    driver = make_driver(kind, line, parameters=replace(STEADY, comply_hold_ratio=1.0))
+    states = [plant.at(1000.0, speed_mps)]
+    while states[-1].time_s < for_s:
+        state = states[-1]
+        view = top_speed_view(state.time_s, speed_mps if state.time_s < 20.0 else speed_mps - 5.0)
+        cab = cab_of(state, stop_m=50_000.0, arrival_s=1e7, advice=view)
+        states.append(plant.advance(state, driver.command(cab), 0.2))
+    return states
+
+
+@pytest.mark.parametrize("kind", [DriverKind.RMS, DriverKind.HUMAN])
+def test_a_train_rolls_down_to_a_lower_top_speed_and_holds_it(kind: DriverKind) -> None:
+    """Without a limit or stop ahead nobody brakes for it: level, the train rolls, by the plant's own resistance."""
+    states = driven_under_lowered_top(kind, flat(50_000.0, 40.0), 30.0, 400.0)
+    assert min(s.force_el_n + s.force_friction_n for s in states) >= 0.0
+    rolling = [s for s in states if s.time_s > 25.0 and s.speed_mps > 25.6]
+    assert max(s.force_el_n for s in rolling) == 0.0
+    assert np.mean(np.diff([s.speed_mps for s in rolling])) / 0.2 == pytest.approx(-0.03, abs=0.015)
+    assert all(s.speed_mps == pytest.approx(25.0, abs=0.7) for s in states if s.time_s > 300.0)
+
+
+@pytest.mark.parametrize(("kind", "rolls_mps"), [(DriverKind.RMS, 0.3), (DriverKind.HUMAN, 2.5)])
+def test_a_train_above_a_lowered_top_speed_does_not_speed_up_downhill(kind: DriverKind, rolls_mps: float) -> None:
+    """A human lets it roll up to 2 m/s before he brakes, as ever."""
+    route = make_route(50_000.0, [(0.0, 40.0)], [(0.0, -0.02)])
+    states = driven_under_lowered_top(kind, route, 25.0, 150.0)
+    assert max(s.speed_mps for s in states) < 25.0 + rolls_mps
+
+
+def test_a_train_under_a_lower_top_speed_brakes_for_what_is_ahead(zug_luzern: Case) -> None:
+    """The advice goes down to 20 km/h before the stop; the driver brakes for the stop alone, as without advice."""
+    run = zug_luzern.ride(make_driver(DriverKind.RMS, zug_luzern.line), zug_luzern.advise(Presentation.RMS))
+    assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=1.5)
+    assert run.arrival_s == pytest.approx(zug_luzern.time_s, abs=10.0)
+    assert zug_luzern.input_ratio(run) < 1.07
+    assert min(s.acceleration_mps2 for s in run.states) > -0.7
 
 
 @pytest.mark.parametrize("kind", list(DriverKind))

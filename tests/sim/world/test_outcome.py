@@ -17,6 +17,8 @@ from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
 from sim.world.outcome import SHARES, DayResult, RecordedFigures, outcome, shares
+from sim.world.report import print_result
+from sim.world.restlessness import Restlessness
 from sim.world.safety import Violations
 from tests.support.flat_days import service_of
 
@@ -28,10 +30,11 @@ KEYS = [
     *("component_loss_ratio", "resistance_ratio", "friction_brake_ratio", "unreturned_ratio", "comfort_ratio"),
     *("potential_kwh", "ledger_residual_ratio"),
     *("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit"),
+    *("advice_changes_per_min", "reversals", "shortest_mode_s", "advice_restless"),
     *("signals_passed", "beyond_signal_m", "over_limit_s", "over_limit_kmh", "simulated_s"),
 ]
 """The names that docs/reference/batch-table.md and `das-sim run --json` promise, in their order."""
-HOW = ["driver", "advice", "happens", "drawn", "wall_s", "real_time_factor"]
+HOW = ["driver", "advice", "happens", "drawn", "wall_s", "real_time_factor", "warnings"]
 RECORDING = ["messages_sent", "messages_recorded", "messages_lost", "start_s", "file"]
 
 
@@ -79,6 +82,30 @@ def test_violations_and_a_worthless_optimum_are_told(flat: Callable[[str], Path]
     assert (figures["signals_passed"], figures["beyond_signal_m"], figures["over_limit_s"]) == (2, 30.0, 4.0)
     assert figures["over_limit_kmh"] == pytest.approx(10.0)
     assert figures["beyond_hindsight_ratio"] is None
+
+
+def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
+    flat: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    day, run = driven(flat(""))
+    calm = Restlessness(shown_s=600.0, changes=12, reversals=3, shortest_mode_s=9.0)
+    restless = dataclasses.replace(calm, changes=123, shortest_mode_s=2.0)
+    for measured, warns in ((calm, False), (restless, True)):
+        result = DayResult(
+            outcome=dataclasses.replace(outcome(day, run), restlessness=measured),
+            driver=DriverKind.PERFECT,
+            advice=Presentation.VECTOR,
+            happens="nothing",
+            drawn=day.drawn,
+            wall_s=2.0,
+        )
+        told = result.as_dict()
+        assert (told["advice_restless"], len(told["warnings"])) == (warns, int(warns))
+        assert (told["reversals"], told["advice_changes_per_min"]) == (3, measured.changes / 10)
+        print_result(result)
+        printed = capsys.readouterr()
+        assert f"{measured.changes / 10:.1f} times a minute" in printed.out
+        assert ("warning: the advice shown was restless: 12.3 changes" in printed.out + printed.err) == warns
 
 
 def test_an_outcome_is_not_changed_afterwards(flat: Callable[[str], Path]) -> None:

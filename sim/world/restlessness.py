@@ -1,0 +1,122 @@
+"""How restless the advice was that a driver was shown: measures of a run, second by second."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+from das.advice.modes import Mode
+from sim.drivers.shown import Shown
+
+MOST_CHANGES_PER_MIN: Final = 2.0
+"""Advice that changes more often than this, on average, is restless."""
+SHORTEST_MODE_S: Final = 8.0
+"""Advice is restless when a mode stands for less than this."""
+REVERSAL_S: Final = 10.0
+"""Traction and brakes with less than this in between are a reversal."""
+GAP_S: Final = 3.0
+"""Two looks at the display further apart than this have nothing to do with each other."""
+TRACTION: Final = frozenset({Mode.FULL_TRACTION, Mode.REDUCED_TRACTION})
+BRAKE: Final = frozenset({Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restlessness:
+    """How often what was shown changed while the train moved.
+
+    `shown_s` is the time in which the train moved and advice was shown, and `changes` the number of seconds of it that
+    began with another mode, speed or effort than the second before. `reversals` counts the times that the mode went
+    from traction to brake, or from brake to traction, with less than 10 s of other modes in between.
+    `shortest_mode_s` is the shortest time for which a mode stood before another one took its place; NaN where none did.
+    """
+
+    shown_s: float = 0.0
+    changes: int = 0
+    reversals: int = 0
+    shortest_mode_s: float = math.nan
+
+    @property
+    def changes_per_min(self) -> float:
+        """Changes per minute in which the train moved and advice was shown; NaN where there was no such time."""
+        return 60.0 * self.changes / self.shown_s if self.shown_s > 0 else math.nan
+
+    @property
+    def warning(self) -> str | None:
+        """What is to be said of restless advice; None where it was calm."""
+        found = []
+        if self.changes_per_min > MOST_CHANGES_PER_MIN:
+            found.append(f"{self.changes_per_min:.1f} changes a minute (more than {MOST_CHANGES_PER_MIN:g})")
+        if self.shortest_mode_s < SHORTEST_MODE_S:
+            found.append(f"a mode that stood for {self.shortest_mode_s:.0f} s (less than {SHORTEST_MODE_S:g} s)")
+        return f"the advice shown was restless: {' and '.join(found)}" if found else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The measures for JSON and tables; None for what there is none of."""
+        return {
+            "advice_changes_per_min": _number(self.changes_per_min),
+            "reversals": self.reversals,
+            "shortest_mode_s": _number(self.shortest_mode_s),
+            "advice_restless": self.warning is not None,
+        }
+
+
+class ShownWatch:
+    """Looks at the display every second of a run; `look` is to be called in the order of time.
+
+    A spell is a time in which the train moves and advice is shown. What was shown before a spell, and how long its last
+    mode would have stood, is not known: a spell that begins is no change, and the mode in which it ends does not count.
+    """
+
+    def __init__(self) -> None:
+        self._shown_s, self._changes, self._reversals, self._shortest_s = 0.0, 0, 0, math.inf
+        self._before: Shown | None = None
+        self._before_s = self._mode_since_s = -math.inf
+        self._effort_side, self._neither_since_s = 0, math.inf
+
+    @property
+    def found(self) -> Restlessness:
+        """The measures so far."""
+        return Restlessness(
+            shown_s=self._shown_s,
+            changes=self._changes,
+            reversals=self._reversals,
+            shortest_mode_s=self._shortest_s if self._shortest_s < math.inf else math.nan,
+        )
+
+    def look(self, time_s: float, speed_mps: float, shown: Shown | None) -> None:
+        """Take note of what is shown (None: nothing) at a time to the driver of a train with a speed."""
+        shown = shown if speed_mps > 0 else None
+        before, span_s = self._before, time_s - self._before_s
+        self._before, self._before_s = shown, time_s
+        if before is not None and span_s <= GAP_S:
+            self._shown_s += span_s
+        else:
+            self._mode_since_s, self._effort_side, self._neither_since_s = time_s, 0, math.inf
+        if shown is None:
+            return
+        if before is not None and span_s <= GAP_S and shown != before:
+            self._changes += 1
+            if shown.mode is not before.mode:
+                self._mode_ended(time_s, shown.mode)
+        self._note_effort(time_s, shown.mode)
+
+    def _mode_ended(self, time_s: float, now: Mode | None) -> None:
+        """A mode was followed by another one; that a train comes to its stop says nothing of the mode before."""
+        if now is not Mode.STOP:
+            self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
+        self._mode_since_s = time_s
+
+    def _note_effort(self, time_s: float, mode: Mode | None) -> None:
+        """Count a reversal, and remember which of traction and brake was shown last, and until when."""
+        side = (mode in TRACTION) - (mode in BRAKE)
+        if side == 0:
+            self._neither_since_s = min(self._neither_since_s, time_s)
+            return
+        if side == -self._effort_side and time_s - self._neither_since_s < REVERSAL_S:
+            self._reversals += 1
+        self._effort_side, self._neither_since_s = side, math.inf
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value
