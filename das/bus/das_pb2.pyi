@@ -510,7 +510,7 @@ class Coaching(_message.Message):
         speed_mps: _builtins.float
         """to reach, or to hold"""
         effort_ratio: _builtins.float
-        """of the motors' largest effort in that direction, −1 … 1; NaN: as much as the speed needs"""
+        """of the largest traction at this speed, or of the largest electric brake (< 0); NaN: as the speed needs"""
         way_m: _builtins.float
         """from the train to where it begins; 0: it is due"""
         in_s: _builtins.float

@@ -186,12 +186,14 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
     if coach is None or int(coach.now.mode) == Mode.NONE:
         return None
     following = coach.following[0] if coach.following else None
+    mode = int(coach.now.mode)
+    holds = mode == Mode.CRUISE  # Nobody is told with what effort to hold a speed.
     return replace(
         view,
-        mode=int(coach.now.mode),
+        mode=mode,
         speed_mps=coach.now.speed_mps,
         display_speed_mps=round(coach.now.speed_mps / KMH) * KMH,
-        lever_ratio=lever_ratio(coach.force_n, advice.speed_mps, train),
+        lever_ratio=math.nan if holds else lever_ratio(coach.force_n, advice.speed_mps, train),
         force_n=coach.force_n,
         next_mode=int(following.mode) if following is not None else Mode.NONE,
         next_change_s=following.in_s if following is not None else math.nan,

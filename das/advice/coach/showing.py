@@ -17,7 +17,7 @@ from das.advice.planner import TrainState
 from das.domain.units import NS
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.schedule import Schedule
-from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, traction_limit
+from das.solver.kernels.forces import electric_limit, mean_resistance, traction_limit
 from das.solver.section import Section
 
 FULL_RATIO = 0.97
@@ -144,7 +144,8 @@ class Showing:
             self._back = 0
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        return _brake(self._brake_ratio(schedule, number, state, needed), target)
+        ratio = self._brake_ratio(schedule, number, state, needed)
+        return _brake(schedule.section, ratio, v_mps, target)
 
     def _brake_ratio(self, schedule: Schedule, number: int, state: TrainState, needed_mps2: float) -> float:
         """The effort of a brake: that of one deceleration, which stands until clearly more or less is needed."""
@@ -153,7 +154,7 @@ class Showing:
         if kept is not None and abs(needed_mps2 / kept.rate_mps2 - 1.0) < self._settings.brake_band_ratio:
             return kept.ratio
         force = braking_force_n(section, needed_mps2, state.s_m, state.v_mps)
-        ratio = max(math.ceil(force / _motors_n(section, state.v_mps) / step - 0.5), 1) * step
+        ratio = max(round(force / largest_brake_n(section) / step), 1) * step
         self._brakes[number] = _Brake(needed_mps2, ratio)
         return ratio
 
@@ -193,7 +194,7 @@ class Showing:
         if one.kind is NotchKind.TRACTION:
             return _traction(one.share, one.target_mps)
         if one.kind is NotchKind.BRAKE:
-            return _brake(_mean_brake(schedule, number), one.target_mps)
+            return _announced_brake(schedule, number)
         if one.kind is NotchKind.COAST:
             return Instruction(mode=Mode.COAST, speed_mps=one.target_mps, effort_ratio=0.0)
         return Instruction(mode=Mode.CRUISE, speed_mps=one.target_mps)
@@ -205,10 +206,10 @@ def force_n(section: Section, now: Instruction, s_m: float, v_mps: float) -> flo
     if now.mode in TRACTION:
         return now.effort_ratio * float(traction_limit(v, train))
     if now.mode in BRAKES:
-        return now.effort_ratio * _motors_n(section, v)
+        return now.effort_ratio * largest_brake_n(section)
     if now.mode is not Mode.CRUISE:
         return 0.0
-    return float(min(max(-braking_force_n(section, 0.0, s_m, v), -_motors_n(section, v)), traction_limit(v, train)))
+    return float(min(max(-braking_force_n(section, 0.0, s_m, v), -largest_brake_n(section)), traction_limit(v, train)))
 
 
 def braking_force_n(section: Section, rate_mps2: float, s_m: float, v_mps: float) -> float:
@@ -219,21 +220,20 @@ def braking_force_n(section: Section, rate_mps2: float, s_m: float, v_mps: float
     return float(train.inertial_mass_kg * rate_mps2 - resistance_n)
 
 
-def _motors_n(section: Section, v_mps: float) -> float:
-    """The largest effort (N) of the electric brake; of all brakes where there is none."""
+def largest_brake_n(section: Section) -> float:
+    """The largest effort (N) of the electric brake at any speed; of all brakes where there is no electric one."""
     train = section.train
-    electric_n = float(electric_limit(v_mps, train))
-    if electric_n > 0 and not train.brakes_dissipate:
-        return electric_n
-    return max(float(brake_limit(v_mps, train, train.friction_force_n)), 1.0)
+    if train.electric_force_n > 0 and not train.brakes_dissipate:
+        return train.electric_force_n
+    return max(train.friction_force_n + train.electric_force_n, 1.0)
 
 
-def _mean_brake(schedule: Schedule, number: int) -> float:
-    """The effort with which a schedule begins a brake, as a share of the motors' largest (> 1: friction too)."""
-    section, begin = schedule.section, schedule.instructions[number].begin
-    v_mps = max(float(schedule.known.speed_mps[begin]), 1.0)
-    force = braking_force_n(section, schedule.braking_mps2(number), float(section.node_m[begin]), v_mps)
-    return max(force, 0.0) / _motors_n(section, v_mps)
+def _announced_brake(schedule: Schedule, number: int) -> Instruction:
+    """A brake as it is shown before it is due: with the effort with which the schedule begins it."""
+    section, one = schedule.section, schedule.instructions[number]
+    v_mps = max(float(schedule.known.speed_mps[one.begin]), 1.0)
+    force = braking_force_n(section, schedule.braking_mps2(number), float(section.node_m[one.begin]), v_mps)
+    return _brake(section, max(force, 0.0) / largest_brake_n(section), v_mps, one.target_mps)
 
 
 def _traction(share: float, target_mps: float) -> Instruction:
@@ -241,8 +241,10 @@ def _traction(share: float, target_mps: float) -> Instruction:
     return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)
 
 
-def _brake(ratio: float, target_mps: float) -> Instruction:
-    if ratio > 1.0 + 1e-6:
-        return Instruction(mode=Mode.FRICTION_BRAKE, speed_mps=target_mps, effort_ratio=-ratio)
-    mode = Mode.FULL_BRAKE if ratio >= FULL_RATIO else Mode.REDUCED_BRAKE
+def _brake(section: Section, ratio: float, v_mps: float, target_mps: float) -> Instruction:
+    """A brake of an effort; where the motors cannot give it at this speed, with friction."""
+    motors = float(electric_limit(max(v_mps, 0.1), section.train)) / largest_brake_n(section)
+    mode = Mode.REDUCED_BRAKE if ratio < FULL_RATIO * motors else Mode.FULL_BRAKE
+    if ratio > motors + 1e-6:
+        mode = Mode.FRICTION_BRAKE
     return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=-ratio)

@@ -12,6 +12,8 @@ from das.solver.kernels.forces import on_supply
 
 UNSAID_MPS = 0.05
 """A limit ahead asks for brakes where the train would be faster than allowed by more than this (m/s)."""
+CREEP_MPS, CREEP_M = 0.5, 1.0
+"""A train that brakes to a stop and is slower than this (m/s) creeps on while there is more than this (m) to go."""
 BELOW_MPS = 0.5
 """A speed to hold is held from this much (m/s) below it on; a train slower than that accelerates first."""
 
@@ -30,6 +32,8 @@ def followed_speed(i, kind, share, target, back_share, way, line, v):
             return target
         effort = share if kind == TRACTION else back_share
         return min(speed_under(TRACTION, effort, v, step[i], g[i], q[i], here), target)
+    if v < CREEP_MPS and way > CREEP_M:  # It would stop short of its mark.
+        return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
         return min(target, max(coasting, v))
     # One deceleration from here to the end of the instruction.
