@@ -24,7 +24,7 @@ from das.solver.solution import Fit
 
 
 class Scene(NamedTuple):
-    """What an advice is about: the state on the section, the estimate behind it, planner, goal, and what the coach says."""
+    """What an advice is about: the state, the estimate behind it, the planner, the goal, and what the coach says."""
 
     state: TrainState
     here: Estimate

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
+from das.advice.coach.planning import solve_coach
+from das.advice.coach.settings import CoachSettings
 from das.cab import event_wording
 from das.compiling.sources import SourcesMissingError
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
-from das.solver.front import Front
-from das.advice.coach.planning import solve_coach
-from das.advice.coach.settings import CoachSettings
 from das.solver.calm.calm import CalmFront
+from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_front
 from das.table.format import MANIFEST, TableError

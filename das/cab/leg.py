@@ -10,7 +10,7 @@ from das.advice.advice import Advice, Timetable
 from das.advice.cause import Withdrawal
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching
-from das.advice.coach.showing import Place
+from das.advice.coach.showing import SpeedsAllowed
 from das.advice.display import Display, Scene
 from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, PlanBasis, Planner, TrainState
@@ -152,7 +152,7 @@ class Leg:
         if self._coach is None:
             return None
         planner = self.planner
-        place = Place(planner.allowed_mps(state.s_m), planner.limit_mps(state.s_m))
+        place = SpeedsAllowed(planner.allowed_mps(state.s_m), planner.limit_mps(state.s_m))
         return self._coach.advise(state, self.goal, place)
 
     def _standing(self, state: TrainState) -> Coaching | None:

@@ -12,6 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from das.advice.coach.settings import CoachSettings
 from das.advice.passing import PassingFronts, PassingRun, PassingTarget
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
@@ -239,9 +240,7 @@ class _Question(NamedTuple):
         return cls(section, goal.passing, now_ns, goal.arrival_ns, here.s_m, here.speed_mps)
 
 
-def _answered(
-    fronts: Fronts, question: _Question, coach: CoachSettings, stopwatch: Callable[[], float]
-) -> _Answer:
+def _answered(fronts: Fronts, question: _Question, coach: CoachSettings, stopwatch: Callable[[], float]) -> _Answer:
     """Look for a front, and for those of a point; whatever goes wrong is the answer."""
     began = stopwatch()
     found, passing, calm, refusal, failed = None, None, None, "", False

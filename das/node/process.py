@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 
+from das.advice.coach.settings import CoachSettings
+from das.advice.settings import AdviceSettings
 from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
-from das.advice.coach.settings import CoachSettings
-from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings, no_stopwatch
 from das.cab.fronts import Fronts
 from das.cab.orders import Post

@@ -134,7 +134,7 @@ class DisplayReading:
 
 
 def _item(view: AdviceView) -> tuple[object, ...]:
-    """What makes advice new: another mode, or another speed to hold (to 1 m/s); of the coach another speed in km/h, or effort."""
+    """What makes advice new: another mode, another speed to hold (to 1 m/s); of the coach another speed or effort."""
     if view.presentation is Presentation.COACH:
         effort = round(view.lever_ratio / EFFORT_STEP_RATIO) if view.mode != Mode.CRUISE else 0
         return (view.presentation, view.mode, round(view.speed_mps / KMH), effort)

@@ -51,8 +51,8 @@ class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
     Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
-    maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold (`due_s` is the time until it is due,
-    `target_way_m` the way to where it is reached); `display_speed_mps` is the same in whole km/h, as the driver reads
+    maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold (`due_s`: the time until it is due,
+    `target_way_m`: the way to where it is reached); `display_speed_mps` is the same in whole km/h, as the driver reads
     it. A simulated driver goes by the former. `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
     """

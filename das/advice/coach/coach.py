@@ -11,15 +11,14 @@ from das.advice.coach import wording
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.settings import DEFAULT, CoachSettings
-from das.advice.coach.showing import BRAKES, Place, Showing, Shown, force_n
+from das.advice.coach.showing import BRAKES, Showing, ShownNow, SpeedsAllowed, force_n
 from das.advice.modes import Mode
 from das.advice.planner import Goal, TrainState
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.calm.calm import CalmFront
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.schedule import Instruction as Scheduled
-from das.solver.calm.schedule import Schedule
+from das.solver.calm.schedule import Phase, Schedule
 from das.solver.section import Section
 from das.solver.state import following_node
 
@@ -44,7 +43,7 @@ class Coach:
         self._keeper.forget()
         self._showing.forget()
 
-    def advise(self, state: TrainState, goal: Goal, place: Place) -> Coaching | None:
+    def advise(self, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
         """What the driver should do; None where no reference can be made (yet)."""
         try:
             kept = self._keeper.keep(state, goal)
@@ -70,7 +69,7 @@ class Coach:
         now = Instruction(mode=Mode.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Coaching(now=now, target_s=departs_in_s, reason="")
 
-    def _reason(self, kept: Kept, shown: Shown, state: TrainState, goal: Goal, place: Place) -> str:
+    def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> str:
         excess_mps = state.v_mps - place.allowed_mps
         if excess_mps > self._settings.showing.overspeed_mps:
             return wording.too_fast(excess_mps)
@@ -81,9 +80,9 @@ class Coach:
             return wording.slow_for_point(point, state.now_ns, clock)
         return wording.reason(shown.now.mode, shown.now.speed_mps, ahead, kept.late_s)
 
-    def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Ahead | None:
+    def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Aim | None:
         """The limit or stop that the next brake leads to, if it is near."""
-        instructions = schedule.instructions
+        instructions = schedule.phases
         for k in range(number, min(number + 3, len(instructions))):
             if instructions[k].kind is not NotchKind.BRAKE:
                 continue
@@ -91,7 +90,7 @@ class Coach:
             if at_m - state.s_m > NEAR_M:
                 return None
             last = at_m >= self._section.end_m - 1.0
-            return wording.Ahead(instructions[k].target_mps, at_m, self._stop_name() if last else "")
+            return wording.Aim(instructions[k].target_mps, at_m, self._stop_name() if last else "")
         return None
 
     def _stop_name(self) -> str:
@@ -120,13 +119,13 @@ class Coach:
         first = following_node(section, state.s_m) - 1
         until_m = state.s_m + state.v_mps * self._settings.showing.worth_over_s
         until = int(np.searchsorted(section.node_m, until_m))
-        later = [one for one in schedule.instructions if one.begin > until]
-        found = [Scheduled(NotchKind.HOLD, 0.0, first, state.v_mps)]
+        later = [one for one in schedule.phases if one.begin > until]
+        found = [Phase(NotchKind.HOLD, 0.0, first, state.v_mps)]
         if until < len(section.step_m):
-            then = schedule.instructions[schedule.number_at(float(section.node_m[until]))]
+            then = schedule.phases[schedule.number_at(float(section.node_m[until]))]
             found.append(then._replace(begin=max(until, first + 1)))
         found += [one for one in later if one.begin > found[-1].begin]
-        return replace(schedule, instructions=tuple(found))
+        return replace(schedule, phases=tuple(found))
 
 
 def _waits(goal: Goal, state: TrainState) -> bool:

@@ -15,7 +15,7 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.calm.calm import CalmFront
-from das.solver.calm.schedule import Forecast, Schedule, Scheduled, on_section
+from das.solver.calm.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
 
 UNHURRIED_S = 0.5
@@ -23,7 +23,7 @@ UNHURRIED_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reference:
+class StandingReference:
     """The promise: a schedule, the price of time it was made at (W), what it was made for, and why."""
 
     schedule: Schedule
@@ -36,8 +36,8 @@ class Reference:
 class Kept(NamedTuple):
     """The reference that holds now, what keeping it comes to from here, and how late the train arrives then (s)."""
 
-    reference: Reference
-    forecast: Forecast
+    reference: StandingReference
+    forecast: Prospect
     late_s: float
 
 
@@ -79,7 +79,7 @@ class Keeper:
 
     def __init__(self, section: Section, front: CalmFront | None, settings: CoachSettings) -> None:
         self._section, self._front, self._settings = section, front, settings
-        self.reference: Reference | None = None
+        self.reference: StandingReference | None = None
         self._changed = self._standing = False
         self._asked_ns = 0
         self._drift = Drift(settings.margin)
@@ -104,7 +104,8 @@ class Keeper:
         cause, forecast = self._why_at_once(state, goal)
         if cause is not ReplanCause.NONE:
             return self._made(cause, state, goal, forecast)
-        assert self.reference is not None and forecast is not None
+        assert self.reference is not None
+        assert forecast is not None
         late_s = forecast.time_s - self._left_s(state, goal)
         self._drift.see(state.now_ns, late_s, anew=state.v_mps <= STANDSTILL_MPS)
         kept = Kept(self.reference, forecast, late_s)
@@ -114,7 +115,7 @@ class Keeper:
         self._asked_ns = state.now_ns
         return self._better(kept, doubt, state, goal)
 
-    def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Forecast | None]:
+    def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
         """Why there must be another reference now, if so, and what keeping this one comes to."""
         reference = self.reference
         if reference is None:
@@ -183,7 +184,7 @@ class Keeper:
             return kept
         return self._taken(found, Replan(cause=doubt, time_ns=state.now_ns, gain_j=gain_j, gain_s=gain_s), state, goal)
 
-    def _made(self, cause: ReplanCause, state: TrainState, goal: Goal, before: Forecast | None) -> Kept | None:
+    def _made(self, cause: ReplanCause, state: TrainState, goal: Goal, before: Prospect | None) -> Kept | None:
         """A new reference, because there must be one."""
         if self._front is None:
             return None
@@ -197,7 +198,7 @@ class Keeper:
 
     def _taken(self, found: Scheduled, replan: Replan, state: TrainState, goal: Goal) -> Kept:
         self._changed, self._standing = False, state.v_mps <= STANDSTILL_MPS
-        self.reference = Reference(
+        self.reference = StandingReference(
             schedule=found.schedule, lambda_w=found.lambda_w, arrival_ns=goal.arrival_ns, point=goal.passing,
             replan=replan,
         )  # fmt: skip

@@ -9,15 +9,15 @@ import numpy as np
 from das.advice.coach.settings import CoachSettings
 from das.domain.errors import DasError
 from das.solver.calm.calm import CalmFront, solve_calm
+from das.solver.calm.polish import polished
 from das.solver.calm.schedule import (
-    Forecast,
+    Prospect,
     Schedule,
     Scheduled,
     schedule_in_time,
     scheduled,
     topped,
 )
-from das.solver.calm.polish import polished
 from das.solver.fastest import capped
 from das.solver.kernels.envelope import braking_envelope
 from das.solver.section import Section
@@ -72,22 +72,22 @@ def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Schedu
     left_s = max(wanted.left_s, 1.0)
     free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
     if wanted.point_m is None or wanted.point_m <= wanted.s_m:
-        return polished(free, left_s, wanted.s_m, wanted.v_mps)
+        return polished(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
     at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
     if wanted.earliest_s is not None and at_s < wanted.earliest_s:
         return _slowed(front, free, wanted, settings)
     if wanted.latest_s is not None and at_s > wanted.latest_s:
         return _hurried(front, wanted, settings)
-    return polished(free, left_s, wanted.s_m, wanted.v_mps)
+    return polished(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
 
 
-def passes_s(schedule: Schedule, forecast: Forecast, s_m: float, point_m: float) -> float:
+def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float) -> float:
     """The time (s) after which a train passes a point that keeps to a schedule from a position."""
     times, node_m = elapsed_s(schedule, forecast, s_m)
     return float(np.interp(point_m, node_m, times))
 
 
-def elapsed_s(schedule: Schedule, forecast: Forecast, s_m: float) -> tuple[np.ndarray, np.ndarray]:
+def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Times (s, from 0) and positions (m) of a forecast from a position on."""
     first = int(np.argmax(np.isfinite(forecast.speeds_mps)))
     node_m = schedule.section.node_m[first:].copy()
@@ -119,12 +119,13 @@ def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSe
 
 def _slow_until(
     front: CalmFront, free: Schedule, wanted: Wanted, until_m: float, price_w: float
-) -> tuple[Schedule, Forecast] | None:
+) -> tuple[Schedule, Prospect] | None:
     """The highest one speed up to a place with which the point is not passed too early; None where there is none.
 
     From that place on the train runs at a price of time.
     """
-    assert wanted.point_m is not None and wanted.earliest_s is not None
+    assert wanted.point_m is not None
+    assert wanted.earliest_s is not None
     low, high, best = SLOWEST_MPS, float(free.section.envelope_mps.max()), None
     until = int(np.searchsorted(free.section.node_m, until_m))
     quick = min(int(np.searchsorted(front.lambda_w, price_w)), len(front.lambda_w) - 1)
@@ -149,7 +150,8 @@ def _slow_until(
 
 def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
     """The slowest run of the ladder that passes the point in time (or the quickest), then what the time asks for."""
-    assert wanted.point_m is not None and wanted.latest_s is not None
+    assert wanted.point_m is not None
+    assert wanted.latest_s is not None
     state = State.at(front.section, wanted.s_m, wanted.v_mps)
     slow, quick = -1, len(front.lambda_w) - 1
     while quick - slow > 1:
@@ -162,7 +164,7 @@ def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Sched
 
 
 def _with_rest(
-    front: CalmFront, way: tuple[Schedule, Forecast], wanted: Wanted, settings: CoachSettings, lambda_w: float
+    front: CalmFront, way: tuple[Schedule, Prospect], wanted: Wanted, settings: CoachSettings, lambda_w: float
 ) -> Scheduled:
     """A way to the point, and from there on the schedule for the time that is left then."""
     assert wanted.point_m is not None
@@ -175,10 +177,10 @@ def _with_rest(
     v_mps = float(forecast.speeds_mps[point])
     left_s, point_m = max(wanted.left_s - took_s, 1.0), float(node_m[point])
     rest = scheduled(front, left_s, point_m, v_mps, settings.schedule)
-    before = tuple(one for one in schedule.instructions if one.begin < point)
-    after = tuple(one._replace(begin=max(one.begin, point)) for one in rest.schedule.instructions)
+    before = tuple(one for one in schedule.phases if one.begin < point)
+    after = tuple(one._replace(begin=max(one.begin, point)) for one in rest.schedule.phases)
     speeds = np.concatenate((schedule.known.speed_mps[:point], rest.schedule.known.speed_mps[point:]))
-    both = replace(
-        schedule, instructions=(*before, *after), known=schedule.known._replace(speed_mps=speeds)
-    ).settled(wanted.s_m, wanted.v_mps)
+    both = replace(schedule, phases=(*before, *after), known=schedule.known._replace(speed_mps=speeds)).settled(
+        wanted.s_m, wanted.v_mps
+    )
     return Scheduled(*both, rest.lambda_w)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from das.domain.units import KMH
-from das.solver.calm.calm import CalmSettings
-from das.solver.calm.schedule import ScheduleSettings
+from das.solver.calm.settings import CalmSettings, PolishSettings, ScheduleSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +101,7 @@ class CoachSettings:
     """Whether there is a coach; without one nothing is computed for it."""
     calm: CalmSettings = field(default_factory=CalmSettings)
     schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
+    polish: PolishSettings = field(default_factory=PolishSettings)
     driver: DriverSettings = field(default_factory=DriverSettings)
     keeping: KeepingSettings = field(default_factory=KeepingSettings)
     showing: ShowingSettings = field(default_factory=ShowingSettings)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,14 +27,14 @@ TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
 BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
 
 
-class Place(NamedTuple):
+class SpeedsAllowed(NamedTuple):
     """What bounds an instruction where the train is: the highest speed that is safe, and the limit (m/s)."""
 
     allowed_mps: float
     limit_mps: float
 
 
-class Shown(NamedTuple):
+class ShownNow(NamedTuple):
     """What is shown: the instruction, those after it, and way (m) and time (s) to where it ends."""
 
     now: Instruction
@@ -66,7 +65,7 @@ class Showing:
         """Nothing is shown any more."""
         self._schedule, self._shown = None, Instruction()
 
-    def show(self, kept: Kept, state: TrainState, place: Place) -> Shown:
+    def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
         """What is shown of the reference to a train in a state."""
         schedule = kept.reference.schedule
         if schedule is not self._schedule:
@@ -83,19 +82,19 @@ class Showing:
         due_m = schedule.begin_m(number) - state.s_m if number else 0.0
         if due_m > 0 and state.v_mps <= place.allowed_mps:
             now = replace(now, way_m=due_m, in_s=float(np.interp(schedule.begin_m(number), at_m, times_s)))
-        return Shown(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
+        return ShownNow(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
 
     def _number_for(self, schedule: Schedule, state: TrainState) -> int:
         """The instruction that holds, or the next one where it is due within the lead; none is taken up again."""
         here = max(schedule.number_at(state.s_m), self._number)
         soon = schedule.number_at(state.s_m + state.v_mps * self._settings.lead_s)
-        if soon > here and schedule.instructions[here + 1].kind in (NotchKind.COAST, NotchKind.BRAKE):
+        if soon > here and schedule.phases[here + 1].kind in (NotchKind.COAST, NotchKind.BRAKE):
             return here + 1
         return here
 
-    def _wanted(self, schedule: Schedule, number: int, state: TrainState, place: Place) -> Instruction:
+    def _wanted(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction for the train as it is."""
-        one, v_mps = schedule.instructions[number], state.v_mps
+        one, v_mps = schedule.phases[number], state.v_mps
         target = min(one.target_mps, place.limit_mps)
         excess = v_mps - place.allowed_mps
         if one.kind is NotchKind.BRAKE:
@@ -158,7 +157,7 @@ class Showing:
         self._brakes[number] = _Brake(needed_mps2, ratio)
         return ratio
 
-    def _held(self, wanted: Instruction, state: TrainState, place: Place) -> Instruction:
+    def _held(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction to show: one that asks for more effort or less brake waits until the last stood a while."""
         shown = self._shown
         same = wanted.mode is shown.mode and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS
@@ -178,7 +177,7 @@ class Showing:
     ) -> tuple[Instruction, ...]:
         """The next changes; to hold the speed that the train accelerates to is none."""
         found: list[Instruction] = []
-        instructions = schedule.instructions
+        instructions = schedule.phases
         for k, in_s in zip(range(number + 1, len(instructions)), begins_s, strict=False):
             one, before = instructions[k], instructions[k - 1]
             same = abs(one.target_mps - before.target_mps) < SAME_MPS
@@ -190,7 +189,7 @@ class Showing:
 
     def _announced(self, schedule: Schedule, number: int) -> Instruction:
         """An instruction as it is shown before it is due."""
-        one = schedule.instructions[number]
+        one = schedule.phases[number]
         if one.kind is NotchKind.TRACTION:
             return _traction(one.share, one.target_mps)
         if one.kind is NotchKind.BRAKE:
@@ -230,7 +229,7 @@ def largest_brake_n(section: Section) -> float:
 
 def _announced_brake(schedule: Schedule, number: int) -> Instruction:
     """A brake as it is shown before it is due: with the effort with which the schedule begins it."""
-    section, one = schedule.section, schedule.instructions[number]
+    section, one = schedule.section, schedule.phases[number]
     v_mps = max(float(schedule.known.speed_mps[one.begin]), 1.0)
     force = braking_force_n(section, schedule.braking_mps2(number), float(section.node_m[one.begin]), v_mps)
     return _brake(section, max(force, 0.0) / largest_brake_n(section), v_mps, one.target_mps)

@@ -10,7 +10,7 @@ from das.advice.wording import deviation
 from das.domain.units import KM, KMH, NS
 
 
-class Ahead(NamedTuple):
+class Aim(NamedTuple):
     """What an instruction leads to: a speed (m/s; 0: a stop), where (m), and the name of the stop."""
 
     speed_mps: float
@@ -18,7 +18,7 @@ class Ahead(NamedTuple):
     stop: str = ""
 
 
-def reason(mode: Mode, speed_mps: float, ahead: Ahead | None, late_s: float) -> str:
+def reason(mode: Mode, speed_mps: float, ahead: Aim | None, late_s: float) -> str:
     """Why a driver is told to do something; `ahead` is the limit or stop that comes next, if one is near."""
     place = "" if ahead is None else f" for {_named(ahead)}"
     if mode is Mode.COAST:
@@ -42,7 +42,7 @@ def too_fast(excess_mps: float) -> str:
     return f"{excess_mps / KMH:.0f} km/h too fast"
 
 
-def _named(ahead: Ahead) -> str:
+def _named(ahead: Aim) -> str:
     if ahead.speed_mps < 0.5 and ahead.stop:
         return ahead.stop
     return f"the {ahead.speed_mps / KMH:.0f} at km {ahead.at_m / KM:.1f}"

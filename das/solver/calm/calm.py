@@ -9,14 +9,14 @@ which notches are kept there.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.errors import InfeasibleError
 from das.solver.calm.notches import Notches, make_notches
+from das.solver.calm.settings import CalmSettings
 from das.solver.kernels.calm_moves import calm_moves
 from das.solver.kernels.calm_roll_out import calm_roll_out, run_energy
 from das.solver.kernels.calm_sweep import NO_NOTCH, calm_sweep
@@ -26,25 +26,6 @@ from das.solver.solve import DecisionGrid, in_parts
 from das.solver.state import State
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class CalmSettings:
-    """What calm runs are made of, and what a change costs them."""
-
-    traction_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
-    """The steps of traction effort, as shares of the largest."""
-    brake_shares: tuple[float, ...] = (1.0, 0.7, 0.4)
-    """The steps of the electric brake, as shares of the largest."""
-    change_s: float = 0.03
-    """A change of the notch must save as much energy as the train's full power needs in this time: 0.05 kWh of a
-    locomotive of 6 MW. Half of it makes half as many changes more for 0.1 % of the energy."""
-    ladder_size: int = 32
-    """The number of multipliers λ."""
-    low_ratio: float = 0.004
-    """The lowest multiplier, as a share of the traction power that can be used on the section."""
-    high_ratio: float = 3.0
-    """The highest multiplier, as a multiple of that power; its run is almost the fastest."""
 
 
 DEFAULT = CalmSettings()

@@ -1,4 +1,4 @@
-"""A schedule: a calm run as instructions by place, each of which says what to do and up to which speed.
+"""A schedule: a calm run as phases by place, each of which says what to do and up to which speed.
 
 A driver, and the forecast of what he will do, needs no more: accelerate with this effort to that speed, hold it up to
 this place, coast, brake to that speed.
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
+from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.calm_follow import follow
+from das.solver.kernels.calm_polish import cost_of_time
 from das.solver.kernels.calm_roll_out import run_energy
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
@@ -27,19 +29,14 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
-LATE_RATIO = 3.0
-"""A second of being late costs so many times the price of time,"""
-UNSAID_RATIO = 10.0
-"""A second of braking without an instruction costs so many times the price of time,"""
-EARLY_RATIO = 0.7
-"""and one of being early is worth this share of it."""
+
 BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
 
 
-class Forecast(NamedTuple):
+class Prospect(NamedTuple):
     """What following a schedule comes to: speeds at the nodes of the section (behind the state: NaN), time, energy.
 
-    In `unsaid_s` of the time, limits ahead ask for brakes though no instruction does.
+    In `unsaid_s` of the time, limits ahead ask for brakes though no phase does.
     """
 
     speeds_mps: Floats
@@ -48,7 +45,7 @@ class Forecast(NamedTuple):
     unsaid_s: float
 
 
-class Instruction(NamedTuple):
+class Phase(NamedTuple):
     """One thing to do: its kind and share of effort, the first interval of the section, and the speed it leads to."""
 
     kind: NotchKind
@@ -57,69 +54,43 @@ class Instruction(NamedTuple):
     target_mps: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScheduleSettings:
-    """How a calm run becomes a schedule."""
-
-    least_s: float = 10.0
-    """An instruction that is no brake lasts at least this long, or it becomes part of the one before it."""
-    back_share: float = 0.7
-    """A train slower than the speed to hold gets back to it with this share of its traction."""
-    ripple_mps: float = 1.5
-    """A short acceleration by less than this, from one speed to hold to the next, is left out."""
-    reach_m: float = 2000.0
-    """Coasting begins at most this much earlier than in the calm run, so that the train is not early."""
-    tries: int = 8
-    """The place where coasting begins is narrowed down so many times."""
-    near_s: float = 0.3
-    """A schedule that arrives within this time of what was asked is near enough."""
-    early_s: float = 1.0
-    """A schedule that arrives earlier than asked by more than this gets a lower highest speed,"""
-    lowest_top_ratio: float = 0.8
-    """but not lower than this share of the highest speed before."""
-    late_s: float = 1.0
-    """A schedule that arrives later than asked by more than this is made from a quicker run."""
-    rounds: int = 4
-    """So many runs are tried, each quicker than the one before."""
-
-
 DEFAULT = ScheduleSettings()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Schedule:
-    """Instructions in the order of the line from interval `first` of the section on, and the run that keeps to them.
+    """Phases in the order of the line from interval `first` of the section on, and the run that keeps to them.
 
     `known` is that run, at all nodes of the section.
     """
 
     section: Section
-    instructions: tuple[Instruction, ...]
+    phases: tuple[Phase, ...]
     known: KnownRun
     back_share: float
 
     @cached_property
     def at(self) -> NDArray[np.int64]:
-        """The number of the instruction of every interval of the section (before the start: the first)."""
-        begins = np.array([one.begin for one in self.instructions])
+        """The number of the phase of every interval of the section (before the start: the first)."""
+        begins = np.array([one.begin for one in self.phases])
         intervals = np.arange(len(self.section.step_m))
         return np.maximum(np.searchsorted(begins, intervals, side="right") - 1, 0)
 
     @cached_property
     def ends_m(self) -> Floats:
-        """How far behind each interval of the section its instruction ends (m)."""
+        """How far behind each interval of the section its phase ends (m)."""
         node_m = self.section.node_m
-        ends = np.array([self.begin_m(k + 1) for k in range(len(self.instructions))])
+        ends = np.array([self.begin_m(k + 1) for k in range(len(self.phases))])
         return np.asarray(ends[self.at] - node_m[1:])
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Kind, share and target speed of every instruction."""
-        kinds = np.array([int(one.kind) for one in self.instructions])
+        """Kind, share and target speed of every phase."""
+        kinds = np.array([int(one.kind) for one in self.phases])
         return (
             kinds,
-            np.array([one.share for one in self.instructions]),
-            np.array([one.target_mps for one in self.instructions]),
+            np.array([one.share for one in self.phases]),
+            np.array([one.target_mps for one in self.phases]),
         )
 
     def speed_at(self, s_m: float) -> float:
@@ -127,45 +98,53 @@ class Schedule:
         return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
 
     def number_at(self, s_m: float) -> int:
-        """The number of the instruction that holds at a position."""
+        """The number of the phase that holds at a position."""
         interval = int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1
         return int(self.at[min(max(interval, 0), len(self.at) - 1)])
 
     def braking_mps2(self, number: int) -> float:
-        """The mean deceleration (m/s²) of an instruction to brake."""
-        first = self.instructions[number].begin
-        last = self.instructions[number + 1].begin if number + 1 < len(self.instructions) else len(self.at)
+        """The mean deceleration (m/s²) of an phase to brake."""
+        first = self.phases[number].begin
+        last = self.phases[number + 1].begin if number + 1 < len(self.phases) else len(self.at)
         speeds, node_m = self.known.speed_mps, self.section.node_m
         last = max(last, first + 1)
         return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
 
     def begin_m(self, number: int) -> float:
-        """Where an instruction begins (m); beyond the last one: the end of the section."""
-        if number >= len(self.instructions):
+        """Where an phase begins (m); beyond the last one: the end of the section."""
+        if number >= len(self.phases):
             return self.section.end_m
-        return float(self.section.node_m[self.instructions[number].begin])
+        return float(self.section.node_m[self.phases[number].begin])
 
-    def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Forecast:
+    def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Prospect:
         """What becomes of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls."""
         section = self.section
-        following = min(following_node(section, s_m), len(section.step_m))
-        first = following - 1
-        line, envelope = section.for_kernels, section.envelope_mps
-        step = section.step_m.copy()
-        step[first] = max(float(section.node_m[following]) - s_m, 1e-3)
-        line = line._replace(step_m=step)
+        first, line, envelope = self.ahead(s_m, v_mps)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
         time_s, unsaid_s = follow(
-            first, self.at, self.ends_m, *self.columns, self.back_share, self.known, met_mps, line, envelope, section.train, speeds
+            first, self.at, self.ends_m, *self.columns, self.back_share, self.known, met_mps, line, envelope,
+            section.train, speeds,
         )  # fmt: skip
         time_s = section.finished_s(time_s, s_m, v_mps)
         ahead = LineArrays(*(array[first:] for array in line))
         energy_j = float(run_energy(ahead, section.train, section.loss_params, speeds[first:]))
-        return Forecast(speeds, time_s, energy_j, unsaid_s)
+        return Prospect(speeds, time_s, energy_j, unsaid_s)
 
-    def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Forecast]:
-        """The same instructions with the run that keeps to them from a state, and that run."""
+    def ahead(self, s_m: float, v_mps: float) -> tuple[int, LineArrays, Floats]:
+        """The interval that a position is in, and line and envelope of the section as they are from a state on."""
+        section = self.section
+        following = min(following_node(section, s_m), len(section.step_m))
+        first = following - 1
+        step, envelope = section.step_m.copy(), section.envelope_mps
+        step[first] = max(float(section.node_m[following]) - s_m, 1e-3)
+        if v_mps > envelope[first]:
+            envelope = envelope.copy()
+            envelope[first] = v_mps
+        return first, section.for_kernels._replace(step_m=step), envelope
+
+    def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
+        """The same phases with the run that keeps to them from a state, and that run."""
         forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
         speeds = forecast.speeds_mps
         known = np.isfinite(speeds)
@@ -179,14 +158,12 @@ class Scheduled(NamedTuple):
     """A schedule, and what keeping to it comes to."""
 
     schedule: Schedule
-    forecast: Forecast
+    forecast: Prospect
     lambda_w: float
 
     def cost_j(self, time_s: float) -> float:
-        """The energy (J), what arriving at another time than asked costs or is worth, and brakes that nobody says."""
-        late_s = self.forecast.time_s - time_s
-        seconds = (LATE_RATIO if late_s > 0 else EARLY_RATIO) * late_s + UNSAID_RATIO * self.forecast.unsaid_s
-        return self.forecast.energy_j + self.lambda_w * seconds
+        """The energy (J), and what arriving at another time than asked costs or is worth."""
+        return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, self.lambda_w))
 
 
 def scheduled(
@@ -194,7 +171,7 @@ def scheduled(
 ) -> Scheduled:
     """The schedule from a state that takes `time_s`, or as little as a calm run can.
 
-    Short instructions that are left out make a run later: then one that takes less time is made into the schedule.
+    Short phases that are left out make a run later: then one that takes less time is made into the schedule.
     Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
     """
     asked_s, best = time_s, None
@@ -218,7 +195,7 @@ def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) ->
     speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
     raw = Schedule(
         section=section,
-        instructions=_instructions(run, first, settings),
+        phases=_phases(run, first, settings),
         known=KnownRun(speeds, np.zeros_like(speeds)),
         back_share=settings.back_share,
     )
@@ -244,11 +221,11 @@ def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) ->
 
 
 def _slower(
-    found: tuple[Schedule, Forecast], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
-) -> tuple[Schedule, Forecast]:
+    found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
+) -> tuple[Schedule, Prospect]:
     """The schedule with a highest speed that is low enough for the time."""
     schedule = found[0]
-    highest = max(one.target_mps for one in schedule.instructions)
+    highest = max(one.target_mps for one in schedule.phases)
     low, high, best = settings.lowest_top_ratio * highest, highest, found
     for _ in range(settings.tries):
         middle = 0.5 * (low + high)
@@ -267,26 +244,26 @@ def _slower(
 def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Schedule:
     """The schedule with no higher speed than this, up to an interval of the section (by default everywhere)."""
     last = len(schedule.at) if before is None else before
-    found: list[Instruction] = []
-    for one in schedule.instructions:
+    found: list[Phase] = []
+    for one in schedule.phases:
         if one.begin >= last or one.target_mps <= top_mps:
             found.append(one)
         elif one.kind in (NotchKind.TRACTION, NotchKind.HOLD):
             found.append(one._replace(target_mps=top_mps))
         else:
             found.append(one)
-    return replace(schedule, instructions=tuple(found))
+    return replace(schedule, phases=tuple(found))
 
 
 def _coasting_earlier(schedule: Schedule, by_m: float) -> Schedule:
-    """The schedule with every stretch of coasting that follows another instruction begun earlier by a distance (m)."""
-    node_m, moved = schedule.section.node_m, list(schedule.instructions)
+    """The schedule with every stretch of coasting that follows another phase begun earlier by a distance (m)."""
+    node_m, moved = schedule.section.node_m, list(schedule.phases)
     for i in range(1, len(moved)):
         if moved[i].kind is NotchKind.COAST:
             least = moved[i - 1].begin + 1
             begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
             moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
-    return replace(schedule, instructions=tuple(moved))
+    return replace(schedule, phases=tuple(moved))
 
 
 @dataclass(kw_only=True)
@@ -299,12 +276,12 @@ class _Part:
     last: int
 
 
-def _instructions(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Instruction, ...]:
+def _phases(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
     """The stretches of a run in one notch, without the short ones; `first` is the run's interval on the section."""
     speeds = run.speeds_mps
     elapsed_s = run.state.elapsed_s(speeds)
     parts = _without_short(_parts(run), elapsed_s, speeds, settings)
-    found: list[Instruction] = []
+    found: list[Phase] = []
     for part, after in zip(reversed(parts), [None, *reversed(parts[1:])], strict=True):
         target = float(speeds[part.last + 1])
         if part.kind is NotchKind.HOLD:
@@ -314,7 +291,7 @@ def _instructions(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple
             if after is not None and after.kind in (NotchKind.HOLD, NotchKind.TRACTION):
                 target = found[-1].target_mps  # Traction with another effort goes on to the same speed.
         kind = NotchKind.BRAKE if part.kind in BRAKES else part.kind
-        found.append(Instruction(kind, part.share, first + part.first, target))
+        found.append(Phase(kind, part.share, first + part.first, target))
     return tuple(reversed(found))
 
 
@@ -388,15 +365,15 @@ def _joined(parts: list[_Part]) -> list[_Part]:
 def on_section(schedule: Schedule, section: Section) -> Schedule:
     """The schedule on another section of the same line, by place."""
     node_m, before = section.node_m, schedule.section.node_m
-    found: list[Instruction] = []
-    for one in schedule.instructions:
+    found: list[Phase] = []
+    for one in schedule.phases:
         begin = min(int(np.searchsorted(node_m, before[one.begin])), len(section.step_m) - 1)
         if found and begin <= found[-1].begin:
             found.pop()
         found.append(one._replace(begin=begin))
     squares = np.interp(node_m, before, schedule.known.speed_mps**2)
     speeds = np.minimum(np.sqrt(squares), section.envelope_mps)
-    return replace(schedule, section=section, instructions=tuple(found), known=known_run(section, speeds))
+    return replace(schedule, section=section, phases=tuple(found), known=known_run(section, speeds))
 
 
 def known_run(section: Section, speeds_mps: Floats) -> KnownRun:

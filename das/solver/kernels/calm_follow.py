@@ -25,7 +25,7 @@ def followed_speed(i, kind, share, target, back_share, way, line, v):
     coasting = speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
     if kind == COAST:
         return coasting
-    if kind == TRACTION or kind == HOLD:
+    if kind in (TRACTION, HOLD):
         if v > target:
             return min(max(coasting, target), v)
         if kind == HOLD and v >= target - BELOW_MPS:
@@ -45,9 +45,9 @@ def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, 
     """Follow a schedule from v[first] to the end; fills v, returns the trip time (s) and the time of it in which
     limits ahead ask for brakes though no instruction does; (-1, 0) after a stall.
 
-    `at[i]` is the instruction that holds in interval i, `ends[i]` how far behind the interval it ends (m); each has a kind,
-    share and target speed. `known` is a run that keeps to the schedule (speeds and time to go at every node): from
-    where the speeds of the two are within `met_mps` of each other they are one (negative: nowhere).
+    `at[i]` is the phase that holds in interval i, `ends[i]` how far behind the interval it ends (m); each has a
+    kind, share and target speed. `known` is a run that keeps to the schedule (speeds and time to go at every node):
+    from where the speeds of the two are within `met_mps` of each other they are one (negative: nowhere).
     """
     step, g, q, u = line
     total = 0.0
@@ -56,10 +56,10 @@ def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, 
         c = at[i]
         here = (step, g, q, on_supply(p, u[i]))
         landing = followed_speed(i, kinds[c], shares[c], targets[c], back_share, ends[i] + step[i], here, v[i])
-        if not drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v):
-            # On a hill that the schedule cannot climb the train takes all its traction.
-            if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
-                return -1.0, 0.0
+        moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
+        # On a hill that the schedule cannot climb the train takes all its traction.
+        if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
+            return -1.0, 0.0
         took = 2.0 * step[i] / (v[i] + v[i + 1])
         total += took
         if kinds[c] != BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]:

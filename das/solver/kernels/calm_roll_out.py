@@ -8,7 +8,14 @@ from das.compiling.kernels import kernel
 from das.solver.kernels.calm_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
 from das.solver.kernels.calm_sweep import NO_NOTCH
 from das.solver.kernels.driving import drive, full_traction_speed, hurry, trip_time
-from das.solver.kernels.forces import electric_limit, electric_share, loss_power, mean_resistance, on_supply, traction_limit
+from das.solver.kernels.forces import (
+    electric_limit,
+    electric_share,
+    loss_power,
+    mean_resistance,
+    on_supply,
+    traction_limit,
+)
 
 _STEPS = 6
 
