@@ -27,6 +27,7 @@ from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.calm.calm import CalmFront
 from das.solver.section import Section
 
+NO_COACH = CoachSettings(enabled=False)
 TRY_AGAIN_S = 10.0
 """A search that failed for a reason nobody foresaw is made again after so long, and whenever something is told."""
 
@@ -79,7 +80,7 @@ class Preparation:
     """
 
     def __init__(
-        self, fronts: Fronts, stopwatch: Callable[[], float], coach: CoachSettings, *, background: bool
+        self, fronts: Fronts, stopwatch: Callable[[], float], coach: CoachSettings = NO_COACH, *, background: bool
     ) -> None:
         self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
         self._pool = ThreadPoolExecutor(1, "solve") if background else None

@@ -42,6 +42,20 @@ class KeepingSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BrakeShowingSettings:
+    """How the effort of a brake is shown."""
+
+    early_ratio: float = 0.5
+    """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
+    again_ratio: float = 0.95
+    """and to brake again when this share of it is needed."""
+    step_ratio: float = 0.05
+    """The effort of the brake is shown in steps of this size."""
+    band_ratio: float = 0.25
+    """The effort of the brake stands while the deceleration that is needed stays this near to the one it gives."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ShowingSettings:
     """How instructions are shown, and when the train counts as being at a speed."""
 
@@ -59,14 +73,7 @@ class ShowingSettings:
     """A train above what is allowed by more than this is told to coast,"""
     braked_mps: float = 1.5
     """and by more than this to brake."""
-    braked_early_ratio: float = 0.5
-    """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
-    braked_again_ratio: float = 0.95
-    """and to brake again when this share of it is needed."""
-    brake_step_ratio: float = 0.05
-    """The effort of the brake is shown in steps of this size."""
-    brake_band_ratio: float = 0.25
-    """The effort of the brake stands while the deceleration that is needed stays this near to the one it gives."""
+    brake: BrakeShowingSettings = field(default_factory=BrakeShowingSettings)
     ahead: int = 2
     """So many changes ahead are shown."""
     worth_over_s: float = 60.0

@@ -137,9 +137,9 @@ class Showing:
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         eased = needed / schedule.braking_mps2(number)
-        if self._back == 0 and eased < settings.braked_early_ratio:
+        if self._back == 0 and eased < settings.brake.early_ratio:
             self._back = -1
-        elif self._back < 0 and eased > settings.braked_again_ratio:
+        elif self._back < 0 and eased > settings.brake.again_ratio:
             self._back = 0
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
@@ -149,8 +149,8 @@ class Showing:
     def _brake_ratio(self, schedule: Schedule, number: int, state: TrainState, needed_mps2: float) -> float:
         """The effort of a brake: that of one deceleration, which stands until clearly more or less is needed."""
         kept = self._brakes.get(number)
-        section, step = schedule.section, self._settings.brake_step_ratio
-        if kept is not None and abs(needed_mps2 / kept.rate_mps2 - 1.0) < self._settings.brake_band_ratio:
+        section, step = schedule.section, self._settings.brake.step_ratio
+        if kept is not None and abs(needed_mps2 / kept.rate_mps2 - 1.0) < self._settings.brake.band_ratio:
             return kept.ratio
         force = braking_force_n(section, needed_mps2, state.s_m, state.v_mps)
         ratio = max(round(force / largest_brake_n(section) / step), 1) * step

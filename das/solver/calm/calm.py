@@ -152,7 +152,7 @@ def solve_calm(section: Section, settings: CalmSettings = DEFAULT, *, threads: i
         )  # fmt: skip
 
     def sweep(first: int, last: int) -> None:
-        calm_sweep(first, last, ladder, change_j, moves, *policy, value)
+        calm_sweep(first, last, (ladder, change_j), moves, policy, value)
 
     with ThreadPoolExecutor(threads) as pool:
         in_parts(pool, threads, n, fill)

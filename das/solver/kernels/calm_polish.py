@@ -28,7 +28,7 @@ def cost_of_time(late, price):
 
 @kernel
 def schedule_cost(first, begin, kind, share, target, back_share, node, known, line, envelope, p, c, price, asked, v):
-    """What a schedule costs (J) that is to take a time, from v[first] on, and for how long no phase says its brakes (s).
+    """What a schedule costs (J) that is to take a time, and for how long no phase says its brakes (s), from v[first] on.
 
     Fills v.
     """
