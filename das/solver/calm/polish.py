@@ -23,12 +23,10 @@ def polished(
     kind, share, target = schedule.columns
     target = target.copy()
     first, line, envelope = schedule.ahead(s_m, v_mps)
-    speeds = np.full(len(section.node_m), np.nan)
-    speeds[first] = v_mps
     polish(
-        first, begin, kind, share, target, schedule.back_share, section.node_m, schedule.known, line, envelope,
-        section.train, section.loss_params, found.lambda_w, time_s, np.array(settings.steps_m),
-        np.array(settings.steps_mps), speeds,
+        first, begin, (kind, share, target), schedule.back_share, section.node_m, line, envelope, section.train,
+        section.loss_params, (time_s, found.lambda_w), (np.array(settings.steps_m), np.array(settings.steps_mps)),
+        v_mps,
     )  # fmt: skip
     phases = tuple(
         one._replace(begin=int(place), target_mps=float(speed))

@@ -41,31 +41,45 @@ def followed_speed(i, kind, share, target, back_share, way, line, v):
 
 
 @kernel
+def followed_step(i, phase, back_share, way, line, envelope, p, v):
+    """Drive interval i in a `phase` (kind, share, target); fills v[i + 1].
+
+    Returns the time (s), or -1 after a stall, and whether limits ahead ask for brakes though the phase does not.
+    """
+    step, g, q, u = line
+    kind, share, target = phase
+    here = (step, g, q, on_supply(p, u[i]))
+    landing = followed_speed(i, kind, share, target, back_share, way, here, v[i])
+    moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
+    # On a hill that the schedule cannot climb the train takes all its traction.
+    if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
+        return -1.0, False
+    unsaid = kind != BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]
+    return 2.0 * step[i] / (v[i] + v[i + 1]), unsaid
+
+
+@kernel
 def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, line, envelope, p, v):
     """Follow a schedule from v[first] to the end; fills v, returns the trip time (s) and the time of it in which
-    limits ahead ask for brakes though no instruction does; (-1, 0) after a stall.
+    limits ahead ask for brakes though no phase does; (-1, 0) after a stall.
 
     `at[i]` is the phase that holds in interval i, `ends[i]` how far behind the interval it ends (m); each has a
     kind, share and target speed. `known` is a run that keeps to the schedule (speeds and time to go at every node):
     from where the speeds of the two are within `met_mps` of each other they are one (negative: nowhere).
     """
-    step, g, q, u = line
     total = 0.0
     unsaid = 0.0
-    for i in range(first, step.size):
+    n = line.step_m.size
+    for i in range(first, n):
         c = at[i]
-        here = (step, g, q, on_supply(p, u[i]))
-        landing = followed_speed(i, kinds[c], shares[c], targets[c], back_share, ends[i] + step[i], here, v[i])
-        moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
-        # On a hill that the schedule cannot climb the train takes all its traction.
-        if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
+        way = ends[i] + line.step_m[i]
+        took, is_unsaid = followed_step(i, (kinds[c], shares[c], targets[c]), back_share, way, line, envelope, p, v)
+        if took < 0.0:
             return -1.0, 0.0
-        took = 2.0 * step[i] / (v[i] + v[i + 1])
         total += took
-        if kinds[c] != BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]:
-            unsaid += took
-        if abs(v[i + 1] - known.speed_mps[i + 1]) < met_mps and i + 1 < step.size:
-            for k in range(i + 1, step.size):
+        unsaid += took if is_unsaid else 0.0
+        if abs(v[i + 1] - known.speed_mps[i + 1]) < met_mps and i + 1 < n:
+            for k in range(i + 1, n):
                 v[k + 1] = known.speed_mps[k + 1]
             return total + known.time_to_go_s[i + 1], unsaid
     return total, unsaid

@@ -122,16 +122,21 @@ def np_int(x):
 
 
 @kernel
+def step_energy(i, v0, v1, line, p, c):
+    """Energy at the current collector (J) of interval i, at constant acceleration."""
+    step, g, q, u = line
+    here = on_supply(p, u[i])
+    mid = 0.5 * (v0 + v1)
+    force = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * step[i]) + mean_resistance(v0, v1, q[i], p) + g[i]
+    el = electric_share(force, max(v0, v1), here)
+    energy = el * step[i] + loss_power(el, mid, c) * step[i] / mid
+    return energy if energy > 0.0 else here.receptivity_ratio * energy
+
+
+@kernel
 def run_energy(line, p, c, v):
     """Energy at the current collector (J) of a run, at constant acceleration between its nodes."""
-    step, g, q, u = line
     total = 0.0
-    for i in range(step.size):
-        here = on_supply(p, u[i])
-        mid = 0.5 * (v[i] + v[i + 1])
-        force = p.inertial_mass_kg * (v[i + 1] ** 2 - v[i] ** 2) / (2.0 * step[i])
-        force += mean_resistance(v[i], v[i + 1], q[i], p) + g[i]
-        el = electric_share(force, max(v[i], v[i + 1]), here)
-        energy = el * step[i] + loss_power(el, mid, c) * step[i] / mid
-        total += energy if energy > 0.0 else here.receptivity_ratio * energy
+    for i in range(line.step_m.size):
+        total += step_energy(i, v[i], v[i + 1], line, p, c)
     return total
