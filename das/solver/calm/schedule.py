@@ -335,11 +335,15 @@ def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settin
 
 
 def _may_go(parts: list[_Part], k: int) -> bool:
-    """Whether a part may become part of a neighbour: a brake only of another brake."""
-    if parts[k].kind not in BRAKES:
-        return len(parts) > 1
-    neighbours = [parts[i] for i in (k - 1, k + 1) if 0 <= i < len(parts)]
-    return any(one.kind in BRAKES for one in neighbours)
+    """Whether a part may become part of a neighbour: a brake only of another brake.
+
+    Between two brakes for lower and lower limits even a short part stays: one deceleration over all of them would be
+    much slower.
+    """
+    braked = [parts[i].kind in BRAKES for i in (k - 1, k + 1) if 0 <= i < len(parts)]
+    if parts[k].kind in BRAKES:
+        return any(braked)
+    return len(parts) > 1 and not (len(braked) == 2 and all(braked))
 
 
 def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
