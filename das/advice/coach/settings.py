@@ -47,6 +47,8 @@ class BrakeShowingSettings:
 
     early_ratio: float = 0.5
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
+    last_mps: float = 3.0
+    """A train that is slower than this before its stop is not told to roll any more."""
     again_ratio: float = 0.95
     """and to brake again when this share of it is needed."""
     step_ratio: float = 0.05

@@ -74,9 +74,12 @@ class Showing:
         if number != self._number:
             self._back = 0
         self._number = number
-        now = self._held(self._wanted(schedule, number, state, place), state, place)
         times_s, at_m = elapsed_s(schedule, kept.forecast, state.s_m)
         begins_s = [float(np.interp(schedule.begin_m(k), at_m, times_s)) for k in range(number + 1, number + 5)]
+        wanted = self._wanted(schedule, number, state, place)
+        brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
+        between = brakes_again and begins_s[0] < self._settings.least_shown_s
+        now = self._held(wanted, state, place, between_brakes=between)
         following = self._following(schedule, number, state, begins_s)
         end_m = schedule.begin_m(number + 1)
         due_m = schedule.begin_m(number) - state.s_m if number else 0.0
@@ -107,7 +110,8 @@ class Showing:
         else:
             wanted = self._holding(schedule, state, target)
         if excess > self._settings.overspeed_mps and wanted.mode not in BRAKES:
-            goal = min(target, place.allowed_mps)
+            after = schedule.phases[number + 1] if number + 1 < len(schedule.phases) else one
+            goal = min(target, after.target_mps) if after.kind is NotchKind.BRAKE else target
             if excess > self._settings.braked_mps:
                 return Instruction(mode=Mode.FULL_BRAKE, speed_mps=goal, effort_ratio=-1.0)
             return Instruction(mode=Mode.COAST, speed_mps=goal, effort_ratio=0.0)
@@ -137,7 +141,9 @@ class Showing:
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         eased = needed / schedule.braking_mps2(number)
-        if self._back == 0 and eased < settings.brake.early_ratio:
+        if target < SAME_MPS and v_mps < settings.brake.last_mps:
+            self._back = 0
+        elif self._back == 0 and eased < settings.brake.early_ratio:
             self._back = -1
         elif self._back < 0 and eased > settings.brake.again_ratio:
             self._back = 0
@@ -157,18 +163,27 @@ class Showing:
         self._brakes[number] = _Brake(needed_mps2, ratio)
         return ratio
 
-    def _held(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
-        """The instruction to show: one that asks for more effort or less brake waits until the last stood a while."""
+    def _held(
+        self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, *, between_brakes: bool
+    ) -> Instruction:
+        """The instruction to show: it stands for a while, unless limits ahead ask for another one.
+
+        Between two brakes that follow each other at once the first one stands: at its speed the driver releases it.
+        """
         shown = self._shown
         same = wanted.mode is shown.mode and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Mode.CRUISE):
             return shown
         held_s = (state.now_ns - self._since_ns) * NS
         settled = shown.mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.least_shown_s
-        urgent = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
-        released = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
-        lower = wanted.speed_mps < shown.speed_mps - SAME_MPS
-        if settled or urgent or released or lower or shown.speed_mps > place.limit_mps + SAME_MPS:
+        too_fast = state.v_mps > place.allowed_mps + self._settings.overspeed_mps
+        less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
+        braked = less and (wanted.mode in BRAKES or too_fast)
+        reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
+        if reached and between_brakes and wanted.mode not in BRAKES and not too_fast:
+            return shown
+        released = reached and shown.speed_mps > SAME_MPS
+        if settled or braked or released or shown.speed_mps > place.limit_mps + SAME_MPS:
             self._shown, self._since_ns = wanted, state.now_ns
         return self._shown
 
