@@ -19,7 +19,6 @@ from das.advice.reduced import ReducedSpeed
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.calm.calm import CalmFront
 from das.solver.fastest import capped, fastest, least_time_s
 from das.solver.front import Front
 from das.solver.section import Section
@@ -64,15 +63,14 @@ class PlanBasis:
     """What a section is planned with.
 
     `front` is None while none is known; then the plan is the fastest safe run, nowhere faster than `before`, the plan
-    under which the train came so far. `passing` serves a point that is to be passed in a window of time, `calm` serves
-    the coach, and `meanwhile` says why no front is known yet.
+    under which the train came so far. `passing` serves a point that is to be passed in a window of time, and
+    `meanwhile` says why no front is known yet.
     """
 
     section: Section
     front: Front | None = None
     source: Source = Source.FALLBACK
     passing: PassingFronts | None = None
-    calm: CalmFront | None = None
     before: Plan | None = None
     meanwhile: str = "solving"
 

@@ -21,6 +21,7 @@ from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.estimate.standstill import STANDSTILL_MPS
+from das.solver.calm.calm import CalmFront
 from das.solver.section import Section
 
 
@@ -66,8 +67,16 @@ class Leg:
     def use(self, basis: PlanBasis) -> None:
         """Plan with another basis from now on."""
         self.planner = Planner(basis, self._settings)
+        self._lead(None)
+
+    def use_calm(self, front: CalmFront) -> None:
+        """Lead the driver by these calm runs from now on."""
+        self._lead(front)
+
+    def _lead(self, front: CalmFront | None) -> None:
+        """Another coach goes on where the one before ended."""
         if self._coach is not None:
-            before, self._coach = self._coach, Coach(basis.section, basis.calm, self._settings.coach)
+            before, self._coach = self._coach, Coach(self.section, front, self._settings.coach)
             self._coach.take_over(before)
 
     def use_meanwhile(self, section: Section, why: str) -> None:

@@ -22,8 +22,8 @@ def warm_up() -> None:
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
     settings = AdviceSettings(coach=CoachSettings(enabled=True))
     leg, localisation = Leg(start, end, section, settings), Localisation(section.vehicle)
-    calm = solve_coach(section, settings.coach)
-    leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED, calm=calm))
+    leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
+    leg.use_calm(solve_coach(section, settings.coach))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     for tick in range(2):
         localisation.take(PositionFix(time_ns=tick, s_m=10.0, speed_mps=1.0))
