@@ -28,7 +28,7 @@ def polished(
     polish(
         first, begin, kind, share, target, schedule.back_share, section.node_m, schedule.known, line, envelope,
         section.train, section.loss_params, found.lambda_w, time_s, np.array(settings.steps_m),
-        np.array(settings.steps_mps), speeds,
+        np.array(settings.steps_mps), settings.least_s, speeds,
     )  # fmt: skip
     phases = tuple(
         one._replace(begin=int(place), target_mps=float(speed))

@@ -27,6 +27,21 @@ def cost_of_time(late, price):
 
 
 @kernel
+def missing_time(first, begin, kind, step, least_s, v):
+    """By how much (s) the phases of a run that are no brakes are shorter than the least, all together."""
+    missing = 0.0
+    for k in range(begin.size):
+        last = begin[k + 1] if k + 1 < begin.size else step.size
+        if kind[k] == BRAKE or last <= first:
+            continue
+        lasts = 0.0
+        for i in range(max(begin[k], first), last):
+            lasts += 2.0 * step[i] / (v[i] + v[i + 1])
+        missing += max(least_s - lasts, 0.0)
+    return missing
+
+
+@kernel
 def schedule_cost(first, begin, kind, share, target, back_share, node, known, line, envelope, p, c, price, asked, v):
     """What a schedule costs (J) that is to take a time, and for how long no phase says its brakes (s), from v[first] on.
 
@@ -52,16 +67,19 @@ def schedule_cost(first, begin, kind, share, target, back_share, node, known, li
 
 @kernel
 def polish(
-    first, begin, kind, share, target, back_share, node, known, line, envelope, p, c, price, asked, by_m, by_speed, v
-):
+    first, begin, kind, share, target, back_share, node, known, line, envelope, p, c, price, asked, by_m, by_speed,
+    least_s, v,
+):  # fmt: skip
     """Move the phases of a schedule, in rounds of smaller and smaller steps, each to where it costs least.
 
-    Changes `begin` and `target`; returns the cost (J). The end of a brake stays: there its speed is needed.
+    Changes `begin` and `target`; returns the cost (J). The end of a brake stays: there its speed is needed. No phase
+    but a brake is made shorter than `least_s`, or shorter yet.
     """
     count = begin.size
     best, said = schedule_cost(
         first, begin, kind, share, target, back_share, node, known, line, envelope, p, c, price, asked, v
     )
+    missing = missing_time(first, begin, kind, line.step_m, least_s, v)
     tried = begin.copy()
     speeds = target.copy()
     for r in range(by_m.size):
@@ -92,8 +110,11 @@ def polish(
                 cost, unsaid = schedule_cost(
                     first, tried, kind, share, speeds, back_share, node, known, line, envelope, p, c, price, asked, v
                 )
-                if cost < best and unsaid <= said + UNSAID_S:
-                    best, said = cost, min(unsaid, said)
+                if cost >= best or unsaid > said + UNSAID_S:
+                    continue
+                lacking = missing_time(first, tried, kind, line.step_m, least_s, v)
+                if lacking <= missing:
+                    best, said, missing = cost, min(unsaid, said), lacking
                     begin[:] = tried
                     target[:] = speeds
     return best
