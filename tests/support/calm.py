@@ -72,4 +72,4 @@ def lasts_s(schedule: Schedule) -> list[float]:
     """How long every phase of a schedule from the start of its section lasts in its run."""
     elapsed = schedule.section.elapsed_s(schedule.known.speed_mps)
     begins = [one.begin for one in schedule.phases] + [len(schedule.section.step_m)]
-    return [float(elapsed[b] - elapsed[a]) for a, b in zip(begins, begins[1:], strict=False)]
+    return [float(elapsed[b] - elapsed[a]) for a, b in pairwise(begins)]

@@ -43,7 +43,7 @@ def missing_time(first, begin, kind, step, least_s, v):
 
 @kernel
 def schedule_cost(first, begin, kind, share, target, back_share, node, known, line, envelope, p, c, price, asked, v):
-    """What a schedule costs (J) that is to take a time, and for how long no phase says its brakes (s), from v[first] on.
+    """What a schedule costs (J) that is to take a time, and for how long (s) no phase says its brakes, from v[first].
 
     Fills v.
     """

@@ -46,8 +46,8 @@ def test_a_calm_run_is_in_time_and_within_a_hundredth_above_the_dual_bound(which
 def test_a_higher_price_of_change_makes_no_more_changes_and_costs_no_less(which: Which) -> None:
     """At one price of time; with the highest price there are fewer changes than with the lowest, somewhere."""
     counts = []
-    for l in range(2, 32, 6):
-        runs = [calm_of(which, price).roll_out(State.at(section_of(which)), l, l, 0) for price in PRICES_S]
+    for step in range(2, 32, 6):
+        runs = [calm_of(which, price).roll_out(State.at(section_of(which)), step, step, 0) for price in PRICES_S]
         costs = [run.energy_j + run.lambda_w * run.time_s for run in runs]
         for (quiet, busy), (more, less) in zip(pairwise(map(changes, runs)), pairwise(costs), strict=True):
             assert busy <= quiet
@@ -107,7 +107,7 @@ def test_a_train_in_a_notch_keeps_it_where_a_change_is_not_worth_its_price() -> 
     kept = [
         notch
         for notch in (coast, hold)
-        if any(front.roll_out(state, l, l, 0, notch).notch[0] == notch for l in range(len(front.lambda_w)))
+        if any(front.roll_out(state, i, i, 0, notch).notch[0] == notch for i in range(len(front.lambda_w)))
     ]
     assert kept == [coast, hold]
 
