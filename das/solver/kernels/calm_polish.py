@@ -13,7 +13,9 @@ from das.solver.tolerances import INFEASIBLE
 LATE_RATIO = 3.0
 """A second of being late costs so many times the price of time,"""
 EARLY_RATIO = 0.7
-"""and one of being early is worth this share of it."""
+"""and one of being early is worth this share of it,"""
+EARLY_S = 2.0
+"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as the right one."""
 UNSAID_S = 0.1
 """A move may let limits ahead ask for brakes, where no phase does, for no longer than this more (s)."""
 SLOWEST_MPS = 2.0
@@ -23,7 +25,7 @@ SLOWEST_MPS = 2.0
 @kernel
 def cost_of_time(late, price):
     """What arriving late (s; early < 0) costs at a price of time (W): in J."""
-    return price * (LATE_RATIO if late > 0.0 else EARLY_RATIO) * late
+    return price * (LATE_RATIO * late if late > 0.0 else EARLY_RATIO * max(late, -EARLY_S))
 
 
 @kernel

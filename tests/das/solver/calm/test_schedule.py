@@ -235,6 +235,7 @@ def test_a_cost_of_time_is_higher_for_being_late_than_what_being_early_is_worth(
     assert early < at_time < late
     assert late - at_time == pytest.approx(3.0 * 2.0 * found.lambda_w)
     assert at_time - early == pytest.approx(0.7 * 2.0 * found.lambda_w)
+    assert replace_time(found, -20.0) == early
 
 
 def replace_time(found: Scheduled, later_s: float) -> float:
