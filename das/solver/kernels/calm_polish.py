@@ -15,7 +15,7 @@ LATE_RATIO = 3.0
 EARLY_RATIO = 0.7
 """and one of being early is worth this share of it,"""
 EARLY_S = 2.0
-"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as the right one."""
+"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as it should."""
 UNSAID_S = 0.1
 """A move may let limits ahead ask for brakes, where no phase does, for no longer than this more (s)."""
 SLOWEST_MPS = 2.0
