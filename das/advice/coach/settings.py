@@ -49,6 +49,8 @@ class BrakeShowingSettings:
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
     again_ratio: float = 0.95
     """and to brake again when this share of it is needed."""
+    creep_mps: float = 3.0
+    """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size."""
     band_ratio: float = 0.25

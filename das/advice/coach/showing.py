@@ -23,6 +23,8 @@ FULL_RATIO = 0.97
 """An effort from this share of the largest on counts as full."""
 SAME_MPS = 0.3
 """Speeds this near to each other are the same on a display."""
+ROLLS, CREEPS = -1, -2
+"""A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
 TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
 BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
 
@@ -140,9 +142,13 @@ class Showing:
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         eased = needed / schedule.braking_mps2(number)
         if self._back == 0 and eased < settings.brake.early_ratio:
-            self._back = -1
+            self._back = ROLLS
         elif self._back < 0 and eased > settings.brake.again_ratio:
             self._back = 0
+        if self._back == ROLLS and target <= SAME_MPS and v_mps < settings.brake.creep_mps:
+            self._back = CREEPS
+        if self._back == CREEPS:
+            return Instruction(mode=Mode.CRUISE, speed_mps=settings.brake.creep_mps)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         ratio = self._brake_ratio(schedule, number, state, needed)

@@ -168,6 +168,20 @@ def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again(display:
     assert {found[0], found[4]} <= set(BRAKES)
 
 
+def test_who_has_braked_so_early_that_he_would_stand_short_of_the_stop_is_told_to_hold_a_low_speed(
+    display: Shown,
+) -> None:
+    """At 2 m/s 60 m before the stop; to brake when that is due. Coasting on, a driver took a minute for 50 m."""
+    end_m = section().end_m
+    display.at(0.0, end_m - 100.0, 10.0)
+    modes = [
+        display.at(10.0 * i, end_m - way_m, v).now for i, (way_m, v) in enumerate([(70, 4.0), (60, 2.0), (40, 3.2)], 1)
+    ]
+    assert [one.mode for one in modes] == [Mode.COAST, Mode.CRUISE, Mode.CRUISE]
+    assert modes[1].speed_mps == SETTINGS.brake.creep_mps
+    assert display.at(60.0, end_m - 4.0, 3.0).now.mode in BRAKES
+
+
 def test_the_next_two_changes_are_named_in_their_order(display: Shown) -> None:
     """On the way to the speed: coasting and the brake (holding the speed reached is no change)."""
     for second, (s_m, v_kmh) in enumerate([(10.0, 10), (500.0, 60), (900.0, 90)]):
