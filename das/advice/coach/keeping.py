@@ -169,8 +169,11 @@ class Keeper:
             found = self._plan(state, goal)
         except DasError:
             return kept
-        new_late_s = found.forecast.time_s - self._left_s(state, goal)
-        gain_s = abs(kept.late_s) - abs(new_late_s)
+        # What the driver is likely to lose is lost with either reference; the new one is made quicker by that.
+        loss_s = self._drift.loss_s(self._left_s(state, goal))
+        late_s = abs(kept.late_s + loss_s)
+        new_late_s = abs(found.forecast.time_s - self._left_s(state, goal) + loss_s)
+        gain_s = late_s - new_late_s
         gain_j = kept.forecast.energy_j - found.forecast.energy_j
         worth_j = gain_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
         least_j = keeping.least_gain_power_s * self._section.train.traction_power_w
@@ -178,7 +181,7 @@ class Keeper:
             ReplanCause.POINT: True,
             ReplanCause.LATE: gain_s > keeping.least_gain_s,
             ReplanCause.EARLY: gain_s > keeping.least_gain_s and gain_j > least_j,
-            ReplanCause.ENERGY: abs(new_late_s) < abs(kept.late_s) + keeping.least_gain_s and worth_j > least_j,
+            ReplanCause.ENERGY: new_late_s < late_s + keeping.least_gain_s and worth_j > least_j,
         }
         if not better[doubt]:
             return kept

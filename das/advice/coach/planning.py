@@ -9,8 +9,10 @@ import numpy as np
 from das.advice.coach.settings import CoachSettings
 from das.domain.errors import DasError
 from das.solver.calm.calm import CalmFront, solve_calm
+from das.solver.calm.notches import NotchKind
 from das.solver.calm.polish import polished
 from das.solver.calm.schedule import (
+    Phase,
     Prospect,
     Schedule,
     Scheduled,
@@ -25,6 +27,8 @@ from das.solver.state import State
 
 HALVINGS = 12
 """The speed with which a point is passed in time is found by halving an interval so many times."""
+NEAR_S, LATER_TRIES = 0.1, 3
+"""A point passed too early by more than this (s) is aimed at so much later, so many times."""
 RUN_UPS_M = (0.0, 800.0, 2000.0)
 """A train that was slow for a point may accelerate from this far before it on."""
 SLOWEST_MPS = 2.0
@@ -108,13 +112,32 @@ def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSe
         until_m = wanted.point_m - run_up_m
         if until_m <= wanted.s_m:
             break
-        way = _slow_until(front, free.schedule, wanted, until_m, price_w)
-        if way is None:
-            continue
-        found = _with_rest(front, way, replace(wanted, point_m=until_m), settings, price_w)
-        if best is free or found.cost_j(wanted.left_s) < best.cost_j(wanted.left_s):
+        found = _passing_late_enough(front, free.schedule, wanted, until_m, settings, price_w)
+        if found is not None and (best is free or found.cost_j(wanted.left_s) < best.cost_j(wanted.left_s)):
             best, price_w = found, found.lambda_w
     return best
+
+
+def _passing_late_enough(
+    front: CalmFront, free: Schedule, wanted: Wanted, until_m: float, settings: CoachSettings, price_w: float
+) -> Scheduled | None:
+    """A reference with one lower speed up to a place; None where the point is passed too early all the same.
+
+    How fast the train runs from that place to the point is known only when the rest is planned.
+    """
+    assert wanted.point_m is not None
+    assert wanted.earliest_s is not None
+    later_s = 0.0
+    for _ in range(LATER_TRIES):
+        way = _slow_until(front, free, replace(wanted, earliest_s=wanted.earliest_s + later_s), until_m, price_w)
+        if way is None:
+            return None
+        found = _with_rest(front, way, replace(wanted, point_m=until_m), settings, price_w)
+        early_s = wanted.earliest_s - passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m)
+        if early_s <= NEAR_S:
+            return found
+        later_s += early_s
+    return None
 
 
 def _slow_until(
@@ -132,7 +155,7 @@ def _slow_until(
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         try:
-            tried = topped(free, middle, until).settled(wanted.s_m, wanted.v_mps)
+            tried = _slowed_down(free, middle, until).settled(wanted.s_m, wanted.v_mps)
             passes = passes_s(*tried, wanted.s_m, until_m)
             if until_m < wanted.point_m:
                 state = State.at(front.section, until_m, float(tried[1].speeds_mps[until]))
@@ -146,6 +169,21 @@ def _slow_until(
         else:
             low, best = middle, tried
     return best
+
+
+def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
+    """The schedule with no higher speed than this up to an interval; coasting goes down to its last speed, no lower.
+
+    A train that coasts from a lower speed for as long as planned would stand.
+    """
+    phases: list[Phase] = []
+    for one in topped(schedule, top_mps, before).phases:
+        coasts = one.kind is NotchKind.COAST and schedule.known.speed_mps[one.begin] > top_mps
+        slow = Phase(NotchKind.HOLD, 0.0, one.begin, min(one.target_mps, top_mps)) if coasts else one
+        said = phases and slow.kind is NotchKind.HOLD and phases[-1]._replace(begin=slow.begin) == slow
+        if not said:
+            phases.append(slow)
+    return replace(schedule, phases=tuple(phases))
 
 
 def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:

@@ -51,6 +51,8 @@ class BrakeShowingSettings:
     """A train that is slower than this before its stop is not told to roll any more."""
     again_ratio: float = 0.95
     """and to brake again when this share of it is needed."""
+    creep_mps: float = 3.0
+    """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size."""
     band_ratio: float = 0.25

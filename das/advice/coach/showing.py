@@ -23,6 +23,8 @@ FULL_RATIO = 0.97
 """An effort from this share of the largest on counts as full."""
 SAME_MPS = 0.3
 """Speeds this near to each other are the same on a display."""
+ROLLS, CREEPS = -1, -2
+"""A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
 TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
 BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
 
@@ -98,7 +100,7 @@ class Showing:
     def _wanted(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction for the train as it is."""
         one, v_mps = schedule.phases[number], state.v_mps
-        target = min(one.target_mps, place.limit_mps)
+        target = min(_aim_mps(schedule, number, state.s_m), place.limit_mps)
         excess = v_mps - place.allowed_mps
         if one.kind is NotchKind.BRAKE:
             wanted = self._braking(schedule, number, state, target)
@@ -109,9 +111,11 @@ class Showing:
             wanted = _traction(one.share, target)
         else:
             wanted = self._holding(schedule, state, target)
-        if excess > self._settings.overspeed_mps and wanted.mode not in BRAKES:
+        if excess > self._settings.overspeed_mps:
             after = schedule.phases[number + 1] if number + 1 < len(schedule.phases) else one
-            goal = min(target, after.target_mps) if after.kind is NotchKind.BRAKE else target
+            goal = min(target, after.target_mps if after.kind is NotchKind.BRAKE else place.allowed_mps)
+            if wanted.mode in BRAKES:
+                return replace(wanted, speed_mps=min(target, place.allowed_mps))
             if excess > self._settings.braked_mps:
                 return Instruction(mode=Mode.FULL_BRAKE, speed_mps=goal, effort_ratio=-1.0)
             return Instruction(mode=Mode.COAST, speed_mps=goal, effort_ratio=0.0)
@@ -141,12 +145,15 @@ class Showing:
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         eased = needed / schedule.braking_mps2(number)
-        if target < SAME_MPS and v_mps < settings.brake.last_mps:
-            self._back = 0
-        elif self._back == 0 and eased < settings.brake.early_ratio:
-            self._back = -1
+        may_roll = target > SAME_MPS or v_mps >= settings.brake.last_mps
+        if self._back == 0 and eased < settings.brake.early_ratio and may_roll:
+            self._back = ROLLS
         elif self._back < 0 and eased > settings.brake.again_ratio:
             self._back = 0
+        if self._back == ROLLS and target <= SAME_MPS and v_mps < settings.brake.creep_mps:
+            self._back = CREEPS
+        if self._back == CREEPS:
+            return Instruction(mode=Mode.CRUISE, speed_mps=settings.brake.creep_mps)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         ratio = self._brake_ratio(schedule, number, state, needed)
@@ -205,13 +212,26 @@ class Showing:
     def _announced(self, schedule: Schedule, number: int) -> Instruction:
         """An instruction as it is shown before it is due."""
         one = schedule.phases[number]
+        target = _aim_mps(schedule, number, schedule.begin_m(number))
         if one.kind is NotchKind.TRACTION:
-            return _traction(one.share, one.target_mps)
+            return _traction(one.share, target)
         if one.kind is NotchKind.BRAKE:
-            return _announced_brake(schedule, number)
+            return _announced_brake(schedule, number, target)
         if one.kind is NotchKind.COAST:
-            return Instruction(mode=Mode.COAST, speed_mps=one.target_mps, effort_ratio=0.0)
-        return Instruction(mode=Mode.CRUISE, speed_mps=one.target_mps)
+            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+        return Instruction(mode=Mode.CRUISE, speed_mps=target)
+
+
+def _aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
+    """The speed that a phase leads to, no higher than what is allowed anywhere from a position to its end.
+
+    The schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does.
+    """
+    section, one = schedule.section, schedule.phases[number]
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
+    highest = section.envelope_mps[end] if one.kind is NotchKind.BRAKE else section.envelope_mps[first : end + 1].max()
+    return float(min(one.target_mps, highest))
 
 
 def force_n(section: Section, now: Instruction, s_m: float, v_mps: float) -> float:
@@ -242,12 +262,12 @@ def largest_brake_n(section: Section) -> float:
     return max(train.friction_force_n + train.electric_force_n, 1.0)
 
 
-def _announced_brake(schedule: Schedule, number: int) -> Instruction:
+def _announced_brake(schedule: Schedule, number: int, target: float) -> Instruction:
     """A brake as it is shown before it is due: with the effort with which the schedule begins it."""
     section, one = schedule.section, schedule.phases[number]
     v_mps = max(float(schedule.known.speed_mps[one.begin]), 1.0)
     force = braking_force_n(section, schedule.braking_mps2(number), float(section.node_m[one.begin]), v_mps)
-    return _brake(section, max(force, 0.0) / largest_brake_n(section), v_mps, one.target_mps)
+    return _brake(section, max(force, 0.0) / largest_brake_n(section), v_mps, target)
 
 
 def _traction(share: float, target_mps: float) -> Instruction:

@@ -26,7 +26,7 @@ def polished(
     polish(
         first, begin, (kind, share, target), schedule.back_share, section.node_m, line, envelope, section.train,
         section.loss_params, (time_s, found.lambda_w), (np.array(settings.steps_m), np.array(settings.steps_mps)),
-        v_mps,
+        settings.least_s, v_mps,
     )  # fmt: skip
     phases = tuple(
         one._replace(begin=int(place), target_mps=float(speed))

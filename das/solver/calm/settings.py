@@ -60,3 +60,5 @@ class PolishSettings:
     """An instruction begins this much earlier or later, in rounds of smaller and smaller steps."""
     steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH)
     """A speed is this much lower or higher."""
+    least_s: float = 10.0
+    """No instruction but a brake is made shorter than this by moving its neighbours."""

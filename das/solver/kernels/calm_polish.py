@@ -12,7 +12,9 @@ from das.solver.kernels.calm_roll_out import step_energy
 LATE_RATIO = 3.0
 """A second of being late costs so many times the price of time,"""
 EARLY_RATIO = 0.7
-"""and one of being early is worth this share of it."""
+"""and one of being early is worth this share of it,"""
+EARLY_S = 2.0
+"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as it should."""
 UNSAID_S = 0.1
 """A move may let limits ahead ask for brakes, where no phase does, for no longer than this more (s)."""
 MET_MPS = 1e-3
@@ -24,7 +26,22 @@ SLOWEST_MPS = 2.0
 @kernel
 def cost_of_time(late, price):
     """What arriving late (s; early < 0) costs at a price of time (W): in J."""
-    return price * (LATE_RATIO if late > 0.0 else EARLY_RATIO) * late
+    return price * (LATE_RATIO * late if late > 0.0 else EARLY_RATIO * max(late, -EARLY_S))
+
+
+@kernel
+def missing_time(first, begin, kind, step, least_s, v):
+    """By how much (s) the phases of a run that are no brakes are shorter than the least, all together."""
+    missing = 0.0
+    for k in range(begin.size):
+        last = begin[k + 1] if k + 1 < begin.size else step.size
+        if kind[k] == BRAKE or last <= first:
+            continue
+        lasts = 0.0
+        for i in range(max(begin[k], first), last):
+            lasts += 2.0 * step[i] / (v[i] + v[i + 1])
+        missing += max(least_s - lasts, 0.0)
+    return missing
 
 
 @kernel
@@ -122,11 +139,12 @@ def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new
 
 
 @kernel
-def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted, steps, speed):
+def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted, steps, least_s, speed):
     """Move the phases (kind, share, target) of a schedule, in rounds of smaller steps, each to where it costs least.
 
     `wanted` are the time that it is to take (s) and the price of time (W), `steps` those of places (m) and of speeds.
-    Changes `begin` and the targets. The run begins with `speed` at node `first`.
+    Changes `begin` and the targets. The run begins with `speed` at node `first`. No phase but a brake is made shorter
+    than `least_s`, or shorter yet.
     """
     kind, share, target = phases
     asked, price = wanted
@@ -140,6 +158,7 @@ def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted,
         return
     best = base[2][n] + cost_of_time(base[1][n] - asked, price)
     new_begin, new_target, v = begin.copy(), target.copy(), np.empty(n + 1)
+    missing = missing_time(first, begin, kind, line.step_m, least_s, base[0])
     for r in range(by_m.size):
         for k in range(begin.size):
             for move in range(4):
@@ -151,13 +170,17 @@ def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted,
                 start = max(start, first)
                 lay_out(new_begin, node, laid_out[0], laid_out[1])
                 tried = (kind, share, new_target)
+                v[:] = base[0]
                 time, energy, unsaid = drive_schedule(
                     start, meets, laid_out, tried, back_share, line, envelope, p, c, base, v
                 )
                 cost = energy + cost_of_time(time - asked, price)
                 if time < 0.0 or cost >= best or unsaid > base[3][n] + UNSAID_S:
                     continue
+                lacking = missing_time(first, new_begin, kind, line.step_m, least_s, v)
+                if lacking > missing:
+                    continue
                 begin[:] = new_begin
                 target[:] = new_target
-                best = cost
+                best, missing = cost, lacking
                 record(first, laid_out, phases, back_share, line, envelope, p, c, base)
