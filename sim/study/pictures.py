@@ -146,9 +146,10 @@ def _places(axis: Any, one: WatchedRun, top: float) -> None:
     for stop in one.day.service.stops[1:-1]:
         axis.axvline(stop.position_m / KM, color=INK, linewidth=0.7, linestyle=":")
         axis.text(stop.position_m / KM, 0.97 * top, f" {stop.name}", size=9, va="top", color=INK)
-    for signal in (*one.day.of(SignalStop), *one.day.of(TrainAhead)):
-        axis.axvline(signal.at_m / KM, color=INK, linewidth=1.2, linestyle="--")
-        axis.text(signal.at_m / KM, 0.05 * top, " signal at danger", size=9, va="bottom", color=INK)
+    signals_m = [x.at_m for x in one.day.of(SignalStop)] + [x.at_m for x in one.day.of(TrainAhead)]
+    for at_m in signals_m:
+        axis.axvline(at_m / KM, color=INK, linewidth=1.2, linestyle="--")
+        axis.text(at_m / KM, 0.05 * top, " signal at danger", size=9, va="bottom", color=INK)
 
 
 def main() -> None:
