@@ -30,7 +30,7 @@ COMMANDS = (
         where="precompute.cli.calm:calm",
         summary="Show what few changes of the controller cost: energy for each of a list of prices of a change.",
         examples=(
-            "das-precompute calm zurich-luzern re460-ic --from Zug --to Luzern --buffers 4,7",
+            "das-precompute calm zurich-luzern re460-ic --from Zug --buffers 4,7",
             "das-precompute calm flat-6km re460-ic --prices 0,0.03,0.3 --json",
         ),
     ),

@@ -1,11 +1,10 @@
 """How the loop of coach and driver behaves for drivers who are slow, look seldom, or set efforts wrongly.
 
-`python -m sim.study.loop` makes the tables of docs/explanation/coach.md again (about a quarter of an hour on one core).
+`python -m sim.study loop` writes the tables into docs/explanation/coach.md again (a quarter of an hour on one core).
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from das.advice.coach.settings import KeepingSettings
 from das.domain.units import KMH
 from sim.drivers.cab import Presentation
 from sim.drivers.parameters import HumanParameters
-from sim.study.watching import KEEPING, WatchedRun, service_of, watched_run
+from sim.study.watching import KEEPING, WatchedRun, watched_run
 from sim.world.service import Service
 
 SCENARIOS: Final = ("clear-day", "train-ahead")
@@ -168,22 +167,3 @@ def keeping_table(
     for name, keeping in kept.items():
         row = measured(runs_of(services, TYPICAL, seeds, keeping)).row
         yield f"| {name} | {' | '.join(row)} |"
-
-
-def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(prog="python -m sim.study.loop", description=__doc__)
-    parser.add_argument("--scenarios", default=",".join(SCENARIOS), help="Scenarios, with commas between.")
-    parser.add_argument("--seeds", default=",".join(map(str, SEEDS)), help="Seeds, with commas between.")
-    asked = parser.parse_args()
-    services = [service_of(name) for name in asked.scenarios.split(",")]
-    seeds = [int(seed) for seed in asked.seeds.split(",")]
-    for line in driver_table(services, seeds, DRIVERS):
-        print(line, flush=True)
-    print()
-    for line in keeping_table(services, seeds, KEPT):
-        print(line, flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,12 +1,12 @@
 """What a driver is shown on five days, before (vector) and after (coach), as pictures for the documentation.
 
-`python -m sim.study.pictures` draws docs/images/coach/*.png again (about a minute).
+`python -m sim.study days` draws docs/images/coach/*.png again, and writes their table (about a minute).
 """
 
 from __future__ import annotations
 
-import argparse
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -74,14 +74,19 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
     return found
 
 
-def draw_day(path: Path, scenario: str, seed: int = SEED) -> None:
-    """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both."""
+def draw_day(path: Path, scenario: str, seed: int = SEED) -> str:
+    """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both.
+
+    Returns the figures of the two runs as a row of a table in Markdown.
+    """
     service = service_of(scenario)
     pyplot = offscreen_pyplot()
     figure, axes = pyplot.subplots(4, 1, figsize=SIZE_IN, sharex=True, height_ratios=(8, 1, 8, 1), layout="constrained")
+    cells: list[str] = []
     for presentation, pair in zip(BEFORE_AND_AFTER, (axes[:2], axes[2:]), strict=True):
         one = watched_run(service, seed, presentation)
         _draw_run(pair, one, presentation)
+        cells += _figures(one)
     axes[-1].set_xlabel("position, km")
     lines, names = axes[0].get_legend_handles_labels()
     strips = [Patch(facecolor=color, edgecolor=INK, linewidth=0.4) for color in MODES.values()]
@@ -92,6 +97,7 @@ def draw_day(path: Path, scenario: str, seed: int = SEED) -> None:
     figure.suptitle(f"{scenario}, seed {seed}, default human driver: what was shown before and with the coach", size=13)
     save_figure(path, figure, dpi=DPI)
     pyplot.close(figure)
+    return f"| {scenario} | {' | '.join(cells)} |"
 
 
 def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation) -> None:
@@ -132,13 +138,16 @@ def _stretches(seconds: list[ShownSecond], mode: Mode) -> list[tuple[float, floa
     return found
 
 
-def _title(one: WatchedRun, presentation: Presentation) -> str:
+def _figures(one: WatchedRun) -> tuple[str, str, str]:
+    """Changes a minute, kWh, and seconds late at the last stop."""
     came = outcome(one.day, one.run)
-    restless = one.run.restlessness
-    return (
-        f"{presentation}: {restless.changes_per_min:.1f} changes a minute, "
-        f"{kwh(came.energies.driven_j):.1f} kWh, {came.late_s:+.0f} s at the last stop"
-    )
+    changes = one.run.restlessness.changes_per_min
+    return f"{changes:.1f}", f"{kwh(came.energies.driven_j):.1f}", f"{came.late_s:+.0f}"
+
+
+def _title(one: WatchedRun, presentation: Presentation) -> str:
+    changes, energy, late = _figures(one)
+    return f"{presentation}: {changes} changes a minute, {energy} kWh, {late} s at the last stop"
 
 
 def _places(axis: Any, one: WatchedRun, top: float) -> None:
@@ -152,18 +161,10 @@ def _places(axis: Any, one: WatchedRun, top: float) -> None:
         axis.text(at_m / KM, 0.05 * top, " signal at danger", size=9, va="bottom", color=INK)
 
 
-def main() -> None:
-    """Draw the pictures of all days."""
-    parser = argparse.ArgumentParser(prog="python -m sim.study.pictures", description=__doc__)
-    parser.add_argument("--out", type=Path, default=FOLDER, help="Folder for the pictures.")
-    parser.add_argument("--days", default=",".join(DAYS), help="Scenarios, with commas between.")
-    asked = parser.parse_args()
-    asked.out.mkdir(parents=True, exist_ok=True)
-    for scenario in asked.days.split(","):
-        path = asked.out / f"{scenario}.png"
-        draw_day(path, scenario)
-        print(f"written: {path}")
-
-
-if __name__ == "__main__":
-    main()
+def days_table(folder: Path = FOLDER, seed: int = SEED) -> Iterator[str]:
+    """Draw the pictures of all days; the lines of their table, as they are found."""
+    folder.mkdir(parents=True, exist_ok=True)
+    yield "| day | vector: changes/min | kWh | late, s | coach: changes/min | kWh | late, s |"
+    yield "|---|---:|---:|---:|---:|---:|---:|"
+    for scenario in DAYS:
+        yield draw_day(folder / f"{scenario}.png", scenario, seed)

@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sim
 from das.advice.coach.coaching import ReplanCause
+from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drivers.cab import Presentation
+from sim.study.__main__ import PAGE
 from sim.study.loop import (
     DELAYS_S,
     DRIVERS,
@@ -23,8 +26,10 @@ from sim.study.loop import (
     keeping_table,
     measured,
 )
+from sim.study.page import write_table
 from sim.study.pictures import draw_day, shown_seconds
 from sim.study.watching import KEEPING, WatchedRun, service_of, watched_run
+from tests.support.making import REPOSITORY
 
 SCENARIO = """
 schema_version = 1
@@ -110,3 +115,26 @@ def test_a_picture_is_small(scenario: str, tmp_path: Path) -> None:
     draw_day(path, scenario)
     assert path.read_bytes().startswith(b"\x89PNG")
     assert path.stat().st_size < 150_000
+
+
+def test_import_sim_shows_the_coach(scenario: str) -> None:
+    found = sim.run_day(scenario, 1, driver="perfect", advice="coach").outcome
+    assert found["advice_changes_per_min"] is not None
+    assert 0.0 < found["advice_changes_per_min"] < 6.0
+
+
+def test_a_table_is_put_between_its_marks(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- one: begin -->\nold\n<!-- one: end -->\nb\n<!-- two: begin -->\n<!-- two: end -->\n")
+    write_table(page, "one", ["| 1 |", "| \\2 |"])
+    assert page.read_text() == (
+        "a\n<!-- one: begin -->\n| 1 |\n| \\2 |\n<!-- one: end -->\nb\n<!-- two: begin -->\n<!-- two: end -->\n"
+    )
+    with pytest.raises(DasError, match="no marks <!-- three: begin -->"):
+        write_table(page, "three", [])
+
+
+def test_the_page_of_the_coach_has_a_place_for_every_table() -> None:
+    text = (REPOSITORY / PAGE).read_text(encoding="utf-8")
+    for name in ("price", "days", "drivers", "keeping"):
+        assert text.count(f"<!-- {name}: begin -->\n|") == text.count(f"|\n<!-- {name}: end -->") == 1
