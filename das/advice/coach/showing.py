@@ -166,7 +166,8 @@ class Showing:
         if kept is not None and abs(needed_mps2 / kept.rate_mps2 - 1.0) < self._settings.brake.band_ratio:
             return kept.ratio
         force = braking_force_n(section, needed_mps2, state.s_m, state.v_mps)
-        ratio = max(round(force / largest_brake_n(section) / step), 1) * step
+        most = 1.0 + section.train.friction_force_n / largest_brake_n(section)
+        ratio = min(max(round(force / largest_brake_n(section) / step), 1) * step, most)
         self._brakes[number] = _Brake(needed_mps2, ratio)
         return ratio
 
