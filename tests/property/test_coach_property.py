@@ -65,12 +65,14 @@ class World:
         situation = Situation(route=route, vehicle=TRAIN, restrictions=tuple(restrictions))
         self.section = situation.section(self.start_m, self.end_m)
         front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
-        self.basis = PlanBasis(section=self.section, front=front, calm=solve_coach(self.section, SETTINGS.coach))
+        self.basis = PlanBasis(section=self.section, front=front)
+        self.calm = solve_coach(self.section, SETTINGS.coach)
 
     def leg(self) -> Leg:
         """A leg with a coach, with a random time left, and in every third case with a window at a point."""
         leg = Leg(self.start, self.end, self.section, SETTINGS)
         leg.use(self.basis)
+        leg.use_calm(self.calm)
         arrival_s = float((self.end_m - self.start_m) / 25.0 * self.random.uniform(0.2, 3.0))
         leg.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))
         if self.random.random() < 0.33:

@@ -68,7 +68,9 @@ class ShowingSettings:
     reached_mps: float = 0.5
     """A speed to be reached is reached from this much below it on."""
     below_mps: float = 4.0 * KMH
-    """A train slower than the speed to hold by more than this is told to accelerate back to it."""
+    """A train slower than the speed to hold by more than this is told to accelerate back to it,"""
+    worth_accelerating_s: float = 15.0
+    """unless the next instruction is nearer than this."""
     above_mps: float = 4.0 * KMH
     """A train faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -59,7 +60,7 @@ class Showing:
     def __init__(self, settings: ShowingSettings) -> None:
         self._settings = settings
         self._schedule: Schedule | None = None
-        self._number, self._back, self._share = 0, 0, 1.0
+        self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
         self._brakes: dict[int, _Brake] = {}
         self._shown, self._since_ns = Instruction(), 0
 
@@ -78,6 +79,7 @@ class Showing:
         self._number = number
         times_s, at_m = elapsed_s(schedule, kept.forecast, state.s_m)
         begins_s = [float(np.interp(schedule.begin_m(k), at_m, times_s)) for k in range(number + 1, number + 5)]
+        self._left_s = begins_s[0]
         wanted = self._wanted(schedule, number, state, place)
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
         between = brakes_again and begins_s[0] < self._settings.least_shown_s
@@ -126,6 +128,8 @@ class Showing:
         settings, away = self._settings, state.v_mps - target
         if self._back == 0 and away < -settings.reached_mps and self._shown.mode in TRACTION:
             self._back = 1  # It has not yet reached the speed that it accelerates to.
+        elif self._back == 0 and away < 0 and self._left_s < settings.worth_accelerating_s:
+            pass  # What comes next is near: to accelerate now would soon be braked away.
         elif self._back == 0 and abs(away) > (settings.above_mps if away > 0 else settings.below_mps):
             self._back = -1 if away > 0 else 1
             self._share = schedule.back_share

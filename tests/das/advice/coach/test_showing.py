@@ -125,12 +125,13 @@ def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: S
 
 
 def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
-    """From holding to traction after 8 s; from traction to coasting at once."""
+    """From holding to traction after 8 s, and from traction to coasting after 8 s more."""
     assert display.at(0.0, 2000.0, TOP_MPS).now.mode is Mode.CRUISE
     for second in (1.0, 4.0, 7.9):
         assert display.at(second, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.CRUISE
     assert display.at(8.1, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
-    assert display.at(8.3, 3100.0, TOP_MPS - 5 * KMH).now.mode is Mode.COAST
+    assert display.at(8.3, 3100.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
+    assert display.at(16.2, 3100.0, TOP_MPS - 5 * KMH).now.mode is Mode.COAST
 
 
 def test_a_standing_clock_that_is_put_back_holds_nothing_up(display: Shown) -> None:
