@@ -59,8 +59,8 @@ def run_day(
 
     `scenario` is a bundled scenario's name or a TOML file. `seed` draws what happens on the day and how the driver is;
     the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable" or "human"),
-    `advice` what the display shows ("none", "rms", "four-mode" or "vector"), `level` how losses are modelled (the
-    default is the vehicle's own). Nothing is recorded: `das-sim run` does that.
+    `advice` what the display shows ("none", "rms", "four-mode", "vector" or "coach"), `level` how losses are modelled
+    (the default is the vehicle's own). Nothing is recorded: `das-sim run` does that.
 
     Raises InputError for a word that there is not, DasError for a scenario that is unusable or a train that does not
     arrive.
@@ -81,7 +81,7 @@ def run_day(
     if not isinstance(scenario, str | Path):
         raise InputError("run_day", "scenario", scenario, "the name of a bundled scenario, or a path")
     day = make_day(prepare_service(load_scenario(str(scenario)), level=losses), seed)
-    run = World(day, day.driver(kind), shown, InProcess(day.service)).run()
+    run = World(day, day.driver(kind), shown, InProcess(day.service, coach=shown is Presentation.COACH)).run()
     states = {
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
     }

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from das.advice.cause import Cause
+from das.advice.coach.coaching import Coaching
 from das.advice.modes import Mode
 from das.domain.errors import DasError
 
@@ -68,3 +69,4 @@ class Advice:
     next_four_mode: Mode = Mode.NONE
     next_four_change_s: float = math.nan
     cause: Cause = Cause.NONE
+    coach: Coaching | None = None

@@ -10,6 +10,7 @@ import numpy as np
 from das.advice import wording
 from das.advice.advice import Advice, Source
 from das.advice.cause import Withdrawal
+from das.advice.coach.coaching import Coaching
 from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.passing import PassingTarget, time_at
 from das.advice.plan import Place, Plan
@@ -23,12 +24,13 @@ from das.solver.solution import Fit
 
 
 class Scene(NamedTuple):
-    """What an advice is about: the state on the section, the estimate behind it, the planner and the goal."""
+    """What an advice is about: the state, the estimate behind it, the planner, the goal, and what the coach says."""
 
     state: TrainState
     here: Estimate
     planner: Planner
     goal: Goal
+    coach: Coaching | None = None
 
 
 class _Change(NamedTuple):
@@ -64,7 +66,7 @@ class Display:
 
     def standing(self, scene: Scene, reason: str, reduced_max_speed_mps: float = math.nan) -> Advice:
         """The train stands at a stop and stays there."""
-        state, here, planner, _ = scene
+        state, here, planner, _, coach = scene
         horizon_s = self._settings.display.horizon_s
         self._show(Mode.STOP, state.now_ns)
         return Advice(
@@ -86,17 +88,18 @@ class Display:
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
+            coach=coach,
         )
 
     def waiting(self, scene: Scene) -> Advice:
         """The train stands before its departure; what is known of the way is shown already."""
-        state, _, planner, goal = scene
+        state, _, planner, goal, _ = scene
         reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
         return self.standing(scene, wording.departs_in((goal.departure_ns - state.now_ns) * NS), reduced_mps)
 
     def braking(self, scene: Scene, reason: str) -> Advice:
         """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
-        state, here, planner, _ = scene
+        state, here, planner, _, coach = scene
         train, v_mps = planner.section.train, state.v_mps
         available_n = _available_n(planner.section, -1.0, v_mps)
         most_n = min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg)
@@ -125,11 +128,12 @@ class Display:
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
+            coach=coach,
         )
 
     def following(self, scene: Scene, plan: Plan) -> Advice:
         """The advice of a plan for where the train is."""
-        state, here, planner, goal = scene
+        state, here, planner, goal, coach = scene
         place, allowed = plan.at(state.s_m), planner.allowed_mps(state.s_m)
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > self._settings.display.overspeed_named_mps
@@ -171,6 +175,7 @@ class Display:
             valid_until_ns=self._valid_until_ns(state),
             limit_mps=planner.limit_mps(state.s_m),
             position_sd_m=here.position_sd_m,
+            coach=coach,
         )
 
     def _valid_until_ns(self, state: TrainState) -> int:
@@ -178,7 +183,7 @@ class Display:
 
     def _buffer_ratio(self, scene: Scene) -> float:
         """The time left over the least possible, minus 1; NaN where hardly any driving time is left."""
-        state, _, planner, goal = scene
+        state, _, planner, goal, _ = scene
         least_s = planner.least_time_s(state.s_m, state.v_mps)
         enough = least_s > self._settings.display.least_for_buffer_s
         return goal.left_s(state.now_ns) / least_s - 1.0 if enough else math.nan
@@ -260,7 +265,7 @@ class Display:
 
     def _window_said(self, scene: Scene, plan: Plan) -> str:
         """What is to be said of a point ahead: how long to wait for it, or that its window is missed; else nothing."""
-        state, _, planner, goal = scene
+        state, _, planner, goal, _ = scene
         point = goal.passing
         if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:
             return ""

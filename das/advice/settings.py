@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from das.advice.coach.settings import CoachSettings
 from das.domain.units import KMH
 
 
@@ -138,6 +139,7 @@ class AdviceSettings:
     passing: PassingSettings = field(default_factory=PassingSettings)
     reduced: ReducedSpeedSettings = field(default_factory=ReducedSpeedSettings)
     stop: StopSettings = field(default_factory=StopSettings)
+    coach: CoachSettings = field(default_factory=CoachSettings)
 
 
 DEFAULT = AdviceSettings()

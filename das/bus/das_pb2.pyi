@@ -142,6 +142,54 @@ CAUSE_NO_PLAN: WithdrawalCause.ValueType  # 17
 """from this state the section cannot be finished"""
 Global___WithdrawalCause: _TypeAlias = WithdrawalCause  # noqa: Y015
 
+class _ReplanCause:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ReplanCauseEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ReplanCause.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    REPLAN_NONE: _ReplanCause.ValueType  # 0
+    """there is no reference"""
+    REPLAN_START: _ReplanCause.ValueType  # 1
+    """there was none before: a new leg, or advice is given again"""
+    REPLAN_GOAL: _ReplanCause.ValueType  # 2
+    """the time of arrival is another one"""
+    REPLAN_LINE: _ReplanCause.ValueType  # 3
+    """limits, line or train are not those that it was made for"""
+    REPLAN_POINT: _ReplanCause.ValueType  # 4
+    """a point ahead has another window, or would be passed outside of it"""
+    REPLAN_LATE: _ReplanCause.ValueType  # 5
+    """keeping it would mean to arrive too late"""
+    REPLAN_EARLY: _ReplanCause.ValueType  # 6
+    """keeping it would mean to arrive too early, and a slower run saves energy"""
+    REPLAN_ENERGY: _ReplanCause.ValueType  # 7
+    """keeping it would cost more energy than a new one"""
+    REPLAN_LOST: _ReplanCause.ValueType  # 8
+    """it cannot be kept to from where the train is"""
+
+class ReplanCause(_ReplanCause, metaclass=_ReplanCauseEnumTypeWrapper):
+    """Why the coach's reference was made anew."""
+
+REPLAN_NONE: ReplanCause.ValueType  # 0
+"""there is no reference"""
+REPLAN_START: ReplanCause.ValueType  # 1
+"""there was none before: a new leg, or advice is given again"""
+REPLAN_GOAL: ReplanCause.ValueType  # 2
+"""the time of arrival is another one"""
+REPLAN_LINE: ReplanCause.ValueType  # 3
+"""limits, line or train are not those that it was made for"""
+REPLAN_POINT: ReplanCause.ValueType  # 4
+"""a point ahead has another window, or would be passed outside of it"""
+REPLAN_LATE: ReplanCause.ValueType  # 5
+"""keeping it would mean to arrive too late"""
+REPLAN_EARLY: ReplanCause.ValueType  # 6
+"""keeping it would mean to arrive too early, and a slower run saves energy"""
+REPLAN_ENERGY: ReplanCause.ValueType  # 7
+"""keeping it would cost more energy than a new one"""
+REPLAN_LOST: ReplanCause.ValueType  # 8
+"""it cannot be kept to from where the train is"""
+Global___ReplanCause: _TypeAlias = ReplanCause  # noqa: Y015
+
 @_typing.final
 class Position(_message.Message):
     """Where the train is, from its own localisation (das/<train>/position)."""
@@ -444,6 +492,117 @@ class Control(_message.Message):
 Global___Control: _TypeAlias = Control  # noqa: Y015
 
 @_typing.final
+class Coaching(_message.Message):
+    """What leads a driver along a reference that stands: what to do, up to which speed, and what comes after it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    @_typing.final
+    class Instruction(_message.Message):
+        DESCRIPTOR: _descriptor.Descriptor
+
+        MODE_FIELD_NUMBER: _builtins.int
+        SPEED_MPS_FIELD_NUMBER: _builtins.int
+        EFFORT_RATIO_FIELD_NUMBER: _builtins.int
+        WAY_M_FIELD_NUMBER: _builtins.int
+        IN_S_FIELD_NUMBER: _builtins.int
+        mode: Global___Mode.ValueType
+        speed_mps: _builtins.float
+        """to reach, or to hold"""
+        effort_ratio: _builtins.float
+        """of the largest traction at this speed, or of the largest electric brake (< 0); NaN: as the speed needs"""
+        way_m: _builtins.float
+        """from the train to where it begins; 0: it is due"""
+        in_s: _builtins.float
+        def __init__(
+            self,
+            *,
+            mode: Global___Mode.ValueType = ...,
+            speed_mps: _builtins.float = ...,
+            effort_ratio: _builtins.float = ...,
+            way_m: _builtins.float = ...,
+            in_s: _builtins.float = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["effort_ratio", b"effort_ratio", "in_s", b"in_s", "mode", b"mode", "speed_mps", b"speed_mps", "way_m", b"way_m"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+    @_typing.final
+    class Replan(_message.Message):
+        DESCRIPTOR: _descriptor.Descriptor
+
+        CAUSE_FIELD_NUMBER: _builtins.int
+        TIME_NS_FIELD_NUMBER: _builtins.int
+        GAIN_J_FIELD_NUMBER: _builtins.int
+        GAIN_S_FIELD_NUMBER: _builtins.int
+        cause: Global___ReplanCause.ValueType
+        time_ns: _builtins.int
+        """when the reference was made"""
+        gain_j: _builtins.float
+        """energy saved against keeping the one before"""
+        gain_s: _builtins.float
+        """by how much nearer to the wanted time the train arrives"""
+        def __init__(
+            self,
+            *,
+            cause: Global___ReplanCause.ValueType = ...,
+            time_ns: _builtins.int = ...,
+            gain_j: _builtins.float = ...,
+            gain_s: _builtins.float = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["cause", b"cause", "gain_j", b"gain_j", "gain_s", b"gain_s", "time_ns", b"time_ns"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+    NOW_FIELD_NUMBER: _builtins.int
+    FOLLOWING_FIELD_NUMBER: _builtins.int
+    TARGET_M_FIELD_NUMBER: _builtins.int
+    TARGET_S_FIELD_NUMBER: _builtins.int
+    FORCE_N_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    WORTH_J_FIELD_NUMBER: _builtins.int
+    REPLAN_FIELD_NUMBER: _builtins.int
+    target_m: _builtins.float
+    """way to where the speed is reached, or to the end of holding it"""
+    target_s: _builtins.float
+    force_n: _builtins.float
+    """wheel force of the instruction at the present speed"""
+    reason: _builtins.str
+    worth_j: _builtins.float
+    """what following it saves against going on at the present speed, at the same arrival"""
+    @_builtins.property
+    def now(self) -> Global___Coaching.Instruction: ...
+    @_builtins.property
+    def following(self) -> _containers.RepeatedCompositeFieldContainer[Global___Coaching.Instruction]:
+        """the next two changes"""
+
+    @_builtins.property
+    def replan(self) -> Global___Coaching.Replan: ...
+    def __init__(
+        self,
+        *,
+        now: Global___Coaching.Instruction | None = ...,
+        following: _abc.Iterable[Global___Coaching.Instruction] | None = ...,
+        target_m: _builtins.float = ...,
+        target_s: _builtins.float = ...,
+        force_n: _builtins.float = ...,
+        reason: _builtins.str = ...,
+        worth_j: _builtins.float = ...,
+        replan: Global___Coaching.Replan | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["now", b"now", "replan", b"replan"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["following", b"following", "force_n", b"force_n", "now", b"now", "reason", b"reason", "replan", b"replan", "target_m", b"target_m", "target_s", b"target_s", "worth_j", b"worth_j"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Coaching: _TypeAlias = Coaching  # noqa: Y015
+
+@_typing.final
 class Advice(_message.Message):
     """What the driver should do now and next (das/<train>/advice)."""
 
@@ -499,6 +658,7 @@ class Advice(_message.Message):
     NEXT_FOUR_MODE_FIELD_NUMBER: _builtins.int
     NEXT_FOUR_CHANGE_S_FIELD_NUMBER: _builtins.int
     CAUSE_FIELD_NUMBER: _builtins.int
+    COACH_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     tick: _builtins.int
     """of the Control message answered; 0 with the wall clock"""
@@ -550,6 +710,10 @@ class Advice(_message.Message):
 
     @_builtins.property
     def horizon_force_n(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]: ...
+    @_builtins.property
+    def coach(self) -> Global___Coaching:
+        """absent: the node has no coach, or no reference yet"""
+
     def __init__(
         self,
         *,
@@ -582,10 +746,11 @@ class Advice(_message.Message):
         next_four_mode: Global___Mode.ValueType = ...,
         next_four_change_s: _builtins.float = ...,
         cause: Global___WithdrawalCause.ValueType = ...,
+        coach: Global___Coaching | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["coach", b"coach"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "coach", b"coach", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -859,12 +1024,14 @@ class Cab(_message.Message):
         PRESENTATION_RMS: Cab._Presentation.ValueType  # 1
         PRESENTATION_FOUR_MODE: Cab._Presentation.ValueType  # 2
         PRESENTATION_VECTOR: Cab._Presentation.ValueType  # 3
+        PRESENTATION_COACH: Cab._Presentation.ValueType  # 4
 
     class Presentation(_Presentation, metaclass=_PresentationEnumTypeWrapper): ...
     PRESENTATION_NONE: Cab.Presentation.ValueType  # 0
     PRESENTATION_RMS: Cab.Presentation.ValueType  # 1
     PRESENTATION_FOUR_MODE: Cab.Presentation.ValueType  # 2
     PRESENTATION_VECTOR: Cab.Presentation.ValueType  # 3
+    PRESENTATION_COACH: Cab.Presentation.ValueType  # 4
 
     TIME_NS_FIELD_NUMBER: _builtins.int
     PRESENTATION_FIELD_NUMBER: _builtins.int
@@ -876,12 +1043,14 @@ class Cab(_message.Message):
     LIMIT_MPS_FIELD_NUMBER: _builtins.int
     SIGNAL_M_FIELD_NUMBER: _builtins.int
     LEVER_RATIO_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
     DISPLAY_SPEED_MPS_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     presentation: Global___Cab.Presentation.ValueType
     """of the advice shown now; NONE: nothing is shown"""
     mode: Global___Mode.ValueType
     advised_speed_mps: _builtins.float
+    """of the coach: the speed to reach or to hold"""
     advised_lever_ratio: _builtins.float
     next_mode: Global___Mode.ValueType
     next_change_s: _builtins.float
@@ -890,6 +1059,8 @@ class Cab(_message.Message):
     """a signal at danger ahead"""
     lever_ratio: _builtins.float
     """what the controller is set to: share of the largest traction (> 0) or of all brakes (< 0)"""
+    reason: _builtins.str
+    """why, in the words of the coach"""
     display_speed_mps: _builtins.float
     """the speed that is shown, in whole km/h; NaN: none is"""
     def __init__(
@@ -905,11 +1076,12 @@ class Cab(_message.Message):
         limit_mps: _builtins.float = ...,
         signal_m: _builtins.float = ...,
         lever_ratio: _builtins.float = ...,
+        reason: _builtins.str = ...,
         display_speed_mps: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "display_speed_mps", b"display_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "signal_m", b"signal_m", "time_ns", b"time_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "display_speed_mps", b"display_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "signal_m", b"signal_m", "time_ns", b"time_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -275,6 +275,11 @@ def solving_failed(error: Exception) -> str:
     return f"solving failed ({type(error).__name__}: {error})"
 
 
+def no_coach(why: str) -> str:
+    """A section on which the driver is advised, but not led."""
+    return f"no coach: {why}"
+
+
 def impossible_now(why: str, error: Exception) -> str:
     """A section that cannot be driven since something has changed (`why`)."""
     return f"{why}: {error}"

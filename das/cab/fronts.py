@@ -13,10 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
+from das.advice.coach.planning import solve_coach
+from das.advice.coach.settings import CoachSettings
 from das.cab import event_wording
 from das.compiling.sources import SourcesMissingError
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
+from das.solver.calm.calm import CalmFront
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_front
@@ -51,6 +54,7 @@ class Fronts:
         self._threads, self._kept_bytes = threads, kept_bytes
         self._lock = Lock()
         self._known: OrderedDict[str, Found] = OrderedDict()
+        self._calm: OrderedDict[str, CalmFront] = OrderedDict()
         self._tables = self._listed(tables) if tables is not None else ()
 
     def find(self, section: Section) -> Found:
@@ -66,6 +70,20 @@ class Fronts:
             self._known[key] = found
             while len(self._known) > 1 and sum(map(_size, self._known.values())) > self._kept_bytes:
                 self._known.popitem(last=False)
+        return found
+
+    def find_calm(self, section: Section, settings: CoachSettings) -> CalmFront:
+        """The calm runs of a section for the coach: found before, or solved now; raises as `solve_calm` does."""
+        key = f"{combined(hashes_of(section))} {settings.calm} {settings.driver}"
+        with self._lock:
+            if key in self._calm:
+                self._calm.move_to_end(key)
+                return self._calm[key]
+        found = solve_coach(section, settings, threads=self._threads)
+        with self._lock:
+            self._calm[key] = found
+            while len(self._calm) > 1 and sum(one.nbytes for one in self._calm.values()) > self._kept_bytes:
+                self._calm.popitem(last=False)
         return found
 
     def _from_tables(self, section: Section, hashes: Mapping[str, str]) -> Found:

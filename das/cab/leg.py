@@ -8,6 +8,9 @@ from dataclasses import replace
 from das.advice import wording
 from das.advice.advice import Advice, Timetable
 from das.advice.cause import Withdrawal
+from das.advice.coach.coach import Coach
+from das.advice.coach.coaching import Coaching
+from das.advice.coach.showing import SpeedsAllowed
 from das.advice.display import Display, Scene
 from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, PlanBasis, Planner, TrainState
@@ -18,6 +21,7 @@ from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.estimate.standstill import STANDSTILL_MPS
+from das.solver.calm.calm import CalmFront
 from das.solver.section import Section
 
 
@@ -31,6 +35,7 @@ class Leg:
     def __init__(self, start: Stop, end: Stop, section: Section, settings: AdviceSettings = DEFAULT) -> None:
         self.start, self.end = start, end
         self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
+        self._coach = Coach(section, None, settings.coach) if settings.coach.enabled else None
         self.arrival_ns: int | None = None
         """When to arrive, as traffic management says (None: by the timetable)."""
         self.points: list[PassingTarget] = []
@@ -62,6 +67,17 @@ class Leg:
     def use(self, basis: PlanBasis) -> None:
         """Plan with another basis from now on."""
         self.planner = Planner(basis, self._settings)
+        self._lead(None)
+
+    def use_calm(self, front: CalmFront) -> None:
+        """Lead the driver by these calm runs from now on."""
+        self._lead(front)
+
+    def _lead(self, front: CalmFront | None) -> None:
+        """Another coach goes on where the one before ended."""
+        if self._coach is not None:
+            before, self._coach = self._coach, Coach(self.section, front, self._settings.coach)
+            self._coach.take_over(before)
 
     def use_meanwhile(self, section: Section, why: str) -> None:
         """The world has changed and no front for it is known yet: the plan of before holds below what is safe now."""
@@ -112,6 +128,7 @@ class Leg:
         if not stands or beyond_m < -stop.at_stop_m:
             self._arrived_ns = None
         if stands:
+            scene = scene._replace(coach=self._standing(state))
             if beyond_m >= -stop.at_stop_m:
                 return self.display.standing(scene, wording.arrived(self._arrival_late_s(state.now_ns)))
             if state.s_m <= self.section.start_m + stop.at_stop_m and state.now_ns < self.goal.departure_ns:
@@ -119,7 +136,8 @@ class Leg:
         if beyond_m >= -stop.standstill_m:
             return self._braking(scene, wording.STOP_HERE)
         try:
-            return self.display.following(scene, planner.plan_for(state, self.goal))
+            plan = planner.plan_for(state, self.goal)
+            return self.display.following(scene._replace(coach=self._coaching(state)), plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
                 return self._braking(scene, wording.no_plan_too_fast(str(error)))
@@ -127,12 +145,32 @@ class Leg:
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
         """No advice: the plan does not hold any more."""
-        self.planner.forget()
+        self._forget()
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: str) -> Advice:
-        self.planner.forget()
+        self._forget()
         return self.display.braking(scene, reason)
+
+    def _forget(self) -> None:
+        """Neither the plan nor the coach's reference holds any more."""
+        self.planner.forget()
+        if self._coach is not None:
+            self._coach.forget()
+
+    def _coaching(self, state: TrainState) -> Coaching | None:
+        """What the coach says to a train under way."""
+        if self._coach is None:
+            return None
+        planner = self.planner
+        place = SpeedsAllowed(planner.allowed_mps(state.s_m), planner.limit_mps(state.s_m))
+        return self._coach.advise(state, self.goal, place)
+
+    def _standing(self, state: TrainState) -> Coaching | None:
+        """What the coach says to a train that stands and is right to."""
+        if self._coach is None:
+            return None
+        return self._coach.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
 
     def _arrival_late_s(self, now_ns: int) -> float:
         """How late the train arrived; it is not later every second that it stands."""

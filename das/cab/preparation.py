@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from das.advice.coach.settings import CoachSettings
 from das.advice.passing import PassingFronts, PassingRun, PassingTarget
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
@@ -23,8 +24,10 @@ from das.cab.targets import LEAST_WAY_M
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS
+from das.solver.calm.calm import CalmFront
 from das.solver.section import Section
 
+NO_COACH = CoachSettings(enabled=False)
 TRY_AGAIN_S = 10.0
 """A search that failed for a reason nobody foresaw is made again after so long, and whenever something is told."""
 
@@ -57,14 +60,22 @@ class _Prepared:
     """The point that the front, or the search under way, serves."""
     ready: bool = False
     search: Future[_Answer] | None = None
+    calm: Future[CalmFront | str] | None = None
+    """The search for the coach's calm runs, after that for the front; it answers with why there are none, if so."""
     failed_ns: int | None = None
     """When the last search failed, if it did."""
 
     def give_up(self) -> None:
         """What was prepared or is looked for is not what is wanted any more."""
-        if self.search is not None:
-            self.search.cancel()
-        self.ready, self.search = False, None
+        for search in (self.search, self.calm):
+            if search is not None:
+                search.cancel()
+        self.ready, self.search, self.calm = False, None, None
+
+    @property
+    def searches(self) -> list[Future[Any]]:
+        """The searches under way."""
+        return [one for one in (self.search, self.calm) if one is not None]
 
 
 class Preparation:
@@ -75,8 +86,10 @@ class Preparation:
     `close` at the end.
     """
 
-    def __init__(self, fronts: Fronts, stopwatch: Callable[[], float], *, background: bool) -> None:
-        self._fronts, self._stopwatch = fronts, stopwatch
+    def __init__(
+        self, fronts: Fronts, stopwatch: Callable[[], float], coach: CoachSettings = NO_COACH, *, background: bool
+    ) -> None:
+        self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
         self._pool = ThreadPoolExecutor(1, "solve") if background else None
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
@@ -91,12 +104,12 @@ class Preparation:
     @property
     def searching(self) -> bool:
         """Whether a front is being looked for."""
-        return any(one.search is not None for one in self._prepared.values())
+        return any(one.searches for one in self._prepared.values())
 
     @property
     def has_answer(self) -> bool:
         """Whether something has been found that the last advice did not know."""
-        return any(one.search is not None and one.search.done() for one in self._prepared.values())
+        return any(search.done() for one in self._prepared.values() for search in one.searches)
 
     def refusal(self, leg: Leg) -> str:
         """Why a leg cannot be driven, or nothing."""
@@ -124,6 +137,8 @@ class Preparation:
         """Look for the front of a section before there is a journey; raises DasError."""
         began = self._stopwatch()
         self._fronts.find(section)
+        if self._coach.enabled:
+            self._fronts.find_calm(section, self._coach)
         self.solve_s = self._stopwatch() - began
 
     def close(self) -> None:
@@ -145,7 +160,7 @@ class Preparation:
                 self._ensure(leg, one, situation, now_ns)
             elif i != index - 1:
                 _release(leg, one)
-            elif one.search is not None:
+            elif one.searches:
                 one.give_up()
 
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
@@ -161,6 +176,8 @@ class Preparation:
             one.search = self._submit(leg)
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
+        if one.calm is not None and one.calm.done():
+            self._take_calm(leg, one, one.calm.result())
 
     def _submit(self, leg: Leg) -> Future[_Answer]:
         question = _Question.of(leg)
@@ -187,6 +204,24 @@ class Preparation:
         leg.use(PlanBasis(section=found.front.section, front=found.front, source=found.source, passing=answer.passing))
         why, one.why = one.why, ""
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
+        if self._coach.enabled:
+            one.calm = self._submit_calm(leg.section)
+
+    def _submit_calm(self, section: Section) -> Future[CalmFront | str]:
+        """Look for the coach's calm runs; the advice does not wait for them."""
+        if self._pool is not None:
+            return self._pool.submit(_calm, self._fronts, section, self._coach)
+        answer: Future[CalmFront | str] = Future()
+        answer.set_result(_calm(self._fronts, section, self._coach))
+        return answer
+
+    def _take_calm(self, leg: Leg, one: _Prepared, answer: CalmFront | str) -> None:
+        """Lead by the calm runs that were found; where there are none, the leg goes on without a coach."""
+        one.calm = None
+        if isinstance(answer, str):
+            self._news.append(News(event_wording.no_coach(answer), True))
+        else:
+            leg.use_calm(answer)
 
 
 def _heed(leg: Leg, one: _Prepared, wanted: Situation) -> None:
@@ -241,6 +276,14 @@ def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float
     except Exception as error:  # No advice is better than a thread that died in silence.
         refusal, failed = event_wording.solving_failed(error), True
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
+
+
+def _calm(fronts: Fronts, section: Section, coach: CoachSettings) -> CalmFront | str:
+    """Look for the calm runs of a section; whatever goes wrong is the answer."""
+    try:
+        return fronts.find_calm(section, coach)
+    except Exception as error:  # Advice without a coach is better than a thread that died in silence.
+        return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 
 
 def _passing(question: _Question) -> PassingFronts | None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from das.advice.advice import Source, Timetable
+from das.advice.coach.planning import solve_coach
+from das.advice.coach.settings import CoachSettings
 from das.advice.planner import PlanBasis
+from das.advice.settings import AdviceSettings
 from das.cab.leg import Leg
 from das.domain.route import Stop
 from das.domain.units import NS
@@ -17,8 +20,10 @@ def warm_up() -> None:
     front = solve_tiny()
     section = front.section
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
-    leg, localisation = Leg(start, end, section), Localisation(section.vehicle)
+    settings = AdviceSettings(coach=CoachSettings(enabled=True))
+    leg, localisation = Leg(start, end, section, settings), Localisation(section.vehicle)
     leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
+    leg.use_calm(solve_coach(section, settings.coach))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     for tick in range(2):
         localisation.take(PositionFix(time_ns=tick, s_m=10.0, speed_mps=1.0))

@@ -113,6 +113,10 @@ class AdviceGiven:
             help="This site has no temporary restrictions: advise without having heard a list of them.",
         ),
     ] = False
+    coach: Annotated[
+        bool,
+        typer.Option("--coach/--no-coach", help="Lead the driver along a reference that stands (the field coach)."),
+    ] = True
     tables: TablesOption = None
     with_parent: Annotated[
         int | None,

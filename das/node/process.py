@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 
+from das.advice.coach.settings import CoachSettings
+from das.advice.settings import AdviceSettings
 from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
@@ -94,6 +96,7 @@ def _settings(advice: AdviceGiven) -> CabSettings:
         no_restrictions=advice.no_restrictions,
         calibrate=advice.calibrate,
         background=by_wall,
+        advice=AdviceSettings(coach=CoachSettings(enabled=advice.coach)),
         stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
     )
 

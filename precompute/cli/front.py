@@ -14,7 +14,7 @@ from das.command_line.options import JsonOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy
 from das.domain.errors import DasError
-from precompute.cli.options import buffered
+from precompute.cli.options import buffered, numbers
 from precompute.cli.pose import Pose
 from precompute.cli.solve import solved_front
 
@@ -73,7 +73,7 @@ def front(
     if not witness.exact and (witness.out is not None or witness.max_buffer_percent is not None):
         raise DasError("--out and --max-buffer belong to --exact")
     largest = witness.largest_percent()
-    wanted = _numbers(BUFFERS_PERCENT if buffers is None else buffers)
+    wanted = _buffers(BUFFERS_PERCENT if buffers is None else buffers)
     check_outputs(witness.out, inputs=pose.inputs())
     section, solved, min_time_s, front_s = solved_front(pose)
     if witness.exact:
@@ -100,11 +100,8 @@ def front(
     print_solutions(section.name, points)
 
 
-def _numbers(text: str) -> list[float]:
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise DasError(f"--buffers {text}: expected numbers with commas between, like 0,5,10") from None
+def _buffers(text: str) -> list[float]:
+    values = numbers("--buffers", text)
     for value in values:
         buffered(1.0, value)
     return values

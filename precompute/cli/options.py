@@ -172,5 +172,13 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
     return min_time_s * (1 + buffer_percent / 100)
 
 
+def numbers(option: str, text: str) -> list[float]:
+    """The numbers of a list with commas between, as an option takes it; DasError for what is no number."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise DasError(f"{option} {text}: expected numbers with commas between, like 0,5,10") from None
+
+
 def _spelled(name: str) -> str:
     return f"--{name.replace('_', '-')}"

@@ -26,6 +26,15 @@ COMMANDS = (
         ),
     ),
     Entry(
+        name="calm",
+        where="precompute.cli.calm:calm",
+        summary="Show what few changes of the controller cost: energy for each of a list of prices of a change.",
+        examples=(
+            "das-precompute calm zurich-luzern re460-ic --from Zug --buffers 4,7",
+            "das-precompute calm flat-6km re460-ic --prices 0,0.03,0.3 --json",
+        ),
+    ),
+    Entry(
         name="journey",
         where="precompute.journey.command:journey",
         summary="Plan a train's whole journey with the least energy: when to be where, and how to drive between.",

@@ -16,6 +16,7 @@ from das.command_line.entry import STOP_SIGNALS
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.batch.plan import BatchJob
+from sim.drivers.kinds import Presentation
 from sim.world.day import Day, make_day
 from sim.world.disturbances import described
 from sim.world.in_process import InProcess
@@ -86,7 +87,7 @@ STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
 def _driven(day: Day, job: BatchJob) -> Run:
     driver = day.driver(job.driver)
     if job.record is None:
-        return World(day, driver, job.advice, InProcess(day.service)).run()
+        return World(day, driver, job.advice, InProcess(day.service, coach=job.advice is Presentation.COACH)).run()
     how = How(driver=job.driver, advice=job.advice, train="train-1", command=_command(job))
     run, traffic = run_over_bus(day, driver, job.advice, make_crew(day, how, job.record))
     if traffic.lost:

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from das.advice.modes import Mode
+from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.chance import Chance, ReactionTimes
 from sim.drivers.diary import Diary
@@ -22,6 +23,8 @@ _KINDS: dict[int, str] = {
     Mode.FRICTION_BRAKE: "brake",
 }
 """The kind of advice by its mode; a reduced maximum speed is a speed to hold."""
+EFFORT_STEP_RATIO = 0.2
+"""An effort that differs by this much of the controller's scale is another advice of the coach."""
 
 
 def advice_kind(view: AdviceView) -> str | None:
@@ -131,7 +134,10 @@ class DisplayReading:
 
 
 def _item(view: AdviceView) -> tuple[object, ...]:
-    """What makes advice new: another mode, or another speed to hold (to 1 m/s)."""
+    """What makes advice new: another mode, another speed to hold (to 1 m/s); of the coach another speed or effort."""
+    if view.presentation is Presentation.COACH:
+        effort = round(view.lever_ratio / EFFORT_STEP_RATIO) if view.mode != Mode.CRUISE else 0
+        return (view.presentation, view.mode, round(view.speed_mps / KMH), effort)
     if view.presentation is Presentation.VECTOR or math.isnan(view.speed_mps):
         return (view.presentation, view.mode)
     return (view.presentation, advice_kind(view), round(view.speed_mps))

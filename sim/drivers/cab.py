@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 from das.advice.modes import Mode
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
@@ -51,8 +51,9 @@ class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
     Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
-    maximum, in FOUR_MODE the speed to hold; `display_speed_mps` is the same in whole km/h, as the driver reads it. A
-    simulated driver goes by the former. `lever_ratio` is the advised effort on the controller's scale (see
+    maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold (`due_s`: the time until it is due,
+    `target_way_m`: the way to where it is reached); `display_speed_mps` is the same in whole km/h, as the driver reads
+    it. A simulated driver goes by the former. `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
     """
 
@@ -68,6 +69,9 @@ class AdviceView:
     horizon_force_n: tuple[float, ...] = ()
     next_mode: int = Mode.NONE
     next_change_s: float = math.nan
+    due_s: float = 0.0
+    target_way_m: float = math.nan
+    reason: str = ""
 
 
 class PostedRestriction(NamedTuple):
@@ -150,6 +154,8 @@ def present(
         top_mps = advice.reduced_max_speed_mps
         # There is nothing to show where the train has arrived.
         return None if math.isnan(top_mps) else replace(view, speed_mps=top_mps, display_speed_mps=top_mps)
+    if presentation is Presentation.COACH:
+        return _coached(view, advice, train)
     if presentation is Presentation.FOUR_MODE:
         mode = int(advice.four_mode)
         holds = mode == Mode.CRUISE
@@ -171,6 +177,29 @@ def present(
         horizon_force_n=tuple(advice.horizon_force_n),
         next_mode=int(advice.next_mode),
         next_change_s=advice.next_change_s,
+    )
+
+
+def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView | None:
+    """What the display shows of the coach; None where there is no reference."""
+    coach = advice.coach
+    if coach is None or int(coach.now.mode) == Mode.NONE:
+        return None
+    following = coach.following[0] if coach.following else None
+    mode = int(coach.now.mode)
+    holds = mode == Mode.CRUISE  # Nobody is told with what effort to hold a speed.
+    return replace(
+        view,
+        mode=mode,
+        speed_mps=coach.now.speed_mps,
+        display_speed_mps=round(coach.now.speed_mps / KMH) * KMH,
+        lever_ratio=math.nan if holds else lever_ratio(coach.force_n, advice.speed_mps, train),
+        force_n=coach.force_n,
+        next_mode=int(following.mode) if following is not None else Mode.NONE,
+        next_change_s=following.in_s if following is not None else math.nan,
+        due_s=coach.now.in_s,
+        target_way_m=coach.target_m,
+        reason=coach.reason,
     )
 
 

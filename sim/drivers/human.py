@@ -128,6 +128,8 @@ class HumanDriver:
             more_n = self._display.heeded.correction_mps2 * outlook.train.inertial_mass_kg
             more_ratio = handling.efforts.lever_ratio(more_n)
             return min(max(view.lever_ratio * self._errors.force_ratio + more_ratio, -1.0), 1.0)
+        if view.presentation is Presentation.COACH:
+            return self._coached(cab, outlook, view, allowed_mps)
         if view.mode == Mode.CRUISE:
             return handling.held(cab, outlook, min(view.speed_mps, allowed_mps))
         if view.mode == Mode.FULL_TRACTION:
@@ -135,6 +137,22 @@ class HumanDriver:
         if view.mode == Mode.FULL_BRAKE:
             return handling.efforts.lever_ratio(-handling.efforts.electric_n)
         return 0.0
+
+    def _coached(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        """The setting that the coach asks for; when the speed is reached, he sees it himself and holds it."""
+        target = min(view.speed_mps, allowed_mps)
+        if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * self._settings.eased_s / 2.0
+            if away > 0:
+                return min(view.lever_ratio * self._errors.force_ratio, 1.0) if view.lever_ratio < 1.0 else 1.0
+            return self._handling.held(cab, outlook, target)
+        if view.mode == Mode.CRUISE:
+            return self._handling.held(cab, outlook, target)
+        if view.mode == Mode.COAST:
+            return 0.0
+        if cab.speed_mps <= target:
+            return min(self._handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
+        return max(view.lever_ratio * self._errors.force_ratio, -1.0)
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""

@@ -25,3 +25,5 @@ class Presentation(StrEnum):
     """Full traction, a speed to hold, coasting, braking; and when the next of them begins."""
     VECTOR = "vector"
     """Speed and effort now, and for the next seconds."""
+    COACH = "coach"
+    """What to do now, up to which speed and with what effort, and the next two changes."""

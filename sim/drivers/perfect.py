@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from das.advice.modes import Mode
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.knowledge import LineKnowledge, Outlook
 from sim.drivers.rule_settings import FOLLOWING, RULE, TRACKING
 from sim.drivers.rules import FastDriver, TimetableDriver
 from sim.drivers.tracking import hold, needed_braking_mps2, stand
 from sim.plant.kernels import electric_effort
-from sim.plant.plant import Command, force, speed
+from sim.plant.plant import COAST, Command, force, speed
 
 
 class PerfectDriver:
@@ -16,14 +17,40 @@ class PerfectDriver:
 
     def __init__(self, line: LineKnowledge) -> None:
         self._alone, self._minding = TimetableDriver(line), FastDriver(line)
+        self._due: AdviceView | None = None
+        self._due_at_m = 0.0
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
-        if view is None or view.presentation is not Presentation.VECTOR:
+        if view is None or view.presentation not in (Presentation.VECTOR, Presentation.COACH):
             return self._alone.command(cab)
         if (cab.restrictions or cab.signal_m < cab.stop_m) and self._must_mind(cab):
             return self._minding.command(cab)
-        return stand(cab) or self._follow(cab, view, self._alone.foresight.outlook(cab))
+        outlook = self._alone.foresight.outlook(cab)
+        if view.presentation is Presentation.COACH:
+            return stand(cab) or self._coached(cab, view, outlook)
+        return stand(cab) or self._follow(cab, view, outlook)
+
+    def _coached(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
+        """Do what the coach says at the moment when it is due."""
+        if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
+            self._due, self._due_at_m = view, cab.s_m
+        view = self._due
+        target = min(view.speed_mps, cab.limit_mps)
+        if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+            return hold(cab, outlook, target, high_n=max(view.force_n, 0.0))
+        if view.mode == Mode.CRUISE:
+            return hold(cab, outlook, target)
+        if view.mode == Mode.COAST and cab.speed_mps <= cab.limit_mps:
+            return COAST
+        way_m = view.target_way_m - (cab.s_m - self._due_at_m)
+        if view.speed_mps < FOLLOWING.creeping_mps:
+            needed = needed_braking_mps2(cab, cab.halt_m)
+        else:
+            needed = (cab.speed_mps**2 - view.speed_mps**2) / (2.0 * max(way_m, 1.0))
+        if needed <= 0 or view.mode == Mode.COAST:
+            return hold(cab, outlook, target)
+        return force(outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed)
 
     def _must_mind(self, cab: CabView) -> bool:
         """Whether the train is near the highest speed that a restriction or signal allows; the advice may not know."""

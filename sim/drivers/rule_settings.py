@@ -55,6 +55,8 @@ class FollowingSettings:
     """This near (m/s) to what a restriction or a signal allows, he leaves the advice."""
     least_braking_mps2: float = 0.05
     """Nobody brakes less (m/s²) than this for the mark: there is still a way to drive, after a signal short of it."""
+    creeping_mps: float = 0.3
+    """A speed to brake to that is lower than this is a halt."""
     release_s: float = 0.4
     """An effort is given up this much (s) before it is due: half the time it takes to fall."""
 

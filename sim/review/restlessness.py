@@ -16,6 +16,7 @@ PRESENTATIONS: Final = {
     das_pb2.Cab.PRESENTATION_RMS: Presentation.RMS,
     das_pb2.Cab.PRESENTATION_FOUR_MODE: Presentation.FOUR_MODE,
     das_pb2.Cab.PRESENTATION_VECTOR: Presentation.VECTOR,
+    das_pb2.Cab.PRESENTATION_COACH: Presentation.COACH,
 }
 A_SECOND_NS: Final = 1_000_000_000
 

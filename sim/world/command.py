@@ -178,7 +178,9 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
 
     driver = day.driver(options.driver)
     if options.out is None:
-        return World(day, driver, options.advice, InProcess(day.service)).run(tick), None
+        return World(
+            day, driver, options.advice, InProcess(day.service, coach=options.advice is Presentation.COACH)
+        ).run(tick), None
     how = How(
         driver=options.driver, advice=options.advice, train=options.train, command=typed_command(), bus=options.bus
     )

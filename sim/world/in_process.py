@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from das.advice.advice import Advice
+from das.advice.coach.settings import CoachSettings
+from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
 from das.cab.orders import Post
@@ -22,8 +24,8 @@ BEFORE_S = 10.0
 class InProcess:
     """Tells a cab what the bus would, at the same moments of its clock; nothing is recorded."""
 
-    def __init__(self, service: Service) -> None:
-        self._service = service
+    def __init__(self, service: Service, *, coach: bool = False) -> None:
+        self._service, self._coach = service, coach
         self._kept: dict[Kind, Heard] = {}
         self._judged_ns = 0
         self.said: list[Output] = []
@@ -37,8 +39,9 @@ class InProcess:
         situation = Situation(route=service.route, vehicle=service.vehicle, level=service.level)
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
+        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach))
         calibrate = service.scenario.sensors.force_noise_ratio is not None
-        self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate))
+        self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, advice=advice))
         """The on-board system."""
         self._judged_ns = 0
         for heard in list(self._kept.values()):

@@ -33,6 +33,7 @@ PRESENTATIONS = {
     Presentation.RMS: das_pb2.Cab.PRESENTATION_RMS,
     Presentation.FOUR_MODE: das_pb2.Cab.PRESENTATION_FOUR_MODE,
     Presentation.VECTOR: das_pb2.Cab.PRESENTATION_VECTOR,
+    Presentation.COACH: das_pb2.Cab.PRESENTATION_COACH,
 }
 
 
@@ -121,7 +122,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
     }
     return Crew(
         train=how.train,
-        node_arguments=_node_arguments(service),
+        node_arguments=(*_node_arguments(service), "--coach" if how.advice is Presentation.COACH else "--no-coach"),
         out=out,
         metadata=metadata,
         start_ns=service.moment_ns(-BEFORE_S),
@@ -190,6 +191,7 @@ def _shown(view: AdviceView | None) -> dict[str, Any]:
         "advised_lever_ratio": view.lever_ratio,
         "next_mode": view.next_mode,
         "next_change_s": view.next_change_s,
+        "reason": view.reason,
         "display_speed_mps": view.display_speed_mps,
     }
 

@@ -29,6 +29,7 @@ class Restlessness:
     began with another mode, speed or effort than the second before. `reversals` counts the times that the mode went
     from traction to brake, or from brake to traction, with less than 10 s of other modes in between.
     `shortest_mode_s` is the shortest time for which a mode stood before another one took its place; NaN where none did.
+    Brakes cannot wait: neither they nor the modes that they end count.
     """
 
     shown_s: float = 0.0
@@ -98,12 +99,12 @@ class ShownWatch:
         if before is not None and span_s <= GAP_S and shown != before:
             self._changes += 1
             if shown.mode is not before.mode:
-                self._mode_ended(time_s, shown.mode)
+                self._mode_ended(time_s, before.mode, shown.mode)
         self._note_effort(time_s, shown.mode)
 
-    def _mode_ended(self, time_s: float, now: Mode | None) -> None:
-        """A mode was followed by another one; that a train comes to its stop says nothing of the mode before."""
-        if now is not Mode.STOP:
+    def _mode_ended(self, time_s: float, ended: Mode | None, now: Mode | None) -> None:
+        """A mode was followed by another one; that the train stops, or brakes, says nothing of the mode before."""
+        if now is not Mode.STOP and not {ended, now} & BRAKE:
             self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
         self._mode_since_s = time_s
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from das.advice.advice import Advice
-from das.bus import codec
+from das.bus import codec, das_pb2
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from das.cab.heard import DelayHeard, Heard, PositionHeard, RestrictionsHeard, ToldRestriction
@@ -77,9 +77,9 @@ def _nonsense(tick: Tick) -> list[Heard]:
 class Kept(InProcess):
     """The cab in this process, with every advice as the bus would carry it."""
 
-    def __init__(self, *arguments: Any) -> None:
+    def __init__(self, *arguments: Any, **options: Any) -> None:
         self.payloads: list[bytes] = []
-        super().__init__(*arguments)
+        super().__init__(*arguments, **options)
 
     def exchange(self, tick: Tick) -> Advice:
         advice = super().exchange(tick)
@@ -87,21 +87,21 @@ class Kept(InProcess):
         return advice
 
 
-def advices_in_process(day: Day, hostile: bool) -> list[bytes]:
-    kept = Kept(day.service)
+def advices_in_process(day: Day, hostile: bool, shown: Presentation = Presentation.VECTOR) -> list[bytes]:
+    kept = Kept(day.service, coach=shown is Presentation.COACH)
     driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
-    World(day, driver, Presentation.VECTOR, Hostile(kept) if hostile else kept).run()
+    World(day, driver, shown, Hostile(kept) if hostile else kept).run()
     return kept.payloads
 
 
-def advices_over_bus(day: Day, hostile: bool, out: Path) -> list[bytes]:
-    how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
+def advices_over_bus(day: Day, hostile: bool, out: Path, shown: Presentation = Presentation.VECTOR) -> list[bytes]:
+    how = How(driver=DriverKind.HUMAN, advice=shown, train="T1", command="test")
     crew = make_crew(day, how, out)
     driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
     with Lockstep(crew) as lockstep:
         lockstep.begin(day.service.journey(crew.train, crew.start_ns))
         link: Link = OverBus(day, lockstep)
-        run = World(day, driver, Presentation.VECTOR, Hostile(link) if hostile else link).run()
+        run = World(day, driver, shown, Hostile(link) if hostile else link).run()
         lockstep.finish(day.service.moment_ns(run.states[-1].time_s))
     return [one.message.SerializeToString() for one in read_recording(out).of(ADVICE)]
 
@@ -120,3 +120,14 @@ def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(
     assert len(here) == len(there) > 100
     differing = [tick for tick, (a, b) in enumerate(zip(here, there, strict=True), 1) if a != b]
     assert not differing
+
+
+def test_the_coach_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
+    """On a day with a window and a restriction that comes on the way; every advice under way has a coach."""
+    service = prepare_service(read_scenario(bundled_scenarios()["train-ahead"]))
+    here = advices_in_process(make_day(service, SEED), False, Presentation.COACH)
+    there = advices_over_bus(make_day(service, SEED), False, tmp_path / "run.mcap", Presentation.COACH)
+    assert len(here) == len(there) > 100
+    assert [tick for tick, (a, b) in enumerate(zip(here, there, strict=True), 1) if a != b] == []
+    coached = [das_pb2.Advice.FromString(one).HasField("coach") for one in here]
+    assert sum(coached) > 0.9 * len(coached)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from das.advice.advice import Advice, Source
 from das.advice.cause import Cause
+from das.advice.coach.coaching import Coaching, Instruction, Replan, ReplanCause
 from das.advice.modes import Mode
 from das.bus import codec, das_pb2
 from das.bus.received import decoded
@@ -102,12 +103,51 @@ def test_an_advice_becomes_a_message_field_by_field() -> None:
     )  # fmt: skip
     topic, message = codec.said(advice, tick=3)
     assert (topic.name, message.tick) == ("advice", 3)  # type: ignore[attr-defined]
+    assert not message.HasField("coach")
     for field in dataclasses.fields(advice):
+        if field.name == "coach":
+            continue
         there, here = getattr(message, field.name), getattr(advice, field.name)
         there = tuple(there) if isinstance(here, tuple) else there
         assert there == here or (math.isnan(there) and math.isnan(here)), field.name
     silent = codec.said(Advice(time_ns=1, cause=Cause.POSITION_STALE, reason="old")).message
     assert silent.cause == das_pb2.CAUSE_POSITION_STALE  # type: ignore[attr-defined]
+
+
+COAST = Instruction(mode=Mode.COAST, speed_mps=20.0, effort_ratio=0.0, way_m=30.0, in_s=1.5)
+BRAKE = Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=5.0, effort_ratio=-0.35, way_m=900.0, in_s=40.0)
+HOLD = Instruction(mode=Mode.CRUISE, speed_mps=27.5)
+
+
+def same(message: Any, value: Any) -> None:
+    """Every field of a message is that of the value; NaN is NaN."""
+    for field in dataclasses.fields(value):
+        there, here = getattr(message, field.name), getattr(value, field.name)
+        if dataclasses.is_dataclass(here):
+            same(there, here)
+        elif isinstance(here, tuple):
+            assert len(there) == len(here)
+            for one, other in zip(there, here, strict=True):
+                same(one, other)
+        else:
+            assert there == here or (math.isnan(there) and math.isnan(here)), field.name
+    assert {field.name for field in dataclasses.fields(value)} == {field.name for field in message.DESCRIPTOR.fields}
+
+
+@pytest.mark.parametrize("now", [COAST, HOLD])
+@pytest.mark.parametrize("following", [(), (BRAKE,), (HOLD, BRAKE)])
+def test_what_the_coach_says_survives_the_message_field_by_field(
+    now: Instruction, following: tuple[Instruction, ...]
+) -> None:
+    replan = Replan(cause=ReplanCause.ENERGY, time_ns=NOW_NS, gain_j=1.5e6, gain_s=-0.25)
+    coaching = Coaching(
+        now=now, following=following, target_m=1200.0, target_s=44.0, force_n=-1.25e5, reason="coast for the 100",
+        worth_j=3.5e6, replan=replan,
+    )  # fmt: skip
+    sent = codec.said(Advice(time_ns=NOW_NS, coach=coaching)).message.SerializeToString()
+    message = das_pb2.Advice.FromString(sent)
+    assert message.HasField("coach")
+    same(message.coach, coaching)
 
 
 def test_status_estimate_and_event_become_messages() -> None:
@@ -131,6 +171,7 @@ def test_status_estimate_and_event_become_messages() -> None:
     [
         (Cause, das_pb2.WithdrawalCause, "CAUSE_"),
         (Mode, das_pb2.Mode, "MODE_"),
+        (ReplanCause, das_pb2.ReplanCause, "REPLAN_"),
         (Source, das_pb2.Advice.Source, "SOURCE_"),
         (NodeState, das_pb2.Status.State, "STATE_"),
         (Quality, das_pb2.Position.Quality, "QUALITY_"),

@@ -77,10 +77,12 @@ def test_the_shortest_mode_is_one_that_another_mode_followed() -> None:
     # The speed shown may change: the mode stands.
     assert math.isnan(found([Shown(T, 50), Shown(T, 51), Shown(T, 52)]).shortest_mode_s)
     # Withdrawn, at the stop, and said to be at the stop: the mode before did not end by itself.
-    assert found([*modes((T, 20), (C, 12)), None, None, *modes((C, 3), (B, 9), (T, 1))]).shortest_mode_s == 3.0
-    assert found([*modes((T, 20), (C, 12), (B, 2)), None, *modes((C, 9))]).shortest_mode_s == 12.0
-    assert found(modes((C, 12), (B, 2), (S, 3))).shortest_mode_s == 12.0
-    assert found(modes((C, 12), (B, 2), (B, 1)), [20.0] * 14 + [0.0]).shortest_mode_s == 12.0
+    assert found([*modes((T, 20), (C, 12)), None, None, *modes((C, 3), (H, 9), (T, 1))]).shortest_mode_s == 3.0
+    assert found([*modes((T, 20), (C, 12), (H, 2)), None, *modes((C, 9))]).shortest_mode_s == 12.0
+    assert found(modes((C, 12), (H, 2), (S, 3))).shortest_mode_s == 12.0
+    assert found(modes((C, 12), (H, 2), (H, 1)), [20.0] * 14 + [0.0]).shortest_mode_s == 12.0
+    # Brakes cannot wait: neither they nor the modes that they end count.
+    assert found(modes((T, 20), (C, 12), (H, 15), (C, 2), (B, 3), (H, 30))).shortest_mode_s == 12.0
 
 
 def test_it_agrees_with_a_count_by_lists() -> None:
@@ -98,10 +100,10 @@ def test_it_agrees_with_a_count_by_lists() -> None:
         seen = [one if v > 0 else None for one, v in zip(shown, speeds, strict=True)]
         spells = [list(group) for there, group in groupby(seen, key=lambda one: one is not None) if there]
         changes = sum(a != b for spell in spells for a, b in pairwise(spell))
-        blocks = [
-            len(list(block)) for spell in spells
-            for block in [list(g) for _, g in groupby(spell, key=lambda one: one.mode)][:-1]
-        ]  # fmt: skip
+        grouped = [[list(g) for _, g in groupby(spell, key=lambda one: one.mode)] for spell in spells]
+        pairs = [(a, b) for spell in grouped for a, b in pairwise(spell)]
+        brakes = {Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE}
+        blocks = [len(a) for a, b in pairs if not {a[0].mode, b[0].mode} & brakes]
         measured = found(shown, speeds)
         assert measured.changes == changes
         assert measured.shortest_mode_s == min(blocks)

@@ -1,0 +1,136 @@
+"""The coach of a section: keeps the reference, chooses what is shown of it, and says why and what it is worth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+
+from das.advice.coach import wording
+from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.coach.keeping import Keeper, Kept
+from das.advice.coach.settings import DEFAULT, CoachSettings
+from das.advice.coach.showing import BRAKES, Showing, ShownNow, SpeedsAllowed, force_n
+from das.advice.modes import Mode
+from das.advice.planner import Goal, TrainState
+from das.domain.errors import DasError
+from das.domain.units import NS
+from das.solver.calm.calm import CalmFront
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.schedule import Phase, Schedule
+from das.solver.section import Section
+from das.solver.state import following_node
+
+NEAR_M = 4000.0
+"""A limit or stop that an instruction leads to is named where it is nearer than this."""
+
+
+class Coach:
+    """Leads a driver along one section. The same inputs give the same advice, bit for bit."""
+
+    def __init__(self, section: Section, front: CalmFront | None, settings: CoachSettings = DEFAULT) -> None:
+        self._section, self._settings = section, settings
+        self._keeper, self._showing = Keeper(section, front, settings), Showing(settings.showing)
+
+    def take_over(self, before: Coach) -> None:
+        """Go on where the coach before ended, on another front or under other limits."""
+        self._keeper.take_over(before._keeper)
+        self._showing = before._showing
+
+    def forget(self) -> None:
+        """The reference does not hold any more, and nothing is shown."""
+        self._keeper.forget()
+        self._showing.forget()
+
+    def advise(self, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
+        """What the driver should do; None where no reference can be made (yet)."""
+        try:
+            kept = self._keeper.keep(state, goal)
+        except DasError:
+            return None
+        if kept is None:
+            return None
+        shown = self._showing.show(kept, state, place)
+        return Coaching(
+            now=shown.now,
+            following=shown.following,
+            target_m=shown.target_m,
+            target_s=shown.target_s,
+            force_n=force_n(self._section, shown.now, state.s_m, state.v_mps),
+            reason=self._reason(kept, shown, state, goal, place),
+            worth_j=self._worth_j(kept, state, waits=_waits(goal, state)),
+            replan=kept.reference.replan,
+        )
+
+    def stands(self, departs_in_s: float = 0.0) -> Coaching:
+        """The train stands at a stop, for so much longer (s)."""
+        self._showing.forget()
+        now = Instruction(mode=Mode.STOP, speed_mps=0.0, effort_ratio=0.0)
+        return Coaching(now=now, target_s=departs_in_s, reason="")
+
+    def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> str:
+        excess_mps = state.v_mps - place.allowed_mps
+        if excess_mps > self._settings.showing.overspeed_mps:
+            return wording.too_fast(excess_mps)
+        point = goal.passing
+        ahead = self._ahead(kept.reference.schedule, shown.number, state)
+        if point is not None and _waits(goal, state) and shown.now.mode not in BRAKES:
+            clock = datetime.fromtimestamp((point.earliest_ns or 0) * NS, UTC).strftime("%H:%M:%S")
+            return wording.slow_for_point(point, state.now_ns, clock)
+        return wording.reason(shown.now.mode, shown.now.speed_mps, ahead, kept.late_s)
+
+    def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Aim | None:
+        """The limit or stop that the next brake leads to, if it is near."""
+        instructions = schedule.phases
+        for k in range(number, min(number + 3, len(instructions))):
+            if instructions[k].kind is not NotchKind.BRAKE:
+                continue
+            at_m = schedule.begin_m(k + 1)
+            if at_m - state.s_m > NEAR_M:
+                return None
+            last = at_m >= self._section.end_m - 1.0
+            return wording.Aim(instructions[k].target_mps, at_m, self._stop_name() if last else "")
+        return None
+
+    def _stop_name(self) -> str:
+        end_m = self._section.end_m
+        return next((x.name for x in self._section.route.stops if abs(x.position_m - end_m) <= 1.0), "the stop")
+
+    def _worth_j(self, kept: Kept, state: TrainState, *, waits: bool) -> float:
+        """What keeping the reference saves (J) against going on at the present speed for a while first.
+
+        Nothing is said of a train that `waits` for a point to be free: going on is not allowed.
+        """
+        reference = kept.reference
+        if kept.forecast.time_s < self._settings.showing.arrived_s or waits:
+            return 0.0
+        going_on = self._going_on(reference.schedule, state)
+        try:
+            other = going_on.forecast(state.s_m, state.v_mps)
+        except DasError:
+            return 0.0
+        later_s = other.time_s - kept.forecast.time_s
+        return other.energy_j - kept.forecast.energy_j + reference.lambda_w * later_s
+
+    def _going_on(self, schedule: Schedule, state: TrainState) -> Schedule:
+        """The schedule of a driver who holds the present speed for a while and then does what was planned."""
+        section = schedule.section
+        first = following_node(section, state.s_m) - 1
+        until_m = state.s_m + state.v_mps * self._settings.showing.worth_over_s
+        until = int(np.searchsorted(section.node_m, until_m))
+        later = [one for one in schedule.phases if one.begin > until]
+        found = [Phase(NotchKind.HOLD, 0.0, first, state.v_mps)]
+        if until < len(section.step_m):
+            then = schedule.phases[schedule.number_at(float(section.node_m[until]))]
+            found.append(then._replace(begin=max(until, first + 1)))
+        found += [one for one in later if one.begin > found[-1].begin]
+        return replace(schedule, phases=tuple(found))
+
+
+def _waits(goal: Goal, state: TrainState) -> bool:
+    """Whether a point ahead may not be passed yet."""
+    point = goal.passing
+    if point is None or point.earliest_ns is None:
+        return False
+    return point.s_m > state.s_m and point.earliest_ns > state.now_ns

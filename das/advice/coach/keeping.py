@@ -1,0 +1,237 @@
+"""Keeping the reference: it stands until keeping it costs more than a stated amount, and every change has a reason."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from das.advice.coach.coaching import Replan, ReplanCause
+from das.advice.coach.planning import Wanted, passes_s, planned
+from das.advice.coach.settings import CoachSettings, MarginSettings
+from das.advice.passing import PassingTarget
+from das.advice.planner import Goal, TrainState
+from das.domain.errors import DasError
+from das.domain.units import NS
+from das.estimate.standstill import STANDSTILL_MPS
+from das.solver.calm.calm import CalmFront
+from das.solver.calm.schedule import Prospect, Schedule, Scheduled, on_section
+from das.solver.section import Section
+
+UNHURRIED_S = 0.5
+"""A reference arrives later than the timetable by this: so much the build-up of effort takes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StandingReference:
+    """The promise: a schedule, the price of time it was made at (W), what it was made for, and why."""
+
+    schedule: Schedule
+    lambda_w: float
+    arrival_ns: int
+    point: PassingTarget | None
+    replan: Replan
+
+
+class Kept(NamedTuple):
+    """The reference that holds now, what keeping it comes to from here, and how late the train arrives then (s)."""
+
+    reference: StandingReference
+    forecast: Prospect
+    late_s: float
+
+
+class Drift:
+    """How well the driver keeps to the reference: by how much the forecast of the arrival drifts in a minute."""
+
+    def __init__(self, settings: MarginSettings) -> None:
+        self._settings = settings
+        self._mean, self._square = 0.0, settings.drift_s_per_min**2
+        self._since: tuple[int, float] | None = None
+
+    def see(self, now_ns: int, late_s: float, *, anew: bool) -> None:
+        """Take note of a forecast; `anew`: it is that of another reference than the last one."""
+        if anew or self._since is None or now_ns < self._since[0]:
+            self._since = (now_ns, late_s)
+            return
+        minutes = (now_ns - self._since[0]) * NS / 60.0
+        if minutes * 60.0 < self._settings.sampled_s:
+            return
+        drift_s = late_s - self._since[1]
+        kept = math.exp(-minutes / self._settings.forgotten_min)
+        self._mean = kept * self._mean + (1.0 - kept) * drift_s / minutes
+        self._square = kept * self._square + (1.0 - kept) * drift_s**2 / minutes
+        self._since = (now_ns, late_s)
+
+    def margin_s(self, ahead_s: float) -> float:
+        """The margin (s) to a moment that is so far ahead."""
+        settings = self._settings
+        spread_s = settings.deviations * math.sqrt(self._square * max(ahead_s, 0.0) / 60.0)
+        return min(max(spread_s, settings.least_s), settings.most_s)
+
+    def loss_s(self, ahead_s: float) -> float:
+        """The time (s) that this driver is likely to lose against a reference in so long."""
+        return min(max(self._mean, 0.0) * max(ahead_s, 0.0) / 60.0, self._settings.most_s)
+
+
+class Keeper:
+    """Holds the reference of a section, and makes a new one where there is reason to."""
+
+    def __init__(self, section: Section, front: CalmFront | None, settings: CoachSettings) -> None:
+        self._section, self._front, self._settings = section, front, settings
+        self.reference: StandingReference | None = None
+        self._changed = self._standing = False
+        self._asked_ns = 0
+        self._drift = Drift(settings.margin)
+
+    def take_over(self, before: Keeper) -> None:
+        """Go on with the reference and the experience of the keeper before, on this section."""
+        self._drift, self._asked_ns = before._drift, before._asked_ns
+        if before.reference is not None:
+            section = self._front.section if self._front is not None else self._section
+            schedule = on_section(before.reference.schedule, section)
+            self.reference, self._changed = replace(before.reference, schedule=schedule), True
+
+    def forget(self) -> None:
+        """The reference does not hold any more."""
+        self.reference = None
+
+    def keep(self, state: TrainState, goal: Goal) -> Kept | None:
+        """The reference for a state, kept or new; None where none can be made yet.
+
+        Raises DasError for a state outside the section or from which it cannot be finished.
+        """
+        cause, forecast = self._why_at_once(state, goal)
+        if cause is not ReplanCause.NONE:
+            return self._made(cause, state, goal, forecast)
+        assert self.reference is not None
+        assert forecast is not None
+        late_s = forecast.time_s - self._left_s(state, goal)
+        self._drift.see(state.now_ns, late_s, anew=state.v_mps <= STANDSTILL_MPS)
+        kept = Kept(self.reference, forecast, late_s)
+        doubt = self._doubt(kept, state, goal)
+        if doubt is ReplanCause.NONE or self._front is None:
+            return kept
+        self._asked_ns = state.now_ns
+        return self._better(kept, doubt, state, goal)
+
+    def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
+        """Why there must be another reference now, if so, and what keeping this one comes to."""
+        reference = self.reference
+        if reference is None:
+            return ReplanCause.START, None
+        try:
+            forecast = reference.schedule.forecast(state.s_m, state.v_mps)
+        except DasError:
+            return ReplanCause.LOST, None
+        if self._front is None:
+            return ReplanCause.NONE, forecast
+        if self._changed:
+            return ReplanCause.LINE, forecast
+        if self._standing and state.v_mps > STANDSTILL_MPS:
+            return ReplanCause.START, forecast  # The train departs now, whenever it was to.
+        if goal.arrival_ns != reference.arrival_ns:
+            return ReplanCause.GOAL, forecast
+        if goal.passing is not None and goal.passing != reference.point:
+            return ReplanCause.POINT, forecast
+        return ReplanCause.NONE, forecast
+
+    def _doubt(self, kept: Kept, state: TrainState, goal: Goal) -> ReplanCause:
+        """Why another reference might be better."""
+        keeping, now_ns = self._settings.keeping, state.now_ns
+        young = (now_ns - kept.reference.replan.time_ns) * NS < keeping.least_age_s
+        asked = (now_ns - self._asked_ns) * NS < keeping.asked_every_s
+        if young or asked or kept.forecast.time_s < self._settings.showing.arrived_s:
+            return ReplanCause.NONE
+        if self._misses_window(kept, state, goal):
+            return ReplanCause.POINT
+        if kept.late_s > keeping.late_s:
+            return ReplanCause.LATE
+        if kept.late_s < -keeping.early_s:
+            return ReplanCause.EARLY
+        known = kept.reference.schedule.speed_at(state.s_m)
+        return ReplanCause.ENERGY if abs(state.v_mps - known) > keeping.astray_mps else ReplanCause.NONE
+
+    def _misses_window(self, kept: Kept, state: TrainState, goal: Goal) -> bool:
+        """Whether the train that keeps the reference passes the point ahead outside its window."""
+        point = goal.passing
+        if point is None or point.s_m <= state.s_m:
+            return False
+        at_s = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
+        early = point.earliest_ns is not None and at_s < (point.earliest_ns - state.now_ns) * NS
+        late = point.latest_ns is not None and at_s > (point.latest_ns - state.now_ns) * NS
+        return early or late
+
+    def _better(self, kept: Kept, doubt: ReplanCause, state: TrainState, goal: Goal) -> Kept:
+        """A new reference where it gains enough, else the one that stands."""
+        keeping = self._settings.keeping
+        try:
+            found = self._plan(state, goal)
+        except DasError:
+            return kept
+        # What the driver is likely to lose is lost with either reference; the new one is made quicker by that.
+        loss_s = self._drift.loss_s(self._left_s(state, goal))
+        late_s = abs(kept.late_s + loss_s)
+        new_late_s = abs(found.forecast.time_s - self._left_s(state, goal) + loss_s)
+        gain_s = late_s - new_late_s
+        gain_j = kept.forecast.energy_j - found.forecast.energy_j
+        worth_j = gain_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
+        least_j = keeping.least_gain_power_s * self._section.train.traction_power_w
+        better = {
+            ReplanCause.POINT: True,
+            ReplanCause.LATE: gain_s > keeping.least_gain_s,
+            ReplanCause.EARLY: gain_s > keeping.least_gain_s and gain_j > least_j,
+            ReplanCause.ENERGY: new_late_s < late_s + keeping.least_gain_s and worth_j > least_j,
+        }
+        if not better[doubt]:
+            return kept
+        return self._taken(found, Replan(cause=doubt, time_ns=state.now_ns, gain_j=gain_j, gain_s=gain_s), state, goal)
+
+    def _made(self, cause: ReplanCause, state: TrainState, goal: Goal, before: Prospect | None) -> Kept | None:
+        """A new reference, because there must be one."""
+        if self._front is None:
+            return None
+        found = self._plan(state, goal)
+        left_s = self._left_s(state, goal)
+        gain_j = gain_s = 0.0
+        if before is not None:
+            gain_j = before.energy_j - found.forecast.energy_j
+            gain_s = abs(before.time_s - left_s) - abs(found.forecast.time_s - left_s)
+        return self._taken(found, Replan(cause=cause, time_ns=state.now_ns, gain_j=gain_j, gain_s=gain_s), state, goal)
+
+    def _taken(self, found: Scheduled, replan: Replan, state: TrainState, goal: Goal) -> Kept:
+        self._changed, self._standing = False, state.v_mps <= STANDSTILL_MPS
+        self.reference = StandingReference(
+            schedule=found.schedule, lambda_w=found.lambda_w, arrival_ns=goal.arrival_ns, point=goal.passing,
+            replan=replan,
+        )  # fmt: skip
+        late_s = found.forecast.time_s - self._left_s(state, goal)
+        self._drift.see(state.now_ns, late_s, anew=True)
+        return Kept(self.reference, found.forecast, late_s)
+
+    def _plan(self, state: TrainState, goal: Goal) -> Scheduled:
+        assert self._front is not None
+        point, earliest_s, latest_s = goal.passing, None, None
+        if point is not None and point.earliest_ns is not None:
+            ahead_s = (point.earliest_ns - state.now_ns) * NS
+            earliest_s = ahead_s + self._drift.margin_s(ahead_s)
+        if point is not None and point.latest_ns is not None:
+            ahead_s = (point.latest_ns - state.now_ns) * NS
+            latest_s = ahead_s - self._drift.margin_s(ahead_s)
+            if earliest_s is not None:
+                latest_s = max(latest_s, earliest_s)
+        left_s = self._left_s(state, goal)
+        wanted = Wanted(
+            s_m=state.s_m,
+            v_mps=state.v_mps,
+            left_s=left_s - self._drift.loss_s(left_s),
+            point_m=None if point is None else point.s_m,
+            earliest_s=earliest_s,
+            latest_s=latest_s,
+        )
+        return planned(self._front, wanted, self._settings)
+
+    @staticmethod
+    def _left_s(state: TrainState, goal: Goal) -> float:
+        """The time (s) that a reference may take."""
+        return goal.left_s(state.now_ns) + UNHURRIED_S

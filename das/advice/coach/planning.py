@@ -1,0 +1,224 @@
+"""New references: a schedule for the time that is left, and through the window of a point ahead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from das.advice.coach.settings import CoachSettings
+from das.domain.errors import DasError
+from das.solver.calm.calm import CalmFront, solve_calm
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.polish import polished
+from das.solver.calm.schedule import (
+    Phase,
+    Prospect,
+    Schedule,
+    Scheduled,
+    schedule_in_time,
+    scheduled,
+    topped,
+)
+from das.solver.fastest import capped
+from das.solver.kernels.envelope import braking_envelope
+from das.solver.section import Section
+from das.solver.state import State
+
+HALVINGS = 12
+"""The speed with which a point is passed in time is found by halving an interval so many times."""
+NEAR_S, LATER_TRIES = 0.1, 3
+"""A point passed too early by more than this (s) is aimed at so much later, so many times."""
+RUN_UPS_M = (0.0, 800.0, 2000.0)
+"""A train that was slow for a point may accelerate from this far before it on."""
+SLOWEST_MPS = 2.0
+"""No train is told to go slower than this to a point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What a reference is made for: a state, the time left to the end (s), and a point with its window (s from now)."""
+
+    s_m: float
+    v_mps: float
+    left_s: float
+    point_m: float | None = None
+    earliest_s: float | None = None
+    latest_s: float | None = None
+
+
+def drivers_section(section: Section, settings: CoachSettings) -> Section:
+    """The section with the braking and the margins that the driver uses."""
+    driver, train = settings.driver, section.train
+    rate_mps2 = driver.braking_ratio * train.max_deceleration_mps2
+    if driver.planning_brake_mps2 is not None:
+        rate_mps2 = min(driver.planning_brake_mps2, rate_mps2)
+    ratio = driver.braking_ratio
+    train = train._replace(
+        max_deceleration_mps2=rate_mps2,
+        electric_force_n=ratio * train.electric_force_n,
+        electric_power_w=ratio * train.electric_power_w,
+        friction_force_n=ratio * train.friction_force_n,
+    )
+    limit = np.maximum(section.limit_mps - driver.below_limit_mps, np.minimum(section.limit_mps, SLOWEST_MPS))
+    ceiling, stuck = braking_envelope(section.for_kernels, limit, section.end_speed_mps, train)
+    # Where a descent cannot be braked so easily, the section's own envelope holds.
+    return section if stuck >= 0 else capped(section, ceiling)
+
+
+def solve_coach(section: Section, settings: CoachSettings, *, threads: int = 2) -> CalmFront:
+    """The calm runs that the coach of a section chooses from."""
+    return solve_calm(drivers_section(section, settings), settings.calm, threads=threads)
+
+
+def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+    """The schedule for what is wanted; raises DasError where the section cannot be finished from the state."""
+    left_s = max(wanted.left_s, 1.0)
+    free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
+    if wanted.point_m is None or wanted.point_m <= wanted.s_m:
+        return polished(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
+    at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
+    if wanted.earliest_s is not None and at_s < wanted.earliest_s:
+        return _slowed(front, free, wanted, settings)
+    if wanted.latest_s is not None and at_s > wanted.latest_s:
+        return _hurried(front, wanted, settings)
+    return polished(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
+
+
+def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float) -> float:
+    """The time (s) after which a train passes a point that keeps to a schedule from a position."""
+    times, node_m = elapsed_s(schedule, forecast, s_m)
+    return float(np.interp(point_m, node_m, times))
+
+
+def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s, from 0) and positions (m) of a forecast from a position on."""
+    first = int(np.argmax(np.isfinite(forecast.speeds_mps)))
+    node_m = schedule.section.node_m[first:].copy()
+    node_m[0] = s_m
+    speeds = forecast.speeds_mps[first:]
+    steps_s = 2.0 * np.diff(node_m) / np.maximum(speeds[:-1] + speeds[1:], 1e-3)
+    return np.concatenate(([0.0], steps_s.cumsum())), node_m
+
+
+def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+    """One lower speed up to the point or shortly before it, so that it is not passed too early, then the rest.
+
+    A train that accelerates before the point passes it faster; which way costs least is tried.
+    """
+    assert wanted.point_m is not None
+    best, price_w = free, free.lambda_w
+    for run_up_m in RUN_UPS_M:
+        until_m = wanted.point_m - run_up_m
+        if until_m <= wanted.s_m:
+            break
+        found = _passing_late_enough(front, free.schedule, wanted, until_m, settings, price_w)
+        if found is not None and (best is free or found.cost_j(wanted.left_s) < best.cost_j(wanted.left_s)):
+            best, price_w = found, found.lambda_w
+    return best
+
+
+def _passing_late_enough(
+    front: CalmFront, free: Schedule, wanted: Wanted, until_m: float, settings: CoachSettings, price_w: float
+) -> Scheduled | None:
+    """A reference with one lower speed up to a place; None where the point is passed too early all the same.
+
+    How fast the train runs from that place to the point is known only when the rest is planned.
+    """
+    assert wanted.point_m is not None
+    assert wanted.earliest_s is not None
+    later_s = 0.0
+    for _ in range(LATER_TRIES):
+        way = _slow_until(front, free, replace(wanted, earliest_s=wanted.earliest_s + later_s), until_m, price_w)
+        if way is None:
+            return None
+        found = _with_rest(front, way, replace(wanted, point_m=until_m), settings, price_w)
+        early_s = wanted.earliest_s - passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m)
+        if early_s <= NEAR_S:
+            return found
+        later_s += early_s
+    return None
+
+
+def _slow_until(
+    front: CalmFront, free: Schedule, wanted: Wanted, until_m: float, price_w: float
+) -> tuple[Schedule, Prospect] | None:
+    """The highest one speed up to a place with which the point is not passed too early; None where there is none.
+
+    From that place on the train runs at a price of time.
+    """
+    assert wanted.point_m is not None
+    assert wanted.earliest_s is not None
+    low, high, best = SLOWEST_MPS, float(free.section.envelope_mps.max()), None
+    until = int(np.searchsorted(free.section.node_m, until_m))
+    quick = min(int(np.searchsorted(front.lambda_w, price_w)), len(front.lambda_w) - 1)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        try:
+            tried = _slowed_down(free, middle, until).settled(wanted.s_m, wanted.v_mps)
+            passes = passes_s(*tried, wanted.s_m, until_m)
+            if until_m < wanted.point_m:
+                state = State.at(front.section, until_m, float(tried[1].speeds_mps[until]))
+                run = front.roll_out(state, quick, quick, 0)
+                passes += float(np.interp(wanted.point_m, state.node_m, state.elapsed_s(run.speeds_mps)))
+        except DasError:  # A hill cannot be climbed so slowly.
+            low = middle
+            continue
+        if passes < wanted.earliest_s:
+            high = middle
+        else:
+            low, best = middle, tried
+    return best
+
+
+def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
+    """The schedule with no higher speed than this up to an interval; coasting goes down to its last speed, no lower.
+
+    A train that coasts from a lower speed for as long as planned would stand.
+    """
+    phases: list[Phase] = []
+    for one in topped(schedule, top_mps, before).phases:
+        coasts = one.kind is NotchKind.COAST and schedule.known.speed_mps[one.begin] > top_mps
+        slow = Phase(NotchKind.HOLD, 0.0, one.begin, min(one.target_mps, top_mps)) if coasts else one
+        said = phases and slow.kind is NotchKind.HOLD and phases[-1]._replace(begin=slow.begin) == slow
+        if not said:
+            phases.append(slow)
+    return replace(schedule, phases=tuple(phases))
+
+
+def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+    """The slowest run of the ladder that passes the point in time (or the quickest), then what the time asks for."""
+    assert wanted.point_m is not None
+    assert wanted.latest_s is not None
+    state = State.at(front.section, wanted.s_m, wanted.v_mps)
+    slow, quick = -1, len(front.lambda_w) - 1
+    while quick - slow > 1:
+        middle = (slow + quick) // 2
+        run = front.roll_out(state, middle, middle, 0)
+        at_s = float(np.interp(wanted.point_m, state.node_m, state.elapsed_s(run.speeds_mps)))
+        slow, quick = (slow, middle) if at_s <= wanted.latest_s else (middle, quick)
+    found = schedule_in_time(front.roll_out(state, quick, quick, 0), 0.0, settings.schedule)
+    return _with_rest(front, (found.schedule, found.forecast), wanted, settings, found.lambda_w)
+
+
+def _with_rest(
+    front: CalmFront, way: tuple[Schedule, Prospect], wanted: Wanted, settings: CoachSettings, lambda_w: float
+) -> Scheduled:
+    """A way to the point, and from there on the schedule for the time that is left then."""
+    assert wanted.point_m is not None
+    schedule, forecast = way
+    section, node_m = schedule.section, schedule.section.node_m
+    point = int(np.searchsorted(node_m, wanted.point_m))
+    if point >= len(section.step_m) - 1:
+        return Scheduled(schedule, forecast, lambda_w)
+    took_s = passes_s(schedule, forecast, wanted.s_m, float(node_m[point]))
+    v_mps = float(forecast.speeds_mps[point])
+    left_s, point_m = max(wanted.left_s - took_s, 1.0), float(node_m[point])
+    rest = scheduled(front, left_s, point_m, v_mps, settings.schedule)
+    before = tuple(one for one in schedule.phases if one.begin < point)
+    after = tuple(one._replace(begin=max(one.begin, point)) for one in rest.schedule.phases)
+    speeds = np.concatenate((schedule.known.speed_mps[:point], rest.schedule.known.speed_mps[point:]))
+    both = replace(schedule, phases=(*before, *after), known=schedule.known._replace(speed_mps=speeds)).settled(
+        wanted.s_m, wanted.v_mps
+    )
+    return Scheduled(*both, rest.lambda_w)

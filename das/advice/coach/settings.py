@@ -1,0 +1,124 @@
+"""The tuning of the coach, as frozen data: each figure with its meaning and why it is what it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from das.domain.units import KMH
+from das.solver.calm.settings import CalmSettings, PolishSettings, ScheduleSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriverSettings:
+    """How the driver brakes and which margins he keeps, so that what is planned is what he does."""
+
+    planning_brake_mps2: float | None = None
+    """Limits and stops are braked for at no more than this rate (None: what `braking_ratio` leaves)."""
+    braking_ratio: float = 0.9
+    """Limits and stops are braked for with no more than this share of the train's planned deceleration: a driver who
+    brakes one second late can still keep them."""
+    below_limit_mps: float = 0.0
+    """Limits are planned with this margin."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeepingSettings:
+    """When the reference is kept, and when a new one is worth the change."""
+
+    late_s: float = 3.0
+    """The reference is kept while the train arrives no later than this."""
+    early_s: float = 5.0
+    """The reference is kept while the train arrives no earlier than this."""
+    least_gain_s: float = 1.0
+    """A new reference because of lateness must gain at least this."""
+    least_gain_power_s: float = 0.08
+    """A new reference to save energy must save what the train's full power needs in this time (0.14 kWh of 6 MW)."""
+    astray_mps: float = 1.5
+    """Whether keeping the reference costs energy is asked while the train is further than this from its speed."""
+    asked_every_s: float = 15.0
+    """Whether another reference would be better is asked at most this often."""
+    least_age_s: float = 20.0
+    """A reference younger than this is given up only where the world has changed or it cannot be kept to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrakeShowingSettings:
+    """How the effort of a brake is shown."""
+
+    early_ratio: float = 0.5
+    """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
+    last_mps: float = 3.0
+    """A train that is slower than this before its stop is not told to roll any more."""
+    again_ratio: float = 0.95
+    """and to brake again when this share of it is needed."""
+    creep_mps: float = 3.0
+    """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
+    step_ratio: float = 0.05
+    """The effort of the brake is shown in steps of this size."""
+    band_ratio: float = 0.25
+    """The effort of the brake stands while the deceleration that is needed stays this near to the one it gives."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowingSettings:
+    """How instructions are shown, and when the train counts as being at a speed."""
+
+    lead_s: float = 5.0
+    """An instruction is shown this much before it is due: about the time in which a driver reacts."""
+    reached_mps: float = 0.5
+    """A speed to be reached is reached from this much below it on."""
+    below_mps: float = 4.0 * KMH
+    """A train slower than the speed to hold by more than this is told to accelerate back to it,"""
+    worth_accelerating_s: float = 15.0
+    """unless the next instruction is nearer than this."""
+    above_mps: float = 4.0 * KMH
+    """A train faster than the speed to hold by more than this is told to coast back to it."""
+    least_shown_s: float = 8.0
+    """An instruction stands for at least this long, unless the next one asks for less traction or for more brake."""
+    overspeed_mps: float = 0.5
+    """A train above what is allowed by more than this is told to coast,"""
+    braked_mps: float = 1.5
+    """and by more than this to brake."""
+    brake: BrakeShowingSettings = field(default_factory=BrakeShowingSettings)
+    ahead: int = 2
+    """So many changes ahead are shown."""
+    worth_over_s: float = 60.0
+    """What an instruction is worth is judged against going on at the present speed for so long."""
+    arrived_s: float = 30.0
+    """With less time than this to the end of the section there is nothing to weigh any more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarginSettings:
+    """The margin to windows of time, which depends on how well the driver keeps to the reference."""
+
+    least_s: float = 2.0
+    """The least margin after the earliest time at which a point may be passed."""
+    most_s: float = 12.0
+    """The largest margin."""
+    deviations: float = 1.5
+    """The margin is so many standard deviations of the drift of the train against the reference."""
+    drift_s_per_min: float = 2.0
+    """The drift before anything is known of the driver (standard deviation, s in a minute)."""
+    sampled_s: float = 20.0
+    """The drift is looked at this often."""
+    forgotten_min: float = 5.0
+    """After this time (min) what was learned of the driver counts for 1/e."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoachSettings:
+    """All the tuning of the coach."""
+
+    enabled: bool = False
+    """Whether there is a coach; without one nothing is computed for it."""
+    calm: CalmSettings = field(default_factory=CalmSettings)
+    schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
+    polish: PolishSettings = field(default_factory=PolishSettings)
+    driver: DriverSettings = field(default_factory=DriverSettings)
+    keeping: KeepingSettings = field(default_factory=KeepingSettings)
+    showing: ShowingSettings = field(default_factory=ShowingSettings)
+    margin: MarginSettings = field(default_factory=MarginSettings)
+
+
+DEFAULT = CoachSettings()

@@ -1,0 +1,168 @@
+"""Calm runs: among runs with few changes of the notch, those of least cost.
+
+The backward sweep of `das.solver.solve` has a second price here: beside energy + λ·time, every change of the notch
+costs a fixed energy, so that a change must save at least that much. A state is a decision node, a speed and the notch
+that the train is in; the moves do not depend on λ. What is kept is the policy alone: the best notch of each state, and
+which notches are kept there.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.solver.calm.notches import Notches, make_notches
+from das.solver.calm.settings import CalmSettings
+from das.solver.kernels.calm_moves import calm_moves
+from das.solver.kernels.calm_roll_out import calm_roll_out, run_energy
+from das.solver.kernels.calm_sweep import NO_NOTCH, calm_sweep
+from das.solver.kernels.tuples import SpeedBounds
+from das.solver.section import Section
+from das.solver.solve import DecisionGrid, in_parts
+from das.solver.state import State
+
+Floats = NDArray[np.float64]
+
+
+DEFAULT = CalmSettings()
+
+
+class CalmMoves(NamedTuple):
+    """Where every notch leads (nodes, speeds, notches): time (s), energy (J), target speed and weight (see `Moves`)."""
+
+    time_s: NDArray[np.float32]
+    energy_j: NDArray[np.float32]
+    target: NDArray[np.int16]
+    weight: NDArray[np.float32]
+
+
+class CalmPolicy(NamedTuple):
+    """The best notch of each state (nodes, speeds, multipliers), and the notches that are kept there, as bits."""
+
+    choice: NDArray[np.uint8]
+    stay: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalmRun:
+    """A calm run from a state: speeds at the integration nodes ahead, and the notch of every interval."""
+
+    state: State
+    speeds_mps: Floats
+    notch: NDArray[np.uint8]
+    notches: Notches
+    time_s: float
+    energy_j: float
+    """The energy at the current collector."""
+    lambda_w: float
+    """The price of time at which the run is a good one."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalmFront:
+    """The calm policies of a section for a ladder of multipliers, ascending."""
+
+    section: Section
+    lambda_w: Floats
+    notches: Notches
+    policy: CalmPolicy
+    goal_mps: Floats
+    """At each integration node the lower speed that brakes lead to."""
+
+    @property
+    def nbytes(self) -> int:
+        """The size of the policies (bytes)."""
+        return self.policy.choice.nbytes + self.policy.stay.nbytes
+
+    def run(self, time_s: float, s_m: float, v_mps: float, notch: int = NO_NOTCH) -> CalmRun:
+        """The calm run from a state that takes about `time_s`; the fastest one where there is less time.
+
+        `notch` is the one that the train is in. Raises DasError for a state outside the section, InfeasibleError
+        where the section cannot be finished from it.
+        """
+        state = State.at(self.section, s_m, v_mps)
+        size = len(self.lambda_w)
+        slow, quick = -1, size  # the run of `slow` takes too long, that of `quick` does not
+        best = None
+        while quick - slow > 1:
+            middle = (slow + quick) // 2
+            run = self.roll_out(state, middle, middle, 0, notch)
+            if run.time_s > time_s:
+                slow = middle
+            else:
+                quick, best = middle, run
+        if best is None:
+            return self.roll_out(state, size - 1, size - 1, 0, notch)
+        if slow < 0:
+            return best
+        low, high = state.first_node, len(self.section.decision) - 1
+        # Quick up to a node, then slow: the earlier the switch, the later the arrival.
+        while high - low > 1:
+            middle = (low + high) // 2
+            run = self.roll_out(state, quick, slow, middle, notch)
+            if run.time_s > time_s:
+                low = middle
+            else:
+                high, best = middle, run
+        return best
+
+    def roll_out(self, state: State, quick: int, slow: int, switch: int, notch: int = NO_NOTCH) -> CalmRun:
+        """The run of multiplier `quick` up to decision node `switch`, then of `slow`."""
+        speeds = np.empty(len(state.node_m))
+        speeds[0] = state.speed_mps
+        notches = np.empty(len(state.step_m), np.uint8)
+        notches[0] = notch
+        first = len(self.section.node_m) - len(state.node_m)
+        time_s = calm_roll_out(
+            state.first_node, switch, quick, slow, state.decision, state.for_kernels,
+            SpeedBounds(state.floor_mps, state.envelope_mps), self.goal_mps[first:], self.notches, self.policy,
+            self.section.train, speeds, notches,
+        )  # fmt: skip
+        self.section.finished_s(time_s, float(state.node_m[0]), state.speed_mps)
+        energy_j = run_energy(state.for_kernels, self.section.train, self.section.loss_params, speeds)
+        return CalmRun(
+            state=state, speeds_mps=speeds, notch=notches, notches=self.notches, time_s=time_s, energy_j=energy_j,
+            lambda_w=float(self.lambda_w[quick]),
+        )  # fmt: skip
+
+
+def solve_calm(section: Section, settings: CalmSettings = DEFAULT, *, threads: int = 2) -> CalmFront:
+    """The calm policies of a section."""
+    grid, notches = DecisionGrid.of(section), make_notches(settings.traction_shares, settings.brake_shares)
+    n, states, count = len(grid.node_m) - 1, grid.speed_steps + 1, len(notches.kind)
+    shape = (n, states, count)
+    moves = CalmMoves(
+        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int16), np.empty(shape, np.float32)
+    )
+    usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
+    ladder = usable_w * np.geomspace(settings.low_ratio, settings.high_ratio, settings.ladder_size)
+    policy = CalmPolicy(np.empty((n, states, len(ladder)), np.uint8), np.empty((n, states, len(ladder)), np.uint16))
+    value = np.zeros((states, count, len(ladder)))
+    change_j = np.full(len(ladder), settings.change_s * usable_w)
+    goal = goals(section.envelope_mps)
+
+    def fill(first: int, last: int) -> None:
+        calm_moves(
+            first, last, grid.line, grid.bounds, goal[section.decision], grid.speed_steps, notches, section.train,
+            section.loss_params, moves,
+        )  # fmt: skip
+
+    def sweep(first: int, last: int) -> None:
+        calm_sweep(first, last, (ladder, change_j), moves, policy, value)
+
+    with ThreadPoolExecutor(threads) as pool:
+        in_parts(pool, threads, n, fill)
+        in_parts(pool, threads, len(ladder), sweep)
+    return CalmFront(section=section, lambda_w=ladder, notches=notches, policy=policy, goal_mps=goal)
+
+
+def goals(envelope_mps: Floats) -> Floats:
+    """At each node the speed to which the envelope falls from there on, before it rises again."""
+    goal = envelope_mps.copy()
+    for i in range(len(goal) - 2, -1, -1):
+        goal[i] = goal[i + 1] if envelope_mps[i + 1] <= envelope_mps[i] else envelope_mps[i]
+    return goal

@@ -1,0 +1,386 @@
+"""A schedule: a calm run as phases by place, each of which says what to do and up to which speed.
+
+A driver, and the forecast of what he will do, needs no more: accelerate with this effort to that speed, hold it up to
+this place, coast, brake to that speed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import InfeasibleError
+from das.solver.calm.calm import CalmFront, CalmRun
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.settings import ScheduleSettings
+from das.solver.kernels.calm_follow import follow
+from das.solver.kernels.calm_polish import cost_of_time
+from das.solver.kernels.calm_roll_out import run_energy
+from das.solver.kernels.tuples import KnownRun, LineArrays
+from das.solver.section import Section
+from das.solver.state import following_node
+
+Floats = NDArray[np.float64]
+MET_MPS = 1e-3
+"""A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
+NOWHERE = -1.0
+
+BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
+
+
+class Prospect(NamedTuple):
+    """What following a schedule comes to: speeds at the nodes of the section (behind the state: NaN), time, energy.
+
+    In `unsaid_s` of the time, limits ahead ask for brakes though no phase does.
+    """
+
+    speeds_mps: Floats
+    time_s: float
+    energy_j: float
+    unsaid_s: float
+
+
+class Phase(NamedTuple):
+    """One thing to do: its kind and share of effort, the first interval of the section, and the speed it leads to."""
+
+    kind: NotchKind
+    share: float
+    begin: int
+    target_mps: float
+
+
+DEFAULT = ScheduleSettings()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Schedule:
+    """Phases in the order of the line from interval `first` of the section on, and the run that keeps to them.
+
+    `known` is that run, at all nodes of the section.
+    """
+
+    section: Section
+    phases: tuple[Phase, ...]
+    known: KnownRun
+    back_share: float
+
+    @cached_property
+    def at(self) -> NDArray[np.int64]:
+        """The number of the phase of every interval of the section (before the start: the first)."""
+        begins = np.array([one.begin for one in self.phases])
+        intervals = np.arange(len(self.section.step_m))
+        return np.maximum(np.searchsorted(begins, intervals, side="right") - 1, 0)
+
+    @cached_property
+    def ends_m(self) -> Floats:
+        """How far behind each interval of the section its phase ends (m)."""
+        node_m = self.section.node_m
+        ends = np.array([self.begin_m(k + 1) for k in range(len(self.phases))])
+        return np.asarray(ends[self.at] - node_m[1:])
+
+    @cached_property
+    def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Kind, share and target speed of every phase."""
+        kinds = np.array([int(one.kind) for one in self.phases])
+        return (
+            kinds,
+            np.array([one.share for one in self.phases]),
+            np.array([one.target_mps for one in self.phases]),
+        )
+
+    def speed_at(self, s_m: float) -> float:
+        """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
+        return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
+
+    def number_at(self, s_m: float) -> int:
+        """The number of the phase that holds at a position."""
+        interval = int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1
+        return int(self.at[min(max(interval, 0), len(self.at) - 1)])
+
+    def braking_mps2(self, number: int) -> float:
+        """The mean deceleration (m/s²) of an phase to brake."""
+        first = self.phases[number].begin
+        last = self.phases[number + 1].begin if number + 1 < len(self.phases) else len(self.at)
+        speeds, node_m = self.known.speed_mps, self.section.node_m
+        last = max(last, first + 1)
+        return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
+
+    def begin_m(self, number: int) -> float:
+        """Where an phase begins (m); beyond the last one: the end of the section."""
+        if number >= len(self.phases):
+            return self.section.end_m
+        return float(self.section.node_m[self.phases[number].begin])
+
+    def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Prospect:
+        """What becomes of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls."""
+        section = self.section
+        first, line, envelope = self.ahead(s_m, v_mps)
+        speeds = np.full(len(section.node_m), np.nan)
+        speeds[first] = v_mps
+        time_s, unsaid_s = follow(
+            first, self.at, self.ends_m, *self.columns, self.back_share, self.known, met_mps, line, envelope,
+            section.train, speeds,
+        )  # fmt: skip
+        time_s = section.finished_s(time_s, s_m, v_mps)
+        ahead = LineArrays(*(array[first:] for array in line))
+        energy_j = float(run_energy(ahead, section.train, section.loss_params, speeds[first:]))
+        return Prospect(speeds, time_s, energy_j, unsaid_s)
+
+    def ahead(self, s_m: float, v_mps: float) -> tuple[int, LineArrays, Floats]:
+        """The interval that a position is in, and line and envelope of the section as they are from a state on."""
+        section = self.section
+        following = min(following_node(section, s_m), len(section.step_m))
+        first = following - 1
+        step, envelope = section.step_m.copy(), section.envelope_mps
+        step[first] = max(float(section.node_m[following]) - s_m, 1e-3)
+        if v_mps > envelope[first]:
+            envelope = envelope.copy()
+            envelope[first] = v_mps
+        return first, section.for_kernels._replace(step_m=step), envelope
+
+    def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
+        """The same phases with the run that keeps to them from a state, and that run."""
+        forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
+        speeds = forecast.speeds_mps
+        known = np.isfinite(speeds)
+        first = int(np.argmax(known))
+        run = known_run(self.section, np.where(known, speeds, v_mps))
+        run.time_to_go_s[:first] = run.time_to_go_s[first]
+        return replace(self, known=run), forecast
+
+
+class Scheduled(NamedTuple):
+    """A schedule, and what keeping to it comes to."""
+
+    schedule: Schedule
+    forecast: Prospect
+    lambda_w: float
+
+    def cost_j(self, time_s: float) -> float:
+        """The energy (J), and what arriving at another time than asked costs or is worth."""
+        return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, self.lambda_w))
+
+
+def scheduled(
+    front: CalmFront, time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings = DEFAULT
+) -> Scheduled:
+    """The schedule from a state that takes `time_s`, or as little as a calm run can.
+
+    Short phases that are left out make a run later: then one that takes less time is made into the schedule.
+    Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
+    """
+    asked_s, best = time_s, None
+    for _ in range(settings.rounds):
+        run = front.run(asked_s, s_m, v_mps)
+        found = schedule_in_time(run, time_s, settings)
+        if best is None or found.cost_j(time_s) < best.cost_j(time_s):
+            best = found
+        late_s = found.forecast.time_s - time_s
+        if late_s <= settings.late_s or run.time_s > asked_s:
+            break
+        asked_s -= late_s
+    assert best is not None
+    return best
+
+
+def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) -> Scheduled:
+    """The schedule of a run, with coasting begun so much earlier that it is not early."""
+    state, section = run.state, run.state.section
+    first = len(section.step_m) - len(state.step_m)
+    speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
+    raw = Schedule(
+        section=section,
+        phases=_phases(run, first, settings),
+        known=KnownRun(speeds, np.zeros_like(speeds)),
+        back_share=settings.back_share,
+    )
+    s_m, v_mps = float(state.node_m[0]), state.speed_mps
+    best = raw.settled(s_m, v_mps)
+    low, high = 0.0, 1.0
+    for _ in range(settings.tries):
+        if best[1].time_s >= time_s - settings.near_s:
+            break
+        share = 0.5 * (low + high)
+        try:
+            tried = _coasting_earlier(raw, share * settings.reach_m).settled(s_m, v_mps)
+        except InfeasibleError:  # Coasting so early, the train would stand.
+            high = share
+            continue
+        if tried[1].time_s > time_s + settings.near_s:
+            high = share
+        else:
+            low, best = share, tried
+    if best[1].time_s < time_s - settings.early_s:
+        best = _slower(best, time_s, s_m, v_mps, settings)
+    return Scheduled(*best, run.lambda_w)
+
+
+def _slower(
+    found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
+) -> tuple[Schedule, Prospect]:
+    """The schedule with a highest speed that is low enough for the time."""
+    schedule = found[0]
+    highest = max(one.target_mps for one in schedule.phases)
+    low, high, best = settings.lowest_top_ratio * highest, highest, found
+    for _ in range(settings.tries):
+        middle = 0.5 * (low + high)
+        try:
+            tried = topped(schedule, middle).settled(s_m, v_mps)
+        except InfeasibleError:
+            low = middle
+            continue
+        if tried[1].time_s > time_s + settings.near_s:
+            low = middle
+        else:
+            high, best = middle, tried
+    return best
+
+
+def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Schedule:
+    """The schedule with no higher speed than this, up to an interval of the section (by default everywhere)."""
+    last = len(schedule.at) if before is None else before
+    found: list[Phase] = []
+    for one in schedule.phases:
+        if one.begin >= last or one.target_mps <= top_mps:
+            found.append(one)
+        elif one.kind in (NotchKind.TRACTION, NotchKind.HOLD):
+            found.append(one._replace(target_mps=top_mps))
+        else:
+            found.append(one)
+    return replace(schedule, phases=tuple(found))
+
+
+def _coasting_earlier(schedule: Schedule, by_m: float) -> Schedule:
+    """The schedule with every stretch of coasting that follows another phase begun earlier by a distance (m)."""
+    node_m, moved = schedule.section.node_m, list(schedule.phases)
+    for i in range(1, len(moved)):
+        if moved[i].kind is NotchKind.COAST:
+            least = moved[i - 1].begin + 1
+            begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
+            moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
+    return replace(schedule, phases=tuple(moved))
+
+
+@dataclass(kw_only=True)
+class _Part:
+    """A stretch of a run in one notch, while short ones are joined to their neighbours."""
+
+    kind: NotchKind
+    share: float
+    first: int
+    last: int
+
+
+def _phases(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
+    """The stretches of a run in one notch, without the short ones; `first` is the run's interval on the section."""
+    speeds = run.speeds_mps
+    elapsed_s = run.state.elapsed_s(speeds)
+    parts = _without_short(_parts(run), elapsed_s, speeds, settings)
+    found: list[Phase] = []
+    for part, after in zip(reversed(parts), [None, *reversed(parts[1:])], strict=True):
+        target = float(speeds[part.last + 1])
+        if part.kind is NotchKind.HOLD:
+            target = float(speeds[part.first])
+        elif part.kind is NotchKind.TRACTION:
+            target = float(speeds[part.first : part.last + 2].max())
+            if after is not None and after.kind in (NotchKind.HOLD, NotchKind.TRACTION):
+                target = found[-1].target_mps  # Traction with another effort goes on to the same speed.
+        kind = NotchKind.BRAKE if part.kind in BRAKES else part.kind
+        found.append(Phase(kind, part.share, first + part.first, target))
+    return tuple(reversed(found))
+
+
+def _parts(run: CalmRun) -> list[_Part]:
+    """The stretches of a run in one notch."""
+    parts: list[_Part] = []
+    for i, notch in enumerate(run.notch.tolist()):
+        kind, share = NotchKind(int(run.notches.kind[notch])), float(run.notches.share[notch])
+        if parts and (parts[-1].kind, parts[-1].share) == (kind, share):
+            parts[-1].last = i
+        else:
+            parts.append(_Part(kind=kind, share=share, first=i, last=i))
+    return parts
+
+
+def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings) -> list[_Part]:
+    """The parts without those too short to be followed: the shortest first becomes part of a neighbour."""
+
+    def lasts_s(k: int) -> float:
+        return float(elapsed_s[parts[k].last + 1] - elapsed_s[parts[k].first])
+
+    while True:
+        short = [k for k in range(len(parts)) if lasts_s(k) < settings.least_s and _may_go(parts, k)]
+        if not short:
+            return parts
+        k = min(short, key=lasts_s)
+        part, rises = parts[k], float(speeds[parts[k].last + 1] - speeds[parts[k].first])
+        before, after = parts[k - 1] if k else None, parts[k + 1] if k + 1 < len(parts) else None
+        if part.kind is NotchKind.TRACTION and after is not None and after.kind is NotchKind.HOLD:
+            if before is not None and before.kind is NotchKind.HOLD and rises < settings.ripple_mps:
+                before.last = after.last
+                del parts[k : k + 2]
+                continue
+            after.kind, after.share = NotchKind.TRACTION, part.share
+        if before is not None and (after is None or _joins_before(part, before, after)):
+            before.last = part.last
+        elif after is not None:
+            after.first = part.first
+        del parts[k]
+        parts = _joined(parts)
+
+
+def _may_go(parts: list[_Part], k: int) -> bool:
+    """Whether a part may become part of a neighbour: a brake only of another brake.
+
+    Between two brakes for lower and lower limits even a short part stays: one deceleration over all of them would be
+    much slower.
+    """
+    braked = [parts[i].kind in BRAKES for i in (k - 1, k + 1) if 0 <= i < len(parts)]
+    if parts[k].kind in BRAKES:
+        return any(braked)
+    return len(parts) > 1 and not (len(braked) == 2 and all(braked))
+
+
+def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
+    """Whether a short part becomes part of the one before it, and not of the one after."""
+    if part.kind in BRAKES and after.kind in BRAKES:
+        return True  # One deceleration over the way of both would be slower: the second brake stays as it is.
+    if part.kind in BRAKES:
+        return before.kind in BRAKES
+    return part.kind is not NotchKind.TRACTION or before.kind is NotchKind.TRACTION
+
+
+def _joined(parts: list[_Part]) -> list[_Part]:
+    """The parts, where neighbours that say the same are one."""
+    found = parts[:1]
+    for part in parts[1:]:
+        if (part.kind, part.share) == (found[-1].kind, found[-1].share):
+            found[-1].last = part.last
+        else:
+            found.append(part)
+    return found
+
+
+def on_section(schedule: Schedule, section: Section) -> Schedule:
+    """The schedule on another section of the same line, by place."""
+    node_m, before = section.node_m, schedule.section.node_m
+    found: list[Phase] = []
+    for one in schedule.phases:
+        begin = min(int(np.searchsorted(node_m, before[one.begin])), len(section.step_m) - 1)
+        if found and begin <= found[-1].begin:
+            found.pop()
+        found.append(one._replace(begin=begin))
+    squares = np.interp(node_m, before, schedule.known.speed_mps**2)
+    speeds = np.minimum(np.sqrt(squares), section.envelope_mps)
+    return replace(schedule, section=section, phases=tuple(found), known=known_run(section, speeds))
+
+
+def known_run(section: Section, speeds_mps: Floats) -> KnownRun:
+    """A run by its speeds at the nodes of a section, with the time to go from each of them."""
+    times = 2.0 * section.step_m / np.maximum(speeds_mps[:-1] + speeds_mps[1:], 1e-3)
+    return KnownRun(speeds_mps, np.append(times[::-1].cumsum()[::-1], 0.0))

@@ -1,0 +1,64 @@
+"""The tuning of calm runs and schedules, as frozen data: each figure with its meaning and why it is what it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from das.domain.units import KMH
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalmSettings:
+    """What calm runs are made of, and what a change costs them."""
+
+    traction_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
+    """The steps of traction effort, as shares of the largest."""
+    brake_shares: tuple[float, ...] = (1.0, 0.7, 0.4)
+    """The steps of the electric brake, as shares of the largest."""
+    change_s: float = 0.03
+    """A change of the notch must save as much energy as the train's full power needs in this time: 0.05 kWh of a
+    locomotive of 6 MW. Half of it makes half as many changes more for 0.1 % of the energy."""
+    ladder_size: int = 32
+    """The number of multipliers λ."""
+    low_ratio: float = 0.004
+    """The lowest multiplier, as a share of the traction power that can be used on the section."""
+    high_ratio: float = 3.0
+    """The highest multiplier, as a multiple of that power; its run is almost the fastest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScheduleSettings:
+    """How a calm run becomes a schedule."""
+
+    least_s: float = 10.0
+    """An instruction that is no brake lasts at least this long, or it becomes part of the one before it."""
+    back_share: float = 0.7
+    """A train slower than the speed to hold gets back to it with this share of its traction."""
+    ripple_mps: float = 1.5
+    """A short acceleration by less than this, from one speed to hold to the next, is left out."""
+    reach_m: float = 2000.0
+    """Coasting begins at most this much earlier than in the calm run, so that the train is not early."""
+    tries: int = 8
+    """The place where coasting begins is narrowed down so many times."""
+    near_s: float = 0.3
+    """A schedule that arrives within this time of what was asked is near enough."""
+    early_s: float = 1.0
+    """A schedule that arrives earlier than asked by more than this gets a lower highest speed,"""
+    lowest_top_ratio: float = 0.8
+    """but not lower than this share of the highest speed before."""
+    late_s: float = 1.0
+    """A schedule that arrives later than asked by more than this is made from a quicker run."""
+    rounds: int = 4
+    """So many runs are tried, each quicker than the one before."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolishSettings:
+    """How far instructions are moved, and what arriving at another time than asked costs."""
+
+    steps_m: tuple[float, ...] = (200.0, 80.0)
+    """An instruction begins this much earlier or later, in rounds of smaller and smaller steps."""
+    steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH)
+    """A speed is this much lower or higher."""
+    least_s: float = 10.0
+    """No instruction but a brake is made shorter than this by moving its neighbours."""

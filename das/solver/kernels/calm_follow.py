@@ -1,0 +1,85 @@
+"""Following a schedule: what a train does that keeps to a calm run from where it is now."""
+
+from __future__ import annotations
+
+import math
+
+from das.compiling.kernels import kernel
+from das.solver.kernels.calm_moves import BRAKE, COAST, HOLD, TRACTION
+from das.solver.kernels.calm_roll_out import speed_under
+from das.solver.kernels.driving import drive
+from das.solver.kernels.forces import on_supply
+
+UNSAID_MPS = 0.05
+"""A limit ahead asks for brakes where the train would be faster than allowed by more than this (m/s)."""
+CREEP_MPS, CREEP_M = 0.5, 1.0
+"""A train that brakes to a stop and is slower than this (m/s) creeps on while there is more than this (m) to go."""
+BELOW_MPS = 0.5
+"""A speed to hold is held from this much (m/s) below it on; a train slower than that accelerates first."""
+
+
+@kernel
+def followed_speed(i, kind, share, target, back_share, way, line, v):
+    """The speed at the end of interval i that a train in an instruction means to have; `way` (m) is left of it."""
+    step, g, q, here = line
+    coasting = speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
+    if kind == COAST:
+        return coasting
+    if kind in (TRACTION, HOLD):
+        if v > target:
+            return min(max(coasting, target), v)
+        if kind == HOLD and v >= target - BELOW_MPS:
+            return target
+        effort = share if kind == TRACTION else back_share
+        return min(speed_under(TRACTION, effort, v, step[i], g[i], q[i], here), target)
+    if v < CREEP_MPS and way > CREEP_M:  # It would stop short of its mark.
+        return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
+    if v <= target:
+        return min(target, max(coasting, v))
+    # One deceleration from here to the end of the instruction.
+    return min(coasting, math.sqrt(max(v * v - (v * v - target * target) * min(step[i] / way, 1.0), target * target)))
+
+
+@kernel
+def followed_step(i, phase, back_share, way, line, envelope, p, v):
+    """Drive interval i in a `phase` (kind, share, target); fills v[i + 1].
+
+    Returns the time (s), or -1 after a stall, and whether limits ahead ask for brakes though the phase does not.
+    """
+    step, g, q, u = line
+    kind, share, target = phase
+    here = (step, g, q, on_supply(p, u[i]))
+    landing = followed_speed(i, kind, share, target, back_share, way, here, v[i])
+    moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
+    # On a hill that the schedule cannot climb the train takes all its traction.
+    if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
+        return -1.0, False
+    unsaid = kind != BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]
+    return 2.0 * step[i] / (v[i] + v[i + 1]), unsaid
+
+
+@kernel
+def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, line, envelope, p, v):
+    """Follow a schedule from v[first] to the end; fills v, returns the trip time (s) and the time of it in which
+    limits ahead ask for brakes though no phase does; (-1, 0) after a stall.
+
+    `at[i]` is the phase that holds in interval i, `ends[i]` how far behind the interval it ends (m); each has a
+    kind, share and target speed. `known` is a run that keeps to the schedule (speeds and time to go at every node):
+    from where the speeds of the two are within `met_mps` of each other they are one (negative: nowhere).
+    """
+    total = 0.0
+    unsaid = 0.0
+    n = line.step_m.size
+    for i in range(first, n):
+        c = at[i]
+        way = ends[i] + line.step_m[i]
+        took, is_unsaid = followed_step(i, (kinds[c], shares[c], targets[c]), back_share, way, line, envelope, p, v)
+        if took < 0.0:
+            return -1.0, 0.0
+        total += took
+        unsaid += took if is_unsaid else 0.0
+        if abs(v[i + 1] - known.speed_mps[i + 1]) < met_mps and i + 1 < n:
+            for k in range(i + 1, n):
+                v[k + 1] = known.speed_mps[k + 1]
+            return total + known.time_to_go_s[i + 1], unsaid
+    return total, unsaid

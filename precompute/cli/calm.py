@@ -1,0 +1,219 @@
+"""The command `das-precompute calm`: what it costs that a driver has few things to do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from das.command_line.compiling import loading_solver
+from das.command_line.options import JsonOption
+from das.command_line.printing import busy
+from das.domain.errors import DasError
+from das.domain.units import kwh
+from precompute.cli.options import buffered, numbers
+from precompute.cli.pose import Pose
+from precompute.cli.solve import solved_front
+
+if TYPE_CHECKING:
+    from das.domain.trajectory import Trajectory
+    from das.solver.calm.calm import CalmFront
+    from das.solver.front import Front
+    from das.solver.section import Section
+
+BUFFERS_PERCENT = "7"
+PRICES_S = "0,0.01,0.03,0.1,0.3,1"
+MOST_S = 100.0
+"""A change of the notch that costs more than this is never made."""
+OPTIMUM, FOUR_MODES = "optimum", "four modes"
+LEGEND = {
+    "price": "of a change, as seconds of the train's full power",
+    "chg": "changes of what the driver does; of the optimum and four modes, changes of mode",
+    "/min": "changes a minute",
+    "short": "shortest time between two changes that is no brake",
+    "more": "energy above the optimum of the run's own time, which may be some seconds from the one asked for",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalmRow:
+    """A run beside what calm costs; `price_s` is None for the optimum and for four modes.
+
+    `shortest_s` is the shortest time between two changes in which the train does not brake, NaN where there is none.
+    `more_j` is the energy above the optimum of the same time.
+    """
+
+    name: str
+    price_s: float | None
+    changes: int
+    shortest_s: float
+    time_s: float
+    energy_j: float
+    more_j: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """The row for JSON."""
+        optimum_j = self.energy_j - self.more_j
+        return {
+            "run": self.name,
+            "price_s": self.price_s,
+            "changes": self.changes,
+            "changes_per_min": 60.0 * self.changes / self.time_s,
+            "shortest_s": None if np.isnan(self.shortest_s) else self.shortest_s,
+            "time_s": self.time_s,
+            "energy_kwh": kwh(self.energy_j),
+            "more_kwh": kwh(self.more_j),
+            "more_ratio": self.more_j / optimum_j if optimum_j > 0 else None,
+        }
+
+
+def calm(
+    pose: Pose,
+    buffers: Annotated[
+        str, typer.Option("--buffers", metavar="LIST", help="Buffers in %, with commas between.")
+    ] = BUFFERS_PERCENT,
+    prices: Annotated[
+        str,
+        typer.Option(
+            "--prices", metavar="LIST", help="Prices of a change, in s of the train's full power, with commas between."
+        ),
+    ] = PRICES_S,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what few changes of the controller cost: energy for each of a list of prices of a change.
+
+    A calm run makes a change only where it saves as much energy as the train's full power needs in the time given as
+    its price. The rows show the schedule that the coach would make of such a run, with the section's own braking,
+    beside the optimum and the best run of four modes.
+    """
+    wanted = numbers("--buffers", buffers)
+    for one in wanted:
+        buffered(1.0, one)
+    prices_s = numbers("--prices", prices)
+    for price_s in prices_s:
+        if not 0 <= price_s <= MOST_S:
+            raise DasError(f"--prices {price_s:g}: expected times from 0 to {MOST_S:g} s")
+    section, front, min_time_s, _ = solved_front(pose)
+    with loading_solver():
+        from precompute.baselines import strategies
+
+        strategies.warm_up()
+    with busy("solving calm runs …"):
+        calms = list(_calm_fronts(section, prices_s))
+    found = []
+    for buffer_percent in wanted:
+        with busy(f"looking for runs with a buffer of {buffer_percent:g} % …"):
+            rows = list(calm_rows(front, calms, buffered(min_time_s, buffer_percent)))
+        found.append({"buffer_percent": buffer_percent, "runs": [row.as_dict() for row in rows]})
+    if as_json:
+        print(json.dumps({"min_time_s": min_time_s, "points": found}))
+        return
+    for point in found:
+        _print_rows(section.name, point, last=point is found[-1])
+
+
+def _calm_fronts(section: Section, prices_s: list[float]) -> Iterator[tuple[float, CalmFront]]:
+    """The calm runs of a section for each price of a change (s)."""
+    from das.solver.calm.calm import solve_calm
+    from das.solver.calm.settings import CalmSettings
+
+    for price_s in prices_s:
+        yield price_s, solve_calm(section, CalmSettings(change_s=price_s))
+
+
+def calm_rows(front: Front, calms: list[tuple[float, CalmFront]], time_s: float) -> Iterator[CalmRow]:
+    """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes."""
+    from precompute.baselines.strategies import four_modes
+
+    section = front.section
+    yield _row_of_modes(OPTIMUM, front.trajectory(time_s).trajectory, front)
+    for price_s, solved in calms:
+        yield _row_of_schedule(price_s, solved, front, time_s)
+    yield _row_of_modes(FOUR_MODES, four_modes(section, time_s).trajectory, front)
+
+
+def _row_of_schedule(price_s: float, solved: CalmFront, front: Front, time_s: float) -> CalmRow:
+    """The schedule of a price, made as the coach makes it."""
+    from das.solver.calm.polish import polished
+    from das.solver.calm.schedule import BRAKES, scheduled
+    from das.solver.solution import trajectory_on
+
+    section = front.section
+    start_m, start_mps = float(section.node_m[0]), section.start_speed_mps
+    found = polished(scheduled(solved, time_s, start_m, start_mps), time_s, start_m, start_mps)
+    phases = found.schedule.phases
+    begins = np.array([one.begin for one in phases])
+    brakes = np.array([one.kind in BRAKES for one in phases])
+    run = trajectory_on(section, section, found.forecast.speeds_mps)
+    return _row(f"{price_s:g}", price_s, run, front, (begins, brakes))
+
+
+def _row_of_modes(name: str, run: Trajectory, front: Front) -> CalmRow:
+    """A run by the modes of its intervals."""
+    from das.advice.classifying import classify_modes
+    from das.advice.modes import Mode
+
+    modes = classify_modes(replace(front.trajectory(run.time_s), trajectory=run), front.section)
+    begins = np.concatenate(([0], np.flatnonzero(np.diff(modes)) + 1))
+    brakes = modes[begins] >= Mode.REDUCED_BRAKE
+    return _row(name, None, run, front, (begins, brakes))
+
+
+def _row(
+    name: str,
+    price_s: float | None,
+    run: Trajectory,
+    front: Front,
+    phases: tuple[NDArray[np.int64], NDArray[np.bool_]],
+) -> CalmRow:
+    """The row of a run; of each of its phases the first interval, and whether it is a brake."""
+    begins, brakes = phases
+    lasts_s = np.diff(np.append(run.t_s[begins], run.t_s[-1]))
+    others = lasts_s[~brakes]
+    energy_j = run.ledger(front.section.vehicle, front.section.loss).input
+    optimum_j = front.trajectory(run.time_s).ledger.input
+    return CalmRow(
+        name=name,
+        price_s=price_s,
+        changes=len(begins) - 1,
+        shortest_s=float(others.min()) if len(others) else float("nan"),
+        time_s=run.time_s,
+        energy_j=energy_j,
+        more_j=energy_j - optimum_j,
+    )
+
+
+def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
+    """Print the runs of a buffer as a table, the last one with a legend."""
+    from rich import box
+    from rich.table import Table
+
+    from das.command_line.printing import print_table
+
+    title = f"{section}, buffer {point['buffer_percent']:g} %"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for name in ("price\ns", "chg", "/min", "short\ns", "time\ns", "energy\nkWh", "more\nkWh", "more\n%"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for run in point["runs"]:
+        ratio, shortest_s = run["more_ratio"], run["shortest_s"]
+        table.add_row(
+            run["run"],
+            f"{run['changes']}",
+            f"{run['changes_per_min']:.2f}",
+            "–" if shortest_s is None else f"{shortest_s:.1f}",
+            f"{run['time_s']:.1f}",
+            f"{run['energy_kwh']:.2f}",
+            _signed(run["more_kwh"]),
+            "–" if ratio is None else _signed(100 * ratio),
+        )
+    print_table(table, LEGEND if last else None)
+
+
+def _signed(value: float) -> str:
+    """A difference with two digits, never as −0.00."""
+    return f"{round(value, 2) + 0.0:.2f}"

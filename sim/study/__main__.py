@@ -1,0 +1,62 @@
+"""`python -m sim.study [price] [days] [loop]`: make figures and pictures of docs/explanation/coach.md again."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+from sim.study.loop import DRIVERS, KEPT, SCENARIOS, SEEDS, driver_table, keeping_table
+from sim.study.page import write_table
+from sim.study.pictures import days_table
+from sim.study.price import price_table, zug_luzern
+from sim.study.watching import service_of
+
+PAGE: Final = Path("docs") / "explanation" / "coach.md"
+
+
+def _price() -> Iterator[tuple[str, Iterator[str]]]:
+    yield "price", price_table(zug_luzern())
+
+
+def _days() -> Iterator[tuple[str, Iterator[str]]]:
+    yield "days", days_table()
+
+
+def _loop() -> Iterator[tuple[str, Iterator[str]]]:
+    services = [service_of(name) for name in SCENARIOS]
+    yield "drivers", driver_table(services, SEEDS, DRIVERS)
+    yield "keeping", keeping_table(services, SEEDS, KEPT)
+
+
+PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
+    "price": _price,
+    "days": _days,
+    "loop": _loop,
+}
+
+
+def _told(lines: Iterator[str]) -> Iterator[str]:
+    """The lines, each printed as it is found."""
+    for line in lines:
+        print(line, flush=True)
+        yield line
+
+
+def main() -> None:
+    """Make the parts that were asked for, or all of them."""
+    parser = argparse.ArgumentParser(prog="python -m sim.study", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"One or more of {', '.join(PARTS)} [default: all].")
+    parser.add_argument("--page", type=Path, default=PAGE, help="The page to write into.")
+    asked = parser.parse_args()
+    unknown = [part for part in asked.parts if part not in PARTS]
+    if unknown:
+        parser.error(f"{unknown[0]}: expected {', '.join(PARTS)}")
+    for part in asked.parts or PARTS:
+        for name, lines in PARTS[part]():
+            write_table(asked.page, name, _told(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,197 @@
+"""The coach in a cab: reasons in words, what following is worth, restrictions and targets told, and standing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from das.advice.advice import Advice, Timetable
+from das.advice.coach import wording
+from das.advice.coach.coach import Coach
+from das.advice.coach.coaching import Coaching, ReplanCause
+from das.advice.coach.settings import DEFAULT, CoachSettings
+from das.advice.coach.showing import BRAKES, SpeedsAllowed
+from das.advice.modes import Mode
+from das.advice.passing import PassingTarget
+from das.advice.planner import TrainState
+from das.advice.settings import AdviceSettings
+from das.cab.fronts import Fronts
+from das.cab.leg import Leg
+from das.cab.preparation import Preparation
+from das.cab.situation import Situation
+from das.domain.route import Restriction
+from das.domain.units import KMH
+from das.estimate.estimate import Estimate
+from tests.support.calm import BUNDLED, asked_s, section_of
+from tests.support.coach import Keeping, coach_front, goal_of, ns, started
+from tests.support.coach import keeper_of as keeper_of_section
+
+pytestmark = pytest.mark.slow
+LINE = BUNDLED[2]
+ENABLED = CoachSettings(enabled=True)
+FREE = SpeedsAllowed(60.0, 60.0)
+
+
+def coach_of() -> Coach:
+    return Coach(section_of(LINE), coach_front(LINE), DEFAULT)
+
+
+def train_of() -> Keeping:
+    """A train that keeps to the reference of its section with a buffer of 15 %."""
+    _, train = started(keeper_of_section(LINE), LINE, goal_of(LINE, 0.15))
+    return train
+
+
+def said(coach: Coach, state: TrainState, place: SpeedsAllowed = FREE) -> Coaching:
+    coaching = coach.advise(state, goal_of(LINE, 0.15), place)
+    assert coaching is not None
+    return coaching
+
+
+def test_a_run_with_the_coach_has_a_reason_at_every_moment() -> None:
+    coach, train = coach_of(), train_of()
+    words = {said(coach, train.at(second)).reason.split(",")[0].split()[0] for second in range(6, int(train.end_s) - 3)}
+    assert words <= {"accelerate", "hold", "coast", "brake"}
+    assert len(words) == 4
+
+
+def test_the_last_brake_names_the_stop() -> None:
+    coach, train = coach_of(), train_of()
+    reasons = [said(coach, train.at(second)).reason for second in range(6, int(train.end_s) - 6)]
+    assert reasons[-1].startswith("brake for Zug")
+
+
+def test_a_train_that_is_too_fast_is_told_by_how_much() -> None:
+    """5 m/s above what is allowed."""
+    coach, state = coach_of(), train_of().at(200)
+    coaching = said(coach, state, SpeedsAllowed(state.v_mps - 5.0, 60.0))
+    assert coaching.reason == "18 km/h too fast"
+    assert coaching.now.mode is Mode.FULL_BRAKE
+
+
+def test_coasting_in_time_is_worth_more_than_going_on() -> None:
+    """Where the reference coasts or brakes, going on at the present speed costs energy."""
+    coach, train, worth = coach_of(), train_of(), {}
+    for second in range(6, int(train.end_s) - 40):
+        coaching = said(coach, train.at(second))
+        worth.setdefault(coaching.now.mode, []).append(coaching.worth_j)
+    assert np.mean(worth[Mode.COAST]) > 0.0
+    assert max(max(values) for values in worth.values()) > 1e6
+
+
+def test_a_standing_train_is_told_to_stand_and_for_how_long() -> None:
+    coaching = coach_of().stands(42.0)
+    assert (coaching.now.mode, coaching.now.speed_mps, coaching.target_s) == (Mode.STOP, 0.0, 42.0)
+
+
+def test_a_state_that_cannot_go_on_has_no_coaching() -> None:
+    """Outside the section there is no reference."""
+    state = TrainState(ns(10), section_of(LINE).end_m + 100.0, 10.0)
+    assert coach_of().advise(state, goal_of(LINE, 0.15), FREE) is None
+
+
+def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
+    coach, train = coach_of(), train_of()
+    state = train.at(60)
+    point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(420.0), reason="train ahead")
+    coaching = coach.advise(state, replace(goal_of(LINE, 0.15), passing=point), FREE)
+    assert coaching is not None
+    assert coaching.reason.startswith("slow: train ahead: km 21.0 not before ")
+    assert coaching.reason.endswith(", in 360 s")
+    assert coaching.worth_j == 0.0
+
+
+@pytest.mark.parametrize(
+    ("mode", "late_s", "expected"),
+    [
+        (Mode.COAST, -40.0, "coast for the 100 at km 12.3, 40 s spare"),
+        (Mode.COAST, -4.0, "coast for the 100 at km 12.3"),
+        (Mode.REDUCED_BRAKE, 30.0, "brake for the 100 at km 12.3"),
+        (Mode.CRUISE, 0.0, "hold 90"),
+        (Mode.FULL_TRACTION, 0.0, "accelerate to 90"),
+    ],
+)
+def test_reasons_are_what_a_driver_would_say(mode: Mode, late_s: float, expected: str) -> None:
+    assert wording.reason(mode, 90 * KMH, wording.Aim(100 * KMH, 12_300.0), late_s) == expected
+
+
+class Cab:
+    """A leg with its preparation, as a cab has them, in this thread; the train is where the tests say."""
+
+    def __init__(self) -> None:
+        section = section_of(LINE)
+        start, end = (x for x in section.route.stops if x.position_m in (section.start_m, section.end_m))
+        self.situation = Situation(route=section.route, vehicle=section.vehicle)
+        clock = iter(range(10**6))
+        self.preparation = Preparation(Fronts(threads=1), lambda: next(clock), ENABLED, background=False)
+        self.leg = Leg(start, end, section, AdviceSettings(coach=ENABLED))
+        self.preparation.add(self.leg, self.situation)
+        self.leg.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(asked_s(LINE, 0.15))))
+
+    def advice(self, state: TrainState) -> Advice:
+        here = Estimate(
+            time_ns=state.now_ns,
+            s_m=state.s_m,
+            speed_mps=state.v_mps,
+            position_sd_m=1.0,
+            speed_sd_mps=0.1,
+            problem=None,
+        )
+        self.leg.see(here)
+        self.preparation.prepare([self.leg], 0, self.situation, state.now_ns, told=False)
+        return self.leg.advise(here)
+
+    def coaching(self, state: TrainState) -> Coaching:
+        coaching = self.advice(state).coach
+        assert coaching is not None
+        return coaching
+
+
+def test_what_is_told_on_the_way_makes_one_other_reference_each() -> None:
+    """A restriction, a target at the stop and one at a point, told to a train that keeps to its reference."""
+    cab, train = Cab(), train_of()
+    causes, times = [cab.coaching(train.at(30)).replan.cause], set()
+    section = section_of(LINE)
+    for second in range(31, 40):
+        times.add(cab.coaching(train.at(second)).replan.time_ns)
+    assert times == {ns(30)}
+    one = Restriction(start_m=section.start_m + 9000.0, end_m=section.start_m + 9600.0, limit_mps=15.0)
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    causes.append(cab.coaching(train.at(40)).replan.cause)
+    assert cab.coaching(train.at(41)).replan.time_ns == ns(40)
+    cab.leg.arrival_ns = ns(asked_s(LINE, 0.3))
+    causes.append(cab.coaching(train.at(42)).replan.cause)
+    assert cab.coaching(train.at(43)).replan.time_ns == ns(42)
+    cab.leg.points = [PassingTarget(s_m=section.start_m + 8000.0, earliest_ns=ns(500.0))]
+    causes.append(cab.coaching(train.at(44)).replan.cause)
+    assert causes[:3] == [ReplanCause.START, ReplanCause.LINE, ReplanCause.GOAL]
+    assert causes[3] in (ReplanCause.POINT, ReplanCause.LINE)
+    assert cab.coaching(train.at(45)).replan.time_ns == ns(44)
+
+
+def test_a_train_at_a_restriction_is_shown_no_more_than_it_allows() -> None:
+    cab, train = Cab(), train_of()
+    state = train.at(150)
+    one = Restriction(start_m=state.s_m + 100.0, end_m=state.s_m + 900.0, limit_mps=15.0)
+    cab.coaching(state)
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    coaching = cab.coaching(state)
+    assert coaching.now.mode in BRAKES
+    assert coaching.now.speed_mps <= cab.leg.planner.allowed_mps(state.s_m) < state.v_mps
+    inside = cab.coaching(TrainState(ns(160), state.s_m + 200.0, 16.0))
+    assert inside.now.speed_mps <= 15.0 + 0.3
+
+
+def test_without_a_coach_there_is_none() -> None:
+    section = section_of(LINE)
+    start, end = (x for x in section.route.stops if x.position_m in (section.start_m, section.end_m))
+    leg = Leg(start, end, section)
+    leg.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(asked_s(LINE, 0.15))))
+    here = Estimate(
+        time_ns=ns(50), s_m=section.start_m + 500.0, speed_mps=15.0, position_sd_m=1.0, speed_sd_mps=0.1, problem=None
+    )
+    leg.see(here)
+    leg.refresh_goal()
+    assert leg.advise(here).coach is None

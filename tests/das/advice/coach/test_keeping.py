@@ -1,0 +1,293 @@
+"""The keeper: a reference stands until there is a reason, and every new one says its reason and its gain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from das.advice.coach.coaching import Replan, ReplanCause
+from das.advice.coach.keeping import Drift, Keeper, Kept
+from das.advice.coach.planning import passes_s, solve_coach
+from das.advice.coach.settings import DEFAULT, CoachSettings, KeepingSettings, MarginSettings
+from das.advice.passing import PassingTarget
+from das.advice.planner import Goal, TrainState
+from das.domain.route import Restriction
+from das.domain.units import NS
+from das.solver.section import build_section
+from tests.support.calm import BUNDLED, Which, section_of
+from tests.support.coach import Keeping, coach_front, goal_of, keeper_of, ns, started
+
+pytestmark = pytest.mark.slow
+LINE = BUNDLED[2]
+"""17 km, the middle section of Zürich–Luzern."""
+BUFFER = 0.15
+
+
+def driven(
+    keeper: Keeper, train: Keeping, goal: Goal, seconds: range, *, behind_s: float = 0.0
+) -> list[tuple[int, Kept]]:
+    """The references that are made while a train keeps to its own plan, some time behind it, and when."""
+    found: list[tuple[int, Kept]] = []
+    for second in seconds:
+        before = keeper.reference
+        kept = keeper.keep(train.at(second, behind_s=behind_s), goal)
+        assert kept is not None
+        if kept.reference is not before:
+            found.append((second, kept))
+    return found
+
+
+def ridden(keeper: Keeper, train: Keeping, goal: Goal, seconds: range, point_m: float) -> tuple[list[Replan], float]:
+    """The replans of a train that keeps to every reference until it passes a point, and when it passes it (s)."""
+    replans: list[Replan] = []
+    for second in seconds:
+        state, before = train.at(second), keeper.reference
+        if state.s_m >= point_m:
+            return replans, second - (state.s_m - point_m) / state.v_mps
+        kept = keeper.keep(state, goal)
+        assert kept is not None
+        if kept.reference is not before:
+            replans.append(kept.reference.replan)
+            train = Keeping(kept.reference.schedule, kept.forecast, second, state.s_m)
+    return pytest.fail("the point was never passed")
+
+
+@pytest.mark.parametrize("which", BUNDLED)
+def test_who_keeps_exactly_to_the_reference_gets_no_other(which: Which) -> None:
+    """From the departure to the stop; the forecast of the arrival stays the same to within half a second."""
+    keeper, goal = keeper_of(which), goal_of(which, BUFFER)
+    kept, train = started(keeper, which, goal)
+    assert kept.reference.replan.cause is ReplanCause.START
+    for second in range(6, int(train.end_s) - 2):
+        here = keeper.keep(train.at(second), goal)
+        assert here is not None
+        assert here.reference is kept.reference, (second, here.reference.replan)
+        assert here.late_s == pytest.approx(kept.late_s, abs=0.5)
+
+
+def test_a_reference_of_a_standing_train_is_made_anew_when_it_departs() -> None:
+    keeper, goal, start_m = keeper_of(LINE), goal_of(LINE, BUFFER), section_of(LINE).start_m
+    standing = keeper.keep(TrainState(ns(0), start_m, 0.0), goal)
+    waiting = keeper.keep(TrainState(ns(10), start_m, 0.0), goal)
+    moving = keeper.keep(TrainState(ns(18), start_m + 1.0, 1.0), goal)
+    assert standing is not None
+    assert waiting is not None
+    assert moving is not None
+    assert waiting.reference is standing.reference
+    assert moving.reference is not standing.reference
+    assert moving.reference.replan.cause is ReplanCause.START
+    assert moving.reference.replan.time_ns == ns(18)
+    assert moving.late_s < 3.0
+
+
+def test_who_is_late_gets_one_other_reference_which_says_what_it_gains() -> None:
+    """8 s behind, of which a quicker run gains nearly all; the train that keeps to it gets no third one."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    first, train = started(keeper, LINE, goal)
+    assert not driven(keeper, train, goal, range(6, 100))
+    (second, kept), *more = driven(keeper, train, goal, range(100, 101), behind_s=8.0)
+    assert not more
+    replan = kept.reference.replan
+    assert (second, replan.cause, replan.time_ns) == (100, ReplanCause.LATE, ns(100))
+    assert 4.0 <= replan.gain_s <= 9.0
+    assert replan.gain_j < 0.0  # To be quicker costs energy.
+    assert kept.late_s < DEFAULT.keeping.late_s
+    assert kept.reference.lambda_w > first.reference.lambda_w
+    again = Keeping(kept.reference.schedule, kept.forecast, 100.0, train.at(100, behind_s=8.0).s_m)
+    assert not driven(keeper, again, goal, range(101, int(again.end_s) - 2))
+
+
+def test_a_driver_who_is_known_to_lose_time_gets_another_reference_all_the_same() -> None:
+    """It is made quicker by what he is likely to lose; that it would be early by this without him is no reason."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    _, train = started(keeper, LINE, goal)
+    ((_, kept),) = driven(keeper, train, goal, range(100, 110), behind_s=8.0)
+    assert kept.reference.replan.cause is ReplanCause.LATE
+    assert kept.reference.replan.gain_s > 4.0
+    assert kept.late_s < 0.0
+
+
+def test_who_is_late_by_less_than_the_stated_seconds_keeps_his_reference() -> None:
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    _, train = started(keeper, LINE, goal)
+    assert not driven(keeper, train, goal, range(6, 300), behind_s=DEFAULT.keeping.late_s - 1.5)
+
+
+def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None:
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    _, train = started(keeper, LINE, goal)
+    assert not driven(keeper, train, goal, range(6, 100))
+    ((_, kept),) = driven(keeper, train, goal, range(100, 101), behind_s=-25.0)
+    replan = kept.reference.replan
+    assert replan.cause is ReplanCause.EARLY
+    assert replan.gain_s > 10.0
+    assert replan.gain_j > DEFAULT.keeping.least_gain_power_s * section_of(LINE).train.traction_power_w
+
+
+def test_a_young_reference_is_not_doubted() -> None:
+    """Late by 30 s, but the reference is younger than the least age."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    kept, train = started(keeper, LINE, goal)
+    young = range(6, 5 + int(DEFAULT.keeping.least_age_s))
+    assert [cause for _, cause in driven(keeper, train, goal, young, behind_s=30.0)] == []
+    later = driven(keeper, train, goal, range(young.stop, young.stop + 20), behind_s=30.0)
+    assert len(later) <= 1
+    assert keeper.keep(train.at(young.stop + 20, behind_s=30.0), goal) is not None
+    assert kept.reference.replan.time_ns == ns(5)
+
+
+def test_another_reference_is_looked_for_no_more_often_than_stated() -> None:
+    """A train that is hopelessly late: no reference gains a second, and none is made."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, -0.2)
+    _, train = started(keeper, LINE, goal)
+    assert not driven(keeper, train, goal, range(6, 200))
+
+
+@pytest.mark.parametrize("by_s", [-40.0, 60.0])
+def test_another_arrival_makes_another_reference_at_once(by_s: float) -> None:
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    first, train = started(keeper, LINE, goal)
+    other = replace(goal, target_ns=goal.arrival_ns + round(by_s / NS))
+    ((_, kept),) = driven(keeper, train, other, range(8, 9))
+    assert kept.reference.replan.cause is ReplanCause.GOAL
+    assert kept.reference.replan.gain_s > 0.5 * abs(by_s)
+    assert kept.reference.arrival_ns == other.arrival_ns
+    assert (kept.reference.lambda_w < first.reference.lambda_w) == (by_s > 0)
+    assert not driven(keeper, train, other, range(9, 12))
+
+
+def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
+    """The keeper on the new line takes over: until its front is there, the old reference holds below the new limits."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    _, train = started(keeper, LINE, goal)
+    free = section_of(LINE)
+    one = Restriction(start_m=free.start_m + 9000.0, end_m=free.start_m + 9500.0, limit_mps=12.0)
+    route = free.route.with_restrictions((one,))
+    section = build_section(route, free.vehicle, start_m=free.start_m, end_m=free.end_m)
+    meanwhile, after = Keeper(section, None, DEFAULT), Keeper(section, solve_coach(section, DEFAULT), DEFAULT)
+    meanwhile.take_over(keeper)
+    old = meanwhile.keep(train.at(50), goal)
+    assert old is not None
+    assert old.reference.replan.cause is ReplanCause.START
+    inside = (section.node_m > one.start_m + 1.0) & (section.node_m < one.end_m)
+    assert old.forecast.speeds_mps[inside].max() <= 12.0 + 1e-9
+    after.take_over(meanwhile)
+    new = after.keep(train.at(51), goal)
+    assert new is not None
+    assert new.reference.replan.cause is ReplanCause.LINE
+    assert new.forecast.speeds_mps[inside].max() <= 12.0 + 1e-9
+    assert abs(new.late_s) < abs(old.late_s)
+    assert not driven(
+        after, Keeping(new.reference.schedule, new.forecast, 51.0, train.at(51).s_m), goal, range(52, 200)
+    )
+
+
+@pytest.mark.parametrize(("earlier_s", "later_s"), [(40.0, None), (25.0, 60.0), (None, -6.0)])
+def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None, later_s: float | None) -> None:
+    """Earliest and latest time, counted from when the train would have passed; who keeps to it gets no other."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    kept, train = started(keeper, LINE, goal)
+    point_m, here = section_of(LINE).start_m + 9000.0, train.at(60)
+    free_s = 60.0 + passes_s(kept.reference.schedule, kept.reference.schedule.forecast(*here[1:]), here.s_m, point_m)
+    earliest_ns, latest_ns = (None if x is None else ns(free_s + x) for x in (earlier_s, later_s))
+    point = PassingTarget(s_m=point_m, earliest_ns=earliest_ns, latest_ns=latest_ns)
+    new = keeper.keep(here, replace(goal, passing=point))
+    assert new is not None
+    assert new.reference.replan.cause is ReplanCause.POINT
+    at_ns = ns(60.0 + passes_s(new.reference.schedule, new.forecast, here.s_m, point_m))
+    least_ns = round(DEFAULT.margin.least_s / NS)
+    assert earliest_ns is None or at_ns >= earliest_ns + least_ns - 2e8
+    assert latest_ns is None or at_ns <= latest_ns - least_ns + 2e8
+    following = Keeping(new.reference.schedule, new.forecast, 60.0, here.s_m)
+    replans, passed_s = ridden(keeper, following, replace(goal, passing=point), range(61, 1000), point_m)
+    assert all(one.cause is ReplanCause.LATE and one.gain_s > 1.0 for one in replans)
+    assert len(replans) <= (passed_s - 60.0) / 45.0
+    assert earliest_ns is None or ns(passed_s) >= earliest_ns
+    assert latest_ns is None or ns(passed_s) <= latest_ns
+
+
+def test_who_would_miss_the_window_gets_another_reference() -> None:
+    """Half a minute ahead of a reference that passes a point just after its earliest time."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    kept, train = started(keeper, LINE, goal)
+    here, point_m = train.at(60), section_of(LINE).start_m + 9000.0
+    free_s = 60.0 + passes_s(kept.reference.schedule, kept.reference.schedule.forecast(*here[1:]), here.s_m, point_m)
+    goal = replace(goal, passing=PassingTarget(s_m=point_m, earliest_ns=ns(free_s + 20.0)))
+    new = keeper.keep(here, goal)
+    assert new is not None
+    following = Keeping(new.reference.schedule, new.forecast, 60.0, here.s_m)
+    ((_, other),) = driven(keeper, following, goal, range(110, 111), behind_s=-20.0)
+    assert other.reference.replan.cause is ReplanCause.POINT
+
+
+@pytest.mark.parametrize(("least_gain_power_s", "cause"), [(0.0, ReplanCause.ENERGY), (100.0, ReplanCause.START)])
+def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_enough(
+    least_gain_power_s: float, cause: ReplanCause
+) -> None:
+    """4 m/s too slow where the train is to coast: on time to within the late seconds, not on the speed."""
+    keeping = KeepingSettings(late_s=60.0, early_s=60.0, least_gain_s=30.0, least_gain_power_s=least_gain_power_s)
+    keeper, goal = keeper_of(LINE, CoachSettings(keeping=keeping)), goal_of(LINE, BUFFER)
+    _, train = started(keeper, LINE, goal)
+    for second in range(60, 400, 20):
+        state = train.at(second)
+        kept = keeper.keep(state._replace(v_mps=max(state.v_mps - 4.0, 1.0)), goal)
+        assert kept is not None
+        if kept.reference.replan.cause is not ReplanCause.START:
+            break
+    assert kept.reference.replan.cause is cause
+
+
+def test_without_a_front_there_is_no_reference_and_after_forgetting_it_starts_anew() -> None:
+    goal, start_m = goal_of(LINE, BUFFER), section_of(LINE).start_m
+    assert Keeper(section_of(LINE), None, DEFAULT).keep(TrainState(ns(0), start_m, 0.0), goal) is None
+    keeper = keeper_of(LINE)
+    _, train = started(keeper, LINE, goal)
+    keeper.forget()
+    assert keeper.reference is None
+    ((_, kept),) = driven(keeper, train, goal, range(30, 31))
+    assert kept.reference.replan.cause is ReplanCause.START
+
+
+def test_the_same_inputs_give_the_same_references() -> None:
+    goal, found = goal_of(LINE, BUFFER), []
+    for _ in range(2):
+        keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT)
+        _, train = started(keeper, LINE, goal)
+        made = driven(keeper, train, goal, range(100, 160), behind_s=8.0)
+        found.append([(second, kept.reference.replan, kept.reference.schedule.phases) for second, kept in made])
+    assert found[0] == found[1] != []
+
+
+def drifted(per_min_s: float, minutes: int) -> Drift:
+    """What is known of a driver who loses so much a minute."""
+    drift = Drift(MarginSettings())
+    drift.see(ns(0), 0.0, anew=True)
+    for step in range(1, 3 * minutes + 1):
+        drift.see(ns(20.0 * step), per_min_s * step / 3.0, anew=False)
+    return drift
+
+
+def test_the_margin_grows_for_a_driver_who_drifts() -> None:
+    """Whether he loses or gains; it is within its bounds, and larger for a moment further ahead."""
+    calm, losing, gaining = drifted(0.0, 15), drifted(6.0, 15), drifted(-6.0, 15)
+    assert calm.margin_s(240.0) < losing.margin_s(240.0) == gaining.margin_s(240.0)
+    assert MarginSettings().least_s <= losing.margin_s(1.0) <= losing.margin_s(240.0) <= MarginSettings().most_s
+    assert drifted(0.0, 60).margin_s(60.0) == MarginSettings().least_s
+
+
+def test_a_loss_is_expected_of_a_driver_who_loses_and_of_no_other() -> None:
+    """After 15 min of 3 s a minute: 1 − exp(−15/5) of it is known, so 2 min ahead 5.7 s."""
+    assert drifted(3.0, 15).loss_s(120.0) == pytest.approx(6.0 * 0.950, abs=0.05)
+    assert drifted(-3.0, 15).loss_s(120.0) == 0.0
+    assert drifted(0.0, 15).loss_s(120.0) == 0.0
+    assert drifted(60.0, 15).loss_s(3600.0) == MarginSettings().most_s
+
+
+def test_another_reference_is_no_drift() -> None:
+    """The forecast jumps where the reference changes: that is not the driver's doing."""
+    drift = Drift(MarginSettings())
+    drift.see(ns(0), 0.0, anew=True)
+    drift.see(ns(30), 50.0, anew=True)
+    drift.see(ns(60), 50.0, anew=False)
+    assert drift.loss_s(600.0) == 0.0

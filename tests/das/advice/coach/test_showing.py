@@ -1,0 +1,231 @@
+"""What is shown: never above the limit, not fluttering about a speed, and what comes next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from das.advice.coach.coaching import Replan
+from das.advice.coach.keeping import Kept, StandingReference
+from das.advice.coach.settings import DEFAULT, ShowingSettings
+from das.advice.coach.showing import BRAKES, TRACTION, Showing, ShownNow, SpeedsAllowed, force_n
+from das.advice.modes import Mode
+from das.advice.planner import TrainState
+from das.domain.units import KMH
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.schedule import Phase, Schedule, known_run
+from das.solver.kernels.forces import traction_limit
+from das.solver.section import Section
+from tests.support.calm import BUNDLED, section_of
+from tests.support.coach import Keeping, ns
+
+pytestmark = pytest.mark.slow
+FREE = SpeedsAllowed(math.inf, math.inf)
+TOP_MPS = 100 * KMH
+"""The speed that the schedule of this file accelerates to and holds."""
+PLACES_M = (0.0, 1000.0, 3000.0, 4700.0)
+"""Where traction, holding, coasting and the brake of it begin on the flat 6 km."""
+SETTINGS = ShowingSettings()
+
+
+class Shown(NamedTuple):
+    """A display and the schedule that it shows."""
+
+    showing: Showing
+    schedule: Schedule
+
+    def at(self, second: float, s_m: float, v_mps: float, place: SpeedsAllowed = FREE) -> ShownNow:
+        """What is shown of the schedule to a train in a state."""
+        reference = StandingReference(
+            schedule=self.schedule, lambda_w=1e6, arrival_ns=ns(400), point=None, replan=Replan()
+        )
+        kept = Kept(reference, self.schedule.forecast(s_m, v_mps), 0.0)
+        return self.showing.show(kept, TrainState(ns(second), s_m, v_mps), place)
+
+    def modes(self, speeds: list[float], s_m: float, *, every_s: float = 10.0) -> list[Mode]:
+        """The modes shown one after the other, to trains with these speeds at one place."""
+        return [self.at(every_s * i, s_m, v).now.mode for i, v in enumerate(speeds)]
+
+
+def section() -> Section:
+    return section_of(BUNDLED[0])
+
+
+@pytest.fixture
+def display() -> Shown:
+    """A display of: accelerate to 100 km/h, hold it, coast, brake to the stop."""
+    node_m = section().node_m
+    begins = [int(np.searchsorted(node_m, place)) for place in PLACES_M]
+    speeds = (TOP_MPS, TOP_MPS, 90 * KMH, 0.0)
+    kinds = (NotchKind.TRACTION, NotchKind.HOLD, NotchKind.COAST, NotchKind.BRAKE)
+    phases = tuple(
+        Phase(kind, 0.8 if kind is NotchKind.TRACTION else 0.0, begin, speed)
+        for kind, begin, speed in zip(kinds, begins, speeds, strict=True)
+    )
+    raw = Schedule(
+        section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
+    )
+    return Shown(Showing(SETTINGS), raw.settled(0.0, 0.0)[0])
+
+
+def test_a_train_on_the_run_is_shown_each_phase_once(display: Shown) -> None:
+    """In order, coasting and the brake some seconds before they are due, holding where the speed is reached."""
+    schedule = display.schedule
+    forecast = schedule.forecast(0.0, 0.0)
+    train, found = Keeping(schedule, forecast, 0.0, 0.0), []
+    for second in range(1, int(train.end_s) - 1):
+        state = train.at(second)
+        shown = display.at(second, state.s_m, state.v_mps)
+        if not found or found[-1][0] is not shown.now.mode:
+            found.append((shown.now.mode, state.s_m))
+    assert [mode for mode, _ in found[:3]] == [Mode.REDUCED_TRACTION, Mode.CRUISE, Mode.COAST]
+    assert {mode for mode, _ in found[3:]} <= set(BRAKES)
+    lead_m = [begin - at for begin, (_, at) in zip(PLACES_M[2:], found[2:4], strict=True)]
+    assert all(0.0 < lead <= (SETTINGS.lead_s + 1.0) * TOP_MPS for lead in lead_m)
+
+
+@pytest.mark.parametrize("v_kmh", [60, 95, 99, 104, 130])
+@pytest.mark.parametrize("s_m", [500.0, 2000.0, 3500.0, 5000.0])
+@pytest.mark.parametrize("limit_kmh", [30, 80, 99, 160])
+def test_no_speed_is_shown_above_the_limit(display: Shown, s_m: float, v_kmh: float, limit_kmh: float) -> None:
+    """Whatever the reference says, and also where something else was shown before."""
+    display.at(0.0, max(s_m - 200.0, 0.0), v_kmh * KMH)
+    place = SpeedsAllowed(limit_kmh * KMH, limit_kmh * KMH)
+    assert display.at(1.0, s_m, v_kmh * KMH, place).now.speed_mps <= limit_kmh * KMH + 0.3
+
+
+def test_too_fast_a_train_is_told_to_coast_and_then_to_brake(display: Shown) -> None:
+    """By more than 0.5 m/s, and by more than 1.5 m/s, above what is allowed."""
+    found = []
+    for second, over in enumerate((0.2, 0.7, 1.4, 1.7, 5.0)):
+        now = display.at(second, 2000.0, 20.0 + over, SpeedsAllowed(20.0, 25.0)).now
+        found.append(now.mode)
+        assert now.mode is not Mode.FULL_BRAKE or (now.effort_ratio, now.speed_mps) == (-1.0, 20.0)
+    assert found[1:] == [Mode.COAST, Mode.COAST, Mode.FULL_BRAKE, Mode.FULL_BRAKE]
+
+
+def test_holding_does_not_flutter_within_the_band(display: Shown) -> None:
+    """4 km/h each way, in and out again and again: it stays at holding the speed."""
+    speeds = [TOP_MPS + by * KMH for by in (0.0, 3.5, -3.5, 3.9, -3.9, 0.0, -3.9, 3.9)]
+    assert set(display.modes([TOP_MPS, *speeds], 2000.0)) == {Mode.CRUISE}
+
+
+def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: Shown) -> None:
+    """Below: traction up to half a m/s under it. Above: coasting down to it. Not only to the edge of the band."""
+    slow = [TOP_MPS + by * KMH for by in (0.0, -4.5, -3.0, -2.2, -1.0, -3.0)]
+    assert display.modes(slow, 2000.0) == [Mode.CRUISE, *[Mode.REDUCED_TRACTION] * 3, Mode.CRUISE, Mode.CRUISE]
+    display.showing.forget()
+    fast = [TOP_MPS + by * KMH for by in (0.0, 4.5, 3.0, 1.5, 0.5, 3.0)]
+    assert display.modes(fast, 2000.0) == [Mode.CRUISE, *[Mode.COAST] * 3, Mode.CRUISE, Mode.CRUISE]
+
+
+def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
+    """From holding to traction after 8 s, and from traction to coasting after 8 s more."""
+    assert display.at(0.0, 2000.0, TOP_MPS).now.mode is Mode.CRUISE
+    for second in (1.0, 4.0, 7.9):
+        assert display.at(second, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.CRUISE
+    assert display.at(8.1, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
+    assert display.at(8.3, 3100.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
+    assert display.at(16.2, 3100.0, TOP_MPS - 5 * KMH).now.mode is Mode.COAST
+
+
+def test_a_standing_clock_that_is_put_back_holds_nothing_up(display: Shown) -> None:
+    """A moment before the last one: what is wanted is shown."""
+    assert display.at(100.0, 2000.0, TOP_MPS).now.mode is Mode.CRUISE
+    assert display.at(50.0, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
+
+
+def test_the_effort_of_a_brake_stands_within_the_band(display: Shown) -> None:
+    """The deceleration needed may be 20 % more or less; at 40 % more the effort is another one."""
+    rate = display.schedule.braking_mps2(3)
+
+    def effort(second: float, share: float) -> float:
+        way_m = 600.0
+        v_mps = math.sqrt(2.0 * share * rate * way_m)
+        now = display.at(second, section().end_m - way_m, v_mps).now
+        assert now.mode in BRAKES
+        return now.effort_ratio
+
+    first = effort(0.0, 1.0)
+    assert -1.0 < first < 0.0
+    assert [effort(20.0 * i, share) for i, share in enumerate((1.2, 0.8, 1.2, 0.8), 1)] == [first] * 4
+    assert effort(200.0, 1.45) < first
+    assert (first / SETTINGS.brake.step_ratio) == pytest.approx(round(first / SETTINGS.brake.step_ratio))
+
+
+def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again(display: Shown) -> None:
+    rate, end_m = display.schedule.braking_mps2(3), section().end_m
+    shares = (1.0, 0.45, 0.7, 0.9, 1.0)
+    found = [
+        display.at(10.0 * i, end_m - 600.0 + 20 * i, math.sqrt(2.0 * share * rate * (600.0 - 20 * i))).now.mode
+        for i, share in enumerate(shares)
+    ]
+    assert found[1:4] == [Mode.COAST] * 3
+    assert {found[0], found[4]} <= set(BRAKES)
+
+
+def test_who_has_braked_so_early_that_he_would_stand_short_of_the_stop_is_told_to_hold_a_low_speed(
+    display: Shown,
+) -> None:
+    """At 2 m/s 60 m before the stop; to brake when that is due. Coasting on, a driver took a minute for 50 m."""
+    end_m = section().end_m
+    display.at(0.0, end_m - 100.0, 10.0)
+    modes = [
+        display.at(10.0 * i, end_m - way_m, v).now for i, (way_m, v) in enumerate([(70, 4.0), (60, 2.0), (40, 3.2)], 1)
+    ]
+    assert [one.mode for one in modes] == [Mode.COAST, Mode.CRUISE, Mode.CRUISE]
+    assert modes[1].speed_mps == SETTINGS.brake.creep_mps
+    assert display.at(60.0, end_m - 4.0, 3.0).now.mode in BRAKES
+
+
+def test_the_next_two_changes_are_named_in_their_order(display: Shown) -> None:
+    """On the way to the speed: coasting and the brake (holding the speed reached is no change)."""
+    for second, (s_m, v_kmh) in enumerate([(10.0, 10), (500.0, 60), (900.0, 90)]):
+        following = display.at(10.0 * second, s_m, v_kmh * KMH).following
+        assert [one.mode for one in following[:1]] == [Mode.COAST]
+        assert len(following) == 2
+        assert following[1].mode in BRAKES
+        assert [one.way_m for one in following] == pytest.approx([place - s_m for place in PLACES_M[2:]], abs=60.0)
+        assert all(a.in_s < b.in_s for a, b in pairwise(following))
+        assert following[0].in_s > 0.0
+    assert display.at(100.0, 5500.0, 50 * KMH).following == ()
+
+
+def test_the_time_to_a_change_is_that_of_the_forecast(display: Shown) -> None:
+    """From 2000 m at 100 km/h held, 1000 m to coasting take 36 s."""
+    shown = display.at(0.0, 2000.0, TOP_MPS)
+    begin_m = display.schedule.begin_m(2)
+    assert shown.following[0].in_s == pytest.approx((begin_m - 2000.0) / TOP_MPS, abs=0.1)
+    assert (shown.target_m, shown.target_s) == pytest.approx((begin_m - 2000.0, shown.following[0].in_s), abs=0.1)
+
+
+def test_a_phase_is_not_taken_up_again(display: Shown) -> None:
+    """A train whose position is corrected backwards over the begin of coasting goes on coasting."""
+    assert display.at(0.0, 3005.0, TOP_MPS).now.mode is Mode.COAST
+    assert display.at(20.0, 2700.0, TOP_MPS).now.mode is Mode.COAST
+
+
+def test_forces_of_instructions_are_those_that_the_train_has(display: Shown) -> None:
+    """Traction: a share of the largest; coasting: none; brakes: a share of 150 kN; holding: what the level takes."""
+    here = section()
+    v_mps = 20.0
+    traction = display.at(0.0, 300.0, v_mps).now
+    assert traction.mode in TRACTION
+    assert force_n(here, traction, 300.0, v_mps) == pytest.approx(0.8 * float(traction_limit(v_mps, here.train)))
+    coast = replace(traction, mode=Mode.COAST, effort_ratio=0.0)
+    assert force_n(here, coast, 300.0, v_mps) == 0.0
+    brake = replace(traction, mode=Mode.REDUCED_BRAKE, effort_ratio=-0.5)
+    assert force_n(here, brake, 300.0, v_mps) == pytest.approx(-0.5 * here.train.electric_force_n)
+    hold = replace(traction, mode=Mode.CRUISE, effort_ratio=math.nan)
+    resistance = float(here.vehicle.resistance.force_n(np.array([v_mps]))[0])
+    assert force_n(here, hold, 300.0, v_mps) == pytest.approx(resistance, rel=1e-6)
+
+
+def test_the_settings_are_those_that_this_file_counts_with() -> None:
+    assert (SETTINGS.least_shown_s, SETTINGS.above_mps, SETTINGS.below_mps) == (8.0, 4 * KMH, 4 * KMH)
+    assert DEFAULT.showing == SETTINGS

@@ -1,0 +1,101 @@
+"""das-precompute calm: what few changes of the controller cost, beside the optimum and four modes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.command_line.loading import load_route, load_vehicle
+from das.solver.calm.calm import solve_calm
+from das.solver.calm.settings import CalmSettings
+from das.solver.front import Front
+from das.solver.section import build_section
+from das.solver.solve import solve_front
+from precompute.baselines.strategies import four_modes
+from precompute.cli.calm import CalmRow, calm_rows
+from tests.support.making import das_precompute
+
+BUFFER_RATIO = 1.07
+PRICES_S = (0.0, 0.03, 1.0)
+
+
+@pytest.fixture(scope="module")
+def front() -> Front:
+    """The whole front of 6 km on the level."""
+    return solve_front(build_section(load_route("flat-6km"), load_vehicle("re460-ic"), end_m=6000.0))
+
+
+@pytest.fixture(scope="module")
+def rows(front: Front) -> dict[str, CalmRow]:
+    """The rows of the command for a buffer of 7 %, by their names."""
+    calms = [(price, solve_calm(front.section, CalmSettings(change_s=price))) for price in PRICES_S]
+    found = calm_rows(front, calms, BUFFER_RATIO * front.fastest().time_s)
+    return {row.name: row for row in found}
+
+
+def test_the_optimum_is_the_fronts_and_needs_no_more_than_itself(rows: dict[str, CalmRow], front: Front) -> None:
+    best = front.trajectory(BUFFER_RATIO * front.fastest().time_s)
+    assert rows["optimum"].energy_j == pytest.approx(best.ledger.input)
+    assert rows["optimum"].more_j == pytest.approx(0.0, abs=1e-4 * best.ledger.input)
+
+
+def test_four_modes_are_those_of_the_baseline(rows: dict[str, CalmRow], front: Front) -> None:
+    run = four_modes(front.section, BUFFER_RATIO * front.fastest().time_s)
+    assert rows["four modes"].energy_j == pytest.approx(run.ledger.input)
+    assert rows["four modes"].time_s == pytest.approx(run.time_s)
+
+
+def test_a_dear_change_is_made_less_often(rows: dict[str, CalmRow]) -> None:
+    assert rows["1"].changes < rows["0"].changes
+    assert rows["1"].changes < rows["optimum"].changes
+
+
+def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str, CalmRow]) -> None:
+    for price in PRICES_S:
+        row = rows[f"{price:g}"]
+        assert -0.001 * row.energy_j < row.more_j < 0.03 * row.energy_j
+        assert abs(row.time_s - rows["optimum"].time_s) < 5.0
+
+
+def test_no_phase_of_a_calm_schedule_is_short(rows: dict[str, CalmRow]) -> None:
+    assert rows["0.03"].shortest_s >= 10.0
+
+
+def test_the_fewest_changes_are_counted_right(rows: dict[str, CalmRow]) -> None:
+    """On the level with dear changes: accelerate (or hold), coast, brake; so there are two or three changes."""
+    assert 2 <= rows["1"].changes <= 3
+
+
+def test_json_has_a_point_a_buffer_and_a_row_a_run(tmp_path: Path) -> None:
+    done = das_precompute(tmp_path, "calm", "flat-6km", "re460-ic", "--buffers", "5,10", "--prices", "0.1", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    found: dict[str, Any] = json.loads(done.stdout)
+    assert [point["buffer_percent"] for point in found["points"]] == [5.0, 10.0]
+    for point in found["points"]:
+        assert [run["run"] for run in point["runs"]] == ["optimum", "0.1", "four modes"]
+        for run in point["runs"]:
+            assert run["changes_per_min"] == pytest.approx(60 * run["changes"] / run["time_s"])
+            assert run["more_ratio"] == pytest.approx(run["more_kwh"] / (run["energy_kwh"] - run["more_kwh"]))
+        assert point["runs"][0]["time_s"] == pytest.approx(
+            (1 + point["buffer_percent"] / 100) * found["min_time_s"], abs=0.05
+        )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--prices", "0,much"), "--prices 0,much: expected numbers with commas between, like 0,5,10"),
+        (("--prices", "-1"), "--prices -1: expected times from 0 to 100 s"),
+        (("--prices", "101"), "--prices 101: expected times from 0 to 100 s"),
+        (("--buffers", "-1"), "buffer -1.0 %: expected a number from 0 to 10000"),
+        (("--buffers", ""), "--buffers : expected numbers with commas between, like 0,5,10"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(options: tuple[str, str], message: str, tmp_path: Path) -> None:
+    done = das_precompute(tmp_path, "calm", "flat-6km", "re460-ic", *options)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1

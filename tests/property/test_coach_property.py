@@ -1,0 +1,152 @@
+"""Random states, restrictions, times and windows: nothing that the coach says is above what is allowed.
+
+`DAS_PROPERTY_STATES=100000 pytest tests/property/test_coach_property.py` draws more of them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from das.advice.advice import Advice, Timetable
+from das.advice.coach.coaching import Coaching, ReplanCause
+from das.advice.coach.planning import solve_coach
+from das.advice.coach.settings import CoachSettings
+from das.advice.coach.showing import BRAKES, TRACTION
+from das.advice.modes import Mode
+from das.advice.passing import PassingTarget
+from das.advice.planner import PlanBasis
+from das.advice.settings import AdviceSettings
+from das.cab.fronts import onboard_ladder
+from das.cab.leg import Leg
+from das.cab.situation import Situation
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.route import Restriction
+from das.domain.units import NS
+from das.estimate.estimate import Estimate
+from das.solver.solve import solve_front
+
+pytestmark = pytest.mark.slow
+STATES = int(os.environ.get("DAS_PROPERTY_STATES", "1000"))
+STATES_OF_A_LEG, LEGS_OF_A_WORLD = 25, 5
+T0 = 1_800_000_000_000_000_000
+TRAIN = load_vehicle("re460-ic")
+SETTINGS = AdviceSettings(coach=CoachSettings(enabled=True))
+SECTIONS = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
+SHOWN_MPS = 0.3
+"""What was shown before may stand above the limit by so much: the display shows the same."""
+OVER_MPS = SETTINGS.coach.showing.overspeed_mps
+SLOWING = {Mode.COAST, Mode.STOP, *BRAKES}
+
+
+def ns(seconds: float) -> int:
+    return T0 + round(seconds / NS)
+
+
+class World:
+    """A bundled section with restrictions, its fronts, and random states of it."""
+
+    def __init__(self, number: int) -> None:
+        self.random = random = np.random.default_rng([17, number])
+        name, index = SECTIONS[number % len(SECTIONS)]
+        route = load_route(name)
+        self.start, self.end = list(pairwise(route.stops))[index]
+        self.start_m, self.end_m = self.start.position_m, self.end.position_m
+        restrictions = []
+        for _ in range(int(random.integers(0, 3))):
+            from_m = float(random.uniform(self.start_m - 300.0, self.end_m))
+            to_m = from_m + float(random.uniform(50.0, 2000.0))
+            restrictions.append(Restriction(start_m=from_m, end_m=to_m, limit_mps=float(random.uniform(5.0, 40.0))))
+        self.limits = route.with_restrictions(restrictions).limits_mps
+        situation = Situation(route=route, vehicle=TRAIN, restrictions=tuple(restrictions))
+        self.section = situation.section(self.start_m, self.end_m)
+        front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
+        self.basis = PlanBasis(section=self.section, front=front)
+        self.calm = solve_coach(self.section, SETTINGS.coach)
+
+    def leg(self) -> Leg:
+        """A leg with a coach, with a random time left, and in every third case with a window at a point."""
+        leg = Leg(self.start, self.end, self.section, SETTINGS)
+        leg.use(self.basis)
+        leg.use_calm(self.calm)
+        arrival_s = float((self.end_m - self.start_m) / 25.0 * self.random.uniform(0.2, 3.0))
+        leg.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))
+        if self.random.random() < 0.33:
+            earliest_s = float(self.random.uniform(0.0, arrival_s))
+            at_m = float(self.random.uniform(self.start_m + 500.0, self.end_m - 500.0))
+            point = PassingTarget(s_m=at_m, earliest_ns=ns(earliest_s), latest_ns=ns(earliest_s + 60.0))
+            leg.points = [point]
+        return leg
+
+    def state(self, second: float) -> Estimate:
+        """A state of the section: mostly possible, sometimes too fast, sometimes at a stand."""
+        random = self.random
+        s_m = float(random.uniform(self.start_m, self.end_m - SETTINGS.stop.standstill_m - 1.0))
+        most = float(np.interp(s_m, self.section.node_m, self.section.envelope_mps))
+        share = float(
+            random.choice([random.uniform(0.0, 1.0), 1.0, random.uniform(1.0, 1.3), 0.0], p=[0.7, 0.1, 0.15, 0.05])
+        )
+        return Estimate(
+            time_ns=ns(second), fix_time_ns=ns(second), s_m=s_m, speed_mps=min(share * most, 55.0), position_sd_m=1.0,
+            speed_sd_mps=0.1, problem=None,
+        )  # fmt: skip
+
+    def limit_mps(self, s_m: float) -> float:
+        """The limit over the train, of the route's list alone: the second witness."""
+        places = np.array([s_m - TRAIN.train_length_m]), np.array([s_m + 1e-6])
+        return min(float(self.limits.minimum(*places)[0]), TRAIN.max_speed_mps)
+
+    def highest_mps(self, from_m: float, to_m: float) -> float:
+        """The highest speed from which limits and stop ahead can be kept, anywhere between two positions."""
+        section = self.section
+        inside = section.envelope_mps[(section.node_m > from_m) & (section.node_m < to_m)]
+        ends = np.interp([from_m, to_m], section.node_m, section.envelope_mps)
+        return float(max(inside.max(initial=0.0), ends.max()))
+
+
+def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None:
+    now, s_m, v_mps = coach.now, here.s_m, here.speed_mps
+    allowed = world.highest_mps(s_m, s_m)
+    assert math.isfinite(now.speed_mps)
+    assert now.speed_mps <= world.limit_mps(s_m) + SHOWN_MPS + 1e-9
+    if now.mode in TRACTION or now.mode is Mode.CRUISE:
+        assert now.speed_mps <= world.highest_mps(s_m, s_m + coach.target_m) + SHOWN_MPS, "cannot be reached safely"
+    if v_mps > allowed + OVER_MPS + 0.05:
+        assert now.mode in SLOWING, (v_mps, allowed)
+    if v_mps > allowed + SETTINGS.coach.showing.braked_mps + 0.05:
+        assert now.mode in BRAKES or now.mode is Mode.STOP
+    if now.mode in TRACTION:
+        assert coach.force_n >= 0.0
+        assert 0.0 < now.effort_ratio <= 1.0
+    if now.mode in BRAKES:
+        assert coach.force_n <= 0.0
+    assert coach.target_m >= 0.0
+    assert all(math.isfinite(one.speed_mps) and one.way_m > -1.0 for one in coach.following)
+    assert all(a.in_s <= b.in_s for a, b in pairwise(coach.following))
+    assert math.isfinite(coach.worth_j)
+    assert coach.replan.cause is not ReplanCause.NONE or now.mode is Mode.STOP
+    assert advice.mode is not Mode.NONE
+
+
+def test_nothing_that_the_coach_says_is_above_what_is_allowed() -> None:
+    """Random states a second apart on every bundled section, with and without restrictions and windows."""
+    given, silent, world = 0, 0, None
+    for number in range(math.ceil(STATES / STATES_OF_A_LEG)):
+        if world is None or number % LEGS_OF_A_WORLD == 0:
+            world = World(number // LEGS_OF_A_WORLD)
+        leg = world.leg()
+        for second in range(STATES_OF_A_LEG):
+            here = world.state(float(second))
+            leg.see(here)
+            leg.refresh_goal()
+            advice = leg.advise(here)
+            if advice.coach is None:
+                silent += 1
+                continue
+            check(advice, advice.coach, world, here)
+            given += 1
+    assert given >= 0.97 * STATES, silent

@@ -1,0 +1,152 @@
+"""Drivers under the coach: what they see, what is new to them, and what they do about it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from das.advice.advice import Advice
+from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.modes import Mode
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.units import KMH
+from sim.drivers.cab import AdviceView, CabView, Efforts, Presentation, present
+from sim.drivers.human import HumanDriver
+from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.parameters import HumanParameters
+from sim.drivers.perfect import PerfectDriver
+from sim.drivers.shown import Shown
+from sim.plant.plant import COAST
+
+LINE = LineKnowledge(route=load_route("flat-6km"), vehicle=load_vehicle("re460-ic"))
+QUICK = HumanParameters(
+    reaction_median_s=0.2, reaction_log_sd=0.0, glance_mean_s=0.2, glance_least_s=0.0, force_error_ratio=0.0,
+    speed_error_mps=0.0, lapses_per_h=0.0, lever_rate_per_s=10.0, comply_traction_ratio=1.0, comply_hold_ratio=1.0,
+    comply_coast_ratio=1.0, comply_brake_ratio=1.0,
+)  # fmt: skip
+"""A human who sees everything at once, does it at once and does not err."""
+
+
+def advice(now: Instruction | None, *, force_n: float = 0.0, **fields: Any) -> Advice:
+    coach = None if now is None else Coaching(now=now, force_n=force_n, **fields)
+    return Advice(time_ns=0, speed_mps=20.0, mode=Mode.CRUISE, valid_until_ns=3 * 10**9, coach=coach)
+
+
+def view(now: Instruction | None, **fields: Any) -> AdviceView | None:
+    return present(advice(now, **fields), Presentation.COACH, LINE.train)
+
+
+def cab(shown: AdviceView | None, **fields: Any) -> CabView:
+    usual = {"time_s": 0.0, "s_m": 2000.0, "speed_mps": 20.0, "limit_mps": 160 * KMH, "stop_m": 6000.0}
+    return CabView(**{**usual, "departure_s": -100.0, "arrival_s": 300.0, "advice": shown, **fields})
+
+
+TRACTION = Instruction(mode=Mode.REDUCED_TRACTION, speed_mps=100.4 * KMH, effort_ratio=0.8)
+HOLD = Instruction(mode=Mode.CRUISE, speed_mps=20.0)
+ROLL = Instruction(mode=Mode.COAST, speed_mps=10.0, effort_ratio=0.0)
+BRAKE = Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=10.0, effort_ratio=-0.4)
+
+
+def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() -> None:
+    following = (replace(ROLL, in_s=42.0, way_m=900.0),)
+    seen = view(TRACTION, force_n=1e5, following=following, target_m=800.0, reason="accelerate to 100")
+    assert seen is not None
+    assert (seen.mode, seen.next_mode, seen.next_change_s) == (Mode.REDUCED_TRACTION, Mode.COAST, 42.0)
+    assert (seen.speed_mps, seen.display_speed_mps) == pytest.approx((100.4 * KMH, 100 * KMH))
+    assert (seen.target_way_m, seen.reason, seen.due_s) == (800.0, "accelerate to 100", 0.0)
+    assert seen.lever_ratio == pytest.approx(1e5 / Efforts.at(20.0, LINE.train).traction_n)
+    assert seen.horizon_speed_mps == ()
+
+
+def test_nobody_is_told_with_what_effort_to_hold_a_speed() -> None:
+    seen = view(HOLD, force_n=3e4)
+    assert seen is not None
+    assert math.isnan(seen.lever_ratio)
+    assert Shown.of(seen) == Shown(mode=Mode.CRUISE, speed_kmh=72, effort=None)
+
+
+@pytest.mark.parametrize("now", [None, Instruction()])
+def test_where_there_is_no_reference_nothing_is_shown(now: Instruction | None) -> None:
+    assert view(now) is None
+
+
+def test_withdrawn_advice_is_not_shown() -> None:
+    withdrawn = replace(advice(HOLD), mode=Mode.NONE)
+    assert present(withdrawn, Presentation.COACH, LINE.train) is None
+
+
+def settled(now: Instruction, *, force_n: float = 0.0, **fields: Any) -> float:
+    """The controller's setting of a quick human after two seconds of one instruction."""
+    driver, seen = HumanDriver(LINE, QUICK, seed=1), view(now, force_n=force_n)
+    assert seen is not None
+    command = COAST
+    for look in range(20):
+        command = driver.command(cab(replace(seen, valid_until_s=100.0), time_s=0.2 * look, **fields))
+    return float(command.value)
+
+
+def test_a_human_sets_the_effort_that_he_is_told() -> None:
+    """Four fifths of traction; coasting: none; the brake with the share of all brakes that the force is."""
+    efforts = Efforts.at(20.0, LINE.train)
+    assert settled(TRACTION, force_n=0.8 * efforts.traction_n) == pytest.approx(0.8, abs=0.03)
+    assert settled(ROLL) == pytest.approx(0.0, abs=1e-9)
+    assert settled(BRAKE, force_n=-6e4) == pytest.approx(-6e4 / efforts.brakes_n, abs=0.03)
+
+
+def test_a_human_holds_the_speed_that_he_has_reached() -> None:
+    """At the target: no traction beyond what the resistance takes; with the brake: no braking any more."""
+    force_n = 0.8 * Efforts.at(20.0, LINE.train).traction_n
+    assert settled(replace(TRACTION, speed_mps=20.0), force_n=force_n) < 0.2
+    assert settled(replace(BRAKE, speed_mps=20.5), force_n=-6e4) == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_human_never_goes_above_the_limit_for_the_coach() -> None:
+    force_n = Efforts.at(20.0, LINE.train).traction_n
+    assert settled(replace(TRACTION, speed_mps=30.0), force_n=force_n, limit_mps=20.0) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("after", "new"),
+    [
+        (replace(HOLD, speed_mps=20.05), False),
+        (replace(HOLD, speed_mps=22.0), True),
+        (replace(HOLD, mode=Mode.COAST, effort_ratio=0.0), True),
+    ],
+)
+def test_only_another_mode_speed_or_effort_is_new_to_a_human(after: Instruction, new: bool) -> None:
+    """He decides once on what he sees: his diary says how often."""
+    driver = HumanDriver(LINE, QUICK, seed=1)
+    for look in range(20):
+        seen = view(HOLD if look < 10 else after)
+        assert seen is not None
+        driver.command(cab(replace(seen, valid_until_s=100.0), time_s=0.2 * look))
+    followed = [event for event in driver.events if event.what == "followed"]
+    assert len(followed) == (2 if new else 1)
+
+
+def test_a_perfect_driver_does_what_is_due_and_no_sooner() -> None:
+    """Coasting that is due in 4 s: until then he holds what was due before."""
+    driver = PerfectDriver(LINE)
+    hold, roll = view(HOLD), view(replace(ROLL, in_s=4.0, way_m=80.0))
+    assert hold is not None
+    assert roll is not None
+    held = driver.command(cab(hold))
+    assert held.value == pytest.approx(20.0)
+    assert driver.command(cab(replace(roll, time_s=1.0, valid_until_s=9.0), time_s=1.0)) == driver.command(
+        cab(replace(hold, valid_until_s=9.0), time_s=1.0)
+    )
+    later = replace(roll, time_s=4.9, valid_until_s=9.0, due_s=0.1)
+    assert driver.command(cab(later, time_s=4.9)) == COAST
+
+
+def test_a_perfect_driver_brakes_to_the_speed_at_its_place() -> None:
+    """From 20 to 10 m/s in 500 m: 0.3 m/s², and the resistance helps."""
+    driver, seen = PerfectDriver(LINE), view(BRAKE, force_n=-1e5, target_m=500.0)
+    assert seen is not None
+    command = driver.command(cab(seen))
+    resistance_n = float(LINE.vehicle.resistance.force_n(20.0))
+    expected = resistance_n - 0.3 * LINE.vehicle.inertial_mass_kg
+    assert command.value == pytest.approx(expected, rel=1e-3)

@@ -1,0 +1,75 @@
+"""The bundled sections with their fronts and calm fronts, made once a process: what tests of calm runs need."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+from das.domain.files.load import load_route, load_vehicle
+from das.solver.calm.calm import CalmFront, solve_calm
+from das.solver.calm.polish import polished
+from das.solver.calm.schedule import Schedule, Scheduled, scheduled
+from das.solver.calm.settings import CalmSettings
+from das.solver.front import Front
+from das.solver.section import Section, build_section
+from das.solver.solve import solve_front
+
+BUNDLED = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
+"""Route and number of the section of every section that comes with the program."""
+BUFFERS = (0.03, 0.08, 0.15, 0.30)
+Which = tuple[str, int]
+
+
+class Asked(NamedTuple):
+    """A time asked of a section from its start, and the schedules for it before and after polishing."""
+
+    time_s: float
+    scheduled: Scheduled
+    polished: Scheduled
+
+
+@cache
+def section_of(which: Which) -> Section:
+    """A bundled section with the bundled train."""
+    route = load_route(which[0])
+    start, end = list(pairwise(route.stops))[which[1]]
+    return build_section(route, load_vehicle("re460-ic"), start_m=start.position_m, end_m=end.position_m)
+
+
+@cache
+def front_of(which: Which) -> Front:
+    """The optimal runs of a bundled section."""
+    return solve_front(section_of(which))
+
+
+@cache
+def calm_of(which: Which, change_s: float = CalmSettings().change_s) -> CalmFront:
+    """The calm runs of a bundled section, where a change costs what full power needs in a time."""
+    return solve_calm(section_of(which), CalmSettings(change_s=change_s))
+
+
+def asked_s(which: Which, buffer_ratio: float) -> float:
+    """The time of a section with a buffer over the least possible."""
+    return front_of(which).fastest().time_s * (1.0 + buffer_ratio)
+
+
+@cache
+def schedules(which: Which, buffer_ratio: float) -> Asked:
+    """The schedules of a bundled section for a buffer."""
+    front, time_s = calm_of(which), asked_s(which, buffer_ratio)
+    start_m = front.section.start_m
+    found = scheduled(front, time_s, start_m, 0.0)
+    return Asked(time_s, found, polished(found, time_s, start_m, 0.0))
+
+
+def excess_ratio(which: Which, energy_j: float, time_s: float) -> float:
+    """By what share an energy is above the dual bound of the optimum in the same time."""
+    return energy_j / front_of(which).trajectory(time_s).bound_j - 1.0
+
+
+def lasts_s(schedule: Schedule) -> list[float]:
+    """How long every phase of a schedule from the start of its section lasts in its run."""
+    elapsed = schedule.section.elapsed_s(schedule.known.speed_mps)
+    begins = [one.begin for one in schedule.phases] + [len(schedule.section.step_m)]
+    return [float(elapsed[b] - elapsed[a]) for a, b in pairwise(begins)]

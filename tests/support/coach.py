@@ -1,0 +1,69 @@
+"""A coach's reference on a bundled section, and trains that keep to it or do not."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from das.advice.coach.keeping import Keeper, Kept
+from das.advice.coach.planning import elapsed_s, solve_coach
+from das.advice.coach.settings import DEFAULT, CoachSettings
+from das.advice.planner import Goal, TrainState
+from das.domain.units import NS
+from das.solver.calm.calm import CalmFront
+from das.solver.calm.schedule import Prospect, Schedule
+from tests.support.calm import Which, asked_s, section_of
+
+T0 = 1_800_000_000_000_000_000
+
+
+def ns(seconds: float) -> int:
+    """A moment by the seconds since the departure."""
+    return T0 + round(seconds / NS)
+
+
+@cache
+def coach_front(which: Which) -> CalmFront:
+    """The calm runs that the coach of a bundled section chooses from."""
+    return solve_coach(section_of(which), DEFAULT)
+
+
+def keeper_of(which: Which, settings: CoachSettings = DEFAULT) -> Keeper:
+    """A keeper of a bundled section that has made no reference yet."""
+    return Keeper(section_of(which), coach_front(which), settings)
+
+
+def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:
+    """The timetable of a section with a buffer."""
+    return Goal(departure_ns=ns(0), due_ns=ns(asked_s(which, buffer_ratio)), **more)  # type: ignore[arg-type]
+
+
+class Keeping:
+    """A train that keeps exactly to a forecast, which begins at a time and place."""
+
+    def __init__(self, schedule: Schedule, forecast: Prospect, begin_s: float, s_m: float) -> None:
+        times, self._node_m = elapsed_s(schedule, forecast, s_m)
+        self._times = times + begin_s
+        self._speeds = forecast.speeds_mps[np.isfinite(forecast.speeds_mps)]
+        self.end_s = float(self._times[-1])
+
+    def at(self, second: float, *, behind_s: float = 0.0) -> TrainState:
+        """Where the train is at a moment, or would be if it had lost some time: constant acceleration between nodes."""
+        there = min(max(second - behind_s, self._times[0]), self.end_s)
+        i = min(int(np.searchsorted(self._times, there, side="right")) - 1, len(self._times) - 2)
+        spent, span = there - self._times[i], self._times[i + 1] - self._times[i]
+        v0, v1 = self._speeds[i], self._speeds[i + 1]
+        v_mps = v0 + (v1 - v0) * spent / span
+        return TrainState(ns(second), float(self._node_m[i] + 0.5 * (v0 + v_mps) * spent), float(v_mps))
+
+
+def started(keeper: Keeper, which: Which, goal: Goal, *, at_s: float = 5.0) -> tuple[Kept, Keeping]:
+    """A keeper with the reference of a train that has just begun to move, and a train that keeps to it."""
+    start_m = section_of(which).start_m
+    standing = keeper.keep(TrainState(ns(0), start_m, 0.0), goal)
+    assert standing is not None
+    state = Keeping(standing.reference.schedule, standing.forecast, 0.0, start_m).at(at_s)
+    kept = keeper.keep(state, goal)
+    assert kept is not None
+    return kept, Keeping(kept.reference.schedule, kept.forecast, at_s, state.s_m)
