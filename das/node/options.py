@@ -87,6 +87,33 @@ class BusPlace:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CoachGiven:
+    """How the driver is led, and how he brakes."""
+
+    coach: Annotated[
+        bool,
+        typer.Option("--coach/--no-coach", help="Lead the driver along a reference that stands (the field coach)."),
+    ] = True
+    planning_brake: Annotated[
+        float | None,
+        typer.Option(
+            "--planning-brake",
+            metavar="M/S2",
+            min=0.1,
+            max=1.5,
+            help="Deceleration that the coach plans with, as drivers here brake [default: 90 % of the train's].",
+            show_default=False,
+        ),
+    ] = None
+    below_limit: Annotated[
+        float,
+        typer.Option(
+            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits that the coach plans with."
+        ),
+    ] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class AdviceGiven:
     """How the node advises."""
 
@@ -113,10 +140,7 @@ class AdviceGiven:
             help="This site has no temporary restrictions: advise without having heard a list of them.",
         ),
     ] = False
-    coach: Annotated[
-        bool,
-        typer.Option("--coach/--no-coach", help="Lead the driver along a reference that stands (the field coach)."),
-    ] = True
+    led: CoachGiven
     tables: TablesOption = None
     with_parent: Annotated[
         int | None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 
-from das.advice.coach.settings import CoachSettings
+from das.advice.coach.settings import CoachSettings, DriverSettings
 from das.advice.settings import AdviceSettings
 from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
@@ -24,6 +24,7 @@ from das.command_line.running import StopFlag, interrupt_on_termination
 from das.domain.clocks import WALL_STOPWATCH
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route, section_stops
+from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
 from das.node.clock import BusClock, Clock, WallClock
 from das.node.loop import prepare_process, run
@@ -96,7 +97,14 @@ def _settings(advice: AdviceGiven) -> CabSettings:
         no_restrictions=advice.no_restrictions,
         calibrate=advice.calibrate,
         background=by_wall,
-        advice=AdviceSettings(coach=CoachSettings(enabled=advice.coach)),
+        advice=AdviceSettings(
+            coach=CoachSettings(
+                enabled=advice.led.coach,
+                driver=DriverSettings(
+                    planning_brake_mps2=advice.led.planning_brake, below_limit_mps=advice.led.below_limit * KMH
+                ),
+            )
+        ),
         stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
     )
 

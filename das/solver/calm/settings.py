@@ -32,7 +32,7 @@ class ScheduleSettings:
 
     least_s: float = 10.0
     """An instruction that is no brake lasts at least this long, or it becomes part of the one before it."""
-    back_share: float = 0.7
+    back_share: float = 0.6
     """A train slower than the speed to hold gets back to it with this share of its traction."""
     ripple_mps: float = 1.5
     """A short acceleration by less than this, from one speed to hold to the next, is left out."""

@@ -39,8 +39,8 @@ class Writing:
 class Recorded(InProcess):
     """The cab in this process; what a run over the bus would record beside it is written to a file."""
 
-    def __init__(self, day: Any, file: RecordingFile) -> None:
-        super().__init__(day.service)
+    def __init__(self, day: Any, file: RecordingFile, *, coach: bool) -> None:
+        super().__init__(day.service, coach=coach)
         self._bus = OverBus(day, Writing(file))  # type: ignore[arg-type]
 
     def tell(self, now_ns: int, told: Told) -> None:
@@ -51,7 +51,8 @@ class Recorded(InProcess):
 def recorded(path: Path, scenario: Path, presentation: Presentation) -> tuple[Run, Recording]:
     """A run of a day, and its recording."""
     day, file = make_day(service_of(scenario), 1), RecordingFile(path)
-    run = World(day, day.driver(DriverKind.HUMAN), presentation, Recorded(day, file)).run()
+    link = Recorded(day, file, coach=presentation is Presentation.COACH)
+    run = World(day, day.driver(DriverKind.HUMAN), presentation, link).run()
     file.close()
     return run, read_recording(path)
 
