@@ -118,8 +118,9 @@ def said(output: Output, tick: int = 0) -> Outgoing:
 def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
     """An advice as a message; the field names are the same."""
     fields = dict(vars(advice))  # A deep copy would take half of the time between a position and its advice.
-    coach = fields.pop("coach")
-    return das_pb2.Advice(tick=tick, coach=None if coach is None else dataclasses.asdict(coach), **fields)
+    if advice.coach is not None:
+        fields["coach"] = dataclasses.asdict(advice.coach)
+    return das_pb2.Advice(tick=tick, **fields)
 
 
 def event_message(event: Event, name: str = "das-node") -> Log:
