@@ -29,7 +29,7 @@ from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service
 
 pytestmark = pytest.mark.slow
-DRIVERS = int(os.environ.get("DAS_PROPERTY_DRIVERS", "10"))
+DRIVERS = int(os.environ.get("DAS_PROPERTY_DRIVERS", "6"))
 SECTIONS = (
     ("flat-6km", "A", "B"),
     ("zurich-luzern", "Zürich HB", "Thalwil"),
