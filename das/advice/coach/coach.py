@@ -67,7 +67,7 @@ class Coach:
         """The train stands at a stop, for so much longer (s)."""
         self._showing.forget()
         now = Instruction(mode=Mode.STOP, speed_mps=0.0, effort_ratio=0.0)
-        return Coaching(now=now, target_s=departs_in_s, reason="")
+        return Coaching(now=now, target_s=departs_in_s)
 
     def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> str:
         excess_mps = state.v_mps - place.allowed_mps
@@ -82,15 +82,15 @@ class Coach:
 
     def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Aim | None:
         """The limit or stop that the next brake leads to, if it is near."""
-        instructions = schedule.phases
-        for k in range(number, min(number + 3, len(instructions))):
-            if instructions[k].kind is not NotchKind.BRAKE:
+        phases = schedule.phases
+        for k in range(number, min(number + 3, len(phases))):
+            if phases[k].kind is not NotchKind.BRAKE:
                 continue
             at_m = schedule.begin_m(k + 1)
             if at_m - state.s_m > NEAR_M:
                 return None
             last = at_m >= self._section.end_m - 1.0
-            return wording.Aim(instructions[k].target_mps, at_m, self._stop_name() if last else "")
+            return wording.Aim(phases[k].target_mps, at_m, self._stop_name() if last else "")
         return None
 
     def _stop_name(self) -> str:

@@ -18,9 +18,6 @@ from das.solver.calm.calm import CalmFront
 from das.solver.calm.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
 
-UNHURRIED_S = 0.5
-"""A reference arrives later than the timetable by this: so much the build-up of effort takes."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StandingReference:
@@ -231,7 +228,6 @@ class Keeper:
         )
         return planned(self._front, wanted, self._settings)
 
-    @staticmethod
-    def _left_s(state: TrainState, goal: Goal) -> float:
+    def _left_s(self, state: TrainState, goal: Goal) -> float:
         """The time (s) that a reference may take."""
-        return goal.left_s(state.now_ns) + UNHURRIED_S
+        return goal.left_s(state.now_ns) + self._settings.keeping.unhurried_s

@@ -29,6 +29,8 @@ class KeepingSettings:
     """The reference is kept while the train arrives no later than this."""
     early_s: float = 5.0
     """The reference is kept while the train arrives no earlier than this."""
+    unhurried_s: float = 0.5
+    """A reference arrives later than the timetable by this: so much the build-up of effort takes."""
     least_gain_s: float = 1.0
     """A new reference because of lateness must gain at least this."""
     least_gain_power_s: float = 0.08
@@ -47,10 +49,10 @@ class BrakeShowingSettings:
 
     early_ratio: float = 0.5
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
-    last_mps: float = 3.0
-    """A train that is slower than this before its stop is not told to roll any more."""
     again_ratio: float = 0.95
     """and to brake again when this share of it is needed."""
+    last_mps: float = 3.0
+    """A train that is slower than this before its stop is not told to roll any more."""
     creep_mps: float = 3.0
     """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
     step_ratio: float = 0.05
@@ -74,7 +76,7 @@ class ShowingSettings:
     above_mps: float = 4.0 * KMH
     """A train faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0
-    """An instruction stands for at least this long, unless the next one asks for less traction or for more brake."""
+    """An instruction stands for at least this long. Brakes, their release, and a lower limit do not wait."""
     overspeed_mps: float = 0.5
     """A train above what is allowed by more than this is told to coast,"""
     braked_mps: float = 1.5

@@ -204,9 +204,9 @@ class Showing:
     ) -> tuple[Instruction, ...]:
         """The next changes; to hold the speed that the train accelerates to is none."""
         found: list[Instruction] = []
-        instructions = schedule.phases
-        for k, in_s in zip(range(number + 1, len(instructions)), begins_s, strict=False):
-            one, before = instructions[k], instructions[k - 1]
+        phases = schedule.phases
+        for k, in_s in zip(range(number + 1, len(phases)), begins_s, strict=False):
+            one, before = phases[k], phases[k - 1]
             same = abs(one.target_mps - before.target_mps) < SAME_MPS
             if one.kind is NotchKind.HOLD and before.kind is NotchKind.TRACTION and same:
                 continue

@@ -17,7 +17,8 @@ class CalmSettings:
     """The steps of the electric brake, as shares of the largest."""
     change_s: float = 0.03
     """A change of the notch must save as much energy as the train's full power needs in this time: 0.05 kWh of a
-    locomotive of 6 MW. Half of it makes half as many changes more for 0.1 % of the energy."""
+    locomotive of 6 MW. A third of it makes 21 instead of 16 changes between Zug and Luzern (7 % buffer), and saves
+    nothing: `das-precompute calm` shows what other prices do."""
     ladder_size: int = 32
     """The number of multipliers λ."""
     low_ratio: float = 0.004
@@ -31,7 +32,7 @@ class ScheduleSettings:
     """How a calm run becomes a schedule."""
 
     least_s: float = 10.0
-    """An instruction that is no brake lasts at least this long, or it becomes part of the one before it."""
+    """A phase that is no brake lasts at least this long, or it becomes part of a neighbour."""
     back_share: float = 0.6
     """A train slower than the speed to hold gets back to it with this share of its traction."""
     ripple_mps: float = 1.5
@@ -54,11 +55,11 @@ class ScheduleSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PolishSettings:
-    """How far instructions are moved, and what arriving at another time than asked costs."""
+    """How far phases are moved."""
 
     steps_m: tuple[float, ...] = (200.0, 80.0)
-    """An instruction begins this much earlier or later, in rounds of smaller and smaller steps."""
+    """A phase begins this much earlier or later, in rounds of smaller and smaller steps."""
     steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH)
-    """A speed is this much lower or higher."""
+    """A speed is made this much lower or higher, in the same rounds."""
     least_s: float = 10.0
-    """No instruction but a brake is made shorter than this by moving its neighbours."""
+    """No phase but a brake is made shorter than this by moving its neighbours."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from das.compiling.kernels import kernel
-from das.solver.kernels.forces import electric_limit, mean_resistance, on_supply, traction_limit
-from das.solver.kernels.landings import landing_speed, landing_under, step_cost
+from das.solver.kernels.forces import electric_limit, on_supply, traction_limit
+from das.solver.kernels.landings import landing_speed, landing_under, speed_under_force, step_cost
 from das.solver.kernels.speed_grid import grid_speed, locate
 
 TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
@@ -26,12 +24,9 @@ def landing_with(kind, share, v0, h, g, q, p):
     for _ in range(_LANDING_STEPS):
         mid = 0.5 * (v0 + v1)
         force = share * traction_limit(mid, p) if kind == TRACTION else -share * electric_limit(mid, p)
-        rate = (force - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
-        rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
-        w1 = v0 * v0 + 2.0 * h * rate
-        if w1 <= 0.0:
+        v1 = speed_under_force(force, v0, v1, h, g, q, p)
+        if v1 <= 0.0:
             return 0.0
-        v1 = math.sqrt(w1)
     return v1
 
 

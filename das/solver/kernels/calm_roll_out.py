@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import numpy as np
 
 from das.compiling.kernels import kernel
 from das.solver.kernels.calm_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
@@ -16,6 +16,7 @@ from das.solver.kernels.forces import (
     on_supply,
     traction_limit,
 )
+from das.solver.kernels.landings import speed_under_force
 
 _STEPS = 6
 
@@ -33,12 +34,9 @@ def speed_under(kind, share, v0, h, g, q, p):
             force = share * traction_limit(faster, p)
         elif kind == BRAKE:
             force = -share * electric_limit(faster, p)
-        rate = (force - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
-        rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
-        w1 = v0 * v0 + 2.0 * h * rate
-        if w1 <= 0.0:
+        v1 = speed_under_force(force, v0, v1, h, g, q, p)
+        if v1 <= 0.0:
             return 0.0
-        v1 = math.sqrt(w1)
     return v1
 
 
@@ -86,7 +84,7 @@ def calm_roll_out(k0, switch, quick, slow, decision, line, bounds, goal, notches
     choice, stay = policy
     kinds, shares = notches
     floor, envelope = bounds
-    now = np_int(notch[0])
+    now = np.int64(notch[0])
     held = v[0]
     steps = choice.shape[1] - 1
     for m in range(decision.size - 1):
@@ -96,7 +94,7 @@ def calm_roll_out(k0, switch, quick, slow, decision, line, bounds, goal, notches
         j = nearest_line(v[i0], floor[i0], envelope[i0], steps)
         before = now
         if now == NO_NOTCH or not (stay[k, j, l] >> now) & 1:
-            now = np_int(choice[k, j, l])
+            now = np.int64(choice[k, j, l])
         if now != before:
             held = v[i0]
         moving = now != NO_NOTCH
@@ -113,12 +111,6 @@ def calm_roll_out(k0, switch, quick, slow, decision, line, bounds, goal, notches
             if not hurry(i0, i1, line, envelope, p, v):
                 return -1.0
     return trip_time(line.step_m, v)
-
-
-@kernel
-def np_int(x):
-    """The number as a plain integer, whatever its width."""
-    return int(x)
 
 
 @kernel

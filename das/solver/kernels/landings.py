@@ -30,7 +30,7 @@ def landing_speed(v0, h, sign, g, q, p):
     for _ in range(_LANDING_STEPS):
         mid = 0.5 * (v0 + v1)
         f = traction_limit(mid, p) if sign > 0.0 else -electric_limit(mid, p)
-        v1 = _speed_under(f, v0, v1, h, g, q, p)
+        v1 = speed_under_force(f, v0, v1, h, g, q, p)
         if v1 <= 0.0:
             return 0.0
     return v1
@@ -41,14 +41,14 @@ def landing_under(f, v0, h, g, q, p):
     """Speed after a decision step under the constant wheel force f; 0 if it stops."""
     v1 = v0
     for _ in range(_LANDING_STEPS):
-        v1 = _speed_under(f, v0, v1, h, g, q, p)
+        v1 = speed_under_force(f, v0, v1, h, g, q, p)
         if v1 <= 0.0:
             return 0.0
     return v1
 
 
 @kernel
-def _speed_under(f, v0, v1, h, g, q, p):
+def speed_under_force(f, v0, v1, h, g, q, p):
     """Speed after a step under wheel force f, the resistance taken as for a landing at v1; 0 if it stops."""
     rate = (f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
     rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
