@@ -566,6 +566,7 @@ class Coaching(_message.Message):
     REASON_FIELD_NUMBER: _builtins.int
     WORTH_J_FIELD_NUMBER: _builtins.int
     REPLAN_FIELD_NUMBER: _builtins.int
+    REFERENCE_FORCE_N_FIELD_NUMBER: _builtins.int
     target_m: _builtins.float
     """way to where the speed is reached, or to the end of holding it"""
     target_s: _builtins.float
@@ -574,6 +575,8 @@ class Coaching(_message.Message):
     reason: _builtins.str
     worth_j: _builtins.float
     """what following it saves against going on at the present speed, at the same arrival"""
+    reference_force_n: _builtins.float
+    """wheel force that keeps to the reference here; the effort shown stands for a while"""
     @_builtins.property
     def now(self) -> Global___Coaching.Instruction: ...
     @_builtins.property
@@ -593,10 +596,11 @@ class Coaching(_message.Message):
         reason: _builtins.str = ...,
         worth_j: _builtins.float = ...,
         replan: Global___Coaching.Replan | None = ...,
+        reference_force_n: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["now", b"now", "replan", b"replan"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["following", b"following", "force_n", b"force_n", "now", b"now", "reason", b"reason", "replan", b"replan", "target_m", b"target_m", "target_s", b"target_s", "worth_j", b"worth_j"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["following", b"following", "force_n", b"force_n", "now", b"now", "reason", b"reason", "reference_force_n", b"reference_force_n", "replan", b"replan", "target_m", b"target_m", "target_s", b"target_s", "worth_j", b"worth_j"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

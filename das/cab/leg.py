@@ -15,6 +15,7 @@ from das.advice.display import Display, Scene
 from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, PlanBasis, Planner, TrainState
 from das.advice.settings import DEFAULT, AdviceSettings
+from das.advice.worker import AT_ONCE, Worker
 from das.cab.withdrawal import LegFacts
 from das.domain.errors import DasError
 from das.domain.route import Stop
@@ -30,12 +31,22 @@ class NoPlanError(DasError):
 
 
 class Leg:
-    """One section of the journey under way. It is told by attributes and methods, and advises for a known state."""
+    """One section of the journey under way. It is told by attributes and methods, and advises for a known state.
 
-    def __init__(self, start: Stop, end: Stop, section: Section, settings: AdviceSettings = DEFAULT) -> None:
+    The `coach_worker` makes the coach's references.
+    """
+
+    def __init__(
+        self,
+        start: Stop,
+        end: Stop,
+        section: Section,
+        settings: AdviceSettings = DEFAULT,
+        coach_worker: Worker = AT_ONCE,
+    ) -> None:
         self.start, self.end = start, end
         self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
-        self._coach = Coach(section, None, settings.coach) if settings.coach.enabled else None
+        self._coach = Coach(section, None, settings.coach, coach_worker) if settings.coach.enabled else None
         self.arrival_ns: int | None = None
         """When to arrive, as traffic management says (None: by the timetable)."""
         self.points: list[PassingTarget] = []
@@ -76,8 +87,7 @@ class Leg:
     def _lead(self, front: CalmFront | None) -> None:
         """Another coach goes on where the one before ended."""
         if self._coach is not None:
-            before, self._coach = self._coach, Coach(self.section, front, self._settings.coach)
-            self._coach.take_over(before)
+            self._coach = self._coach.successor(self.section, front)
 
     def use_meanwhile(self, section: Section, why: str) -> None:
         """The world has changed and no front for it is known yet: the plan of before holds below what is safe now."""

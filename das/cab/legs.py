@@ -108,7 +108,8 @@ class Legs:
 
     def _new_leg(self, free: Situation, start: Stop, end: Stop) -> Leg:
         """A leg that is not prepared yet. Raises DasError where it cannot be driven even without restrictions."""
-        return Leg(start, end, free.section(start.position_m, end.position_m), self._settings)
+        section = free.section(start.position_m, end.position_m)
+        return Leg(start, end, section, self._settings, self.preparation.coach_worker)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions in force."""

@@ -8,7 +8,7 @@ meanwhile, at once.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from das.advice.coach.settings import CoachSettings
 from das.advice.passing import PassingFronts, PassingRun, PassingTarget
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
+from das.advice.worker import Worker
 from das.cab import event_wording
 from das.cab.fronts import Found, Fronts, onboard_ladder
 from das.cab.leg import Leg
@@ -81,16 +82,18 @@ class _Prepared:
 class Preparation:
     """Keeps the legs that are near prepared for the situation of now.
 
-    `background`: searches go on in a thread of their own; else each is over when the call returns, so that what is
-    advised depends on what was told alone. `stopwatch` gives seconds; what it measures goes into `solve_s` only. Use
-    `close` at the end.
+    `background`: searches for fronts go on in a thread of their own, and all work for the coach in another one; else
+    each is over when the call returns, so that what is advised depends on what was told alone. `stopwatch` gives
+    seconds; what it measures goes into `solve_s` only. Use `close` at the end.
     """
 
     def __init__(
         self, fronts: Fronts, stopwatch: Callable[[], float], coach: CoachSettings = NO_COACH, *, background: bool
     ) -> None:
         self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
-        self._pool = ThreadPoolExecutor(1, "solve") if background else None
+        self._solver = Worker("solve", background=background)
+        self.coach_worker = Worker("coach", background=background)
+        """Does what the coach need not be waited for: calm runs and new references."""
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
         self.solve_s = 0.0
@@ -99,7 +102,7 @@ class Preparation:
     @property
     def in_background(self) -> bool:
         """Whether searches go on in a thread of their own."""
-        return self._pool is not None
+        return self._solver.in_background
 
     @property
     def searching(self) -> bool:
@@ -142,9 +145,9 @@ class Preparation:
         self.solve_s = self._stopwatch() - began
 
     def close(self) -> None:
-        """End the thread; what it is solving is given up."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+        """End the threads; what they are solving is given up."""
+        self._solver.close()
+        self.coach_worker.close()
 
     def prepare(self, legs: Sequence[Leg], index: int, situation: Situation, now_ns: int, *, told: bool) -> None:
         """Have fronts for the leg of number `index`, on which the train is, and for the next leg; look for no others.
@@ -173,19 +176,12 @@ class Preparation:
             one.give_up()
         if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
             one.served = point
-            one.search = self._submit(leg)
+            question = _Question.of(leg)
+            one.search = self._solver.submit(lambda: _answered(self._fronts, question, self._stopwatch))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.calm is not None and one.calm.done():
             self._take_calm(leg, one, one.calm.result())
-
-    def _submit(self, leg: Leg) -> Future[_Answer]:
-        question = _Question.of(leg)
-        if self._pool is not None:
-            return self._pool.submit(_answered, self._fronts, question, self._stopwatch)
-        answer: Future[_Answer] = Future()
-        answer.set_result(_answered(self._fronts, question, self._stopwatch))
-        return answer
 
     def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
         """Use what a search has found; where it failed, for now."""
@@ -205,15 +201,8 @@ class Preparation:
         why, one.why = one.why, ""
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
         if self._coach.enabled:
-            one.calm = self._submit_calm(leg.section)
-
-    def _submit_calm(self, section: Section) -> Future[CalmFront | str]:
-        """Look for the coach's calm runs; the advice does not wait for them."""
-        if self._pool is not None:
-            return self._pool.submit(_calm, self._fronts, section, self._coach)
-        answer: Future[CalmFront | str] = Future()
-        answer.set_result(_calm(self._fronts, section, self._coach))
-        return answer
+            section = leg.section
+            one.calm = self.coach_worker.submit(lambda: _calm(self._fronts, section, self._coach))
 
     def _take_calm(self, leg: Leg, one: _Prepared, answer: CalmFront | str) -> None:
         """Lead by the calm runs that were found; where there are none, the leg goes on without a coach."""

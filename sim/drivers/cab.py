@@ -194,7 +194,7 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
         speed_mps=coach.now.speed_mps,
         display_speed_mps=round(coach.now.speed_mps / KMH) * KMH,
         lever_ratio=math.nan if holds else lever_ratio(coach.force_n, advice.speed_mps, train),
-        force_n=coach.force_n,
+        force_n=coach.reference_force_n,
         next_mode=int(following.mode) if following is not None else Mode.NONE,
         next_change_s=following.in_s if following is not None else math.nan,
         due_s=coach.now.in_s,

@@ -50,7 +50,10 @@ class PerfectDriver:
             needed = (cab.speed_mps**2 - view.speed_mps**2) / (2.0 * max(way_m, 1.0))
         if needed <= 0 or view.mode == Mode.COAST:
             return hold(cab, outlook, target)
-        return force(outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed)
+        braking_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed
+        # At high speeds the motors brake less than one deceleration asks for, and the advice knows by how much.
+        told = min(cab.shown.force_n, 0.0) if cab.shown is not None else braking_n
+        return force(max(braking_n, told) if cab.speed_mps > FOLLOWING.creeping_mps else braking_n)
 
     def _must_mind(self, cab: CabView) -> bool:
         """Whether the train is near the highest speed that a restriction or signal allows; the advice may not know."""

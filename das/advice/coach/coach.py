@@ -11,14 +11,16 @@ from das.advice.coach import wording
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.settings import DEFAULT, CoachSettings
-from das.advice.coach.showing import BRAKES, Showing, ShownNow, SpeedsAllowed, force_n
+from das.advice.coach.showing import BRAKES, Showing, ShownNow, SpeedsAllowed, force_n, reference_force_n
 from das.advice.modes import Mode
 from das.advice.planner import Goal, TrainState
+from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.calm.calm import CalmFront
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.schedule import Phase, Schedule
+from das.solver.calm.phases import Phase
+from das.solver.calm.schedule import Schedule
 from das.solver.section import Section
 from das.solver.state import following_node
 
@@ -27,16 +29,27 @@ NEAR_M = 4000.0
 
 
 class Coach:
-    """Leads a driver along one section. The same inputs give the same advice, bit for bit."""
+    """Leads a driver along one section.
 
-    def __init__(self, section: Section, front: CalmFront | None, settings: CoachSettings = DEFAULT) -> None:
-        self._section, self._settings = section, settings
-        self._keeper, self._showing = Keeper(section, front, settings), Showing(settings.showing)
+    The same inputs give the same advice, bit for bit, unless the `worker` makes references in the background.
+    """
 
-    def take_over(self, before: Coach) -> None:
-        """Go on where the coach before ended, on another front or under other limits."""
-        self._keeper.take_over(before._keeper)
-        self._showing = before._showing
+    def __init__(
+        self,
+        section: Section,
+        front: CalmFront | None,
+        settings: CoachSettings = DEFAULT,
+        worker: Worker = AT_ONCE,
+    ) -> None:
+        self._section, self._settings, self._worker = section, settings, worker
+        self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
+
+    def successor(self, section: Section, front: CalmFront | None) -> Coach:
+        """The coach that goes on where this one ends, on another front or under other limits."""
+        found = Coach(section, front, self._settings, self._worker)
+        found._keeper.take_over(self._keeper)
+        found._showing = self._showing
+        return found
 
     def forget(self) -> None:
         """The reference does not hold any more, and nothing is shown."""
@@ -58,6 +71,7 @@ class Coach:
             target_m=shown.target_m,
             target_s=shown.target_s,
             force_n=force_n(self._section, shown.now, state.s_m, state.v_mps),
+            reference_force_n=reference_force_n(kept.reference.schedule, shown, state.s_m, state.v_mps),
             reason=self._reason(kept, shown, state, goal, place),
             worth_j=self._worth_j(kept, state, waits=_waits(goal, state)),
             replan=kept.reference.replan,

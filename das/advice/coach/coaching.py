@@ -69,8 +69,9 @@ class Coaching:
     """What the driver should do now and after it, and what it is worth.
 
     `target_m` and `target_s` are way and time to where the speed of `now` is reached, or to the end of holding it.
-    `force_n` is the wheel force of `now` at the present speed. `worth_j` is what following the instruction from here
-    saves against going on at the present speed, at the same arrival.
+    `force_n` is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps to the
+    reference here: a brake is shown with one effort, and the reference brakes along its curve. `worth_j` is what
+    following the instruction from here saves against going on at the present speed, at the same arrival.
     """
 
     now: Instruction
@@ -78,6 +79,7 @@ class Coaching:
     target_m: float = 0.0
     target_s: float = 0.0
     force_n: float = 0.0
+    reference_force_n: float = 0.0
     reason: str = ""
     worth_j: float = 0.0
     replan: Replan = Replan()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from das.advice.coach.planning import Wanted, passes_s, planned
 from das.advice.coach.settings import CoachSettings, MarginSettings
 from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, TrainState
+from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS
@@ -71,19 +73,52 @@ class Drift:
         return min(max(self._mean, 0.0) * max(ahead_s, 0.0) / 60.0, self._settings.most_s)
 
 
-class Keeper:
-    """Holds the reference of a section, and makes a new one where there is reason to."""
+class _Gain(NamedTuple):
+    """What a new reference gains over keeping the one before: energy (J), nearness to the wanted time (s), and worth.
 
-    def __init__(self, section: Section, front: CalmFront | None, settings: CoachSettings) -> None:
-        self._section, self._front, self._settings = section, front, settings
+    `worth_j` is the energy with the time that it takes less at the price of time.
+    """
+
+    energy_j: float
+    lateness_s: float
+    worth_j: float
+
+
+class _Asked(NamedTuple):
+    """A reference that is being made: why, for which state and goal, and the answer to come.
+
+    `doubted`: the one before could be kept, and the new one is taken only if it is better.
+    """
+
+    cause: ReplanCause
+    doubted: bool
+    state: TrainState
+    goal: Goal
+    answer: Future[Scheduled]
+
+    def serves(self, must: ReplanCause, goal: Goal) -> bool:
+        """Whether it is still what is wanted; `must`: why there has to be another reference, if so."""
+        same = (self.goal.arrival_ns, self.goal.passing) == (goal.arrival_ns, goal.passing)
+        return same and must in (ReplanCause.NONE, self.cause)
+
+
+class Keeper:
+    """Holds the reference of a section, and has a new one made by the worker where there is reason to."""
+
+    def __init__(
+        self, section: Section, front: CalmFront | None, settings: CoachSettings, worker: Worker = AT_ONCE
+    ) -> None:
+        self._section, self._front, self._settings, self._worker = section, front, settings, worker
         self.reference: StandingReference | None = None
         self._changed = self._standing = False
-        self._asked_ns = 0
+        self._asked: _Asked | None = None
+        self._doubted_ns = 0
         self._drift = Drift(settings.margin)
 
     def take_over(self, before: Keeper) -> None:
         """Go on with the reference and the experience of the keeper before, on this section."""
-        self._drift, self._asked_ns = before._drift, before._asked_ns
+        before._give_up()
+        self._drift, self._doubted_ns = before._drift, before._doubted_ns
         if before.reference is not None:
             section = self._front.section if self._front is not None else self._section
             schedule = on_section(before.reference.schedule, section)
@@ -92,25 +127,69 @@ class Keeper:
     def forget(self) -> None:
         """The reference does not hold any more."""
         self.reference = None
+        self._give_up()
 
     def keep(self, state: TrainState, goal: Goal) -> Kept | None:
-        """The reference for a state, kept or new; None where none can be made yet.
+        """The reference for a state, kept or new; None where none can be made (yet).
 
-        Raises DasError for a state outside the section or from which it cannot be finished.
+        While a new one is being made, the one before is kept, if it can be. Raises DasError for a state outside the
+        section or from which it cannot be finished.
         """
-        cause, forecast = self._why_at_once(state, goal)
-        if cause is not ReplanCause.NONE:
-            return self._made(cause, state, goal, forecast)
-        assert self.reference is not None
-        assert forecast is not None
-        late_s = forecast.time_s - self._left_s(state, goal)
-        self._drift.see(state.now_ns, late_s, anew=state.v_mps <= STANDSTILL_MPS)
-        kept = Kept(self.reference, forecast, late_s)
-        doubt = self._doubt(kept, state, goal)
-        if doubt is ReplanCause.NONE or self._front is None:
+        must, forecast = self._why_at_once(state, goal)
+        kept = self._kept(state, goal, forecast)
+        if must is ReplanCause.NONE and kept is not None:
+            self._drift.see(state.now_ns, kept.late_s, anew=state.v_mps <= STANDSTILL_MPS)
+        if self._front is None:
             return kept
-        self._asked_ns = state.now_ns
-        return self._better(kept, doubt, state, goal)
+        if self._asked is not None and not self._asked.serves(must, goal):
+            self._give_up()
+        if self._asked is None:
+            doubt = ReplanCause.NONE if kept is None else self._doubt(kept, state, goal)
+            if must is ReplanCause.NONE and doubt is ReplanCause.NONE:
+                return kept
+            self._asked = self._ask(must, doubt, state, goal)
+        if not self._asked.answer.done():
+            return kept
+        asked, self._asked = self._asked, None
+        return self._answered(asked, kept, state, goal)
+
+    def _kept(self, state: TrainState, goal: Goal, forecast: Prospect | None) -> Kept | None:
+        """The reference that stands, where it can be kept."""
+        if self.reference is None or forecast is None:
+            return None
+        return Kept(self.reference, forecast, forecast.time_s - self._left_s(state, goal))
+
+    def _ask(self, must: ReplanCause, doubt: ReplanCause, state: TrainState, goal: Goal) -> _Asked:
+        """Have a new reference made, because there must be one or because there is doubt about the one that stands."""
+        assert self._front is not None
+        front, wanted, settings = self._front, self._wanted(state, goal), self._settings
+        answer = self._worker.submit(lambda: planned(front, wanted, settings))
+        if must is not ReplanCause.NONE:
+            return _Asked(must, False, state, goal, answer)
+        self._doubted_ns = state.now_ns
+        return _Asked(doubt, True, state, goal, answer)
+
+    def _give_up(self) -> None:
+        """What is being made is not wanted any more."""
+        if self._asked is not None:
+            self._asked.answer.cancel()
+        self._asked = None
+
+    def _answered(self, asked: _Asked, kept: Kept | None, state: TrainState, goal: Goal) -> Kept | None:
+        """What was made, if it is taken, or else the reference that stands."""
+        try:
+            found = asked.answer.result()
+            if state.now_ns != asked.state.now_ns:  # The train has gone on since.
+                found = found._replace(forecast=found.schedule.forecast(state.s_m, state.v_mps))
+        except DasError:
+            if asked.doubted:
+                return kept
+            raise
+        gain = self._gain(kept, found, state, goal)
+        if asked.doubted and not self._is_better(asked.cause, gain):
+            return kept
+        replan = Replan(cause=asked.cause, time_ns=state.now_ns, gain_j=gain.energy_j, gain_s=gain.lateness_s)
+        return self._taken(found, replan, state, goal)
 
     def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
         """Why there must be another reference now, if so, and what keeping this one comes to."""
@@ -137,7 +216,7 @@ class Keeper:
         """Why another reference might be better."""
         keeping, now_ns = self._settings.keeping, state.now_ns
         young = (now_ns - kept.reference.replan.time_ns) * NS < keeping.least_age_s
-        asked = (now_ns - self._asked_ns) * NS < keeping.asked_every_s
+        asked = (now_ns - self._doubted_ns) * NS < keeping.asked_every_s
         if young or asked or kept.forecast.time_s < self._settings.showing.arrived_s:
             return ReplanCause.NONE
         if self._misses_window(kept, state, goal):
@@ -159,42 +238,29 @@ class Keeper:
         late = point.latest_ns is not None and at_s > (point.latest_ns - state.now_ns) * NS
         return early or late
 
-    def _better(self, kept: Kept, doubt: ReplanCause, state: TrainState, goal: Goal) -> Kept:
-        """A new reference where it gains enough, else the one that stands."""
-        keeping = self._settings.keeping
-        try:
-            found = self._plan(state, goal)
-        except DasError:
-            return kept
+    def _gain(self, kept: Kept | None, found: Scheduled, state: TrainState, goal: Goal) -> _Gain:
+        """What a new reference gains over the one that stands."""
+        if kept is None:
+            return _Gain(0.0, 0.0, 0.0)
+        left_s = self._left_s(state, goal)
         # What the driver is likely to lose is lost with either reference; the new one is made quicker by that.
-        loss_s = self._drift.loss_s(self._left_s(state, goal))
-        late_s = abs(kept.late_s + loss_s)
-        new_late_s = abs(found.forecast.time_s - self._left_s(state, goal) + loss_s)
-        gain_s = late_s - new_late_s
-        gain_j = kept.forecast.energy_j - found.forecast.energy_j
-        worth_j = gain_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
+        loss_s = self._drift.loss_s(left_s)
+        lateness_s = abs(kept.late_s + loss_s) - abs(found.forecast.time_s - left_s + loss_s)
+        energy_j = kept.forecast.energy_j - found.forecast.energy_j
+        worth_j = energy_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
+        return _Gain(energy_j, lateness_s, worth_j)
+
+    def _is_better(self, doubt: ReplanCause, gain: _Gain) -> bool:
+        """Whether a new reference gains enough to be taken."""
+        keeping = self._settings.keeping
         least_j = keeping.least_gain_power_s * self._section.train.traction_power_w
         better = {
             ReplanCause.POINT: True,
-            ReplanCause.LATE: gain_s > keeping.least_gain_s,
-            ReplanCause.EARLY: gain_s > keeping.least_gain_s and gain_j > least_j,
-            ReplanCause.ENERGY: new_late_s < late_s + keeping.least_gain_s and worth_j > least_j,
+            ReplanCause.LATE: gain.lateness_s > keeping.least_gain_s,
+            ReplanCause.EARLY: gain.lateness_s > keeping.least_gain_s and gain.energy_j > least_j,
+            ReplanCause.ENERGY: -gain.lateness_s < keeping.least_gain_s and gain.worth_j > least_j,
         }
-        if not better[doubt]:
-            return kept
-        return self._taken(found, Replan(cause=doubt, time_ns=state.now_ns, gain_j=gain_j, gain_s=gain_s), state, goal)
-
-    def _made(self, cause: ReplanCause, state: TrainState, goal: Goal, before: Prospect | None) -> Kept | None:
-        """A new reference, because there must be one."""
-        if self._front is None:
-            return None
-        found = self._plan(state, goal)
-        left_s = self._left_s(state, goal)
-        gain_j = gain_s = 0.0
-        if before is not None:
-            gain_j = before.energy_j - found.forecast.energy_j
-            gain_s = abs(before.time_s - left_s) - abs(found.forecast.time_s - left_s)
-        return self._taken(found, Replan(cause=cause, time_ns=state.now_ns, gain_j=gain_j, gain_s=gain_s), state, goal)
+        return better[doubt]
 
     def _taken(self, found: Scheduled, replan: Replan, state: TrainState, goal: Goal) -> Kept:
         self._changed, self._standing = False, state.v_mps <= STANDSTILL_MPS
@@ -206,8 +272,8 @@ class Keeper:
         self._drift.see(state.now_ns, late_s, anew=True)
         return Kept(self.reference, found.forecast, late_s)
 
-    def _plan(self, state: TrainState, goal: Goal) -> Scheduled:
-        assert self._front is not None
+    def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
+        """What a new reference is to be made for."""
         point, earliest_s, latest_s = goal.passing, None, None
         if point is not None and point.earliest_ns is not None:
             ahead_s = (point.earliest_ns - state.now_ns) * NS
@@ -218,7 +284,7 @@ class Keeper:
             if earliest_s is not None:
                 latest_s = max(latest_s, earliest_s)
         left_s = self._left_s(state, goal)
-        wanted = Wanted(
+        return Wanted(
             s_m=state.s_m,
             v_mps=state.v_mps,
             left_s=left_s - self._drift.loss_s(left_s),
@@ -226,7 +292,6 @@ class Keeper:
             earliest_s=earliest_s,
             latest_s=latest_s,
         )
-        return planned(self._front, wanted, self._settings)
 
     def _left_s(self, state: TrainState, goal: Goal) -> float:
         """The time (s) that a reference may take."""

@@ -10,9 +10,9 @@ from das.advice.coach.settings import CoachSettings
 from das.domain.errors import DasError
 from das.solver.calm.calm import CalmFront, solve_calm
 from das.solver.calm.notches import NotchKind
+from das.solver.calm.phases import Phase
 from das.solver.calm.polish import polished
 from das.solver.calm.schedule import (
-    Phase,
     Prospect,
     Schedule,
     Scheduled,

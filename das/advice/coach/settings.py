@@ -47,6 +47,8 @@ class KeepingSettings:
 class BrakeShowingSettings:
     """How the effort of a brake is shown."""
 
+    lead_s: float = 2.0
+    """A brake is shown this much before it is due: a driver who sees it earlier brakes early and arrives late."""
     early_ratio: float = 0.5
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
     again_ratio: float = 0.95
@@ -55,6 +57,8 @@ class BrakeShowingSettings:
     """A train that is slower than this before its stop is not told to roll any more."""
     creep_mps: float = 3.0
     """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
+    least_mps2: float = 0.05
+    """The effort of a brake is shown for no smaller deceleration than this (m/s²)."""
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size."""
     band_ratio: float = 0.25
@@ -66,7 +70,7 @@ class ShowingSettings:
     """How instructions are shown, and when the train counts as being at a speed."""
 
     lead_s: float = 5.0
-    """An instruction is shown this much before it is due: about the time in which a driver reacts."""
+    """Coasting is shown this much before it is due: about the time in which a driver reacts."""
     reached_mps: float = 0.5
     """A speed to be reached is reached from this much below it on."""
     below_mps: float = 4.0 * KMH

@@ -94,10 +94,11 @@ class Showing:
     def _number_for(self, schedule: Schedule, state: TrainState) -> int:
         """The instruction that holds, or the next one where it is due within the lead; none is taken up again."""
         here = max(schedule.number_at(state.s_m), self._number)
-        soon = schedule.number_at(state.s_m + state.v_mps * self._settings.lead_s)
-        if soon > here and schedule.phases[here + 1].kind in (NotchKind.COAST, NotchKind.BRAKE):
-            return here + 1
-        return here
+        if here + 1 == len(schedule.phases):
+            return here
+        leads = {NotchKind.COAST: self._settings.lead_s, NotchKind.BRAKE: self._settings.brake.lead_s}
+        soon_m = state.s_m + state.v_mps * leads.get(schedule.phases[here + 1].kind, 0.0)
+        return here + 1 if schedule.number_at(soon_m) > here else here
 
     def _wanted(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction for the train as it is."""
@@ -148,7 +149,8 @@ class Showing:
             return self._holding(schedule, state, target)
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
-        eased = needed / schedule.braking_mps2(number)
+        planned_mps2 = schedule.braking_mps2(number)
+        eased = needed / planned_mps2
         may_roll = target > SAME_MPS or v_mps >= settings.brake.last_mps
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll:
             self._back = ROLLS
@@ -160,7 +162,9 @@ class Showing:
             return Instruction(mode=Mode.CRUISE, speed_mps=settings.brake.creep_mps)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        ratio = self._brake_ratio(schedule, number, state, needed)
+        curve_mps2 = schedule.needed_mps2(number, max(state.s_m, schedule.begin_m(number)), v_mps)
+        rate_mps2 = max(curve_mps2, settings.brake.least_mps2)
+        ratio = self._brake_ratio(schedule, number, state, rate_mps2)
         return _brake(schedule.section, ratio, v_mps, target)
 
     def _brake_ratio(self, schedule: Schedule, number: int, state: TrainState, needed_mps2: float) -> float:
@@ -237,6 +241,14 @@ def _aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
     first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
     highest = section.envelope_mps[end] if one.kind is NotchKind.BRAKE else section.envelope_mps[first : end + 1].max()
     return float(min(one.target_mps, highest))
+
+
+def reference_force_n(schedule: Schedule, shown: ShownNow, s_m: float, v_mps: float) -> float:
+    """The wheel force (N) that keeps to the reference at a position and speed."""
+    section, now, number = schedule.section, shown.now, shown.number
+    if now.mode in BRAKES and schedule.phases[number].kind is NotchKind.BRAKE:
+        return -max(braking_force_n(section, schedule.needed_mps2(number, s_m, v_mps), s_m, v_mps), 0.0)
+    return force_n(section, now, s_m, v_mps)
 
 
 def force_n(section: Section, now: Instruction, s_m: float, v_mps: float) -> float:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
+from das.solver.calm.phases import Phase, phases_of
 from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.calm_follow import follow
 from das.solver.kernels.calm_polish import cost_of_time
@@ -29,8 +30,8 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
-
-BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
+ON_CURVE_MPS = 0.05
+"""A brake to a speed this near (m/s) to what the braking curve comes to there follows the curve."""
 
 
 class Prospect(NamedTuple):
@@ -43,15 +44,6 @@ class Prospect(NamedTuple):
     time_s: float
     energy_j: float
     unsaid_s: float
-
-
-class Phase(NamedTuple):
-    """One thing to do: its kind and share of effort, the first interval of the section, and the speed it leads to."""
-
-    kind: NotchKind
-    share: float
-    begin: int
-    target_mps: float
 
 
 DEFAULT = ScheduleSettings()
@@ -85,12 +77,15 @@ class Schedule:
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Kind, share and target speed of every phase."""
+        """Kind, share and target speed of every phase; a brake to where the braking curve leads is one along it."""
         kinds = np.array([int(one.kind) for one in self.phases])
+        targets = np.array([one.target_mps for one in self.phases])
+        led_to = self.section.envelope_mps[[*(one.begin for one in self.phases[1:]), len(self.at)]]
+        kinds[(kinds == NotchKind.BRAKE) & (np.abs(led_to - targets) < ON_CURVE_MPS)] = NotchKind.CURVE
         return (
             kinds,
             np.array([one.share for one in self.phases]),
-            np.array([one.target_mps for one in self.phases]),
+            targets,
         )
 
     def speed_at(self, s_m: float) -> float:
@@ -109,6 +104,18 @@ class Schedule:
         speeds, node_m = self.known.speed_mps, self.section.node_m
         last = max(last, first + 1)
         return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
+
+    def needed_mps2(self, number: int, s_m: float, v_mps: float) -> float:
+        """The deceleration (m/s²) here and now of a train that keeps to a phase to brake from a state on."""
+        kind, _, target = self.columns
+        reach = v_mps**2 - target[number] ** 2
+        interval = min(int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1, len(self.at) - 1)
+        before, after = self.section.envelope_mps[interval : interval + 2] ** 2
+        step_m = float(self.section.step_m[interval])
+        curve = before + (after - before) * (s_m - self.section.node_m[interval]) / step_m - target[number] ** 2
+        if kind[number] == NotchKind.CURVE and curve > 0:
+            return float(reach / curve * max(before - after, 0.0) / (2.0 * step_m))
+        return float(reach / (2.0 * max(self.begin_m(number + 1) - s_m, 1.0)))
 
     def begin_m(self, number: int) -> float:
         """Where an phase begins (m); beyond the last one: the end of the section."""
@@ -195,12 +202,22 @@ def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) ->
     speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
     raw = Schedule(
         section=section,
-        phases=_phases(run, first, settings),
+        phases=phases_of(run, first, settings),
         known=KnownRun(speeds, np.zeros_like(speeds)),
         back_share=settings.back_share,
     )
     s_m, v_mps = float(state.node_m[0]), state.speed_mps
-    best = raw.settled(s_m, v_mps)
+    best = _unhurried(raw.settled(s_m, v_mps), time_s, s_m, v_mps, settings)
+    if best[1].time_s < time_s - settings.early_s:
+        best = _slower(best, time_s, s_m, v_mps, settings)
+    return Scheduled(*best, run.lambda_w)
+
+
+def _unhurried(
+    found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
+) -> tuple[Schedule, Prospect]:
+    """A schedule and its forecast from a state, with coasting begun so much earlier that it does not arrive early."""
+    raw, best = found[0], found
     low, high = 0.0, 1.0
     for _ in range(settings.tries):
         if best[1].time_s >= time_s - settings.near_s:
@@ -215,9 +232,7 @@ def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) ->
             high = share
         else:
             low, best = share, tried
-    if best[1].time_s < time_s - settings.early_s:
-        best = _slower(best, time_s, s_m, v_mps, settings)
-    return Scheduled(*best, run.lambda_w)
+    return best
 
 
 def _slower(
@@ -264,106 +279,6 @@ def _coasting_earlier(schedule: Schedule, by_m: float) -> Schedule:
             begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
             moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
     return replace(schedule, phases=tuple(moved))
-
-
-@dataclass(kw_only=True)
-class _Part:
-    """A stretch of a run in one notch, while short ones are joined to their neighbours."""
-
-    kind: NotchKind
-    share: float
-    first: int
-    last: int
-
-
-def _phases(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
-    """The stretches of a run in one notch, without the short ones; `first` is the run's interval on the section."""
-    speeds = run.speeds_mps
-    elapsed_s = run.state.elapsed_s(speeds)
-    parts = _without_short(_parts(run), elapsed_s, speeds, settings)
-    found: list[Phase] = []
-    for part, after in zip(reversed(parts), [None, *reversed(parts[1:])], strict=True):
-        target = float(speeds[part.last + 1])
-        if part.kind is NotchKind.HOLD:
-            target = float(speeds[part.first])
-        elif part.kind is NotchKind.TRACTION:
-            target = float(speeds[part.first : part.last + 2].max())
-            if after is not None and after.kind in (NotchKind.HOLD, NotchKind.TRACTION):
-                target = found[-1].target_mps  # Traction with another effort goes on to the same speed.
-        kind = NotchKind.BRAKE if part.kind in BRAKES else part.kind
-        found.append(Phase(kind, part.share, first + part.first, target))
-    return tuple(reversed(found))
-
-
-def _parts(run: CalmRun) -> list[_Part]:
-    """The stretches of a run in one notch."""
-    parts: list[_Part] = []
-    for i, notch in enumerate(run.notch.tolist()):
-        kind, share = NotchKind(int(run.notches.kind[notch])), float(run.notches.share[notch])
-        if parts and (parts[-1].kind, parts[-1].share) == (kind, share):
-            parts[-1].last = i
-        else:
-            parts.append(_Part(kind=kind, share=share, first=i, last=i))
-    return parts
-
-
-def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings) -> list[_Part]:
-    """The parts without those too short to be followed: the shortest first becomes part of a neighbour."""
-
-    def lasts_s(k: int) -> float:
-        return float(elapsed_s[parts[k].last + 1] - elapsed_s[parts[k].first])
-
-    while True:
-        short = [k for k in range(len(parts)) if lasts_s(k) < settings.least_s and _may_go(parts, k)]
-        if not short:
-            return parts
-        k = min(short, key=lasts_s)
-        part, rises = parts[k], float(speeds[parts[k].last + 1] - speeds[parts[k].first])
-        before, after = parts[k - 1] if k else None, parts[k + 1] if k + 1 < len(parts) else None
-        if part.kind is NotchKind.TRACTION and after is not None and after.kind is NotchKind.HOLD:
-            if before is not None and before.kind is NotchKind.HOLD and rises < settings.ripple_mps:
-                before.last = after.last
-                del parts[k : k + 2]
-                continue
-            after.kind, after.share = NotchKind.TRACTION, part.share
-        if before is not None and (after is None or _joins_before(part, before, after)):
-            before.last = part.last
-        elif after is not None:
-            after.first = part.first
-        del parts[k]
-        parts = _joined(parts)
-
-
-def _may_go(parts: list[_Part], k: int) -> bool:
-    """Whether a part may become part of a neighbour: a brake only of another brake.
-
-    Between two brakes for lower and lower limits even a short part stays: one deceleration over all of them would be
-    much slower.
-    """
-    braked = [parts[i].kind in BRAKES for i in (k - 1, k + 1) if 0 <= i < len(parts)]
-    if parts[k].kind in BRAKES:
-        return any(braked)
-    return len(parts) > 1 and not (len(braked) == 2 and all(braked))
-
-
-def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
-    """Whether a short part becomes part of the one before it, and not of the one after."""
-    if part.kind in BRAKES and after.kind in BRAKES:
-        return True  # One deceleration over the way of both would be slower: the second brake stays as it is.
-    if part.kind in BRAKES:
-        return before.kind in BRAKES
-    return part.kind is not NotchKind.TRACTION or before.kind is NotchKind.TRACTION
-
-
-def _joined(parts: list[_Part]) -> list[_Part]:
-    """The parts, where neighbours that say the same are one."""
-    found = parts[:1]
-    for part in parts[1:]:
-        if (part.kind, part.share) == (found[-1].kind, found[-1].share):
-            found[-1].last = part.last
-        else:
-            found.append(part)
-    return found
 
 
 def on_section(schedule: Schedule, section: Section) -> Schedule:

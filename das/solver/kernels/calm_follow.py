@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from das.compiling.kernels import kernel
-from das.solver.kernels.calm_moves import BRAKE, COAST, HOLD, TRACTION
+from das.solver.kernels.calm_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
 from das.solver.kernels.calm_roll_out import speed_under
 from das.solver.kernels.driving import drive
 from das.solver.kernels.forces import on_supply
@@ -19,8 +19,12 @@ BELOW_MPS = 0.5
 
 
 @kernel
-def followed_speed(i, kind, share, target, back_share, way, line, v):
-    """The speed at the end of interval i that a train in an instruction means to have; `way` (m) is left of it."""
+def followed_speed(i, phase, back_share, way, line, curve, v):
+    """The speed at the end of interval i that a train in a phase (kind, share, target) means to have.
+
+    `way` (m) is left of the phase, and `curve` are the highest speeds allowed at both ends of the interval.
+    """
+    kind, share, target = phase
     step, g, q, here = line
     coasting = speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
     if kind == COAST:
@@ -36,8 +40,12 @@ def followed_speed(i, kind, share, target, back_share, way, line, v):
         return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
         return min(target, max(coasting, v))
-    # One deceleration from here to the end of the instruction.
-    return min(coasting, math.sqrt(max(v * v - (v * v - target * target) * min(step[i] / way, 1.0), target * target)))
+    w, left = target * target, max(1.0 - step[i] / way, 0.0)  # By one deceleration to the end of the phase.
+    if kind == CURVE and curve[1] >= curve[0] >= v:
+        return v  # The braking curve is still ahead.
+    if kind == CURVE and curve[0] > target:  # By one share of the braking curve.
+        left = min(max(curve[1] * curve[1] - w, 0.0) / (curve[0] * curve[0] - w), 1.0)
+    return min(coasting, math.sqrt(w + (v * v - w) * left))
 
 
 @kernel
@@ -47,14 +55,13 @@ def followed_step(i, phase, back_share, way, line, envelope, p, v):
     Returns the time (s), or -1 after a stall, and whether limits ahead ask for brakes though the phase does not.
     """
     step, g, q, u = line
-    kind, share, target = phase
     here = (step, g, q, on_supply(p, u[i]))
-    landing = followed_speed(i, kind, share, target, back_share, way, here, v[i])
+    landing = followed_speed(i, phase, back_share, way, here, (envelope[i], envelope[i + 1]), v[i])
     moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
     # On a hill that the schedule cannot climb the train takes all its traction.
     if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
         return -1.0, False
-    unsaid = kind != BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]
+    unsaid = phase[0] < BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]
     return 2.0 * step[i] / (v[i] + v[i + 1]), unsaid
 
 

@@ -35,7 +35,7 @@ def missing_time(first, begin, kind, step, least_s, v):
     missing = 0.0
     for k in range(begin.size):
         last = begin[k + 1] if k + 1 < begin.size else step.size
-        if kind[k] == BRAKE or last <= first:
+        if kind[k] >= BRAKE or last <= first:
             continue
         lasts = 0.0
         for i in range(max(begin[k], first), last):
@@ -116,7 +116,7 @@ def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new
     new_target[:] = target
     sign = 1.0 if move % 2 else -1.0
     if move < 2:
-        if k == 0 or kind[k - 1] == BRAKE:
+        if k == 0 or kind[k - 1] >= BRAKE:
             return -1, -1
         last = (begin[k + 1] if k + 1 < count else node.size - 1) - 1
         index = np.searchsorted(node, node[begin[k]] + sign * by_m)

@@ -142,7 +142,7 @@ def test_what_the_coach_says_survives_the_message_field_by_field(
     replan = Replan(cause=ReplanCause.ENERGY, time_ns=NOW_NS, gain_j=1.5e6, gain_s=-0.25)
     coaching = Coaching(
         now=now, following=following, target_m=1200.0, target_s=44.0, force_n=-1.25e5, reason="coast for the 100",
-        worth_j=3.5e6, replan=replan,
+        reference_force_n=-8e4, worth_j=3.5e6, replan=replan,
     )  # fmt: skip
     sent = codec.said(Advice(time_ns=NOW_NS, coach=coaching)).message.SerializeToString()
     message = das_pb2.Advice.FromString(sent)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import pytest
 
@@ -12,6 +15,8 @@ from das.advice.coach.planning import passes_s, solve_coach
 from das.advice.coach.settings import DEFAULT, CoachSettings, KeepingSettings, MarginSettings
 from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, TrainState
+from das.advice.worker import Worker
+from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.domain.units import NS
 from das.solver.section import build_section
@@ -22,6 +27,7 @@ pytestmark = pytest.mark.slow
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
 BUFFER = 0.15
+T = TypeVar("T")
 
 
 def driven(
@@ -181,6 +187,70 @@ def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
     assert not driven(
         after, Keeping(new.reference.schedule, new.forecast, 51.0, train.at(51).s_m), goal, range(52, 200)
     )
+
+
+class PatientWorker(Worker):
+    """Does its work only when it is told to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waiting: list[tuple[Callable[[], Any], Future[Any]]] = []
+
+    def submit(self, work: Callable[[], T]) -> Future[T]:
+        answer: Future[T] = Future()
+        self.waiting.append((work, answer))
+        return answer
+
+    def finish(self) -> None:
+        """Do all work that nobody has given up."""
+        for work, answer in self.waiting:
+            if answer.set_running_or_notify_cancel():
+                answer.set_result(work())
+        self.waiting.clear()
+
+
+def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
+    worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
+    keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT, worker)
+    start = TrainState(0, section_of(LINE).start_m, 0.0)
+    assert keeper.keep(start, goal) is None
+    assert keeper.keep(start, goal) is None
+    assert len(worker.waiting) == 1
+    worker.finish()
+    first = keeper.keep(start, goal)
+    assert first is not None
+    again = keeper.keep(start, goal)
+    assert again is not None
+    assert again.reference is first.reference
+    train = Keeping(first.reference.schedule, first.forecast, 0.0, start.s_m)
+    keeper.keep(train.at(5), goal)
+    worker.finish()
+    standing = keeper.keep(train.at(6), goal)
+    other, another = (replace(goal, target_ns=goal.arrival_ns + ns(later_s)) for later_s in (20.0, 40.0))
+    for one, second in ((other, 50), (other, 51), (another, 52)):
+        kept = keeper.keep(train.at(second), one)
+        assert standing is not None
+        assert kept is not None
+        assert kept.reference is standing.reference
+    assert len(worker.waiting) == 2
+    worker.finish()
+    later = keeper.keep(train.at(58), another)
+    assert later is not None
+    assert later.reference.replan.cause is ReplanCause.GOAL
+    assert later.reference.arrival_ns == another.arrival_ns
+    assert later.forecast.time_s == pytest.approx(later.reference.schedule.forecast(*train.at(58)[1:]).time_s, abs=1e-9)
+
+
+def test_a_reference_that_could_not_be_made_in_the_background_is_asked_for_again() -> None:
+    worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
+    keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT, worker)
+    assert keeper.keep(TrainState(0, section_of(LINE).start_m, 0.0), goal) is None
+    worker.waiting.pop()[1].set_exception(DasError("no way"))
+    with pytest.raises(DasError, match="no way"):
+        keeper.keep(TrainState(0, section_of(LINE).start_m, 0.0), goal)
+    assert keeper.keep(TrainState(0, section_of(LINE).start_m, 0.0), goal) is None
+    worker.finish()
+    assert keeper.keep(TrainState(0, section_of(LINE).start_m, 0.0), goal) is not None
 
 
 @pytest.mark.parametrize(("earlier_s", "later_s"), [(40.0, None), (25.0, 60.0), (None, -6.0)])

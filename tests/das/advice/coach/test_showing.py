@@ -18,7 +18,8 @@ from das.advice.modes import Mode
 from das.advice.planner import TrainState
 from das.domain.units import KMH
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.schedule import Phase, Schedule, known_run
+from das.solver.calm.phases import Phase
+from das.solver.calm.schedule import Schedule, known_run
 from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
 from tests.support.calm import BUNDLED, section_of

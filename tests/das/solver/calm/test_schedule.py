@@ -11,7 +11,8 @@ import pytest
 from das.domain.route import Restriction
 from das.domain.units import KMH
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.schedule import BRAKES, Scheduled, on_section, scheduled, topped
+from das.solver.calm.phases import BRAKES
+from das.solver.calm.schedule import Scheduled, on_section, scheduled, topped
 from das.solver.calm.settings import ScheduleSettings
 from das.solver.section import Section, build_section
 from das.solver.solution import trajectory_on

@@ -1,0 +1,136 @@
+"""From a calm run to phases: its stretches in one notch, without those too short to be followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.solver.calm.calm import CalmRun
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.settings import ScheduleSettings
+
+Floats = NDArray[np.float64]
+BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
+UNDER_MPS = 1e-3
+"""A train slower than the braking curve by more than this (m/s) has not met it yet."""
+
+
+class Phase(NamedTuple):
+    """One thing to do: its kind and share of effort, the first interval of the section, and the speed it leads to."""
+
+    kind: NotchKind
+    share: float
+    begin: int
+    target_mps: float
+
+
+@dataclass(kw_only=True)
+class _Part:
+    """A stretch of a run in one notch, while short ones are joined to their neighbours."""
+
+    kind: NotchKind
+    share: float
+    first: int
+    last: int
+
+
+def phases_of(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
+    """The stretches of a run in one notch, without the short ones; `first` is the run's interval on the section."""
+    speeds = run.speeds_mps
+    elapsed_s = run.state.elapsed_s(speeds)
+    parts = _without_short(_parts(run), elapsed_s, speeds, settings)
+    found: list[Phase] = []
+    for part, after in zip(reversed(parts), [None, *reversed(parts[1:])], strict=True):
+        target = float(speeds[part.last + 1])
+        if part.kind is NotchKind.HOLD:
+            target = float(speeds[part.first])
+        elif part.kind is NotchKind.TRACTION:
+            target = float(speeds[part.first : part.last + 2].max())
+            if after is not None and after.kind in (NotchKind.HOLD, NotchKind.TRACTION):
+                target = found[-1].target_mps  # Traction with another effort goes on to the same speed.
+        kind = NotchKind.BRAKE if part.kind in BRAKES else part.kind
+        found.append(Phase(kind, part.share, first + part.first, target))
+    return tuple(reversed(found))
+
+
+def _parts(run: CalmRun) -> list[_Part]:
+    """The stretches of a run in one notch."""
+    parts: list[_Part] = []
+    for i, notch in enumerate(run.notch.tolist()):
+        kind, share = NotchKind(int(run.notches.kind[notch])), float(run.notches.share[notch])
+        if kind is NotchKind.CURVE and not (parts and parts[-1].kind in BRAKES):
+            kind = _before_curve(run, i)
+        if parts and (parts[-1].kind, parts[-1].share) == (kind, share):
+            parts[-1].last = i
+        else:
+            parts.append(_Part(kind=kind, share=share, first=i, last=i))
+    return parts
+
+
+def _before_curve(run: CalmRun, i: int) -> NotchKind:
+    """What a train in the notch of the braking curve does in an interval: before it has to brake, it rolls or holds."""
+    if run.speeds_mps[i + 1] < run.state.envelope_mps[i + 1] - UNDER_MPS:
+        return NotchKind.COAST
+    return NotchKind.HOLD if run.speeds_mps[i + 1] >= run.speeds_mps[i] else NotchKind.CURVE
+
+
+def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings) -> list[_Part]:
+    """The parts without those too short to be followed: the shortest first becomes part of a neighbour."""
+
+    def lasts_s(k: int) -> float:
+        return float(elapsed_s[parts[k].last + 1] - elapsed_s[parts[k].first])
+
+    while True:
+        short = [k for k in range(len(parts)) if lasts_s(k) < settings.least_s and _may_go(parts, k)]
+        if not short:
+            return parts
+        k = min(short, key=lasts_s)
+        part, rises = parts[k], float(speeds[parts[k].last + 1] - speeds[parts[k].first])
+        before, after = parts[k - 1] if k else None, parts[k + 1] if k + 1 < len(parts) else None
+        if part.kind is NotchKind.TRACTION and after is not None and after.kind is NotchKind.HOLD:
+            if before is not None and before.kind is NotchKind.HOLD and rises < settings.ripple_mps:
+                before.last = after.last
+                del parts[k : k + 2]
+                continue
+            after.kind, after.share = NotchKind.TRACTION, part.share
+        if before is not None and (after is None or _joins_before(part, before, after)):
+            before.last = part.last
+        elif after is not None:
+            after.first = part.first
+        del parts[k]
+        parts = _joined(parts)
+
+
+def _may_go(parts: list[_Part], k: int) -> bool:
+    """Whether a part may become part of a neighbour: a brake only of another brake.
+
+    Between two brakes for lower and lower limits even a short part stays: one deceleration over all of them would be
+    much slower.
+    """
+    braked = [parts[i].kind in BRAKES for i in (k - 1, k + 1) if 0 <= i < len(parts)]
+    if parts[k].kind in BRAKES:
+        return any(braked)
+    return len(parts) > 1 and not (len(braked) == 2 and all(braked))
+
+
+def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
+    """Whether a short part becomes part of the one before it, and not of the one after."""
+    if part.kind in BRAKES and after.kind in BRAKES:
+        return True  # One deceleration over the way of both would be slower: the second brake stays as it is.
+    if part.kind in BRAKES:
+        return before.kind in BRAKES
+    return part.kind is not NotchKind.TRACTION or before.kind is NotchKind.TRACTION
+
+
+def _joined(parts: list[_Part]) -> list[_Part]:
+    """The parts, where neighbours that say the same are one."""
+    found = parts[:1]
+    for part in parts[1:]:
+        if (part.kind, part.share) == (found[-1].kind, found[-1].share):
+            found[-1].last = part.last
+        else:
+            found.append(part)
+    return found

@@ -1,0 +1,38 @@
+"""The worker: at once or in a thread of its own, and what goes wrong is in the answer."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from das.advice.worker import AT_ONCE, Worker
+
+
+def fail() -> int:
+    raise ValueError("broken")
+
+
+def test_at_once_means_before_submit_returns() -> None:
+    answer = AT_ONCE.submit(threading.get_ident)
+    assert answer.done()
+    assert answer.result() == threading.get_ident()
+    assert not AT_ONCE.in_background
+    with pytest.raises(ValueError, match="broken"):
+        AT_ONCE.submit(fail).result()
+    AT_ONCE.close()
+
+
+def test_in_the_background_nobody_waits_and_what_waits_is_given_up_at_the_end() -> None:
+    worker, go = Worker("test", background=True), threading.Event()
+    first, second = worker.submit(go.wait), worker.submit(threading.get_ident)
+    assert not first.done()
+    second.cancel()
+    go.set()
+    assert first.result(timeout=30)
+    third = worker.submit(fail)
+    with pytest.raises(ValueError, match="broken"):
+        third.result(timeout=30)
+    worker.close()
+    assert worker.in_background
+    assert second.cancelled()
