@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from das.advice.advice import Advice
-from das.advice.coach.settings import CoachSettings
+from das.advice.coach.settings import CoachSettings, DriverSettings
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
@@ -39,7 +39,11 @@ class InProcess:
         situation = Situation(route=service.route, vehicle=service.vehicle, level=service.level)
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
-        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach))
+        braking = service.scenario.coach
+        driver = DriverSettings(
+            planning_brake_mps2=braking.planning_brake_mps2, below_limit_mps=braking.below_limit_mps
+        )
+        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach, driver=driver))
         calibrate = service.scenario.sensors.force_noise_ratio is not None
         self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, advice=advice))
         """The on-board system."""

@@ -15,6 +15,7 @@ from das.bus import das_pb2
 from das.bus.config import BusFolder
 from das.bus.topics import CAB, LOCATION, LOG, MEASURES, TRUTH
 from das.cab.heard import PositionHeard
+from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
 from sim.drivers.registry import DriverKind
 from sim.plant.kernels import demanded
@@ -141,6 +142,10 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
         arguments.append("--reverse")
     if scenario.sensors.force_noise_ratio is not None:
         arguments.append("--calibrate")
+    if scenario.coach.planning_brake_mps2 is not None:
+        arguments += ["--planning-brake", repr(scenario.coach.planning_brake_mps2)]
+    if scenario.coach.below_limit_mps > 0:
+        arguments += ["--below-limit", repr(round(scenario.coach.below_limit_mps / KMH, 9))]
     return tuple(arguments)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from das.domain.conditions import STRONGEST_WIND_MPS
 from das.domain.errors import DasError
 from das.domain.files.reading import Fields, read_toml
-from das.domain.units import FACTORS
+from das.domain.units import FACTORS, KMH
 from sim.world.disturbances import (
     KINDS,
     DepartureDelay,
@@ -63,6 +63,8 @@ _RANGES = {
     "adhesion": (0.01, 10.0),
     "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS),
     "size": (1.0, LONGEST_LINE_M),
+    "planning_brake": (0.1, 1.5),
+    "below_limit": (0.0, 20.0 * KMH),
 }
 """Least and greatest values (SI) of figures that may not be anything from 0 up: a train has to get through."""
 
@@ -97,6 +99,14 @@ class Sensors:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlannedBraking:
+    """How the coach plans that drivers brake, where the scenario says it: deceleration, and margin to limits."""
+
+    planning_brake_mps2: float | None = None
+    below_limit_mps: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scenario:
     """A day to be simulated. `human` are the human drivers, from whom each seed draws one."""
 
@@ -116,6 +126,7 @@ class Scenario:
     truth: Truth
     human: HumanRange
     sensors: Sensors
+    coach: PlannedBraking
     disturbances: tuple[PlannedDisturbance, ...]
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
@@ -147,7 +158,7 @@ def read_scenario(path: Path) -> Scenario:
     """Read a scenario; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "disturbances"])
+    fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "coach", "disturbances"])
     main = fields.table("scenario")
     main.check_keys(["id", "title", "description", "route", "vehicle", "load", "reverse", "from", "to"])
     timetable = _optional(fields, "timetable")
@@ -169,6 +180,7 @@ def read_scenario(path: Path) -> Scenario:
         truth=read_truth(_optional(fields, "truth")),
         human=read_human(_optional(fields, "human")),
         sensors=_sensors(_optional(fields, "sensors")),
+        coach=_planned_braking(_optional(fields, "coach")),
         disturbances=_disturbances(fields),
     )
 
@@ -221,6 +233,18 @@ def _sensors(fields: Fields) -> Sensors:
         position_noise_m=_within(fields, "position_noise", "length", Sensors.position_noise_m, any_size),
         speed_noise_mps=_within(fields, "speed_noise", "speed", Sensors.speed_noise_mps, any_size),
         force_noise_ratio=_within(fields, "force_noise", "ratio", 0.0, any_size) if says_forces else None,
+    )
+
+
+def _planned_braking(fields: Fields) -> PlannedBraking:
+    brake, below = {"planning_brake": "acceleration"}, {"below_limit": "speed"}
+    fields.check_keys(fields.quantity_keys(brake | below))
+    says_brake = any(fields.has(key) for key in fields.quantity_keys(brake))
+    return PlannedBraking(
+        planning_brake_mps2=_within(fields, "planning_brake", "acceleration", 0.5, _RANGES["planning_brake"])
+        if says_brake
+        else None,
+        below_limit_mps=_within(fields, "below_limit", "speed", 0.0, _RANGES["below_limit"]),
     )
 
 

@@ -123,8 +123,11 @@ def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(
 
 
 def test_the_coach_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
-    """On a day with a window and a restriction that comes on the way; every advice under way has a coach."""
-    service = prepare_service(read_scenario(bundled_scenarios()["train-ahead"]))
+    """On a day with a window, planned with the braking of its drivers; every advice under way has a coach."""
+    file = tmp_path / "braking.toml"
+    braking = "[coach]\nplanning_brake_mps2 = 0.5\nbelow_limit_kmh = 2.1\n"
+    file.write_text(f"{bundled_scenarios()['train-ahead'].read_text()}\n{braking}")
+    service = prepare_service(read_scenario(file))
     here = advices_in_process(make_day(service, SEED), False, Presentation.COACH)
     there = advices_over_bus(make_day(service, SEED), False, tmp_path / "run.mcap", Presentation.COACH)
     assert len(here) == len(there) > 100
