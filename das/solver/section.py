@@ -24,6 +24,7 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
 from das.solver.kernels.envelope import braking_envelope, climbing_floor
 from das.solver.kernels.fastest import fastest_roll_out, fastest_run
+from das.solver.kernels.forces import mean_resistance
 from das.solver.kernels.tuples import KnownRun, LineArrays, SpeedBounds
 from das.solver.params import LossParams, TrainParams, loss_params, train_params
 
@@ -139,6 +140,12 @@ class Section(LineProfile):
         self.finished_s(time_s, self.start_m, self.start_speed_mps)
         elapsed_s = self.elapsed_s(speeds)
         return KnownRun(speeds, float(elapsed_s[-1]) - elapsed_s)
+
+    def resistance_n(self, s_m: float, v_mps: float) -> float:
+        """The running resistance (N) with that of gradient, curve and tunnel, at a position and speed."""
+        interval = min(max(int(np.searchsorted(self.node_m, s_m, side="right")) - 1, 0), len(self.step_m) - 1)
+        running_n = mean_resistance(v_mps, v_mps, self.tunnel_n_per_mps2[interval], self.train)
+        return float(running_n + self.constant_n[interval])
 
     def finished_s(self, time_s: float, s_m: float, v_mps: float) -> float:
         """A kernel's trip time (s) from a state; raises InfeasibleError where the train did not get to the end."""

@@ -17,7 +17,7 @@ from das.advice.planner import TrainState
 from das.domain.units import NS
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.schedule import Schedule
-from das.solver.kernels.forces import electric_limit, mean_resistance, traction_limit
+from das.solver.kernels.forces import electric_limit, traction_limit
 from das.solver.section import Section
 
 FULL_RATIO = 0.97
@@ -149,8 +149,7 @@ class Showing:
             return self._holding(schedule, state, target)
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
-        planned_mps2 = schedule.braking_mps2(number)
-        eased = needed / planned_mps2
+        eased = 1.0 if schedule.brakes_by_effort(number) else needed / schedule.braking_mps2(number)
         may_roll = target > SAME_MPS or v_mps >= settings.brake.last_mps
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll:
             self._back = ROLLS
@@ -265,10 +264,7 @@ def force_n(section: Section, now: Instruction, s_m: float, v_mps: float) -> flo
 
 def braking_force_n(section: Section, rate_mps2: float, s_m: float, v_mps: float) -> float:
     """The braking force (N, > 0) that decelerates a train at a rate (m/s²) at a position and speed."""
-    train = section.train
-    i = min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)
-    resistance_n = mean_resistance(v_mps, v_mps, section.tunnel_n_per_mps2[i], train) + section.constant_n[i]
-    return float(train.inertial_mass_kg * rate_mps2 - resistance_n)
+    return section.train.inertial_mass_kg * rate_mps2 - section.resistance_n(s_m, v_mps)
 
 
 def largest_brake_n(section: Section) -> float:
@@ -283,7 +279,10 @@ def _announced_brake(schedule: Schedule, number: int, target: float) -> Instruct
     """A brake as it is shown before it is due: with the effort with which the schedule begins it."""
     section, one = schedule.section, schedule.phases[number]
     v_mps = max(float(schedule.known.speed_mps[one.begin]), 1.0)
-    force = braking_force_n(section, schedule.braking_mps2(number), float(section.node_m[one.begin]), v_mps)
+    at_m = float(section.node_m[one.begin])
+    by_effort = schedule.brakes_by_effort(number)
+    rate_mps2 = schedule.needed_mps2(number, at_m, v_mps) if by_effort else schedule.braking_mps2(number)
+    force = braking_force_n(section, rate_mps2, at_m, v_mps)
     return _brake(section, max(force, 0.0) / largest_brake_n(section), v_mps, target)
 
 

@@ -55,6 +55,8 @@ class CalmRun:
     speeds_mps: Floats
     notch: NDArray[np.uint8]
     notches: Notches
+    goal_mps: Floats
+    """At each node the lower speed that brakes lead to."""
     time_s: float
     energy_j: float
     """The energy at the current collector."""
@@ -125,8 +127,8 @@ class CalmFront:
         self.section.finished_s(time_s, float(state.node_m[0]), state.speed_mps)
         energy_j = run_energy(state.for_kernels, self.section.train, self.section.loss_params, speeds)
         return CalmRun(
-            state=state, speeds_mps=speeds, notch=notches, notches=self.notches, time_s=time_s, energy_j=energy_j,
-            lambda_w=float(self.lambda_w[quick]),
+            state=state, speeds_mps=speeds, notch=notches, notches=self.notches, goal_mps=self.goal_mps[first:],
+            time_s=time_s, energy_j=energy_j, lambda_w=float(self.lambda_w[quick]),
         )  # fmt: skip
 
 

@@ -14,8 +14,8 @@ from das.solver.calm.settings import ScheduleSettings
 
 Floats = NDArray[np.float64]
 BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
-UNDER_MPS = 1e-3
-"""A train slower than the braking curve by more than this (m/s) has not met it yet."""
+NEAR_MPS = 1e-3
+"""A train this near (m/s) to a speed is at it."""
 
 
 class Phase(NamedTuple):
@@ -61,8 +61,9 @@ def _parts(run: CalmRun) -> list[_Part]:
     parts: list[_Part] = []
     for i, notch in enumerate(run.notch.tolist()):
         kind, share = NotchKind(int(run.notches.kind[notch])), float(run.notches.share[notch])
-        if kind is NotchKind.CURVE and not (parts and parts[-1].kind in BRAKES):
-            kind = _before_curve(run, i)
+        if kind is NotchKind.BRAKE or (kind is NotchKind.CURVE and not (parts and parts[-1].kind in BRAKES)):
+            done = _done(run, i, kind)
+            kind, share = done, share if done is kind else 0.0
         if parts and (parts[-1].kind, parts[-1].share) == (kind, share):
             parts[-1].last = i
         else:
@@ -70,11 +71,18 @@ def _parts(run: CalmRun) -> list[_Part]:
     return parts
 
 
-def _before_curve(run: CalmRun, i: int) -> NotchKind:
-    """What a train in the notch of the braking curve does in an interval: before it has to brake, it rolls or holds."""
-    if run.speeds_mps[i + 1] < run.state.envelope_mps[i + 1] - UNDER_MPS:
-        return NotchKind.COAST
-    return NotchKind.HOLD if run.speeds_mps[i + 1] >= run.speeds_mps[i] else NotchKind.CURVE
+def _done(run: CalmRun, i: int, kind: NotchKind) -> NotchKind:
+    """What a train in a notch of the brake does in an interval: it brakes only from where it is too fast on."""
+    before, after = run.speeds_mps[i : i + 2]
+    if kind is NotchKind.CURVE:
+        brakes, met = after < before, after > run.state.envelope_mps[i + 1] - NEAR_MPS
+        if brakes and met:
+            return kind
+    else:
+        met = after > run.goal_mps[i + 1] - NEAR_MPS
+        if before > run.goal_mps[i] + NEAR_MPS:
+            return kind
+    return NotchKind.HOLD if met and after >= before else NotchKind.COAST
 
 
 def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings) -> list[_Part]:

@@ -22,6 +22,7 @@ from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.calm_follow import follow
 from das.solver.kernels.calm_polish import cost_of_time
 from das.solver.kernels.calm_roll_out import run_energy
+from das.solver.kernels.forces import electric_limit
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
 from das.solver.state import following_node
@@ -105,9 +106,18 @@ class Schedule:
         last = max(last, first + 1)
         return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
 
+    def brakes_by_effort(self, number: int) -> bool:
+        """Whether a phase brakes with one effort of the motors to its speed and then holds it: before no limit."""
+        kind, share, _ = self.columns
+        return bool(kind[number] == NotchKind.BRAKE and share[number] > 0.0)
+
     def needed_mps2(self, number: int, s_m: float, v_mps: float) -> float:
         """The deceleration (m/s²) here and now of a train that keeps to a phase to brake from a state on."""
-        kind, _, target = self.columns
+        kind, share, target = self.columns
+        if self.brakes_by_effort(number):
+            train = self.section.train
+            force_n = share[number] * electric_limit(v_mps, train) + self.section.resistance_n(s_m, v_mps)
+            return float(force_n / train.inertial_mass_kg)
         reach = v_mps**2 - target[number] ** 2
         interval = min(int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1, len(self.at) - 1)
         before, after = self.section.envelope_mps[interval : interval + 2] ** 2

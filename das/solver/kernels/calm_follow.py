@@ -40,6 +40,8 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
         return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
         return min(target, max(coasting, v))
+    if kind == BRAKE and share > 0.0:  # With one effort to the speed, which is held from there on.
+        return min(max(speed_under(BRAKE, share, v, step[i], g[i], q[i], here), target), v)
     w, left = target * target, max(1.0 - step[i] / way, 0.0)  # By one deceleration to the end of the phase.
     if kind == CURVE and curve[1] >= curve[0] >= v:
         return v  # The braking curve is still ahead.
