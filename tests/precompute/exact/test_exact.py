@@ -240,7 +240,7 @@ def test_the_time_asked_for_is_kept(paper: ExactFront) -> None:
 
 def test_what_cannot_be_done_is_refused() -> None:
     section = hills()
-    with pytest.raises(DasError, match=r"needs more than 0\.0 GB at node 2 of 6"):
+    with pytest.raises(DasError, match=r"needs more than 0\.0 GB after 2 of 6 intervals"):
         solve_exact(section, 0.4, grid=TINY, max_memory_bytes=500.0)
     with pytest.raises(DasError, match=r"a speed of 36 km/h at an end of the section, expected a multiple of 10 km/h"):
         solve_exact(
