@@ -30,6 +30,15 @@ ROUNDING_J = 1.0
 ROUNDING_RATIO = 1e-12
 
 
+def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
+    """Indices of the runs that no other beats, by rising time; of equal ones the first."""
+    order = np.lexsort((energy_mj, time_ns))
+    energy = energy_mj[order]
+    before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
+    kept: Ints = order[energy < before]
+    return kept
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Known:
     """Times (ns, rising) and energies (mJ, falling) of runs that exist: no other run above them is on the front."""
@@ -43,17 +52,14 @@ class Known:
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
         """Those of both that no other beats."""
-        time = np.concatenate((self.time_ns, time_ns))
-        energy = np.concatenate((self.energy_mj, energy_mj))
-        order = np.lexsort((energy, time))
-        time, energy = time[order], energy[order]
-        before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
-        keep = energy < before
+        time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
+        keep = undominated(time, energy)
         return Known(time_ns=time[keep], energy_mj=energy[keep])
 
-    def until(self, latest_ns: int) -> Known:
-        keep = self.time_ns <= latest_ns
-        return Known(time_ns=self.time_ns[keep], energy_mj=self.energy_mj[keep])
+    @property
+    def found(self) -> tuple[Ints, Ints]:
+        """Times (ns) and energies (mJ)."""
+        return self.time_ns, self.energy_mj
 
 
 class Duals:
@@ -105,6 +111,13 @@ class Duals:
         """Speeds at the nodes (multipliers, nodes) of a run of least energy + λ·time for every multiplier."""
         every = np.arange(len(self.lambda_w))
         return self._followed(every, every, np.zeros_like(every))
+
+    def bound_j(self, time_s: Floats) -> Floats:
+        """Lower bound of the energy (J) of every run on the grid that takes at most these times (s)."""
+        best = np.full(len(time_s), -np.inf)
+        for lambda_w, value_j in zip(self.lambda_w, self.value_j[0][0], strict=True):
+            np.maximum(best, value_j - lambda_w * time_s, out=best)
+        return best
 
     def switched_runs(self) -> Ints:
         """Runs that follow one multiplier up to some node and the next one from there, for all neighbours and nodes."""

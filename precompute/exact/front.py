@@ -27,7 +27,7 @@ from das.domain.trajectory import Trajectory
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
 from precompute.exact import kernels
-from precompute.exact.bounds import Duals, Known, first_ladder, refined_ladder
+from precompute.exact.bounds import Duals, Known, first_ladder, refined_ladder, undominated
 from precompute.exact.grid import Graph, Grid, Layer, fastest_run, totals, viable_layers
 from precompute.exact.passes import Pass, Progress, Search
 
@@ -37,6 +37,7 @@ Ints = NDArray[np.int64]
 STATES = "states"
 """What is being done while the states of the grid and the bounds are looked for."""
 
+NS_PER_MS = 1e6
 BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000, 0)
 """One pass each; the last one, without buckets, is exact."""
 LARGEST_MEMORY_BYTES = 20e9
@@ -44,12 +45,14 @@ LARGEST_MEMORY_BYTES = 20e9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactFront:
-    """Every Pareto-optimal run of a section on a grid, up to a time.
+    """Every Pareto-optimal run of a section on a grid, up to a time; or, with a `bucket_ms`, runs near them.
 
     `time_s` rises and `energy_j` (at the current collector) falls. `supported_j` is the supported front, the lower
     convex hull, at the same times. `swept_time_s` and `swept_energy_j` are the runs that the fast solver's method finds
     on this grid: one multiplier, or one up to a node and its neighbour from there. `labels` counts all partial runs
-    that were kept in the last pass.
+    that were kept in the last pass. `bound_j` is the dual bound: no run on the grid
+    needs less in the same time. Where `bucket_ms` is not 0 the last pass kept one partial run per state and so much
+    time, and the runs are the best of those and of the swept ones.
     """
 
     section: Section
@@ -60,8 +63,10 @@ class ExactFront:
     swept_time_s: Floats
     swept_energy_j: Floats
     labels: int
+    bound_j: Floats
+    bucket_ms: float
     _graph: Graph
-    _last_pass: Pass
+    _run_of: Callable[[int], Ints]
 
     @property
     def least_time_s(self) -> float:
@@ -87,8 +92,20 @@ class ExactFront:
 
     def trajectory(self, index: int) -> Trajectory:
         """The run of one point of the front, on the nodes of the grid."""
-        speeds = np.asarray(self._last_pass.run(index) * self._graph.unit_mps, dtype=np.float64)
+        speeds = np.asarray(self._run_of(index) * self._graph.unit_mps, dtype=np.float64)
         return trajectory_on(self.section, self._graph.line, speeds)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """How much the search may keep.
+
+    `max_memory_bytes` is the memory of its labels (None: 80 % of the machine's, at most 20 GB). With a `bucket_ms` it
+    keeps one partial run per state and so much time: it finds runs near the front and a bound below it.
+    """
+
+    max_memory_bytes: float | None = None
+    bucket_ms: float = 0.0
 
 
 def solve_exact(
@@ -97,19 +114,19 @@ def solve_exact(
     *,
     grid: Grid | None = None,
     threads: int = 2,
-    max_memory_bytes: float | None = None,
+    limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> ExactFront:
     """All Pareto-optimal runs of a section that take at most (1 + max_buffer_ratio) times the least time of the grid.
 
     Raises InfeasibleError where no run exists on the grid, DasError where a boundary speed is not on it or the labels
-    need more than `max_memory_bytes` (default: 80 % of the machine's memory, at most 20 GB).
+    need more memory than `limits` allow.
     """
     graph = Graph.of(section, grid or Grid())
-    memory = default_memory_bytes() if max_memory_bytes is None else max_memory_bytes
+    limits = limits or Limits()
     told = _States(progress, graph.intervals)
     layers, latest_ns = viable_layers(graph, max_buffer_ratio, told)
-    duals, swept = _swept(graph, layers, latest_ns, threads, told)
+    duals, swept, swept_runs = _swept(graph, layers, latest_ns, threads, told)
     search = Search(
         graph=graph,
         layers=layers,
@@ -117,14 +134,14 @@ def solve_exact(
         from_start=Duals(graph, layers, duals.lambda_w, threads, told, onward=False),
         latest_ns=latest_ns,
         threads=threads,
-        max_memory_bytes=memory,
+        max_memory_bytes=default_memory_bytes() if limits.max_memory_bytes is None else limits.max_memory_bytes,
     )
-    known = swept
-    for bucket_ns in BUCKETS_NS[:-1]:
-        known = known.with_runs(*Pass(search, known, bucket_ns, progress).found)
-    last = Pass(search, known, BUCKETS_NS[-1], progress)
-    time_s, energy_j = last.runs.time_ns / kernels.NS, last.runs.energy_mj / kernels.MJ
+    last = _last_pass(search, swept, limits.bucket_ms, progress)
+    time_ns, energy_mj = (np.concatenate(both) for both in zip(last.found, swept.found, strict=True))
+    keep = undominated(time_ns, energy_mj)
+    time_s, energy_j = time_ns[keep] / kernels.NS, energy_mj[keep] / kernels.MJ
     hull = kernels.lower_hull(time_s, energy_j)
+    count = len(last.found[0])
     return ExactFront(
         section=section,
         grid=graph.grid,
@@ -134,24 +151,47 @@ def solve_exact(
         swept_time_s=swept.time_ns / kernels.NS,
         swept_energy_j=swept.energy_mj / kernels.MJ,
         labels=last.count,
+        bound_j=duals.bound_j(time_s),
+        bucket_ms=limits.bucket_ms,
         _graph=graph,
-        _last_pass=last,
+        _run_of=lambda index: last.run(int(keep[index])) if keep[index] < count else swept_runs[keep[index] - count],
     )
+
+
+def _last_pass(search: Search, known: Known, bucket_ms: float, progress: Progress | None) -> Pass:
+    """The last of the passes, after quicker ones whose runs make its bounds tight."""
+    *buckets, last_bucket_ns = passes(bucket_ms)
+    for bucket_ns in buckets:
+        known = known.with_runs(*Pass(search, known, bucket_ns, progress).found)
+    return Pass(search, known, last_bucket_ns, progress)
+
+
+def passes(bucket_ms: float) -> tuple[int, ...]:
+    """The buckets (ns) of the passes that end with this one; the exact front has 0."""
+    last = round(bucket_ms * NS_PER_MS)
+    return (*(bucket_ns for bucket_ns in BUCKETS_NS if bucket_ns > last), last)
 
 
 def _swept(
     graph: Graph, layers: list[Layer], latest_ns: int, threads: int, told: Callable[[], None]
-) -> tuple[Duals, Known]:
-    """Bounds for multipliers that spread over the times asked for, and the runs that a sweep for each of them finds."""
-    known = Known.none().with_runs(*totals(graph, fastest_run(graph, layers)[np.newaxis]))
+) -> tuple[Duals, Known, Ints]:
+    """Bounds for multipliers that spread over the times asked for, and the runs that a sweep for each of them finds.
+
+    The runs come as times with energies, and as speeds at the nodes (runs, nodes).
+    """
+    fastest = fastest_run(graph, layers)[np.newaxis]
+    known = Known.none().with_runs(*totals(graph, fastest))
     ladder = first_ladder(graph.section.train.traction_power_w)
-    time_ns, energy_mj = totals(graph, Duals(graph, layers, ladder, threads, told).runs())
-    known = known.with_runs(time_ns, energy_mj).until(latest_ns)
-    duals = Duals(graph, layers, refined_ladder(ladder, time_ns, int(known.time_ns[0]), latest_ns), threads, told)
-    known = known.with_runs(*totals(graph, duals.runs())).until(latest_ns)
-    known = known.with_runs(*totals(graph, duals.switched_runs())).until(latest_ns)
+    first_runs = Duals(graph, layers, ladder, threads, told).runs()
+    time_ns, _ = totals(graph, first_runs)
+    ladder = refined_ladder(ladder, time_ns, int(known.time_ns[0]), latest_ns)
+    duals = Duals(graph, layers, ladder, threads, told)
+    runs = np.concatenate((fastest, first_runs, duals.runs(), duals.switched_runs()))
     duals.forget_runs()
-    return duals, known
+    time_ns, energy_mj = totals(graph, runs)
+    keep = undominated(time_ns, energy_mj)
+    keep = keep[time_ns[keep] <= latest_ns]
+    return duals, Known(time_ns=time_ns[keep], energy_mj=energy_mj[keep]), runs[keep]
 
 
 def default_memory_bytes() -> float:

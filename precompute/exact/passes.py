@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from precompute.exact import kernels, label_kernels
-from precompute.exact.bounds import BLOCKS, Duals, Known, allowed_j
+from precompute.exact.bounds import BLOCKS, Duals, Known, allowed_j, undominated
 from precompute.exact.grid import Graph, Layer, onward_arcs
 
 Floats = NDArray[np.float64]
@@ -165,12 +165,9 @@ class Joined:
     def with_runs(self, time_ns: Ints, energy_mj: Ints, first: Labels32, second: Labels32) -> Joined:
         """Those of both that no other beats."""
         time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
-        order = np.lexsort((energy, time))
-        time, energy = time[order], energy[order]
-        before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
-        keep = energy < before
-        first = np.concatenate((self.first, first))[order][keep]
-        second = np.concatenate((self.second, second))[order][keep]
+        keep = undominated(time, energy)
+        first = np.concatenate((self.first, first))[keep]
+        second = np.concatenate((self.second, second))[keep]
         return Joined(time_ns=time[keep], energy_mj=energy[keep], first=first, second=second)
 
 
@@ -217,7 +214,7 @@ class Pass:
             raise DasError(
                 f"{search.graph.section.name}: the exact front needs more than {search.max_memory_bytes / 1e9:.1f} GB "
                 f"after {done} of {search.graph.intervals} intervals ({self.count} partial runs); "
-                "ask for a smaller buffer"
+                "ask for a smaller buffer, or for bounds (--bucket 3)"
             )
 
     def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:
