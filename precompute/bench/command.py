@@ -8,20 +8,19 @@ import textwrap
 import time
 from dataclasses import asdict
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
-from das.command_line.loading import warn_unusual
+from das.command_line.loading import load_route, load_vehicle
 from das.command_line.printing import busy, error_console
 from das.domain.errors import DasError
-from das.domain.files.load import load_route, load_vehicle
-from das.solver.section import Section, build_section
-from precompute.bench.measuring import Figure, available_cores, machine
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from das.solver.section import Section
+    from precompute.bench.measuring import Figure
 
 NAMES = (
     *("front", "transitions", "sweep", "trajectory", "re-solve", "look-up", "verify", "build", "exact", "growth"),
@@ -83,23 +82,29 @@ def chosen(only: str | None) -> list[str]:
 
 def default_threads() -> int:
     """As many as the solver uses by default, where there are cores for them."""
+    from precompute.bench.measuring import available_cores
+
     return min(available_cores(), 2)
 
 
 def longest_section(track: str, train: str) -> Section:
     """The longest section of a route between two neighbouring stops."""
+    from das.solver.section import build_section
+
     route, vehicle = load_route(track), load_vehicle(train)
-    warn_unusual(route, vehicle)
     start, end = max(pairwise(route.stops), key=lambda pair: pair[1].position_m - pair[0].position_m)
     return build_section(route, vehicle, start_m=start.position_m, end_m=end.position_m)
 
 
 def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -> dict[str, Any]:
     """Measure figures; what `--json` prints."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     with busy("compiling the solver (once on a machine, about 10 s) …"):
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
         from precompute.bench.figures import FULL, QUICK, Reference, Workload
+        from precompute.bench.measuring import machine
         from precompute.bench.registry import FIGURES
         from precompute.bench.roofline import Roofline
 
@@ -130,6 +135,8 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
 
 
 def _print(result: dict[str, Any]) -> None:
+    from rich.console import Console
+
     about = result["machine"]
     load = "" if about["load_average"] is None else f", load {about['load_average']:.1f}"
     _print_wrapped(f"{about['cpu']}, {about['cores']} cores{load}, numba {about['numba']}, {about['date']}", "")
@@ -153,6 +160,9 @@ def _print(result: dict[str, Any]) -> None:
 
 
 def _table(figures: list[dict[str, Any]]) -> Table:
+    from rich import box
+    from rich.table import Table
+
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("figure", no_wrap=True)
     for name in ("median", "least", "most"):

@@ -22,7 +22,8 @@ from precompute.bench.lines import made_up_line
 from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of, timed
 from precompute.bench.plain import bisected, numpy_sweep
 from precompute.bench.roofline import Roofline
-from precompute.exact.front import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL, solve_exact
+from precompute.exact.front import solve_exact
+from precompute.exact.passes import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL
 
 DIVISIONS_PER_TRANSITION = 7
 """Divisions and roots, counted in das/solver/kernels: step_cost 3 to 4, locate 1, and a landing's share of the four

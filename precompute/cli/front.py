@@ -24,7 +24,7 @@ EXACT_MAX_BUFFER_PERCENT = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class ExactOptions:
-    """What `front --exact` is told: the largest buffer (%) of the exact front, and the file for all of its points."""
+    """What `front --exact` is told: largest buffer (%), time in which one partial run is kept (ms), file of points."""
 
     exact: Annotated[
         bool,
@@ -40,6 +40,16 @@ class ExactOptions:
             help=f"With --exact: largest buffer in % [default: {EXACT_MAX_BUFFER_PERCENT:g}].",
         ),
     ] = None
+    bucket_ms: Annotated[
+        float,
+        typer.Option(
+            "--bucket",
+            metavar="MS",
+            min=0.0,
+            max=1000.0,
+            help="With --exact: keep one partial run per state and so many ms, for bounds where all take too long.",
+        ),
+    ] = 0.0
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="With --exact: every point of the front to write (.csv)."),
@@ -67,11 +77,11 @@ def front(
 
     With --exact, the algorithm of the paper checks the solver. It keeps every partial run that could still belong to
     the front. Its times are those of its grid, which is a little slower than the continuous solver. 6 km with a buffer
-    of 10 % take about a minute; time and memory grow fast with length and buffer. On a terminal it shows how much time
-    is likely to be left.
+    of 10 % take up to half a minute; time and memory grow fast with length and buffer. On a terminal it shows how much
+    time is likely to be left.
     """
-    if not witness.exact and (witness.out is not None or witness.max_buffer_percent is not None):
-        raise DasError("--out and --max-buffer belong to --exact")
+    if not witness.exact and (witness.out or witness.bucket_ms or witness.max_buffer_percent is not None):
+        raise DasError("--out, --bucket and --max-buffer belong to --exact")
     largest = witness.largest_percent()
     wanted = _buffers(BUFFERS_PERCENT if buffers is None else buffers)
     check_outputs(witness.out, inputs=pose.inputs())
@@ -81,7 +91,7 @@ def front(
 
         if buffers is None:
             wanted = [x for x in wanted if x <= largest]
-        exact_front(solved, largest, wanted, witness.out, as_json=as_json)
+        exact_front(solved, (largest, witness.bucket_ms), wanted, witness.out, as_json=as_json)
         return
 
     from precompute.cli import report

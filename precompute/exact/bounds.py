@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.exact import kernels
-from precompute.exact.grid import Graph, Layer
+from precompute.exact.grid import Graph, Layer, onward_arcs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+BLOCKS = 24
+"""Blocks of states of a node, shared out among the threads."""
 LADDER = 90
 FIRST_LADDER = 40
 FIRST_RATIOS = (0.01, 30.0)
@@ -26,6 +28,15 @@ STEEPER = tuple(2.0**i for i in range(1, 11))
 ROUNDING_J = 1.0
 """Slack of every comparison with a bound: far above the rounding of its sums, far below any saving."""
 ROUNDING_RATIO = 1e-12
+
+
+def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
+    """Indices of the runs that no other beats, by rising time; of equal ones the first."""
+    order = np.lexsort((energy_mj, time_ns))
+    energy = energy_mj[order]
+    before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
+    kept: Ints = order[energy < before]
+    return kept
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,24 +52,20 @@ class Known:
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
         """Those of both that no other beats."""
-        time = np.concatenate((self.time_ns, time_ns))
-        energy = np.concatenate((self.energy_mj, energy_mj))
-        order = np.lexsort((energy, time))
-        time, energy = time[order], energy[order]
-        before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
-        keep = energy < before
+        time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
+        keep = undominated(time, energy)
         return Known(time_ns=time[keep], energy_mj=energy[keep])
 
-    def until(self, latest_ns: int) -> Known:
-        keep = self.time_ns <= latest_ns
-        return Known(time_ns=self.time_ns[keep], energy_mj=self.energy_mj[keep])
+    @property
+    def found(self) -> tuple[Ints, Ints]:
+        """Times (ns) and energies (mJ)."""
+        return self.time_ns, self.energy_mj
 
 
 class Duals:
-    """V(λ, state): least energy + λ·time to go (J), per node an array (states, multipliers); `runs`: the optimal ones.
+    """Least energy + λ·time (J) from every state to one end of the section, per node an array (states, multipliers).
 
-    `layer_done` is called after each interval. `runs` (multipliers, nodes) holds the speeds of a run of least
-    energy + λ·time from the start for every multiplier.
+    They lead to the end of the section, or `onward=False` to its start. `layer_done` is called after each interval.
     """
 
     def __init__(
@@ -68,28 +75,49 @@ class Duals:
         lambda_w: Floats,
         threads: int,
         layer_done: Callable[[], None] = lambda: None,
+        *,
+        onward: bool = True,
     ) -> None:
         self.lambda_w = lambda_w
         self.value_j = [np.zeros((len(layer.speed), len(lambda_w))) for layer in layers]
         self._layers = layers
-        self._choice = [np.zeros(value.shape, np.int32) for value in self.value_j]
+        self._choice: list[NDArray[np.int32]] = []
         with ThreadPoolExecutor(threads) as pool:
-            for k in range(graph.intervals - 1, -1, -1):
-                here, there = layers[k], layers[k + 1]
-                edges = [round(len(here.speed) * i / threads) for i in range(threads + 1)]
-
-                def block(part: tuple[int, int], k: int = k, here: Layer = here, there: Layer = there) -> None:
-                    kernels.dual_values(
-                        *part, here.speed, here.first, here.last, here.coast, graph.unit_mps, graph.ratio,
-                        *graph.interval(k), graph.train(k), graph.section.loss_params,
-                        there.lowest, there.row, self.value_j[k + 1], lambda_w, self.value_j[k],
-                        self._choice[k],
-                    )  # fmt: skip
-
-                list(pool.map(block, pairwise(edges)))
+            for k in range(graph.intervals)[:: -1 if onward else 1]:
+                choice = self._step(graph, pool, k, onward=onward)
+                if onward:
+                    self._choice.append(choice)
                 layer_done()
-        every = np.arange(len(lambda_w))
-        self.runs = self._followed(every, every, np.zeros_like(every))
+        self._choice.reverse()
+
+    def _step(self, graph: Graph, pool: ThreadPoolExecutor, k: int, *, onward: bool) -> NDArray[np.int32]:
+        """The values at one end of interval k from those at its other end; the rows that they lead to."""
+        arcs = onward_arcs(graph, self._layers[k], self._layers[k + 1])
+        at, beyond = (k, k + 1) if onward else (k + 1, k)
+        speed, other = self._layers[at].speed, self._layers[beyond].speed
+        arcs = arcs if onward else arcs.turned(len(speed))
+        choice = np.empty(self.value_j[at].shape, np.int32)
+
+        def block(part: tuple[int, int]) -> None:
+            kernels.dual_values(
+                *part, *arcs, speed, other, onward, graph.unit_mps, *graph.interval(k), graph.train(k),
+                graph.section.loss_params, self.lambda_w, self.value_j[beyond], self.value_j[at], choice,
+            )  # fmt: skip
+
+        list(pool.map(block, pairwise([round(len(speed) * i / BLOCKS) for i in range(BLOCKS + 1)])))
+        return choice
+
+    def runs(self) -> Ints:
+        """Speeds at the nodes (multipliers, nodes) of a run of least energy + λ·time for every multiplier."""
+        every = np.arange(len(self.lambda_w))
+        return self._followed(every, every, np.zeros_like(every))
+
+    def bound_j(self, time_s: Floats) -> Floats:
+        """Lower bound of the energy (J) of every run on the grid that takes at most these times (s)."""
+        best = np.full(len(time_s), -np.inf)
+        for lambda_w, value_j in zip(self.lambda_w, self.value_j[0][0], strict=True):
+            np.maximum(best, value_j - lambda_w * time_s, out=best)
+        return best
 
     def switched_runs(self) -> Ints:
         """Runs that follow one multiplier up to some node and the next one from there, for all neighbours and nodes."""
@@ -98,14 +126,18 @@ class Duals:
         at = np.tile(np.arange(1, nodes + 1), count)
         return np.concatenate((self._followed(first, first + 1, at), self._followed(first + 1, first, at)))
 
+    def forget_runs(self) -> None:
+        """Free what only runs are made from."""
+        self._choice = []
+
     def _followed(self, first: Ints, then: Ints, at: Ints) -> Ints:
         """Speeds at the nodes of runs that follow multiplier first[i] before node at[i] and then[i] from it on."""
         speeds = np.empty((len(at), len(self._layers)), np.int64)
+        row: NDArray[np.integer] = np.zeros(len(at), np.int64)
         speeds[:, 0] = self._layers[0].speed[0]
-        for k, choice in enumerate(self._choice[:-1]):
-            layer = self._layers[k]
-            row = layer.row[speeds[:, k] - layer.lowest]
-            speeds[:, k + 1] = choice[row, np.where(k < at, first, then)]
+        for k, choice in enumerate(self._choice):
+            row = choice[row, np.where(k < at, first, then)]
+            speeds[:, k + 1] = self._layers[k + 1].speed[row]
         return speeds
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,18 +117,38 @@ class Graph:
 class Layer:
     """The states of a node that lie on some run within the time, and how each may go on.
 
-    Per state: `speed` (grid units, rising), least time to go (ns), the coarse speeds `first` … `last` it can reach at
-    the next node (in coarse steps) and the speed it coasts to (-1: none). `row[speed − lowest]` is the state's index,
-    or -1.
+    Per state: `speed` (grid units, rising), earliest arrival and least time to go (ns), the coarse speeds `first` …
+    `last` it can reach at the next node (in coarse steps) and the speed it coasts to (-1: none). `row[speed − lowest]`
+    is the state's index, or -1.
     """
 
     speed: Ints
+    reached_ns: Ints
     to_go_ns: Ints
     first: Ints
     last: Ints
     coast: Ints
     lowest: int
     row: Ints
+
+
+def onward_arcs(graph: Graph, here: Layer, there: Layer) -> Arcs:
+    """What the states of a node lead to: rows of the next node's states."""
+    return Arcs(*kernels.arcs(here.first, here.last, here.coast, graph.ratio, there.lowest, there.row))
+
+
+class Arcs(NamedTuple):
+    """Neighbours of states: other[start[i]] … other[start[i + 1] − 1] are the rows of those of state i."""
+
+    start: Ints
+    other: NDArray[np.int32]
+
+    def turned(self, states: int) -> Arcs:
+        """The same arcs from the other node, which has so many states; neighbours in rising order."""
+        source = np.repeat(np.arange(len(self.start) - 1, dtype=np.int32), np.diff(self.start))
+        order = np.argsort(self.other, kind="stable")
+        counts = np.bincount(self.other, minlength=states)
+        return Arcs(np.concatenate(([0], np.cumsum(counts))), source[order])
 
 
 def viable_layers(
@@ -162,6 +183,7 @@ def viable_layers(
         layers.append(
             Layer(
                 speed=speed[keep],
+                reached_ns=time[keep],
                 to_go_ns=to_go[keep],
                 first=first[keep],
                 last=last[keep],

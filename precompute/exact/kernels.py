@@ -1,4 +1,4 @@
-"""Numba kernels of the exact front: segments of the paper's grid, bounds, and Pareto merging of labels.
+"""Numba kernels of the exact front: segments of the paper's grid, what its states lead to, and bounds.
 
 Speeds are whole numbers u of the coasting sub-grid (0.01 km/h); those divisible by `ratio` are on the coarse grid.
 A state of an inner node is its index u − lowest. Times are integers of ns and energies of mJ: sums do not depend on
@@ -9,8 +9,6 @@ reach, as first and last multiple of `ratio`; `coast` the speed it coasts to (-1
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -116,235 +114,62 @@ def least_time_to_go(u, first, last, coast, unit, ratio, h, lowest, ahead, resul
 
 
 @kernel
-def dual_values(start, stop, u, first, last, coast, unit, ratio, h, g, q, p, c, lowest, row, ahead, lam, value, choice):
-    """Backward: value[i, l] = least energy + lam·time (J) to go of states start … stop − 1; choice: the speed taken.
-
-    `row[k]` is the row of the next node's state k in `ahead`, or -1.
-    """
-    m = lam.size
-    best = np.empty(m)
-    for i in range(start, stop):
-        v0 = u[i] * unit
-        best[:] = np.inf
-        for l in range(m):
-            choice[i, l] = -1
-        for j in range(first[i], last[i] + 2):
-            target = j * ratio if j <= last[i] else coast[i]
-            if target < 0:
-                continue
-            r = row[target - lowest]
-            if r < 0:
-                continue
-            t, e = segment(v0, target * unit, h, g, q, p, c)
-            time_s = t / NS
-            energy_j = e / MJ
-            for l in range(m):
-                cost = energy_j + lam[l] * time_s + ahead[r, l]
-                if cost < best[l]:
-                    best[l] = cost
-                    choice[i, l] = target
-        for l in range(m):
-            value[i, l] = best[l]
-
-
-@kernel
-def _grown(array, size):
+def grown(array, size):
     new = np.empty(size, array.dtype)
     new[: array.size] = array
     return new
 
 
 @kernel
-def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_energy, new_parent):
-    """Merge two undominated lists (time rising, energy falling) into an undominated one from `out` on; its end."""
-    lowest = NEVER
-    while a < a_end or b < b_end:
-        if b >= b_end:
-            first = True
-        elif a >= a_end:
-            first = False
-        else:
-            first = time[a] < time[b] or (time[a] == time[b] and energy[a] <= energy[b])
-        i = a if first else b
-        if first:
-            a += 1
-        else:
-            b += 1
-        if energy[i] < lowest:
-            lowest = energy[i]
-            new_time[out] = time[i]
-            new_energy[out] = energy[i]
-            new_parent[out] = parent[i]
-            out += 1
-    return out
+def arcs(first, last, coast, ratio, lowest, row):
+    """What states lead to: other[start[i]] … other[start[i + 1] − 1] are rows of the next node's states.
 
-
-@kernel
-def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_parent):
-    """Merge `count` undominated lists that lie one after the other; the result is in time, energy, parent; its length.
-
-    Neighbours are merged in rounds, so that what is dominated leaves early.
+    `row[k]` is the row of the next node's state k (−1: none).
     """
-    while count > 1:
-        merged = 0
-        begin = 0
-        out = 0
-        for k in range(0, count, 2):
-            middle = end[k]
-            last = end[k + 1] if k + 1 < count else middle
-            out = _merge_pair(begin, middle, middle, last, time, energy, parent, out, new_time, new_energy, new_parent)
-            begin = last
-            end[merged] = out
-            merged += 1
-        time[:out] = new_time[:out]
-        energy[:out] = new_energy[:out]
-        parent[:out] = new_parent[:out]
-        count = merged
-    return end[0]
+    start = np.zeros(first.size + 1, np.int64)
+    other = np.empty(first.size * 8 + 64, np.int32)
+    n = 0
+    for i in range(first.size):
+        if n + last[i] - first[i] + 2 > other.size:
+            other = grown(other, 2 * (n + last[i] - first[i] + 2))
+        for j in range(first[i], last[i] + 1):
+            if row[j * ratio - lowest] >= 0:
+                other[n] = row[j * ratio - lowest]
+                n += 1
+        on_coarse = coast[i] % ratio == 0 and first[i] <= coast[i] // ratio <= last[i]
+        if coast[i] >= 0 and not on_coarse and row[coast[i] - lowest] >= 0:
+            other[n] = row[coast[i] - lowest]
+            n += 1
+        start[i + 1] = n
+    return start, other[:n].copy()
 
 
 @kernel
-def merge_labels(
-    targets,
-    coast_start,
-    coast_source,
-    u,
-    offset,
-    node_cost,
-    time,
-    energy,
-    first,
-    last,
-    unit,
-    ratio,
-    h,
-    g,
-    q,
-    p,
-    c,
-    lam,
-    allowed,
-    ahead,
-    latest,
-    bucket_ns,
-):
-    """Labels of a block of target states of the next node: everything not dominated and not excluded by the bounds.
+def dual_values(begin, stop, start, other, u, other_u, onward, unit, h, g, q, p, c, lam, beyond, value, choice):
+    """value[i, l] = least energy + lam·time (J) to the far end, for states begin … stop − 1; choice: the row it takes.
 
-    Sources u[i] have the labels offset[i] … offset[i + 1] − 1 (time rising, energy falling) and node_cost[i, l], the
-    least energy + lam·time among them. `targets` are speeds; coast_source[coast_start[d] … coast_start[d + 1] − 1]
-    are the sources that coast to target d. A label goes on where, for some l, its energy + lam·time + ahead[d, l]
-    does not exceed allowed[l], and its time not latest[d]. `bucket_ns` > 0 keeps at most one label per bucket of time
-    (a heuristic that makes upper bounds quickly); 0 keeps all.
-
-    Returns times, energies, parents (label index) and the number of labels of each target.
+    `other` are the rows of the neighbours of each state, whose values are `beyond`. `onward`: they lie ahead, and the
+    far end is that of the section; else they lie behind, and the far end is its start. A choice of −1: there is none.
     """
     m = lam.size
-    size = 1024
-    used = 0
-    out_time = np.empty(size, np.int64)
-    out_energy = np.empty(size, np.int64)
-    out_parent = np.empty(size, np.uint32)
-    counts = np.zeros(targets.size, np.int64)
-    room = 4096
-    cand_time = np.empty(room, np.int64)
-    cand_energy = np.empty(room, np.int64)
-    cand_parent = np.empty(room, np.uint32)
-    new_time = np.empty(room, np.int64)
-    new_energy = np.empty(room, np.int64)
-    new_parent = np.empty(room, np.uint32)
-    segment_end = np.empty(2 * u.size, np.int64)
-    bound = np.empty(m)
-    price = np.empty(m)
-    source = np.empty(2 * u.size, np.int64)
-    for d in range(targets.size):
-        target = targets[d]
-        v1 = target * unit
-        n_source = 0
-        if target % ratio == 0:
-            j = target // ratio
-            for i in range(u.size):
-                if first[i] <= j <= last[i]:
-                    source[n_source] = i
-                    n_source += 1
-        for x in range(coast_start[d], coast_start[d + 1]):
-            source[n_source] = coast_source[x]
-            n_source += 1
-        n = 0
-        segments = 0
-        for x in range(n_source):
-            i = source[x]
-            v0 = u[i] * unit
-            dt, de = segment(v0, v1, h, g, q, p, c)
-            useful = 0
-            for l in range(m):
-                limit = allowed[l] - ahead[d, l] - de / MJ - lam[l] * (dt / NS)
-                if node_cost[i, l] <= limit:
-                    bound[useful] = limit
-                    price[useful] = lam[l]
-                    useful += 1
-            if useful == 0:
-                continue
-            if n + offset[i + 1] - offset[i] > room:
-                room = 2 * (n + offset[i + 1] - offset[i])
-                cand_time = _grown(cand_time, room)
-                cand_energy = _grown(cand_energy, room)
-                cand_parent = _grown(cand_parent, room)
-                new_time = np.empty(room, np.int64)
-                new_energy = np.empty(room, np.int64)
-                new_parent = np.empty(room, np.uint32)
-            for a in range(offset[i], offset[i + 1]):
-                t = time[a]
-                if t + dt > latest[d]:
-                    break
-                seconds = t / NS
-                joules = energy[a] / MJ
-                for l in range(useful):
-                    if joules + price[l] * seconds <= bound[l]:
-                        cand_time[n] = t + dt
-                        cand_energy[n] = energy[a] + de
-                        cand_parent[n] = a
-                        n += 1
-                        break
-            if n > (segment_end[segments - 1] if segments > 0 else 0):
-                segment_end[segments] = n
-                segments += 1
-        if n == 0:
-            continue
-        n = _merge_segments(
-            segment_end, segments, cand_time, cand_energy, cand_parent, new_time, new_energy, new_parent
-        )
-        if used + n > size:
-            size = 2 * (used + n)
-            out_time = _grown(out_time, size)
-            out_energy = _grown(out_energy, size)
-            out_parent = _grown(out_parent, size)
-        begin = used
-        for a in range(n):
-            same = used > begin + 1 and bucket_ns > 0 and cand_time[a] // bucket_ns == out_time[used - 1] // bucket_ns
-            if same:
-                used -= 1
-            out_time[used] = cand_time[a]
-            out_energy[used] = cand_energy[a]
-            out_parent[used] = cand_parent[a]
-            used += 1
-        counts[d] = used - begin
-    return out_time[:used], out_energy[:used], out_parent[:used], counts
-
-
-@kernel
-def least_costs(offset, time, energy, lam, result):
-    """result[i, l] = least energy + lam·time (J) among the labels of state i."""
-    m = lam.size
-    for i in range(offset.size - 1):
+    best = np.empty(m)
+    for i in range(begin, stop):
+        best[:] = np.inf
         for l in range(m):
-            result[i, l] = math.inf
-        for a in range(offset[i], offset[i + 1]):
-            seconds = time[a] / NS
-            joules = energy[a] / MJ
+            choice[i, l] = -1
+        for x in range(start[i], start[i + 1]):
+            r = other[x]
+            v, w = u[i] * unit, other_u[r] * unit
+            t, e = segment(v if onward else w, w if onward else v, h, g, q, p, c)
+            time_s = t / NS
+            energy_j = e / MJ
             for l in range(m):
-                cost = joules + lam[l] * seconds
-                if cost < result[i, l]:
-                    result[i, l] = cost
+                cost = energy_j + lam[l] * time_s + beyond[r, l]
+                if cost < best[l]:
+                    best[l] = cost
+                    choice[i, l] = r
+        for l in range(m):
+            value[i, l] = best[l]
 
 
 @kernel

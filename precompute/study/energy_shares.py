@@ -73,13 +73,13 @@ class Shares:
         return float(getattr(self, name)) / self.total / PERCENT
 
 
-def drive(driver: str) -> DrivenTrip:
+def drive(driver: str, *, buffer_percent: float = BUFFER_PERCENT) -> DrivenTrip:
     """The trip with a kind of driver; every section with the same buffer."""
     route, vehicle = load_route(ROUTE), load_vehicle(GTO_VEHICLE)
     runs = []
     for start, end in pairwise(route.stops):
         section = build_section(route, vehicle, level=Level.L3, start_m=start.position_m, end_m=end.position_m)
-        time_s = baselines.fastest(section).time_s * (1 + BUFFER_PERCENT * PERCENT)
+        time_s = baselines.fastest(section).time_s * (1 + buffer_percent * PERCENT)
         runs.append(DRIVERS[driver](section, time_s).trajectory)
     return DrivenTrip(vehicle=vehicle, runs=tuple(runs))
 

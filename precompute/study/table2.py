@@ -79,7 +79,7 @@ def table2(bench: Workbench, output: Output) -> dict[str, Any]:
     output.csv(
         "table2.csv", CSV_COLUMNS, [(c.trajectory, c.level, c.printed, c.ours, c.deviation_ratio) for c in found]
     )
-    output.text("table2.md", _markdown(found))
+    output.text("table2.md", markdown(found))
     deviations = [(abs(c.deviation_ratio), c) for c in found if c.deviation_ratio is not None]
     worst = max(deviations, key=lambda item: item[0])[1]
     return {
@@ -117,7 +117,8 @@ def label(name: str) -> str:
     return LABELS.get(name) or next(v.label for v in ALL_VARIANTS if v.name == name)
 
 
-def _markdown(found: list[Cell]) -> str:
+def markdown(found: list[Cell]) -> str:
+    """The table, each cell with what is printed, ours and the deviation."""
     rows = []
     for trajectory in TABLE2_TRAJECTORIES:
         row = [c for c in found if c.trajectory == trajectory]

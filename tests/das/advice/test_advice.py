@@ -17,7 +17,7 @@ from das.advice.classifying import classify_modes, without_short
 from das.advice.display import Display
 from das.advice.modes import FOUR_MODES, ROLLING, Mode
 from das.advice.plan import Plan
-from das.advice.plan_kernels import without_ripples
+from das.advice.plan_kernels import interval, without_ripples
 from das.advice.reduced import ReducedSpeed
 from das.advice.settings import DEFAULT
 from das.domain.errors import DasError
@@ -49,6 +49,13 @@ def advisor_at(
     advisor.set_timetable(Timetable(departure_ns=ns(departure_s), arrival_ns=ns(arrival_s)))
     advisor.set_position(PositionFix(time_ns=ns(now_s), s_m=s_m, speed_mps=v_mps))
     return advisor, advisor.update(ns(now_s))
+
+
+def test_the_interval_of_a_position_is_the_one_that_begins_at_or_before_it() -> None:
+    nodes = np.array([0.0, 1.0, 1.0, 2.5, 7.0])
+    for x in (-1.0, 0.0, 0.5, 1.0, 2.4999, 2.5, 6.9, 7.0, 9.0):
+        assert interval(nodes, x) == min(max(np.searchsorted(nodes, x, side="right") - 1, 0), 3)
+    assert interval(nodes[:2], 5.0) == 0
 
 
 def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Front) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import py_compile
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 
 from das.command_line.printing import say
 from das.command_line.running import signals_held
+from tests.support.copies import copy_of, run_copy
 
 
 @pytest.fixture(autouse=True)
@@ -103,3 +105,44 @@ def test_ctrl_c_while_the_program_is_being_imported_ends_cleanly(tmp_path: Path)
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=20)
     assert (child.returncode, said) == (130, "stopped\n")
+
+
+STARTED = """
+import sys
+from das.command_line.entry import keep_bytecode
+keep_bytecode()
+import das.domain.units
+print(sys.dont_write_bytecode)
+"""
+PLACE = Path("das/__pycache__/das-bytecode")
+
+
+def started(folder: Path, **env: str) -> tuple[str, list[Path]]:
+    """Whether a program that was told to write no bytecode heeds it, and the bytecode that is then in the folder."""
+    surroundings = {"PYTHONPYCACHEPREFIX": "", **env}
+    done = run_copy(folder, "-c", STARTED, env=surroundings)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip(), [path.relative_to(folder) for path in folder.rglob("units.*.pyc")]
+
+
+@pytest.mark.processes
+def test_bytecode_is_kept_apart_where_none_may_be_written_beside_the_sources(tmp_path: Path) -> None:
+    heeds, (kept,) = started(copy_of(tmp_path, "das"))
+    assert heeds == "False"
+    assert kept.is_relative_to(PLACE)
+
+
+@pytest.mark.processes
+def test_python_does_as_told_where_the_user_says_where_bytecode_belongs(tmp_path: Path) -> None:
+    assert started(copy_of(tmp_path, "das"), PYTHONPYCACHEPREFIX=str(tmp_path / "mine")) == ("True", [])
+
+
+@pytest.mark.processes
+def test_python_does_as_told_where_bytecode_was_installed_or_cannot_be_kept(tmp_path: Path) -> None:
+    copy_of(tmp_path, "das")
+    (tmp_path / "das/__pycache__").write_text("a file: no folder can be made here, whoever we are")
+    assert started(tmp_path) == ("True", [])
+    (tmp_path / "das/__pycache__").unlink()
+    (tmp_path / "numba.py").write_text("")
+    py_compile.compile(str(tmp_path / "numba.py"))
+    assert started(tmp_path) == ("True", [])

@@ -119,6 +119,33 @@ def test_bounds_checks_have_their_own_compiled_code(kernels: Path) -> None:
     assert answered(kernels)[:2] == (21, 1)
 
 
+LOADED = """
+import sys
+from {package}.caller import answer
+print(answer(10), sum(answer.stats.cache_hits.values()), "numba.np.linalg" in sys.modules)
+"""
+
+
+@pytest.mark.processes
+def test_a_kept_kernel_is_loaded_without_what_the_compiler_needs(kernels: Path) -> None:
+    loaded = [run_copy(kernels, "-c", LOADED.format(package="das")).stdout for _ in range(2)]
+    assert loaded == ["21 0 True\n", "21 1 False\n"]
+
+
+MIXED = """
+from {package}.callee import twice
+from {package}.caller import answer
+print(twice(4), answer(10), *(sum(one.stats.cache_hits.values()) for one in (twice, answer)))
+"""
+
+
+@pytest.mark.processes
+def test_a_kernel_is_compiled_around_one_that_was_kept(kernels: Path) -> None:
+    assert run_copy(kernels, "-c", MIXED.format(package="das")).stdout == "8 21 0 0\n"
+    edit(kernels / "das/numbers.py", "OFFSET = 1", "OFFSET = 2")
+    assert run_copy(kernels, "-c", MIXED.format(package="das")).stdout == "8 22 1 0\n"
+
+
 # --- what a module depends on -----------------------------------------------------------------------------------
 
 

@@ -256,7 +256,7 @@ REFUSED = {
     ),
     "buffer without exact": (
         ["front", "flat-6km", "re460-ic", "--max-buffer", "3"],
-        "--out and --max-buffer belong to --exact",
+        "--out, --bucket and --max-buffer belong to --exact",
     ),
     "exact off the grid": (
         ["front", "flat-6km", "re460-ic", "--exact", "--boundary-speed-mps", "1"],

@@ -16,7 +16,7 @@ from das.domain.losses import EfficiencyLoss, Level, LossModel
 from das.domain.vehicle import BrakePolicy
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
-from precompute.exact.front import ExactFront, solve_exact
+from precompute.exact.front import ExactFront, Limits, solve_exact
 from precompute.exact.grid import Grid
 from tests.support.making import make_route, make_train
 
@@ -222,6 +222,26 @@ def test_the_solvers_method_on_the_same_grid_is_never_below(paper: ExactFront) -
     assert gap.max() < 0.005
 
 
+def test_no_run_is_below_the_bound(paper: ExactFront) -> None:
+    assert (paper.bound_j <= paper.energy_j + 1e-3).all()
+    assert ((paper.energy_j - paper.bound_j) / paper.energy_j).mean() < 0.001
+    assert (paper.bound_j <= paper.supported_j + 1e-3).all()
+
+
+def test_buckets_give_runs_between_the_exact_front_and_a_little_more(paper: ExactFront) -> None:
+    near = solve_exact(paper.section, 0.1, limits=Limits(bucket_ms=20.0))
+    exact_j = paper.energy_j[[paper.index_at(time_s) for time_s in near.time_s]]
+    assert (near.energy_j >= exact_j - 1e-3).all()
+    assert (near.energy_j / exact_j - 1).mean() < 1e-3
+    assert near.swept_gap_ratio.min() >= 0
+    assert near.labels < paper.labels
+    for index in np.linspace(0, len(near.time_s) - 1, 25).astype(int):
+        run = near.trajectory(int(index))
+        assert run.time_s == pytest.approx(float(near.time_s[index]), abs=1e-6)
+        energy_j = run.ledger(paper.section.vehicle, paper.section.loss).input
+        assert energy_j == pytest.approx(float(near.energy_j[index]), abs=1.0)
+
+
 def test_a_larger_buffer_only_adds_points() -> None:
     section = hills()
     small, large = (solve_exact(section, ratio, grid=TINY) for ratio in (0.2, 0.6))
@@ -240,8 +260,8 @@ def test_the_time_asked_for_is_kept(paper: ExactFront) -> None:
 
 def test_what_cannot_be_done_is_refused() -> None:
     section = hills()
-    with pytest.raises(DasError, match=r"needs more than 0\.0 GB at node 2 of 6"):
-        solve_exact(section, 0.4, grid=TINY, max_memory_bytes=500.0)
+    with pytest.raises(DasError, match=r"needs more than 0\.0 GB after 2 of 6 intervals"):
+        solve_exact(section, 0.4, grid=TINY, limits=Limits(max_memory_bytes=500.0))
     with pytest.raises(DasError, match=r"a speed of 36 km/h at an end of the section, expected a multiple of 10 km/h"):
         solve_exact(
             build_section(section.route, section.vehicle, options=SectionOptions(start_speed_mps=10.0)), 0.4, grid=TINY

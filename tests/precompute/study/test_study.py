@@ -20,6 +20,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.section import build_section
 from precompute.baselines import strategies as baselines
 from precompute.study import (
+    balance,
     beyond,
     effort,
     energy_shares,
@@ -27,6 +28,7 @@ from precompute.study import (
     figures_levels,
     figures_savings,
     figures_vehicles,
+    hypothesis,
     printed,
     table2,
 )
@@ -351,6 +353,45 @@ def test_table2_cells_reach_print(cells: list[table2.Cell]) -> None:
         if c.deviation_ratio is not None and abs(c.deviation_ratio) > tolerance.get(c.level, 0.07)
     }
     assert not off
+
+
+def test_the_scale_of_an_agreement_makes_the_largest_deviation_least() -> None:
+    def cell(trajectory: str, level: str, ours: float) -> table2.Cell:
+        return table2.Cell(trajectory=trajectory, level=level, ours=ours, printed=100.0)
+
+    found = [cell("fastest", "l0-noreg", 110.0), cell("rms", "l2", 98.0), cell("l1", "l1", 101.0)]
+    unused = [cell("l3-gto", "l1", 200.0), cell("fastest", "l3-gto", 50.0), cell("l2", "l2", 150.0)]
+    got = hypothesis.agreement([*found, *unused])
+    assert got.own == pytest.approx(0.10)
+    assert got.scaled == pytest.approx(max(abs(one.ours * got.scale / 100 - 1) for one in found))
+    for scale in (got.scale * 0.999, got.scale * 1.001):
+        assert max(abs(one.ours * scale / 100 - 1) for one in found) > got.scaled
+
+
+def test_the_weaker_train_comes_nearer_to_the_columns_without_a_map(cells: list[table2.Cell]) -> None:
+    other, least_time_s = hypothesis.hypothesis_cells()
+    assert hypothesis.agreement(cells).scaled == pytest.approx(0.063, abs=0.002)
+    assert hypothesis.agreement(other).scaled == pytest.approx(0.026, abs=0.002)
+    assert least_time_s == pytest.approx(240.5, abs=0.5)
+
+
+def test_the_balance_fits_every_printed_share() -> None:
+    assumed = balance.Assumed()
+    trip = energy_shares.drive(assumed.driver)
+    found = balance.balanced(trip, assumed)
+    made = energy_shares.shares(trip, found.friction_ratio)
+    run_s = sum(run.time_s for run in trip.runs)
+    fit = trip.vehicle.loss_model(Level.L2)
+    assert isinstance(fit, EfficiencyLoss)
+    parts_j = {
+        "component_loss": made.component_loss - fit.idle_w * run_s + assumed.idle_w * assumed.time_s,
+        "resistance": found.resistance_ratio * made.resistance,
+        "friction_brake": made.friction_brake,
+        "comfort": found.comfort_w * assumed.time_s,
+    }
+    assert sum(parts_j.values()) == pytest.approx(found.whole_j)
+    for name, percent in printed.ENERGY_SHARES_PERCENT.items():
+        assert 100 * parts_j[name] / found.whole_j == pytest.approx(percent, abs=0.01)
 
 
 def test_table2_has_its_minima_on_the_diagonal(cells: list[table2.Cell]) -> None:

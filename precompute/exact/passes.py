@@ -1,0 +1,259 @@
+"""One pass of the exact front: labels from both ends of the section, node by node, until they meet and are joined.
+
+A label is a partial run from the start to a state, or from a state to the end. How many there are grows with the
+distance from where they began, so that two halves that meet have far fewer than one whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import DasError
+from precompute.exact import kernels, label_kernels
+from precompute.exact.bounds import BLOCKS, Duals, Known, allowed_j, undominated
+from precompute.exact.grid import Graph, Layer, onward_arcs
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Labels32 = NDArray[np.uint32]
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is being done, how many layers of it are done, and how many there are."""
+
+BYTES_PER_LABEL = 4
+BYTES_PER_OPEN_LABEL = 72
+"""Memory of a label for good (its parent), and while its layer is merged (times, energies, parents, sorting)."""
+KNOWN_STEPS = 1 << 18
+"""The energies of known runs are looked up in so many steps of time: 80 µs where runs may take 21 s longer."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Search:
+    """What all passes share: the grid and its states, the bounds, the latest arrival, threads and memory."""
+
+    graph: Graph
+    layers: list[Layer]
+    to_end: Duals
+    from_start: Duals
+    latest_ns: int
+    threads: int
+    max_memory_bytes: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Labels:
+    """The labels of one node, by state: offset[i] … offset[i + 1] − 1 belong to state i of the layer."""
+
+    offset: Ints
+    time_ns: Ints
+    energy_mj: Ints
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bounds:
+    """The multipliers (W) that watch some stretch of the front, and the largest energy + λ·time (J) each allows."""
+
+    lambda_w: Floats
+    allowed_j: Floats
+    watching: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, search: Search, known: Known) -> Bounds:
+        allowed = allowed_j(known, search.latest_ns, search.to_end)
+        watching = np.isfinite(allowed)
+        lambda_w = np.ascontiguousarray(search.to_end.lambda_w[watching])
+        return cls(lambda_w=lambda_w, allowed_j=np.ascontiguousarray(allowed[watching]), watching=watching)
+
+
+class Half:
+    """The labels from one end of the section: from its start (`onward`), or from its end.
+
+    `node` is where they are. The parents of all labels are kept, so that their runs can be told.
+    """
+
+    def __init__(self, search: Search, bounds: Bounds, bucket_ns: int, *, onward: bool) -> None:
+        self._search, self._bounds, self._bucket_ns, self._onward = search, bounds, bucket_ns, onward
+        self.node = 0 if onward else search.graph.intervals
+        zero = np.zeros(1, np.int64)
+        self.labels = Labels(offset=np.array([0, 1]), time_ns=zero, energy_mj=zero)
+        self.count = 1
+        self._offsets = [self.labels.offset]
+        self._parents = [np.zeros(1, np.uint32)]
+
+    def advance(self, pool: ThreadPoolExecutor) -> None:
+        """Go on to the next node."""
+        search, bounds, onward = self._search, self._bounds, self._onward
+        k = self.node if onward else self.node - 1
+        arcs = onward_arcs(search.graph, search.layers[k], search.layers[k + 1])
+        behind, self.node = self.node, self.node + (1 if onward else -1)
+        here, there = search.layers[behind], search.layers[self.node]
+        arcs = arcs.turned(len(there.speed)) if onward else arcs
+        duals = search.to_end if onward else search.from_start
+        ahead = np.ascontiguousarray(duals.value_j[self.node][:, bounds.watching])
+        latest = search.latest_ns - (there.to_go_ns if onward else there.reached_ns)
+        cost = self._least_costs(pool)
+        before = self.labels
+
+        def block(part: tuple[int, int]) -> tuple[Ints, Ints, Labels32, Ints]:
+            a, b = part
+            return label_kernels.merge_labels(  # type: ignore[no-any-return]
+                arcs.start[a : b + 1], arcs.other, there.speed[a:b], here.speed, onward,
+                before.offset, cost, before.time_ns, before.energy_mj, search.graph.unit_mps,
+                *search.graph.interval(k), search.graph.train(k), search.graph.section.loss_params,
+                bounds.lambda_w, bounds.allowed_j, ahead[a:b], latest[a:b], self._bucket_ns,
+            )  # fmt: skip
+
+        self._take(list(pool.map(block, _blocks(len(there.speed)))))
+
+    def _take(self, done: list[tuple[Ints, Ints, Labels32, Ints]]) -> None:
+        counts = np.concatenate([x[3] for x in done])
+        self._offsets.append(np.concatenate(([0], np.cumsum(counts))))
+        self._parents.append(np.concatenate([x[2] for x in done]))
+        self.count += int(counts.sum())
+        self.labels = Labels(
+            offset=self._offsets[-1],
+            time_ns=np.concatenate([x[0] for x in done]),
+            energy_mj=np.concatenate([x[1] for x in done]),
+        )
+
+    def _least_costs(self, pool: ThreadPoolExecutor) -> Floats:
+        """Least energy + λ·time (J) among the labels of each state, (states, multipliers)."""
+        labels, lambda_w = self.labels, self._bounds.lambda_w
+        cost = np.empty((len(labels.offset) - 1, len(lambda_w)))
+
+        def block(part: tuple[int, int]) -> None:
+            label_kernels.least_costs(*part, labels.offset, labels.time_ns, labels.energy_mj, lambda_w, cost)
+
+        list(pool.map(block, _blocks(len(cost))))
+        return cost
+
+    @property
+    def bytes_needed(self) -> int:
+        """Memory of the labels (bytes), with the next node's while they are made."""
+        return self.count * BYTES_PER_LABEL + len(self.labels) * BYTES_PER_OPEN_LABEL
+
+    def run(self, label: int) -> list[int]:
+        """Speeds (grid units) from the node of the labels to the end that they began at."""
+        speeds = []
+        step = -1 if self._onward else 1
+        nodes = range(self.node, self.node + step * len(self._offsets), step)
+        for node, offset, parents in zip(nodes, self._offsets[::-1], self._parents[::-1], strict=True):
+            state = int(np.searchsorted(offset, label, side="right")) - 1
+            speeds.append(int(self._search.layers[node].speed[state]))
+            label = int(parents[label])
+        return speeds
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joined:
+    """Runs of two halves, time rising and energy falling: the labels of both halves that each is made of."""
+
+    time_ns: Ints
+    energy_mj: Ints
+    first: Labels32
+    second: Labels32
+
+    def with_runs(self, time_ns: Ints, energy_mj: Ints, first: Labels32, second: Labels32) -> Joined:
+        """Those of both that no other beats."""
+        time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
+        keep = undominated(time, energy)
+        first = np.concatenate((self.first, first))[keep]
+        second = np.concatenate((self.second, second))[keep]
+        return Joined(time_ns=time[keep], energy_mj=energy[keep], first=first, second=second)
+
+
+class Pass:
+    """One pass over all intervals; `runs` are the undominated ones that its labels make."""
+
+    def __init__(self, search: Search, known: Known, bucket_ns: int, progress: Progress | None) -> None:
+        self._search = search
+        bounds = Bounds.of(search, known)
+        self._first = Half(search, bounds, bucket_ns, onward=True)
+        self._second = Half(search, bounds, bucket_ns, onward=False)
+        what = f"bounds, {bucket_ns / 1e6:g} ms" if bucket_ns else "exact front"
+        intervals = search.graph.intervals
+        with ThreadPoolExecutor(search.threads) as pool:
+            for done in range(1, intervals + 1):
+                first = len(self._first.labels) <= len(self._second.labels)
+                (self._first if first else self._second).advance(pool)
+                self._check_memory(done)
+                if progress is not None:
+                    progress(what, done, intervals)
+            self.runs = self._joined(pool, known)
+
+    @property
+    def found(self) -> tuple[Ints, Ints]:
+        """Times (ns) and energies (mJ) of the runs."""
+        return self.runs.time_ns, self.runs.energy_mj
+
+    @property
+    def count(self) -> int:
+        """Partial runs that were kept."""
+        return self._first.count + self._second.count
+
+    def run(self, index: int) -> Ints:
+        """Speeds (grid units) at the nodes of a run."""
+        behind = self._first.run(int(self.runs.first[index]))
+        ahead = self._second.run(int(self.runs.second[index]))
+        return np.array([*behind[::-1], *ahead[1:]])
+
+    def _check_memory(self, done: int) -> None:
+        search = self._search
+        needed = self._first.bytes_needed + self._second.bytes_needed
+        open_labels = max(len(self._first.labels), len(self._second.labels))
+        if needed > search.max_memory_bytes or open_labels >= np.iinfo(np.uint32).max:
+            raise DasError(
+                f"{search.graph.section.name}: the exact front needs more than {search.max_memory_bytes / 1e9:.1f} GB "
+                f"after {done} of {search.graph.intervals} intervals ({self.count} partial runs); "
+                "ask for a smaller buffer, or for bounds (--bucket 3)"
+            )
+
+    def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:
+        """The undominated runs of all pairs of labels that meet."""
+        a, b, latest_ns = self._first.labels, self._second.labels, self._search.latest_ns
+        origin_ns = int(known.time_ns[0])
+        width_ns = (latest_ns - origin_ns) // KNOWN_STEPS + 1
+        step_ns = origin_ns + np.arange(KNOWN_STEPS + 1) * width_ns
+        known_mj = _least_mj(known.time_ns, known.energy_mj, step_ns)
+
+        def block(part: tuple[int, int]) -> Joined:
+            found, least_mj, (state, stop) = _nothing(), known_mj, part
+            while state < stop:
+                *runs, state = label_kernels.join_labels(
+                    state, stop, a.offset, a.time_ns, a.energy_mj, b.offset, b.time_ns, b.energy_mj,
+                    latest_ns, least_mj, origin_ns, width_ns,
+                )  # fmt: skip
+                found = found.with_runs(*runs)
+                if state < stop:
+                    least_mj = np.minimum(least_mj, _least_mj(found.time_ns, found.energy_mj, step_ns))
+            return found
+
+        result = _nothing()
+        for found in pool.map(block, _blocks(len(a.offset) - 1)):
+            result = result.with_runs(found.time_ns, found.energy_mj, found.first, found.second)
+        return result
+
+
+def _least_mj(time_ns: Ints, energy_mj: Ints, until_ns: Ints) -> Ints:
+    """Least energy (mJ) of the runs that take at most each of some times; NEVER where there is none."""
+    count = np.searchsorted(time_ns, until_ns, side="right")
+    return np.concatenate(([kernels.NEVER], energy_mj))[count]
+
+
+def _nothing() -> Joined:
+    none, no_label = np.empty(0, np.int64), np.empty(0, np.uint32)
+    return Joined(time_ns=none, energy_mj=none, first=no_label, second=no_label)
+
+
+def _blocks(size: int) -> list[tuple[int, int]]:
+    edges = [round(size * i / BLOCKS) for i in range(BLOCKS + 1)]
+    return [(a, b) for a, b in pairwise(edges) if b > a]
