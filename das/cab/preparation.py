@@ -145,10 +145,10 @@ class Preparation:
         began = self._stopwatch()
         self._fronts.find(section)
         self.solve_s = self._stopwatch() - began
-        if self._coach.enabled and self._pool is not None:
-            self._pool.submit(self._fronts.find_calm, section, self._coach)
-        elif self._coach.enabled:
-            self._fronts.find_calm(section, self._coach)
+        if self._coach.enabled:
+            calm = self.coach_worker.submit(lambda: self._fronts.find_calm(section, self._coach))
+            if not self.coach_worker.in_background:
+                calm.result()
 
     def close(self) -> None:
         """End the threads; what they are solving is given up."""

@@ -104,6 +104,19 @@ def record(first, laid_out, phases, back_share, line, envelope, p, c, base):
 
 
 @kernel
+def first_from(node, at):
+    """The first node at a place (m) or beyond it: written out, for numba's `searchsorted` needs scipy at the start."""
+    low, high = 0, node.size
+    while low < high:
+        middle = (low + high) // 2
+        if node[middle] < at:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
 def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new_target):
     """One move of phase k: begun earlier (0) or later (1), slower (2) or faster (3).
 
@@ -119,7 +132,7 @@ def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new
         if k == 0 or kind[k - 1] >= BRAKE:
             return -1, -1
         last = (begin[k + 1] if k + 1 < count else node.size - 1) - 1
-        index = np.searchsorted(node, node[begin[k]] + sign * by_m)
+        index = first_from(node, node[begin[k]] + sign * by_m)
         new_begin[k] = min(max(index, begin[k - 1] + 1), last)
         if new_begin[k] == begin[k]:
             return -1, -1
