@@ -76,15 +76,15 @@ class HopPlan:
 class JourneyPlan:
     """A planned journey, one part for each hop.
 
-    `bound_j` bounds from below the energy of every run of this discretisation that keeps the windows (see
-    `das.solver.journey.bound`). It is −inf for a split that is not the optimum, and where a span can only just be run
-    in its time.
+    `table_bound_j` bounds from below the energy of every run of the solver's decision grid that keeps the windows (see
+    `das.solver.journey.bound`), but not that of finer runs such as those of the plan. It is −inf for a split that is
+    not the optimum, and where a span can only just be run in its time.
     """
 
     journey: Journey
     split: Split
     hops: tuple[HopPlan, ...]
-    bound_j: float
+    table_bound_j: float
 
     @property
     def input_j(self) -> float:
@@ -98,9 +98,9 @@ class JourneyPlan:
         return sum(hop.ledger.comfort for hop in self.hops) * self.time_s / running_s
 
     @property
-    def gap_ratio(self) -> float:
+    def table_gap_ratio(self) -> float:
         """(input − bound)/|input|; slightly negative where the runs are finer than the table behind the bound."""
-        return (self.input_j - self.bound_j) / max(abs(self.input_j), 1.0)
+        return (self.input_j - self.table_bound_j) / max(abs(self.input_j), 1.0)
 
     @property
     def time_s(self) -> float:
@@ -164,7 +164,7 @@ class JourneyPlanner:
             journey=self.journey,
             split=split,
             hops=self._hop_plans(solved),
-            bound_j=lower_bound_j(self.chains, solved) if priced else -math.inf,
+            table_bound_j=lower_bound_j(self.chains, solved) if priced else -math.inf,
         )
 
     def fastest_j(self) -> float:

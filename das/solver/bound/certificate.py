@@ -1,0 +1,111 @@
+"""The certificate of a run: an energy that no run of its time goes below, and how far the run is above it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from das.domain.losses import LossMap
+from das.solver import tolerances as tol
+from das.solver.bound.planes import efficiency_planes, map_planes
+from das.solver.bound.relaxation import Task
+from das.solver.bound.search import proven
+from das.solver.kernels.forces import adhesion_coefficient
+from das.solver.params import NO_LIMIT_N, TrainParams
+from das.solver.section import LineProfile
+
+if TYPE_CHECKING:
+    from das.solver.solution import Solution
+
+
+LARGEST_PRICE_W: Final = 1e9
+"""First guess of the price of time (W) for a run whose price is not known to be finite."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """A lower bound of the energy that is proven, or the reason why there is none.
+
+    No run of the integrator from the same state to the same end that keeps the limits and takes at most `allowed_s`
+    needs less than `bound_j`. Where `reason` is not empty, `bound_j` is NaN.
+    """
+
+    bound_j: float
+    allowed_s: float
+    reason: str = ""
+
+
+def certificate(solution: Solution) -> Certificate:
+    """The certificate of a solution; about 0.05 s for a section of 50 km.
+
+    A run of least energy ends before its time: then the bound holds for the time that was asked for.
+    """
+    allowed_s = solution.time_s
+    if solution.fit == "early":
+        allowed_s = max(allowed_s, solution.requested_s)
+    reason = _unkept(solution)
+    task = task_of(solution, allowed_s)
+    if not reason and math.isinf(solution.lambda_w) and fastest_is_alone(task):
+        return Certificate(bound_j=solution.ledger.input, allowed_s=allowed_s)
+    if reason:
+        return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=reason)
+    loss, price_w = solution.section.loss, min(solution.lambda_w, LARGEST_PRICE_W)
+    if isinstance(loss, LossMap):
+        planes = map_planes(task, loss, solution.trajectory.force_el_n, price_w)
+    else:
+        planes = efficiency_planes(loss, task.line.supply)
+    found = proven(task, planes, price_w)
+    if not math.isfinite(found.bound_j):
+        return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason="no multipliers were found that prove a bound")
+    return Certificate(bound_j=found.bound_j, allowed_s=allowed_s)
+
+
+def task_of(solution: Solution, allowed_s: float) -> Task:
+    """What is to be bounded for a solution: every run from its state that takes at most a time (s)."""
+    run, section = solution.trajectory, solution.section
+    line = LineProfile(
+        node_m=run.s_m,
+        step_m=np.diff(run.s_m),
+        grade_ratio=run.grade_ratio,
+        constant_n=run.grade_and_curve_n,
+        tunnel_n_per_mps2=run.tunnel_n_per_mps2,
+        limit_mps=run.limit_mps,
+        supply=run.supply,
+    )
+    envelope = section.envelope_mps[-len(run.v_mps) :]
+    return Task(section=section, line=line, envelope_mps=envelope, speeds_mps=run.v_mps, allowed_s=allowed_s)
+
+
+def fastest_is_alone(task: Task) -> bool:
+    """Whether it is sure that no other run takes as little time as the fastest one.
+
+    That is so where the speed after an interval at full traction rises with the speed before it: then the fastest run
+    is everywhere the faster one. The force that the motors lose by a faster start must be below the inertia.
+    """
+    train, line = task.section.train, task.line
+    if not _never_slips(train):
+        return False
+    lost = train.traction_force_n**3 / train.traction_power_w**2 + train.c2_n_per_mps2 + line.tunnel_n_per_mps2
+    lost_in_all = line.step_m * lost + (2.0 / 3.0) * max(train.c1_n_per_mps, 0.0) * task.allowed_s
+    return bool((lost_in_all < train.inertial_mass_kg).all())
+
+
+def _never_slips(train: TrainParams) -> bool:
+    """Whether force and power limit the traction at every speed before adhesion does."""
+    if train.adhesive_force_n >= NO_LIMIT_N:
+        return True
+    corner_mps = train.traction_power_w / max(train.traction_force_n, 1.0)
+    return bool(train.adhesive_force_n * adhesion_coefficient(corner_mps) >= train.traction_force_n)
+
+
+def _unkept(solution: Solution) -> str:
+    """Which condition of the proof a run does not keep; empty where it keeps them all."""
+    section, speeds = solution.section, solution.trajectory.v_mps
+    if (speeds > section.envelope_mps[-len(speeds) :] + tol.SPEED_TOLERANCE_MPS).any():
+        return "the run begins above the braking envelope"
+    if not solution.feasible:
+        return "the run does not keep the limits or the speed at the end"
+    return ""

@@ -1,0 +1,72 @@
+"""The search for multipliers that prove a high bound."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.solver.bound.relaxation import Task, relaxation
+from das.solver.kernels.interior_point import best_bound
+from das.solver.kernels.relaxed_interval import FIXED_ROWS
+from das.solver.kernels.relaxed_program import Multipliers, Planes, Program, RelaxedRun
+
+Floats = NDArray[np.float64]
+
+MOST_STEPS: Final = 60
+"""At most this number of Newton steps; 25 to 35 are usual."""
+ENOUGH_RATIO: Final = 1e-5
+"""The search ends where no bound of the relaxation can be higher by more than this share of the energy."""
+INSIDE: Final = 0.05
+"""How far from its bounds the first point is, as a share of their width."""
+LEAST_PRICE: Final = 1e-3
+LARGEST_PRICE: Final = 1e3
+"""The first price of time is between these, in units of force times speed."""
+ROUNDING_RATIO: Final = 1e-9
+"""The bound is lowered by this share of the sizes that it is the sum of, which is more than their rounding."""
+
+
+class ProvenBound(NamedTuple):
+    """A bound (J), the price of time at it (W), and the Newton steps it took."""
+
+    bound_j: float
+    lambda_w: float
+    steps: int
+
+
+def proven(task: Task, planes: Planes, lambda_w: float) -> ProvenBound:
+    """The highest bound found for a task; `lambda_w` is a first guess of the price of time (W)."""
+    program, scale_n = relaxation(task, planes)
+    run = first_run(program, task.speeds_mps)
+    multipliers = first_multipliers(program, lambda_w / scale_n)
+    bound, price, steps = best_bound(run, multipliers, program, MOST_STEPS, ENOUGH_RATIO)
+    slack = ROUNDING_RATIO * (abs(bound) + price * program.allowed_s)
+    return ProvenBound((bound - slack) * scale_n, price * scale_n, steps)
+
+
+def first_run(program: Program, speeds_mps: Floats) -> RelaxedRun:
+    """The given run, moved a little away from every bound."""
+    motion, efforts, planes, high_w = program.motion, program.efforts, program.planes, program.box.high_w
+    given_w = 0.5 * speeds_mps**2
+    w = np.where(program.box.free, np.clip(given_w, INSIDE * high_w, (1.0 - INSIDE) * high_w), given_w)
+    v = np.sqrt(2.0 * w)
+    tau = (1.0 + 0.1 * INSIDE) * 2.0 / (v[:-1] + v[1:])
+    both = w[:-1] + w[1:]
+    needed = motion.inertia * np.diff(w) + motion.constant + motion.linear / tau + motion.quadratic * both
+    f = np.clip(needed + INSIDE, -(1.0 - INSIDE) * efforts.electric_force, (1.0 - INSIDE) * efforts.traction_force)
+    heights = planes.force * f[:, None] + planes.slowness * tau[:, None] + planes.speed * both[:, None]
+    return RelaxedRun(w, np.stack([tau, f, (heights + planes.constant).max(axis=1) + INSIDE], axis=1))
+
+
+def first_multipliers(program: Program, price: float) -> Multipliers:
+    """Multipliers to begin with: the planes share the weight of the energy, the slowness has the price of time.
+
+    Those of the other constraints follow from the slacks (see `das.solver.kernels.interior_point`).
+    """
+    step, count = program.motion.step_m, program.planes.force.shape[1]
+    rows = np.repeat(step[:, None], FIXED_ROWS + count, axis=1)
+    rows[:, FIXED_ROWS:] /= count
+    price = float(np.clip(price, LEAST_PRICE, LARGEST_PRICE))
+    rows[:, 0] *= price
+    return Multipliers(rows, np.array([price]))
