@@ -111,9 +111,9 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
 
     A point is the run of least energy whose time is so many per cent above the least possible (`buffers_percent`,
     rising). The points end at the run of least energy: a slower one would cost more. `time_s` and `buffer_percent` are
-    those of the run found, `energy_j` its net energy at the current collector (without comfort systems), `table_bound_j`
-    the least that the solver's table knows (see `Solution`), `lambda_w` the price of time: what a second less would
-    cost (W).
+    those of the run found, `energy_j` its net energy at the current collector (without comfort systems),
+    `table_bound_j` the least that the solver's table knows (see `Solution`), `lambda_w` the price of time: what a
+    second less would cost (W).
 
     Raises InputError for buffers that do not rise from 0 or more.
 

@@ -31,8 +31,8 @@ LEGEND = """\
 least s: the least running time; runs: trajectories in the table.
 kWh: net energy at the current collector of the first and of the last run, which
   is mostly the one of least energy.
-gap %: by how much at most the energy of a run lies above the least that the table knows, in %
-  of the irreversible energy. –: no bound is known."""
+gap %: by how much at most the energy of a run lies above the least that the
+  table knows, in % of the irreversible energy. –: the table knows none."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]

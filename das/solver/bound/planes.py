@@ -11,7 +11,7 @@ from das.domain.losses import EfficiencyLoss, LossMap
 from das.solver import tolerances as tol
 from das.solver.bound.relaxation import LEAST_FORCE_N, Task
 from das.solver.kernels.loss_planes import MapRows, MeanSpeeds, loss_planes, row_hulls
-from das.solver.kernels.relaxed_program import Planes
+from das.solver.kernels.relaxed_tuples import Planes
 
 Floats = NDArray[np.float64]
 

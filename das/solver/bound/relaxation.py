@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from das.domain.route import NEUTRAL
 from das.solver import tolerances as tol
 from das.solver.kernels.forces import brake_limit, on_supply
-from das.solver.kernels.relaxed_program import Box, RelaxedEfforts, RelaxedMotion, Planes, Program
+from das.solver.kernels.relaxed_tuples import Box, Planes, Program, RelaxedEfforts, RelaxedMotion
 from das.solver.params import NO_LIMIT_N
 from das.solver.section import LineProfile, Section
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from das.solver.bound.relaxation import Task, relaxation
 from das.solver.kernels.interior_point import best_bound
 from das.solver.kernels.relaxed_interval import FIXED_ROWS
-from das.solver.kernels.relaxed_program import Multipliers, Planes, Program, RelaxedRun
+from das.solver.kernels.relaxed_tuples import Multipliers, Planes, Program, RelaxedRun
 
 Floats = NDArray[np.float64]
 

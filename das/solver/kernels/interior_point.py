@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from das.compiling.kernels import kernel
 from das.solver.kernels.newton_system import empty_newton, evaluate, factor, solve
 from das.solver.kernels.relaxed_interval import FIXED_ROWS
-from das.solver.kernels.relaxed_program import Multipliers, RelaxedRun, proven_bound
+from das.solver.kernels.relaxed_program import proven_bound
+from das.solver.kernels.relaxed_tuples import Multipliers, Program, RelaxedRun
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ class TimeColumn(NamedTuple):
 
 
 @kernel
-def best_bound(run, multipliers, program, most_steps, enough):
+def best_bound(run: RelaxedRun, multipliers: Multipliers, program: Program, most_steps, enough):
     """Improve a point and its multipliers by Newton steps; returns the best bound, its price of time, and the steps.
 
     The first point need not keep the constraints. The search stops when the bound is within `enough` (a ratio) of the

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from das.compiling.kernels import kernel
 from das.solver.kernels.relaxed_interval import LOCAL, constraints, curvature
 from das.solver.kernels.relaxed_program import local_values
+from das.solver.kernels.relaxed_tuples import Program, RelaxedRun
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def empty_newton(n, rows):
 
 
 @kernel
-def evaluate(run, rows, program, newton):
+def evaluate(run: RelaxedRun, rows, program: Program, newton):
     """Constraints, slopes and curvature of every interval at a point."""
     z = np.empty(LOCAL)
     for k in range(program.motion.step_m.size):

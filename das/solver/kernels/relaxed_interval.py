@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from das.compiling.kernels import kernel
+from das.solver.kernels.relaxed_tuples import Program, RelaxedEfforts
 
 LOCAL = 5
 """Local variables of an interval: w0, w1, τ, f, e."""
@@ -24,7 +25,7 @@ _ADHESION_EXTRA = 7.5
 
 
 @kernel
-def constraints(k, z, free0, free1, program, c, slope):
+def constraints(k, z, free0, free1, program: Program, c, slope):
     """Fill the constraints `c` (rows,) and their slopes (rows, 5) of interval k at the local variables z.
 
     `free0` and `free1` say whether the speeds at the two nodes are variables; a fixed speed has no slope.
@@ -72,7 +73,7 @@ def constraints(k, z, free0, free1, program, c, slope):
 
 
 @kernel
-def _effort_limits(k, tau, f, efforts, c, slope):
+def _effort_limits(k, tau, f, efforts: RelaxedEfforts, c, slope):
     """Fill the constraints 2 to 6: what the motors can give and take."""
     c[2] = f - efforts.traction_power[k] * tau - efforts.traction_offset[k]
     slope[2, 2] = -efforts.traction_power[k]
@@ -94,7 +95,7 @@ def _effort_limits(k, tau, f, efforts, c, slope):
 
 
 @kernel
-def curvature(k, z, free0, free1, y, program, out):
+def curvature(k, z, free0, free1, y, program: Program, out):
     """Fill `out` (5, 5) with the second derivatives of Σ y·c of interval k; all of them are convex."""
     w0, w1, tau = z[0], z[1], z[2]
     out[:, :] = 0.0
