@@ -37,6 +37,8 @@ def as_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) -> di
         "comfort_kwh": kwh(plan.comfort_j),
         "table_bound_kwh": _finite(kwh(plan.table_bound_j)),
         "table_gap_ratio": _finite(plan.table_gap_ratio),
+        "gap_ratio": _finite(plan.gap_ratio),
+        "gap_reason": plan.gap_reason,
         "others_kwh": {name: kwh(energy_j) for name, energy_j in others_j.items()},
         "feasible": all(hop.feasible for hop in plan.hops),
         "solve_s": solve_s,

@@ -98,6 +98,16 @@ class JourneyPlan:
         return sum(hop.ledger.comfort for hop in self.hops) * self.time_s / running_s
 
     @property
+    def gap_ratio(self) -> float:
+        """NaN: no bound of a journey is proven (see `gap_reason`); `table_gap_ratio` is what the tables know."""
+        return math.nan
+
+    @property
+    def gap_reason(self) -> str:
+        """Why no bound is proven."""
+        return "the bound of a journey is known from the tables only"
+
+    @property
     def table_gap_ratio(self) -> float:
         """(input − bound)/|input|; slightly negative where the runs are finer than the table behind the bound."""
         return (self.input_j - self.table_bound_j) / max(abs(self.input_j), 1.0)
