@@ -87,7 +87,7 @@ def maps(draw: st.DrawFn, force_n: float) -> LossModel:
 def routes(draw: st.DrawFn) -> Route:
     """A line of 0.3 to 4 km with limits, gradients to 35 ‰ and every kind of supply."""
     length_m = draw(st.floats(300.0, 4000.0))
-    places = [0.0, *sorted(draw(st.lists(st.floats(0.05, 0.95), max_size=5, unique=True)))]
+    places = [0.0, *(k / 20 for k in sorted(draw(st.lists(st.integers(1, 19), max_size=5, unique=True))))]
     limits = [(place * length_m, draw(st.floats(8.0, TOP_MPS))) for place in places]
     grades = [(place * length_m, draw(st.floats(-0.035, 0.035))) for place in places]
     route = make_route(length_m, limits, grades)
