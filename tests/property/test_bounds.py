@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.domain.losses import LossMap
 from das.solver.bound.certificate import task_of
-from das.solver.bound.planes import efficiency_planes, map_planes
+from das.solver.bound.planes import MapPlanes, efficiency_planes
 from das.solver.bound.relaxation import Task, relaxation
 from das.solver.front import Front
 from das.solver.kernels.relaxed_interval import FIXED_ROWS, LOCAL, constraints
@@ -48,7 +48,7 @@ def solved(posed: Posed) -> tuple[Front, list[Solution]]:
 def planes_of(task: Task, solution: Solution) -> Planes:
     loss = task.section.loss
     if isinstance(loss, LossMap):
-        return map_planes(task, loss, solution.trajectory.force_el_n, min(solution.lambda_w, 1e7))
+        return MapPlanes(task, loss).of_run(solution.trajectory.force_el_n, min(solution.lambda_w, 1e7))
     return efficiency_planes(loss, task.line.supply)
 
 

@@ -75,7 +75,7 @@ def maps(draw: st.DrawFn, force_n: float) -> LossModel:
     """A loss map with jumps and dents in speed and force: nothing about it is convex."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     speed_mps, steps = np.arange(0.0, TOP_MPS + 2.1, 2.0), np.arange(-12, 13)
-    forces_n = steps * force_n / 10.0
+    forces_n = np.asarray(steps * force_n / 10.0, dtype=np.float64)
     copper = rng.uniform(0.05, 0.5) * force_n * (forces_n / force_n) ** 2 * 10.0
     iron = rng.uniform(0.0, 0.1) * force_n * np.abs(forces_n[None, :] / force_n) * speed_mps[:, None]
     dents = rng.uniform(0.6, 1.4, (len(speed_mps), len(steps)))

@@ -10,9 +10,9 @@ import numpy as np
 
 from das.domain.losses import LossMap
 from das.solver import tolerances as tol
-from das.solver.bound.planes import efficiency_planes, map_planes
+from das.solver.bound.planes import efficiency_planes
 from das.solver.bound.relaxation import Task
-from das.solver.bound.search import proven
+from das.solver.bound.search import proven, proven_for_map
 from das.solver.kernels.forces import adhesion_coefficient
 from das.solver.params import NO_LIMIT_N, TrainParams
 from das.solver.section import LineProfile
@@ -39,7 +39,7 @@ class Certificate:
 
 
 def certificate(solution: Solution) -> Certificate:
-    """The certificate of a solution; about 0.05 s for a section of 50 km.
+    """The certificate of a solution; 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
     A run of least energy ends before its time: then the bound holds for the time that was asked for.
     """
@@ -54,10 +54,9 @@ def certificate(solution: Solution) -> Certificate:
         return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=reason)
     loss, price_w = solution.section.loss, min(solution.lambda_w, LARGEST_PRICE_W)
     if isinstance(loss, LossMap):
-        planes = map_planes(task, loss, solution.trajectory.force_el_n, price_w)
+        found = proven_for_map(task, loss, solution.trajectory.force_el_n, price_w)
     else:
-        planes = efficiency_planes(loss, task.line.supply)
-    found = proven(task, planes, price_w)
+        found = proven(task, efficiency_planes(loss, task.line.supply), price_w)
     if not math.isfinite(found.bound_j):
         return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason="no multipliers were found that prove a bound")
     return Certificate(bound_j=found.bound_j, allowed_s=allowed_s)

@@ -38,20 +38,39 @@ def efficiency_planes(loss: EfficiencyLoss, supply: Floats) -> Planes:
     return Planes(force, slowness, np.zeros_like(force), np.zeros_like(force))
 
 
-def map_planes(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) -> Planes:
-    """Planes (N) below the energy of a loss map, near a run with the motor forces `force_n` at a price of time (W)."""
-    train, speeds = task.section.train, task.speeds_mps
-    offsets = [force_n + offset for offset in NEAR_FORCES_N]
-    fixed = [*NEAR_COASTING_N, 0.5 * train.traction_force_n, -0.5 * train.electric_force_n]
-    forces = np.stack(offsets + [np.full_like(force_n, force) for force in fixed], axis=1)
-    squares = 0.5 * speeds**2
-    state = MeanSpeeds(2.0 / (speeds[:-1] + speeds[1:]), squares[:-1] + squares[1:])
-    found = np.empty((*forces.shape, 4))
-    loss_planes(forces, state, lambda_w, task.high_tau, _rows(task, loss), found)
-    share = np.clip(task.line.supply, 0.0, 1.0)
-    if (share < 1.0).any():
-        found = np.concatenate((found, share[:, None, None] * found), axis=1)
-    return Planes(*(np.ascontiguousarray(found[:, :, i]) for i in range(4)))
+class MapPlanes:
+    """Planes (N) below the energy of a loss map for a task.
+
+    Where the line does not take all that is fed back, each plane also counts with the share that it takes.
+    """
+
+    def __init__(self, task: Task, loss: LossMap) -> None:
+        self.task = task
+        self._rows = _rows(task, loss)
+
+    def of_run(self, force_n: Floats, lambda_w: float) -> Planes:
+        """Planes near the given run, whose motors give `force_n` in each interval, at a price of time (W)."""
+        train, speeds = self.task.section.train, self.task.speeds_mps
+        offsets = [force_n + offset for offset in NEAR_FORCES_N]
+        fixed = [*NEAR_COASTING_N, 0.5 * train.traction_force_n, -0.5 * train.electric_force_n]
+        forces = np.stack(offsets + [np.full_like(force_n, force) for force in fixed], axis=1)
+        squares = 0.5 * speeds**2
+        state = MeanSpeeds(2.0 / (speeds[:-1] + speeds[1:]), squares[:-1] + squares[1:])
+        return self.near(forces, state, lambda_w)
+
+    def near(self, forces_n: Floats, state: MeanSpeeds, lambda_w: float) -> Planes:
+        """Planes near the forces (n, planes) at a mean speed of each interval and a price of time (W)."""
+        found = np.empty((*forces_n.shape, 4))
+        loss_planes(np.ascontiguousarray(forces_n), state, lambda_w, self.task.high_tau, self._rows, found)
+        share = np.clip(self.task.line.supply, 0.0, 1.0)
+        if (share < 1.0).any():
+            found = np.concatenate((found, share[:, None, None] * found), axis=1)
+        return Planes(*(np.ascontiguousarray(found[:, :, i]) for i in range(4)))
+
+
+def joined(planes: Planes, more: Planes) -> Planes:
+    """The planes of both."""
+    return Planes(*(np.concatenate(pair, axis=1) for pair in zip(planes, more, strict=True)))
 
 
 def _rows(task: Task, loss: LossMap) -> MapRows:

@@ -7,8 +7,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.losses import LossMap
+from das.solver.bound.planes import MapPlanes, joined
 from das.solver.bound.relaxation import Task, relaxation
 from das.solver.kernels.interior_point import best_bound
+from das.solver.kernels.loss_planes import MeanSpeeds
 from das.solver.kernels.relaxed_interval import FIXED_ROWS
 from das.solver.kernels.relaxed_tuples import Multipliers, Planes, Program, RelaxedRun
 
@@ -18,6 +21,10 @@ MOST_STEPS: Final = 60
 """At most this number of Newton steps; 25 to 35 are usual."""
 ENOUGH_RATIO: Final = 1e-5
 """The search ends where no bound of the relaxation can be higher by more than this share of the energy."""
+MOST_CUTS: Final = 4
+"""A loss map gets further planes at most this number of times."""
+ENOUGH_CUT_RATIO: Final = 2e-4
+"""It gets no more where the last ones raised the bound by less than this share."""
 INSIDE: Final = 0.05
 """How far from its bounds the first point is, as a share of their width."""
 LEAST_PRICE: Final = 1e-3
@@ -28,11 +35,11 @@ ROUNDING_RATIO: Final = 1e-9
 
 
 class ProvenBound(NamedTuple):
-    """A bound (J), the price of time at it (W), and the Newton steps it took."""
+    """A bound (J), the price of time at it (W), and the relaxed run at the end of the search with its forces in N."""
 
     bound_j: float
     lambda_w: float
-    steps: int
+    relaxed: RelaxedRun
 
 
 def proven(task: Task, planes: Planes, lambda_w: float) -> ProvenBound:
@@ -40,9 +47,33 @@ def proven(task: Task, planes: Planes, lambda_w: float) -> ProvenBound:
     program, scale_n = relaxation(task, planes)
     run = first_run(program, task.speeds_mps)
     multipliers = first_multipliers(program, lambda_w / scale_n)
-    bound, price, steps = best_bound(run, multipliers, program, MOST_STEPS, ENOUGH_RATIO)
+    bound, price, _ = best_bound(run, multipliers, program, MOST_STEPS, ENOUGH_RATIO)
     slack = ROUNDING_RATIO * (abs(bound) + price * program.allowed_s)
-    return ProvenBound((bound - slack) * scale_n, price * scale_n, steps)
+    in_newton = RelaxedRun(run.w, run.local * np.array([1.0, scale_n, scale_n]))
+    return ProvenBound((bound - slack) * scale_n, price * scale_n, in_newton)
+
+
+def proven_for_map(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) -> ProvenBound:
+    """The highest bound found for a task with a loss map, near a run whose motors give `force_n` (N).
+
+    After each search the relaxed run gets planes of its own, below which its energy cannot stay (cutting planes).
+    """
+    maker = MapPlanes(task, loss)
+    planes = maker.of_run(force_n, lambda_w)
+    best = proven(task, planes, lambda_w)
+    last = best
+    for _ in range(MOST_CUTS):
+        w, local = last.relaxed
+        if not (np.isfinite(local).all() and np.isfinite(w).all()):
+            break
+        state = MeanSpeeds(np.clip(local[:, 0], task.low_tau, task.high_tau), w[:-1] + w[1:])
+        planes = joined(planes, maker.near(local[:, 1:2], state, last.lambda_w))
+        last = proven(task, planes, last.lambda_w)
+        gain_j = last.bound_j - best.bound_j
+        best = max(best, last, key=lambda found: found.bound_j)
+        if gain_j < ENOUGH_CUT_RATIO * abs(best.bound_j):
+            break
+    return best
 
 
 def first_run(program: Program, speeds_mps: Floats) -> RelaxedRun:

@@ -21,10 +21,10 @@ from tests.support.making import make_route, make_train
 GRADES = [(0.0, 0.0), (1_500.0, 0.012), (3_000.0, -0.02), (4_200.0, 0.0)]
 
 
-def hilly(route: Route | None = None, train: Vehicle | None = None, **options: float) -> Front:
+def hilly(route: Route | None = None, train: Vehicle | None = None) -> Front:
     route = route or make_route(6_000.0, [(0.0, 30.0), (2_000.0, 22.0), (3_500.0, 33.0)], GRADES)
     train = train or make_train(resistance=(2_000.0, 50.0, 8.0), power_w=1.5e6, loss=lossy())
-    return solve_front(build_section(route, train, options=SectionOptions(point_mass=True, **options)))
+    return solve_front(build_section(route, train, options=SectionOptions(point_mass=True)))
 
 
 def lossy(idle_w: float = 2e4) -> EfficiencyLoss:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.solver.bound.certificate import task_of
-from das.solver.bound.planes import efficiency_planes, map_planes
+from das.solver.bound.planes import MapPlanes, efficiency_planes
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
@@ -37,7 +37,7 @@ def test_no_state_of_the_map_is_below_a_plane(train: str) -> None:
     loss, rng = run.section.loss, np.random.default_rng(1)
     assert isinstance(loss, LossMap)
     task = task_of(run, run.time_s)
-    planes = map_planes(task, loss, run.trajectory.force_el_n, run.lambda_w)
+    planes = MapPlanes(task, loss).of_run(run.trajectory.force_el_n, run.lambda_w)
     speed = rng.uniform(0.05, float(task.envelope_mps.max()), 4_000)
     speed[:500] = rng.uniform(0.05, 1.0, 500)
     most = run.section.vehicle.traction_effort_n(speed)
@@ -65,7 +65,7 @@ def test_planes_are_near_the_run(train: str) -> None:
     loss, path = run.section.loss, run.trajectory
     assert isinstance(loss, LossMap)
     task = task_of(run, run.time_s)
-    planes = map_planes(task, loss, path.force_el_n, run.lambda_w)
+    planes = MapPlanes(task, loss).of_run(path.force_el_n, run.lambda_w)
     tau, squares = 2.0 / (path.v_mps[:-1] + path.v_mps[1:]), 0.5 * path.v_mps**2
     heights = (
         planes.force * path.force_el_n[:, None]
