@@ -21,9 +21,9 @@ MOST_STEPS: Final = 60
 """At most this number of Newton steps; 25 to 35 are usual."""
 ENOUGH_RATIO: Final = 1e-5
 """The search ends where no bound of the relaxation can be higher by more than this share of the energy."""
-MOST_CUTS: Final = 4
+MOST_CUTS: Final = 3
 """A loss map gets further planes at most this number of times."""
-ENOUGH_CUT_RATIO: Final = 2e-4
+ENOUGH_CUT_RATIO: Final = 5e-4
 """It gets no more where the last ones raised the bound by less than this share."""
 INSIDE: Final = 0.05
 """How far from its bounds the first point is, as a share of their width."""
