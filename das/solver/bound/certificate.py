@@ -10,11 +10,10 @@ import numpy as np
 
 from das.domain.losses import LossMap
 from das.solver import tolerances as tol
+from das.solver.bound.ahead import behind_fastest, fastest_is_ahead
 from das.solver.bound.planes import efficiency_planes
 from das.solver.bound.relaxation import Task
 from das.solver.bound.search import proven, proven_for_map
-from das.solver.kernels.forces import adhesion_coefficient
-from das.solver.params import NO_LIMIT_N, TrainParams
 from das.solver.section import LineProfile
 
 if TYPE_CHECKING:
@@ -48,10 +47,12 @@ def certificate(solution: Solution) -> Certificate:
         allowed_s = max(allowed_s, solution.requested_s)
     reason = _unkept(solution)
     task = task_of(solution, allowed_s)
-    if not reason and math.isinf(solution.lambda_w) and fastest_is_alone(task):
-        return Certificate(bound_j=solution.ledger.input, allowed_s=allowed_s)
     if reason:
         return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=reason)
+    if fastest_is_ahead(task):
+        if math.isinf(solution.lambda_w):
+            return Certificate(bound_j=solution.ledger.input, allowed_s=allowed_s)
+        task = behind_fastest(task)
     loss, price_w = solution.section.loss, min(solution.lambda_w, LARGEST_PRICE_W)
     if isinstance(loss, LossMap):
         found = proven_for_map(task, loss, solution.trajectory.force_el_n, price_w)
@@ -76,28 +77,6 @@ def task_of(solution: Solution, allowed_s: float) -> Task:
     )
     envelope = section.envelope_mps[-len(run.v_mps) :]
     return Task(section=section, line=line, envelope_mps=envelope, speeds_mps=run.v_mps, allowed_s=allowed_s)
-
-
-def fastest_is_alone(task: Task) -> bool:
-    """Whether it is sure that no other run takes as little time as the fastest one.
-
-    That is so where the speed after an interval at full traction rises with the speed before it: then the fastest run
-    is everywhere the faster one. The force that the motors lose by a faster start must be below the inertia.
-    """
-    train, line = task.section.train, task.line
-    if not _never_slips(train):
-        return False
-    lost = train.traction_force_n**3 / train.traction_power_w**2 + train.c2_n_per_mps2 + line.tunnel_n_per_mps2
-    lost_in_all = line.step_m * lost + (2.0 / 3.0) * max(train.c1_n_per_mps, 0.0) * task.allowed_s
-    return bool((lost_in_all < train.inertial_mass_kg).all())
-
-
-def _never_slips(train: TrainParams) -> bool:
-    """Whether force and power limit the traction at every speed before adhesion does."""
-    if train.adhesive_force_n >= NO_LIMIT_N:
-        return True
-    corner_mps = train.traction_power_w / max(train.traction_force_n, 1.0)
-    return bool(train.adhesive_force_n * adhesion_coefficient(corner_mps) >= train.traction_force_n)
 
 
 def _unkept(solution: Solution) -> str:

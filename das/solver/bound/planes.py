@@ -61,7 +61,9 @@ class MapPlanes:
     def near(self, forces_n: Floats, state: MeanSpeeds, lambda_w: float) -> Planes:
         """Planes near the forces (n, planes) at a mean speed of each interval and a price of time (W)."""
         found = np.empty((*forces_n.shape, 4))
-        loss_planes(np.ascontiguousarray(forces_n), state, lambda_w, self.task.high_tau, self._rows, found)
+        loss_planes(
+            np.ascontiguousarray(forces_n), state, lambda_w, (self.task.low_tau, self.task.high_tau), self._rows, found
+        )
         share = np.clip(self.task.line.supply, 0.0, 1.0)
         if (share < 1.0).any():
             found = np.concatenate((found, share[:, None, None] * found), axis=1)

@@ -95,7 +95,7 @@ def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
         constant=resistance.constant_n / scale_n,
         linear=resistance.linear / scale_n,
         quadratic=resistance.quadratic / scale_n,
-        max_acceleration=_acceleration_limits(task, resistance.lowest_n),
+        max_acceleration=acceleration_limits(task, resistance.lowest_n),
     )
     efforts = RelaxedEfforts(
         traction_force=traction_n / scale_n,
@@ -176,7 +176,7 @@ def _power_cut(task: Task, power_w: float, resisting_n: Floats) -> _Cut:
     return _Cut(slope, np.where(usable, force - slope * tau, 0.0))
 
 
-def _acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
+def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
     """Largest acceleration of each interval (m/s²); none where a descent is too steep for the brakes to keep it."""
     train = task.section.train
     fastest_mps = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS

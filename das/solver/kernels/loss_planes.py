@@ -93,24 +93,30 @@ def _slope_at(f, hull_force, hull_psi, size):
 
 
 @kernel
-def plane_constant(a_b_d, least_n, rows, high_tau, enough):
+def plane_constant(a_b_d, least_n, rows, ends_tau, enough):
     """The largest c for which a·f + b·τ + d/(2τ²) + c, d <= 0, is nowhere above ψ (N).
 
-    `least_n[i]` is the least ψ − a·f of row i. Between two rows, and beyond the slowest one up to `high_tau`, where ψ
-    rises by at least `standing_w` with τ, the least is taken in closed form. A c of at most `enough` is of no use, and
-    the search ends there.
+    `least_n[i]` is the least ψ − a·f of row i. Between two rows, and beyond the slowest one, where ψ rises by at least
+    `standing_w` with τ, the least is taken in closed form. Only slownesses between `ends_tau` count. A c of at most
+    `enough` is of no use, and the search ends there.
     """
     _, b, d = a_b_d
+    low_tau, high_tau = ends_tau
     c = np.inf
     for i in range(rows.tau.size):
         if i == 0:
-            slow, fast, slope = high_tau, rows.tau[0], rows.standing_w
+            slow, fast, slope = max(high_tau, rows.tau[0]), rows.tau[0], rows.standing_w
         else:
             slow, fast = rows.tau[i - 1], rows.tau[i]
             slope = (least_n[i - 1] - least_n[i]) / (slow - fast)
-        tau = max(slow, fast)
+        if slow < low_tau:
+            break
+        if fast > high_tau:
+            continue
+        quickest, slowest = max(fast, low_tau), min(slow, high_tau)
+        tau = slowest
         if slope > b:
-            tau = min(max((-d / (slope - b)) ** (1.0 / 3.0), fast), tau)
+            tau = min(max((-d / (slope - b)) ** (1.0 / 3.0), quickest), slowest)
         c = min(c, least_n[i] + slope * (tau - fast) - b * tau - 0.5 * d / (tau * tau))
         if c <= enough:
             break
@@ -118,12 +124,14 @@ def plane_constant(a_b_d, least_n, rows, high_tau, enough):
 
 
 @kernel
-def loss_planes(force_at, state, price_w, high_tau, rows, out):
+def loss_planes(force_at, state, price_w, ends_tau, rows, out):
     """Fill planes (a, b, d/2, c) of every interval near the forces `force_at` (n, planes) at the speeds of `state`.
 
     A plane's slope in the force is that of the map, its slope in the slowness one of several secants, and a share of it
-    and of the price of time is turned to the kinetic energy. Of all these planes the one highest at the state is taken.
+    and of the price of time is turned to the kinetic energy. Of all these planes, which hold for slownesses between
+    `ends_tau` (two arrays, n), the one highest at the state is taken.
     """
+    low_tau, high_tau = ends_tau
     size = rows.tau.size
     least_n = np.empty(size)
     for k in range(force_at.shape[0]):
@@ -145,7 +153,7 @@ def loss_planes(force_at, state, price_w, high_tau, rows, out):
                     turned = share * max(price_w + slope, 0.0)
                     d, b = -turned * tau**3, slope - turned
                     rest = a * f + b * tau + 0.5 * d * both_w
-                    c = plane_constant((a, b, d), least_n, rows, high_tau[k], best - rest)
+                    c = plane_constant((a, b, d), least_n, rows, (low_tau[k], high_tau[k]), best - rest)
                     if rest + c > best:
                         best = rest + c
                         out[k, p, 0], out[k, p, 1], out[k, p, 2], out[k, p, 3] = a, b, 0.5 * d, c

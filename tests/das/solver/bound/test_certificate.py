@@ -11,7 +11,8 @@ import pytest
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import Route, Stretches, Zone
 from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
-from das.solver.bound.certificate import certificate, fastest_is_alone, task_of
+from das.solver.bound.ahead import behind_fastest, fastest_is_ahead
+from das.solver.bound.certificate import certificate, task_of
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
@@ -91,11 +92,11 @@ def test_a_run_that_breaks_a_limit_has_no_bound(front: Front) -> None:
 
 def test_the_fastest_run_is_its_own_bound_where_it_is_alone(front: Front) -> None:
     run = front.fastest()
-    assert fastest_is_alone(task_of(run, run.time_s))
+    assert fastest_is_ahead(task_of(run, run.time_s))
     assert run.gap_ratio == 0.0
     slippery = replace(front.section.vehicle, adhesive_mass_kg=3e4)
     slipping = hilly(train=slippery).fastest()
-    assert not fastest_is_alone(task_of(slipping, slipping.time_s))
+    assert not fastest_is_ahead(task_of(slipping, slipping.time_s))
     assert slipping.gap_reason == ""
     assert 0.0 < slipping.gap_ratio < 0.05
 
@@ -148,3 +149,13 @@ def test_what_more_supply_saves_the_bound_sees(front: Front) -> None:
     )
     time_s = front.fastest().time_s * 1.05
     assert other.trajectory(time_s).bound_j > 1.02 * front.trajectory(time_s).ledger.input
+
+
+def test_no_run_is_ahead_of_the_fastest(front: Front) -> None:
+    """The fastest run bounds the speed of every other, and so the bound from below gains by it."""
+    run = front.trajectory(front.fastest().time_s * 1.05)
+    task = task_of(run, run.time_s)
+    narrower = behind_fastest(task)
+    assert (narrower.envelope_mps <= task.envelope_mps).all()
+    assert (narrower.envelope_mps < 0.9 * task.envelope_mps).any()
+    assert (run.trajectory.v_mps <= narrower.envelope_mps + 1e-6).all()

@@ -49,7 +49,7 @@ def test_no_state_of_the_map_is_below_a_plane(train: str) -> None:
     for spread in (1.0, 1.7):
         both_w = spread * speed**2
         for k in range(0, len(task.high_tau), 40):
-            within = 1.0 / speed <= task.high_tau[k]
+            within = (1.0 / speed <= task.high_tau[k]) & (1.0 / speed >= task.low_tau[k])
             heights = (
                 np.outer(force, planes.force[k])
                 + np.outer(1.0 / speed, planes.slowness[k])
