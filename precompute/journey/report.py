@@ -35,6 +35,7 @@ def as_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) -> di
         "time_s": plan.time_s,
         "energy_input_kwh": kwh(plan.input_j),
         "comfort_kwh": kwh(plan.comfort_j),
+        "bound_kwh": _finite(kwh(plan.bound_j)),
         "table_bound_kwh": _finite(kwh(plan.table_bound_j)),
         "table_gap_ratio": _finite(plan.table_gap_ratio),
         "gap_ratio": _finite(plan.gap_ratio),
@@ -104,8 +105,7 @@ def _shown(timing: PlannedTime) -> str:
 
 
 def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
-    gap_ratio = plan.table_gap_ratio
-    gap = f", {100 * gap_ratio:.3f} % above the least that the tables know" if math.isfinite(gap_ratio) else ""
+    gap = f", gap to the lower bound {100 * plan.gap_ratio:.3f} %" if math.isfinite(plan.gap_ratio) else ""
     yield f"in all {clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh{gap}"
     names = {"proportional": "with the same buffer everywhere", "fastest": "as fast as possible, waiting at the stops"}
     for name, energy_j in others_j.items():

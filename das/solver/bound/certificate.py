@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
 from das.solver import tolerances as tol
@@ -19,7 +20,9 @@ from das.solver.section import LineProfile
 if TYPE_CHECKING:
     from das.solver.solution import Solution
 
+Floats = NDArray[np.float64]
 
+NOT_FOUND: Final = "no multipliers were found that prove a bound"
 LARGEST_PRICE_W: Final = 1e9
 """First guess of the price of time (W) for a run whose price is not known to be finite."""
 
@@ -53,14 +56,18 @@ def certificate(solution: Solution) -> Certificate:
         if math.isinf(solution.lambda_w):
             return Certificate(bound_j=solution.ledger.input, allowed_s=allowed_s)
         task = behind_fastest(task)
-    loss, price_w = solution.section.loss, min(solution.lambda_w, LARGEST_PRICE_W)
+    bound_j = bound_of(task, solution.trajectory.force_el_n, min(solution.lambda_w, LARGEST_PRICE_W))
+    if not math.isfinite(bound_j):
+        return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=NOT_FOUND)
+    return Certificate(bound_j=bound_j, allowed_s=allowed_s)
+
+
+def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:
+    """The bound of a task (J), near a run whose motors give `force_n` and about the price of time `lambda_w`."""
+    loss = task.section.loss
     if isinstance(loss, LossMap):
-        found = proven_for_map(task, loss, solution.trajectory.force_el_n, price_w)
-    else:
-        found = proven(task, efficiency_planes(loss, task.line.supply), price_w)
-    if not math.isfinite(found.bound_j):
-        return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason="no multipliers were found that prove a bound")
-    return Certificate(bound_j=found.bound_j, allowed_s=allowed_s)
+        return proven_for_map(task, loss, force_n, lambda_w).bound_j
+    return proven(task, efficiency_planes(loss, task.line.supply), lambda_w).bound_j
 
 
 def task_of(solution: Solution, allowed_s: float) -> Task:

@@ -46,6 +46,13 @@ class Task:
     envelope_mps: Floats
     speeds_mps: Floats
     allowed_s: float
+    price_w: Floats | None = None
+    """A price of time (W) of each interval that counts as energy, on top of what the bound finds; None: 0."""
+
+    @property
+    def mean_price_w(self) -> float:
+        """Mean of `price_w` over the way (W)."""
+        return 0.0 if self.price_w is None else float(self.price_w @ self.line.step_m / self.line.step_m.sum())
 
     @cached_property
     def high_w(self) -> Floats:
@@ -107,7 +114,8 @@ def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
         adhesive_force=adhesive * (1.0 + ROUNDING_RATIO) / scale_n if adhesive < NO_LIMIT_N else -1.0,
     )
     box = Box(low_w, high_w, free, task.low_tau, task.high_tau)
-    planes = Planes(planes.force, planes.slowness / scale_n, planes.speed / scale_n, planes.constant / scale_n)
+    slowness = planes.slowness if task.price_w is None else planes.slowness + task.price_w[:, None]
+    planes = Planes(planes.force, slowness / scale_n, planes.speed / scale_n, planes.constant / scale_n)
     program = Program(motion, efforts, box, planes, float(task.allowed_s))
     return program, scale_n
 

@@ -58,8 +58,8 @@ def proven_for_map(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) 
 
     After each search the relaxed run gets planes of its own, below which its energy cannot stay (cutting planes).
     """
-    maker = MapPlanes(task, loss)
-    planes = maker.of_run(force_n, lambda_w)
+    maker, price_w = MapPlanes(task, loss), task.mean_price_w
+    planes = maker.of_run(force_n, price_w + lambda_w)
     best = proven(task, planes, lambda_w)
     last = best
     for _ in range(MOST_CUTS):
@@ -67,7 +67,7 @@ def proven_for_map(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) 
         if not (np.isfinite(local).all() and np.isfinite(w).all()):
             break
         state = MeanSpeeds(np.clip(local[:, 0], task.low_tau, task.high_tau), w[:-1] + w[1:])
-        planes = joined(planes, maker.near(local[:, 1:2], state, last.lambda_w))
+        planes = joined(planes, maker.near(local[:, 1:2], state, price_w + last.lambda_w))
         last = proven(task, planes, last.lambda_w)
         gain_j = last.bound_j - best.bound_j
         best = max(best, last, key=lambda found: found.bound_j)

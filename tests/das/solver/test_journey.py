@@ -202,6 +202,8 @@ def test_the_plan_is_that_of_brute_force_over_all_times(
     # The bound is that of the table, which is a little coarser than the runs.
     assert plan.table_bound_j <= found_j * (1 + 1e-3)
     assert abs(plan.table_gap_ratio) < 1e-3
+    assert plan.gap_reason == ""
+    assert 0.0 <= plan.gap_ratio < 0.01
     # λ falls where a departure is held at its latest, rises where it is at its earliest, and else stays.
     for before, after in pairwise(plan.hops):
         step = after.lambda_w[0] / before.lambda_w[0] - 1
@@ -240,6 +242,8 @@ def test_with_the_least_time_every_section_is_as_fast_as_it_can_be() -> None:
     assert plan.input_j == pytest.approx(planner.fastest_j(), rel=1e-3)
     assert [hop.lambda_w for hop in plan.hops] == [(math.inf,)] * 2
     assert plan.table_bound_j == -math.inf, "no price of time, no bound"
+    assert plan.gap_reason.startswith("a part of the journey has no price of time")
+    assert math.isnan(plan.gap_ratio)
 
 
 def test_fronts_that_are_not_kept_give_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -284,6 +288,7 @@ def test_a_tight_passing_is_that_of_brute_force_over_its_speed(shift_s: float, h
     assert plan.input_j == pytest.approx(found_j, rel=3e-4)
     assert abs(plan.table_gap_ratio) < 1e-3
     assert plan.table_bound_j <= found_j * (1 + 1e-3)
+    assert 0.0 <= plan.gap_ratio < 0.01
 
 
 def test_two_tight_passings_are_those_of_brute_force_over_both_speeds() -> None:
@@ -323,6 +328,7 @@ def test_a_train_that_may_wait_departs_later_and_is_not_slower_than_at_least_ene
     assert leaving.hops[0].lambda_w[0] < 0.0
     assert leaving.input_j > waiting.input_j * 1.05
     assert leaving.table_bound_j > waiting.input_j
+    assert waiting.input_j < leaving.bound_j <= leaving.input_j
 
 
 def test_speeds_at_a_passing_are_kept() -> None:
@@ -432,6 +438,7 @@ def test_windows_are_kept_or_the_journey_is_refused(seed: int) -> None:
         return
     assert_kept(plan)
     assert -5e-3 < plan.table_gap_ratio < 3e-2
+    assert plan.gap_reason or plan.gap_ratio >= 0.0
     assert plan.input_j <= planner.plan(Split.PROPORTIONAL).input_j * (1 + 1e-3)
 
 
@@ -480,6 +487,7 @@ def test_the_journey_of_the_benchmark_with_a_later_end_is_planned(train: str) ->
     held = [x.timing.held for hop in plan.hops for x in hop.passings]
     assert held == [Held.LATEST, Held.EARLIEST]
     assert abs(plan.table_gap_ratio) < 2e-3
+    assert 0.0 <= plan.gap_ratio < 0.02
     raw = Train.read(train_path(train))
     raw = replace(raw, length_m=0.0)  # planned as a point mass
     line = Line.read(track_path("CH_StGallen_Wil"))
