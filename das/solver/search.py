@@ -110,7 +110,7 @@ class TimeSearch:
             requested_s=self.time_s,
             fit=fit,
             lambda_w=self.price_w(place),
-            bound_j=self.state.bound_j(self.policies, self._totals, run.time_s),
+            table_bound_j=self.state.table_bound_j(self.policies, self._totals, run.time_s),
         )
 
     def _enclose(self) -> tuple[Trial | None, Trial]:

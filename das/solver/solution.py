@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from das.domain.route import NEUTRAL
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
 from das.solver.section import LineProfile, Section
+
+if TYPE_CHECKING:
+    from das.solver.bound.certificate import Certificate
 
 Floats = NDArray[np.float64]
 
@@ -31,9 +35,12 @@ class Solution:
     """A trajectory with its ledger and certificate.
 
     `least_time_s` is the time of the fastest run from the same state. `lambda_w` is the price of time at the solution
-    (W; inf for the fastest run). `bound_j` bounds the energy of any trajectory of this discretisation and time from
-    below (the dual bound), and `gap_ratio` = (input − bound)/|input|. The gap can be slightly negative, because the
-    trajectory is integrated more finely than the table behind the bound.
+    (W; inf for the fastest run).
+
+    `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`); it is computed when it is first
+    asked for, and `bound_j`, `gap_ratio` and `gap_reason` are read from it. `table_bound_j` is the least energy in this
+    time as the solver's table of values knows it. It bounds the runs of the table from below, but not the run itself,
+    which is integrated more finely: `table_gap_ratio` can be negative.
     """
 
     section: Section
@@ -42,7 +49,7 @@ class Solution:
     least_time_s: float
     requested_s: float
     lambda_w: float
-    bound_j: float
+    table_bound_j: float
     feasible: bool
 
     @cached_property
@@ -55,10 +62,35 @@ class Solution:
         """Duration of the trajectory (s)."""
         return self.trajectory.time_s
 
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The proven lower bound of the energy, or the reason why there is none."""
+        from das.solver.bound.certificate import certificate
+
+        return certificate(self)
+
+    @property
+    def bound_j(self) -> float:
+        """Energy (J) that no run of this time goes below; NaN where none is proven (see `gap_reason`)."""
+        return self.certificate.bound_j
+
     @property
     def gap_ratio(self) -> float:
-        """Energy above the dual bound, as a share of the energy."""
-        return (self.ledger.input - self.bound_j) / max(abs(self.ledger.input), 1.0)
+        """(input − bound)/|input|, never negative; NaN where no bound is proven (see `gap_reason`)."""
+        return self._above(self.bound_j)
+
+    @property
+    def gap_reason(self) -> str:
+        """Why no bound is proven; empty where one is."""
+        return self.certificate.reason
+
+    @property
+    def table_gap_ratio(self) -> float:
+        """(input − table_bound_j)/|input|: how far the run is above what the table knows; can be negative."""
+        return self._above(self.table_bound_j)
+
+    def _above(self, bound_j: float) -> float:
+        return (self.ledger.input - bound_j) / max(abs(self.ledger.input), 1.0)
 
 
 def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajectory:

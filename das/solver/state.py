@@ -118,10 +118,10 @@ class State(LineProfile):
         one_step_totals(self.speed_mps, self._first_step(), policies, self.section.loss_params, *totals)
         return totals
 
-    def bound_j(self, policies: Policies, totals: Totals, time_s: float) -> float:
-        """Dual bound of the energy (J) in a time: the largest of (least total cost − λ·time) over the ladder.
+    def table_bound_j(self, policies: Policies, totals: Totals, time_s: float) -> float:
+        """Least energy (J) in a time as the table knows it: the largest of (least total cost − λ·time) over the ladder.
 
-        It is −inf where the policies do not know the state.
+        It bounds the runs of the decision grid only. It is −inf where the policies do not know the state.
         """
         if self.speed_mps > self.section.envelope_mps[-len(self.node_m)] + tol.SPEED_TOLERANCE_MPS:
             return -math.inf
@@ -136,13 +136,13 @@ class State(LineProfile):
         requested_s: float,
         fit: Fit,
         lambda_w: float = math.inf,
-        bound_j: float | None = None,
+        table_bound_j: float | None = None,
     ) -> Solution:
-        """A run from this state with its ledger; a run without a price and a bound is the fastest, its own bound."""
+        """A run from this state with its ledger; a run without a price is the fastest, its own bound."""
         speeds, section = run.speeds_mps, self.section
         trajectory = trajectory_on(section, self, speeds)
-        if bound_j is None:
-            bound_j = float(trajectory.input_j(trajectory.loss_j(section.loss)).sum())
+        if table_bound_j is None:
+            table_bound_j = float(trajectory.input_j(trajectory.loss_j(section.loss)).sum())
         ends_right = speeds[-1] >= section.floor_mps[-1] - tol.SPEED_TOLERANCE_MPS
         return Solution(
             section=section,
@@ -151,7 +151,7 @@ class State(LineProfile):
             least_time_s=least_time_s,
             requested_s=requested_s,
             lambda_w=lambda_w,
-            bound_j=bound_j,
+            table_bound_j=table_bound_j,
             feasible=bool(ends_right and (speeds <= section.envelope_mps[-len(speeds) :] + 1e-6).all()),
         )
 

@@ -26,7 +26,7 @@ from das.solver.tolerances import UNREACHABLE
 Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 MANIFEST: Final = "manifest.json"
 INFEASIBLE_STEP: Final = int(np.iinfo(np.uint16).max)
 """Steps of the time-to-go where the end of the section cannot be reached."""

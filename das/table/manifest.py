@@ -63,7 +63,7 @@ _RUN: Mapping[str, Test] = {
     "fit": ("one of " + ", ".join(Fit), lambda x: x in list(Fit)),
     "feasible": ("true or false", lambda x: isinstance(x, bool)),
     **dict.fromkeys(("energy_input_j", "energy_irreversible_j"), _NUMBER),
-    **dict.fromkeys(("lambda_w", "bound_j", "gap_ratio"), _NUMBER_OR_NULL),
+    **dict.fromkeys(("lambda_w", "table_bound_j", "table_gap_ratio"), _NUMBER_OR_NULL),
 }
 _GRID: Mapping[str, Test] = {
     "decision_nodes": _whole(2, MOST_NODES),

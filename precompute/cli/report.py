@@ -65,12 +65,21 @@ def _strategy(answer: Answer) -> str:
     return str(answer.strategy if isinstance(answer, Baseline) else Strategy.OPTIMAL)
 
 
-def _certificate(answer: Answer) -> dict[str, float | None]:
-    price_w, gap_ratio = (answer.lambda_w, answer.gap_ratio) if isinstance(answer, Solution) else (math.inf, math.inf)
+def _certificate(answer: Answer) -> dict[str, float | str | None]:
+    if not isinstance(answer, Solution):
+        gaps = dict.fromkeys(("lambda_kw", "bound_kwh", "gap_ratio", "table_gap_ratio"))
+        return {**gaps, "gap_reason": "a strategy other than optimal has no certificate"}
     return {
-        "lambda_kw": price_w / KW if math.isfinite(price_w) else None,
-        "gap_ratio": gap_ratio if math.isfinite(gap_ratio) else None,
+        "lambda_kw": _finite(answer.lambda_w / KW),
+        "bound_kwh": _finite(kwh(answer.bound_j)),
+        "gap_ratio": _finite(answer.gap_ratio),
+        "table_gap_ratio": _finite(answer.table_gap_ratio),
+        "gap_reason": answer.gap_reason,
     }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _parameters(answer: Answer) -> dict[str, Any]:

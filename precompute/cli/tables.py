@@ -17,10 +17,7 @@ LEGEND = {
     "lost": "the part of it that never comes back",
     "saved": "energy below that of the first row",
     "λ": "price of time, what one second less would cost",
-    "gap": (
-        "how far the energy can be above the least, at most; slightly negative where the run is finer than the table "
-        "behind the bound"
-    ),
+    "gap": "how far the energy can be above the least, at most; – where that is not proven",
     "ms": "computing time",
     "fit": "whether the time asked for was met",
 }

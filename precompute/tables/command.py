@@ -31,8 +31,8 @@ LEGEND = """\
 least s: the least running time; runs: trajectories in the table.
 kWh: net energy at the current collector of the first and of the last run, which
   is mostly the one of least energy.
-gap %: by how much at most the energy of a run lies above its lower bound, in %
-  of the irreversible energy. –: no bound is known."""
+gap %: by how much at most the energy of a run lies above the least that the
+  table knows, in % of the irreversible energy. –: the table knows none."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
@@ -189,9 +189,9 @@ def _facts(table: Table) -> dict[str, Any]:
     runs = table.manifest["trajectories"]
     fastest, slowest = runs[0], runs[-1]
     gaps = [
-        (run["energy_input_j"] - run["bound_j"]) / run["energy_irreversible_j"]
+        (run["energy_input_j"] - run["table_bound_j"]) / run["energy_irreversible_j"]
         for run in runs
-        if run["bound_j"] is not None and run["energy_irreversible_j"] > 0
+        if run["table_bound_j"] is not None and run["energy_irreversible_j"] > 0
     ]
     return {
         "name": table.folder.name,
@@ -206,7 +206,7 @@ def _facts(table: Table) -> dict[str, Any]:
         "first_energy_kwh": kwh(fastest["energy_input_j"]),
         "last_buffer_percent": slowest["buffer_percent"],
         "last_energy_kwh": kwh(slowest["energy_input_j"]),
-        "largest_gap_ratio": max(gaps, default=None),
+        "largest_table_gap_ratio": max(gaps, default=None),
     }
 
 
@@ -229,7 +229,7 @@ def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
     for name in ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "gap\n%", "\nMB"):
         printed.add_column(name, justify="right", no_wrap=True)
     for row in rows:
-        gap = row["largest_gap_ratio"]
+        gap = row["largest_table_gap_ratio"]
         ends = f"{row['from']} – {row['to']}"
         printed.add_row(
             # Names come from a file: what could be markup is printed as it is.

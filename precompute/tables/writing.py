@@ -149,8 +149,8 @@ def _run_facts(buffer_percent: float | None, run: Solution) -> dict[str, Any]:
         "energy_input_j": run.ledger.input,
         "energy_irreversible_j": run.ledger.irreversible,
         "lambda_w": _finite(run.lambda_w),
-        "bound_j": _finite(run.bound_j),
-        "gap_ratio": _finite(run.gap_ratio),
+        "table_bound_j": _finite(run.table_bound_j),
+        "table_gap_ratio": _finite(run.table_gap_ratio),
     }
 
 

@@ -64,8 +64,8 @@ def schedules(which: Which, buffer_ratio: float) -> Asked:
 
 
 def excess_ratio(which: Which, energy_j: float, time_s: float) -> float:
-    """By what share an energy is above the dual bound of the optimum in the same time."""
-    return energy_j / front_of(which).trajectory(time_s).bound_j - 1.0
+    """By what share an energy is above the least that the table knows in the same time."""
+    return energy_j / front_of(which).trajectory(time_s).table_bound_j - 1.0
 
 
 def lasts_s(schedule: Schedule) -> list[float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ from das.domain.route import Route
 from das.domain.trajectory import Ledger, Trajectory
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
+from das.solver.bound.certificate import Certificate
 from das.solver.journey.bound import lower_bound_j
+from das.solver.journey.certificate import PricedTimeline
 from das.solver.journey.chains import Chains, Solved, Split
 from das.solver.journey.hop_fronts import DrivenStretch
 from das.solver.journey.hops import Hop, build_hops
@@ -76,15 +79,16 @@ class HopPlan:
 class JourneyPlan:
     """A planned journey, one part for each hop.
 
-    `bound_j` bounds from below the energy of every run of this discretisation that keeps the windows (see
-    `das.solver.journey.bound`). It is −inf for a split that is not the optimum, and where a span can only just be run
-    in its time.
+    `table_bound_j` bounds from below the energy of every run of the solver's decision grid that keeps the windows (see
+    `das.solver.journey.bound`), but not that of finer runs such as those of the plan. It is −inf for a split that is
+    not the optimum, and where a span can only just be run in its time.
     """
 
     journey: Journey
     split: Split
     hops: tuple[HopPlan, ...]
-    bound_j: float
+    table_bound_j: float
+    priced: PricedTimeline
 
     @property
     def input_j(self) -> float:
@@ -97,10 +101,32 @@ class JourneyPlan:
         running_s = sum(hop.trajectory.time_s for hop in self.hops)
         return sum(hop.ledger.comfort for hop in self.hops) * self.time_s / running_s
 
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The proven lower bound of the energy, or the reason why there is none."""
+        if not all(hop.feasible for hop in self.hops):
+            return Certificate(bound_j=math.nan, allowed_s=math.nan, reason="a hop does not keep its limits or times")
+        return self.priced.certificate([hop.trajectory for hop in self.hops])
+
+    @property
+    def bound_j(self) -> float:
+        """Energy (J) that no run which keeps the windows goes below; NaN where none is proven."""
+        return self.certificate.bound_j
+
     @property
     def gap_ratio(self) -> float:
-        """(input − bound)/|input|; slightly negative where the runs are finer than the table behind the bound."""
+        """(input − bound)/|input|, never negative; NaN where no bound is proven (see `gap_reason`)."""
         return (self.input_j - self.bound_j) / max(abs(self.input_j), 1.0)
+
+    @property
+    def gap_reason(self) -> str:
+        """Why no bound is proven; empty where one is."""
+        return self.certificate.reason
+
+    @property
+    def table_gap_ratio(self) -> float:
+        """(input − bound)/|input|; slightly negative where the runs are finer than the table behind the bound."""
+        return (self.input_j - self.table_bound_j) / max(abs(self.input_j), 1.0)
 
     @property
     def time_s(self) -> float:
@@ -164,8 +190,17 @@ class JourneyPlanner:
             journey=self.journey,
             split=split,
             hops=self._hop_plans(solved),
-            bound_j=lower_bound_j(self.chains, solved) if priced else -math.inf,
+            table_bound_j=lower_bound_j(self.chains, solved) if priced else -math.inf,
+            priced=self._priced(solved),
         )
+
+    def _priced(self, solved: Sequence[Solved]) -> PricedTimeline:
+        """The timeline with the price of its span for every link."""
+        timeline = self.chains.timeline
+        price_w = np.full(len(timeline.links), math.nan)
+        for part in solved:
+            price_w[part.span.begin[0] : part.span.end[0]] = part.lambda_w
+        return PricedTimeline(hops=self.hops, timeline=timeline, price_w=price_w)
 
     def fastest_j(self) -> float:
         """Energy of the journey with every hop as fast as possible, waiting at stops; passing windows are not kept."""

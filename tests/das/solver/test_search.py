@@ -42,7 +42,7 @@ def test_the_time_is_hit(front: Front, buffer_ratio: float) -> None:
     assert abs(found.time_s - wanted.time_s) <= wanted.tolerance_s
     same = front.trajectory(wanted.time_s)
     assert np.array_equal(found.trajectory.v_mps, same.trajectory.v_mps)
-    assert (found.lambda_w, found.bound_j) == (same.lambda_w, same.bound_j)
+    assert (found.lambda_w, found.table_bound_j) == (same.lambda_w, same.table_bound_j)
 
 
 def test_a_policy_at_a_place_of_the_ladder_lies_between_its_neighbours(front: Front) -> None:
@@ -81,14 +81,14 @@ def test_blends_lie_between_their_runs(front: Front) -> None:
     assert state.blend(1.0, quick, slow).time_s == pytest.approx(quick.time_s, rel=1e-6)
 
 
-def test_the_bound_is_below_the_energy_and_unknown_above_the_envelope(front: Front) -> None:
+def test_the_bound_of_the_table_is_near_the_energy_and_unknown_above_the_envelope(front: Front) -> None:
     wanted = search(front, 0.1)
     found, state = wanted.run(), wanted.state
-    bound_j = state.bound_j(front.policies, state.totals(front.policies), found.time_s)
-    assert bound_j == found.bound_j
+    bound_j = state.table_bound_j(front.policies, state.totals(front.policies), found.time_s)
+    assert bound_j == found.table_bound_j
     assert bound_j <= found.ledger.input * 1.004
     above = State.at(front.section, 4_400.0, 35.0)
-    assert above.bound_j(front.policies, above.totals(front.policies), 300.0) == -math.inf
+    assert above.table_bound_j(front.policies, above.totals(front.policies), 300.0) == -math.inf
 
 
 def test_settings_of_the_search() -> None:

@@ -208,12 +208,15 @@ def test_from_any_state_the_run_is_possible_and_on_time(
 def test_certificate_bounds_the_energy(hilly: Front) -> None:
     for buffer_ratio in (0.02, 0.1, 0.3):
         solution = hilly.trajectory(hilly.fastest().time_s * (1 + buffer_ratio))
-        assert -0.004 < solution.gap_ratio < 0.01
+        assert 0.0 <= solution.gap_ratio < 0.02
+        assert -0.004 < solution.table_gap_ratio < 0.01
 
 
 def test_fastest_run_is_its_own_bound(hilly: Front) -> None:
     assert hilly.fastest().gap_ratio == 0.0
-    assert hilly.trajectory(1.0, 4_400.0, 35.0).gap_ratio == 0.0
+    above = hilly.trajectory(1.0, 4_400.0, 35.0)
+    assert (above.table_gap_ratio, above.gap_reason) == (0.0, "the run begins above the braking envelope")
+    assert math.isnan(above.gap_ratio)
 
 
 def test_a_hill_that_needs_momentum_keeps_its_certificate_finite() -> None:
@@ -222,7 +225,8 @@ def test_a_hill_that_needs_momentum_keeps_its_certificate_finite() -> None:
     front = solve_front(build_section(route, make_train(resistance=(2_000.0, 0.0, 10.0))))
     for v_mps in (16.0, 20.0, 25.0):
         solution = front.trajectory(front.fastest(4_000.0, v_mps).time_s * 1.05, 4_000.0, v_mps)
-        assert abs(solution.gap_ratio) < 0.2
+        assert abs(solution.table_gap_ratio) < 0.2
+        assert 0.0 <= solution.gap_ratio < 0.2
     with pytest.raises(InfeasibleError, match="stalls"):
         front.fastest(4_190.0, 2.0)
 

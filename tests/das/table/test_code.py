@@ -38,7 +38,8 @@ from tests.support.driven_node import DrivenNode
 fronts = Fronts(Path("tables"), threads=1)
 driven = DrivenNode(fronts=fronts)
 advice = driven.tick(1.0)
-bound_j = fronts.find(build_section(load_route("flat-6km"), load_vehicle("re460-ic"))).front.trajectory(300.0).bound_j
+found = fronts.find(build_section(load_route("flat-6km"), load_vehicle("re460-ic")))
+bound_j = found.front.trajectory(300.0).table_bound_j
 told = {"cause": advice.cause, "source": advice.source, "events": driven.sink.events(), "bound_j": bound_j}
 print(json.dumps(told))
 """
@@ -114,7 +115,7 @@ def _bound_j(folder: Path) -> float:
 
     found = Fronts(folder / "tables", threads=1).find(build_section(load_route("flat-6km"), load_vehicle("re460-ic")))
     assert found.source.name == "TABLE"
-    return found.front.trajectory(300.0).bound_j
+    return found.front.trajectory(300.0).table_bound_j
 
 
 @pytest.mark.processes

@@ -58,7 +58,7 @@ def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio:
     wanted = wanted_from_start(which, buffer_ratio)
     found = plan(which, wanted)
     assert found.forecast.time_s <= wanted.left_s + 1.0
-    bound_j = drivers_optimum(which).trajectory(found.forecast.time_s).bound_j
+    bound_j = drivers_optimum(which).trajectory(found.forecast.time_s).table_bound_j
     most = 0.04 if (which, buffer_ratio) == (BUNDLED[0], 0.08) else 0.015
     assert -5e-4 <= found.forecast.energy_j / bound_j - 1.0 <= most
 

@@ -1,0 +1,195 @@
+"""The convex relaxation of the runs of a section: what it asks of a run, with every limit rounded to the safe side.
+
+`docs/explanation/bounds.md` shows that every run of the class satisfies all of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.route import NEUTRAL
+from das.solver import tolerances as tol
+from das.solver.kernels.forces import brake_limit, on_supply
+from das.solver.kernels.relaxed_tuples import Box, Planes, Program, RelaxedEfforts, RelaxedMotion
+from das.solver.params import NO_LIMIT_N
+from das.solver.section import LineProfile, Section
+
+Floats = NDArray[np.float64]
+
+LEAST_FORCE_N: Final = 0.1
+"""Where a train has no motors or no electric brake, the relaxation still allows it this force (N): the allowed forces
+then have an interior, as the method needs, and 10 km of it are 0.0003 kWh."""
+LEAST_POWER_W: Final = 1.0
+"""The least power (W) of motors and of the electric brake, for the same reason."""
+LEAST_START_SHARE: Final = 0.05
+"""The cut of the power limit is used where the slower speed it stands for is at least this share of the faster one;
+elsewhere the force limit is the lower one."""
+ROUNDING_RATIO: Final = 1e-9
+"""Runs keep their limits to about this ratio, which the relaxation therefore allows."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """What is bounded: runs with the speeds of a given run at both ends that take at most `allowed_s`.
+
+    `line` is the section or its part from the state of the train on, `envelope_mps` the fastest speed at its nodes, and
+    `speeds_mps` the given run, at which the cuts of the relaxation are made.
+    """
+
+    section: Section
+    line: LineProfile
+    envelope_mps: Floats
+    speeds_mps: Floats
+    allowed_s: float
+    price_w: Floats | None = None
+    """A price of time (W) of each interval that counts as energy, on top of what the bound finds; None: 0."""
+
+    @property
+    def mean_price_w(self) -> float:
+        """Mean of `price_w` over the way (W)."""
+        return 0.0 if self.price_w is None else float(self.price_w @ self.line.step_m / self.line.step_m.sum())
+
+    @cached_property
+    def high_w(self) -> Floats:
+        """Largest v²/2 of each node (m²/s²)."""
+        high = 0.5 * (self.envelope_mps + tol.SPEED_TOLERANCE_MPS) ** 2
+        high[[0, -1]] = 0.5 * self.speeds_mps[[0, -1]] ** 2
+        return high
+
+    @cached_property
+    def low_tau(self) -> Floats:
+        """Least slowness of each interval (s/m): at the largest speeds."""
+        fastest = np.sqrt(2.0 * self.high_w)
+        return np.asarray(2.0 / (fastest[:-1] + fastest[1:]))
+
+    @cached_property
+    def high_tau(self) -> Floats:
+        """Largest slowness of each interval (s/m): all the time that the others cannot need is spent in it."""
+        spare_s = max(self.allowed_s - float(self.line.step_m @ self.low_tau), 0.0)
+        return np.asarray(self.low_tau + spare_s / self.line.step_m)
+
+
+class _Cut(NamedTuple):
+    """A limit of a force by a power (N·s/m and N): force <= slope·slowness + offset."""
+
+    slope: Floats
+    offset: Floats
+
+
+def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
+    """The relaxation of a task, and the force (N) that is 1 in it.
+
+    The energy per metre (N) of a run is nowhere below `planes` (see `das.solver.bound.planes`)."""
+    section, line = task.section, task.line
+    train, step = section.train, line.step_m
+    scale_n = max(train.traction_force_n, 1.0)
+    high_w = task.high_w
+    resistance = _Resistance.of(task, high_w)
+    traction_n, electric_n = _force_limits(task)
+    traction = _power_cut(task, max(train.traction_power_w, LEAST_POWER_W), resistance.highest_n)
+    electric = _power_cut(task, max(train.electric_power_w, LEAST_POWER_W), -resistance.lowest_n)
+    low_w, free = np.zeros_like(high_w), np.ones(len(high_w), np.bool_)
+    low_w[[0, -1]], free[[0, -1]] = high_w[[0, -1]], False
+    adhesive = train.adhesive_force_n
+    motion = RelaxedMotion(
+        step_m=np.ascontiguousarray(step),
+        inertia=train.inertial_mass_kg / step / scale_n,
+        constant=resistance.constant_n / scale_n,
+        linear=resistance.linear / scale_n,
+        quadratic=resistance.quadratic / scale_n,
+        max_acceleration=acceleration_limits(task, resistance.lowest_n),
+    )
+    efforts = RelaxedEfforts(
+        traction_force=traction_n / scale_n,
+        traction_power=traction.slope / scale_n,
+        traction_offset=traction.offset / scale_n,
+        electric_force=electric_n / scale_n,
+        electric_power=electric.slope / scale_n,
+        electric_offset=electric.offset / scale_n,
+        adhesive_force=adhesive * (1.0 + ROUNDING_RATIO) / scale_n if adhesive < NO_LIMIT_N else -1.0,
+    )
+    box = Box(low_w, high_w, free, task.low_tau, task.high_tau)
+    slowness = planes.slowness if task.price_w is None else planes.slowness + task.price_w[:, None]
+    planes = Planes(planes.force, slowness / scale_n, planes.speed / scale_n, planes.constant / scale_n)
+    program = Program(motion, efforts, box, planes, float(task.allowed_s))
+    return program, scale_n
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Resistance:
+    """Resistance over an interval: at least constant_n + linear/τ + quadratic·(w0 + w1), in N.
+
+    Where the linear part is negative (a tail wind), the mean speed is bounded from above by a tangent of the square
+    root, which is linear in w. `highest_n` and `lowest_n` bound the resistance of every run.
+    """
+
+    constant_n: Floats
+    linear: Floats
+    quadratic: Floats
+    highest_n: Floats
+    lowest_n: Floats
+
+    @classmethod
+    def of(cls, task: Task, high_w: Floats) -> _Resistance:
+        train, line = task.section.train, task.line
+        constant = train.c0_n + line.constant_n
+        quadratic = train.c2_n_per_mps2 + line.tunnel_n_per_mps2
+        linear = np.full_like(constant, train.c1_n_per_mps)
+        fastest = np.sqrt(2.0 * np.maximum(high_w[:-1], high_w[1:]))
+        highest = constant + np.maximum(linear, 0.0) * fastest + quadratic * (high_w[:-1] + high_w[1:])
+        lowest = constant + np.minimum(linear, 0.0) * fastest
+        at_mps = np.maximum(0.5 * (task.speeds_mps[:-1] + task.speeds_mps[1:]), tol.CREEP_MPS)
+        pushed = np.minimum(linear, 0.0)
+        return cls(
+            constant_n=constant + 0.5 * pushed * at_mps,
+            linear=np.maximum(linear, 0.0),
+            quadratic=quadratic + 0.5 * pushed / at_mps,
+            highest_n=highest,
+            lowest_n=lowest,
+        )
+
+
+def _force_limits(task: Task) -> tuple[Floats, Floats]:
+    """Largest traction and largest electric brake of each interval (N)."""
+    train, supply = task.section.train, task.line.supply
+    has_electric = (supply >= 0) & (not train.brakes_dissipate)
+    traction = np.where(supply == NEUTRAL, 0.0, train.traction_force_n * (1.0 + ROUNDING_RATIO))
+    electric = np.where(has_electric, train.electric_force_n * (1.0 + ROUNDING_RATIO), 0.0)
+    return np.maximum(traction, LEAST_FORCE_N), np.maximum(electric, LEAST_FORCE_N)
+
+
+def _power_cut(task: Task, power_w: float, resisting_n: Floats) -> _Cut:
+    """The power limit at the faster end of an interval as a limit that is linear in the slowness.
+
+    A force F > `resisting_n` changes the speed, so that the faster end is faster than the mean: F is at most the root
+    of F + G·F·(F − R) = P·τ with G = h·τ²/2M. The root is concave in τ, so its tangent at the given run bounds it.
+    Where the given run is too slow for that, P·τ itself is the limit.
+    """
+    power_w *= 1.0 + ROUNDING_RATIO
+    step, mass_kg = task.line.step_m, task.section.train.inertial_mass_kg
+    tau = 2.0 / np.maximum(task.speeds_mps[:-1] + task.speeds_mps[1:], tol.CREEP_MPS)
+    bend = 0.5 * step * tau**2 / mass_kg
+    rest = 1.0 - bend * resisting_n
+    force = 2.0 * power_w * tau / (rest + np.sqrt(rest**2 + 4.0 * bend * power_w * tau))
+    fast = power_w / force
+    slow = 2.0 / tau - fast
+    usable = (power_w * tau > resisting_n) & (slow > LEAST_START_SHARE * fast)
+    change = (fast + step * power_w / (mass_kg * fast**2)) / np.where(usable, slow, 1.0)
+    slope = np.where(usable, 2.0 * power_w / (fast**2 * tau**2 * (1.0 + change)), power_w)
+    return _Cut(slope, np.where(usable, force - slope * tau, 0.0))
+
+
+def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
+    """Largest acceleration of each interval (m/s²); none where a descent is too steep for the brakes to keep it."""
+    train = task.section.train
+    fastest_mps = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS
+    weakest_n = np.array(
+        [brake_limit(fastest_mps, on_supply(train, u), train.friction_force_n) for u in task.line.supply]
+    )
+    kept = -(weakest_n + lowest_n) <= train.max_acceleration_mps2 * train.inertial_mass_kg
+    return np.where(kept, train.max_acceleration_mps2 * (1.0 + ROUNDING_RATIO), NO_LIMIT_N)

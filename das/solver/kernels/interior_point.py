@@ -1,0 +1,242 @@
+"""An interior point method for the convex relaxation of a section (Mehrotra's predictor and corrector).
+
+The program's matrix couples only neighbouring nodes, so a Newton step costs as much as a few sweeps over the line.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.compiling.kernels import kernel
+from das.solver.kernels.newton_system import empty_newton, evaluate, factor, solve
+from das.solver.kernels.relaxed_interval import FIXED_ROWS
+from das.solver.kernels.relaxed_program import proven_bound
+from das.solver.kernels.relaxed_tuples import Multipliers, Program, RelaxedRun
+
+Floats = NDArray[np.float64]
+
+_TO_BOUNDARY = 0.99
+"""Share of the way to the nearest bound that a step takes."""
+_LEAST_SLACK = 0.01
+"""Least slack of a constraint at the first point, whether it is kept there or not."""
+_CENTRE = 0.1
+"""First product of slack and multiplier of a constraint, per metre."""
+_PATIENCE = 5
+"""The search ends after this number of steps in a row without a higher bound, once it has a useful one."""
+_USEFUL = 2e-4
+"""A bound is useful where it is below the energy of the point by at most this ratio."""
+_FEASIBLE = 1e-5
+"""A point keeps its constraints where none is missed by more than this."""
+
+
+class Iterate(NamedTuple):
+    """A point with the slacks and multipliers of its constraints (n, rows), and those of the time (1,)."""
+
+    run: RelaxedRun
+    multipliers: Multipliers
+    slack: Floats
+    spare_s: Floats
+
+
+class Direction(NamedTuple):
+    """Changes of all that an `Iterate` holds."""
+
+    w: Floats
+    local: Floats
+    rows: Floats
+    slack: Floats
+    price: Floats
+    spare_s: Floats
+
+
+class TimeColumn(NamedTuple):
+    """The Newton matrix solved for the row of the time: with it, the one dense row costs next to nothing."""
+
+    w: Floats
+    local: Floats
+
+
+@kernel
+def best_bound(run: RelaxedRun, multipliers: Multipliers, program: Program, most_steps, enough):
+    """Improve a point and its multipliers by Newton steps; returns the best bound, its price of time, and the steps.
+
+    The first point need not keep the constraints. The search stops when the bound is within `enough` (a ratio) of the
+    energy of a point that does, where it no longer improves, or after `most_steps`.
+    """
+    n, m = multipliers.rows.shape
+    newton = empty_newton(n, m)
+    evaluate(run, multipliers.rows, program, newton)
+    now = Iterate(run, multipliers, np.empty((n, m)), np.empty(1))
+    _set_slacks(now, program, newton)
+    change = Direction(np.zeros(n + 1), np.zeros((n, 3)), np.zeros((n, m)), np.zeros((n, m)), np.zeros(1), np.zeros(1))
+    column = TimeColumn(np.empty(n + 1), np.empty((n, 3)))
+    best, best_price, idle = -np.inf, multipliers.time[0], 0
+    for step in range(most_steps):
+        _find_direction(now, program, newton, column, change)
+        _advance(now, program, change)
+        evaluate(run, multipliers.rows, program, newton)
+        energy, size, worst = _quality(now, program, newton)
+        found = proven_bound(run, multipliers, program)
+        idle = 0 if found > best + 0.1 * enough * size or not found <= energy else idle + 1
+        if found > best:
+            best, best_price = found, multipliers.time[0]
+        near = energy - best
+        is_found = near <= enough * size and worst < _FEASIBLE
+        if is_found or (near <= _USEFUL * size and idle >= _PATIENCE) or not math.isfinite(energy):
+            return best, best_price, step + 1
+    return best, best_price, most_steps
+
+
+@kernel
+def _set_slacks(now, program, newton):
+    """First slacks: those of the point where it keeps a constraint; multipliers of the limits that fit them."""
+    n, m = now.slack.shape
+    for k in range(n):
+        for i in range(m):
+            now.slack[k, i] = max(-newton.value[k, i], _LEAST_SLACK)
+            if 0 < i < FIXED_ROWS:
+                now.multipliers.rows[k, i] = _CENTRE * program.motion.step_m[k] / now.slack[k, i]
+    spare_s = program.allowed_s - _time(program, now.run.local)
+    now.spare_s[0] = max(spare_s, 1e-3 * program.allowed_s)
+
+
+@kernel
+def _time(program, local):
+    """Time (s) of the slownesses in `local`, or change of time for a change of them."""
+    total = 0.0
+    for k in range(local.shape[0]):
+        total += program.motion.step_m[k] * local[k, 0]
+    return total
+
+
+@kernel
+def _complementarity(now):
+    """Sum of all products of slack and multiplier."""
+    total = now.multipliers.time[0] * now.spare_s[0]
+    for k in range(now.slack.shape[0]):
+        for i in range(now.slack.shape[1]):
+            total += now.slack[k, i] * now.multipliers.rows[k, i]
+    return total
+
+
+@kernel
+def _find_direction(now, program, newton, column, change):
+    """The predictor aims at products of 0; how far it gets tells what the corrector aims at."""
+    n, m = now.slack.shape
+    factor(now.multipliers.rows / now.slack, newton, program.box.free)
+    in_w, in_local = np.zeros(n + 1), np.zeros((n, 3))
+    in_local[:, 0] = program.motion.step_m
+    solve(newton, program.box.free, in_w, in_local, column.w, column.local)
+    total = _complementarity(now)
+    change.rows[:] = 0.0
+    change.slack[:] = 0.0
+    change.price[0] = 0.0
+    change.spare_s[0] = 0.0
+    _newton_step(now, program, newton, column, 0.0, change)
+    primal, dual = _longest_steps(now, change)
+    after = (now.multipliers.time[0] + dual * change.price[0]) * (now.spare_s[0] + primal * change.spare_s[0])
+    for k in range(n):
+        for i in range(m):
+            y = now.multipliers.rows[k, i] + dual * change.rows[k, i]
+            after += y * (now.slack[k, i] + primal * change.slack[k, i])
+    centre = total / (n * m + 1) * min(max(after / total, 0.0), 1.0) ** 3
+    _newton_step(now, program, newton, column, centre, change)
+
+
+@kernel
+def _newton_step(now, program, newton, column, centre, change):
+    """The Newton step towards products of `centre`; `change` holds the predictor's, whose products are corrected."""
+    n, m = now.slack.shape
+    y, slack, price, spare_s = now.multipliers.rows, now.slack, now.multipliers.time[0], now.spare_s[0]
+    weights = np.empty((n, m))
+    for k in range(n):
+        for i in range(m):
+            miss = slack[k, i] * y[k, i] - centre + change.slack[k, i] * change.rows[k, i]
+            weights[k, i] = y[k, i] + (y[k, i] * (newton.value[k, i] + slack[k, i]) - miss) / slack[k, i]
+    over_s = _time(program, now.run.local) + spare_s - program.allowed_s
+    time_miss = spare_s * price - centre + change.spare_s[0] * change.price[0]
+    in_w, in_local = np.empty(n + 1), np.empty((n, 3))
+    _right_side(weights, program, newton, price + (price * over_s - time_miss) / spare_s, in_w, in_local)
+    solve(newton, program.box.free, in_w, in_local, change.w, change.local)
+    ratio = price / spare_s
+    share = ratio * _time(program, change.local) / (1.0 + ratio * _time(program, column.local))
+    change.w[:] -= share * column.w
+    change.local[:] -= share * column.local
+    change.spare_s[0] = -over_s - _time(program, change.local)
+    change.price[0] = (-time_miss - price * change.spare_s[0]) / spare_s
+    for k in range(n):
+        for i in range(m):
+            moved = newton.slope[k, i, 0] * change.w[k] + newton.slope[k, i, 1] * change.w[k + 1]
+            for j in range(3):
+                moved += newton.slope[k, i, 2 + j] * change.local[k, j]
+            miss = slack[k, i] * y[k, i] - centre + change.slack[k, i] * change.rows[k, i]
+            change.slack[k, i] = -(newton.value[k, i] + slack[k, i]) - moved
+            change.rows[k, i] = (-miss - y[k, i] * change.slack[k, i]) / slack[k, i]
+
+
+@kernel
+def _right_side(weights, program, newton, price, in_w, in_local):
+    """−(slope of the energy) − (slopes of the constraints)·weights, with the time's weight `price`."""
+    in_w[:] = 0.0
+    for k in range(weights.shape[0]):
+        h = program.motion.step_m[k]
+        in_local[k, 0] = -h * price
+        in_local[k, 1] = 0.0
+        in_local[k, 2] = -h
+        for i in range(weights.shape[1]):
+            y = weights[k, i]
+            in_w[k] -= y * newton.slope[k, i, 0]
+            in_w[k + 1] -= y * newton.slope[k, i, 1]
+            for j in range(3):
+                in_local[k, j] -= y * newton.slope[k, i, 2 + j]
+
+
+@kernel
+def _longest_steps(now, change):
+    """The longest steps (at most 1) that keep slacks and multipliers positive."""
+    primal, dual = 1.0, 1.0
+    if change.spare_s[0] < 0.0:
+        primal = min(primal, -now.spare_s[0] / change.spare_s[0])
+    if change.price[0] < 0.0:
+        dual = min(dual, -now.multipliers.time[0] / change.price[0])
+    for k in range(now.slack.shape[0]):
+        for i in range(now.slack.shape[1]):
+            if change.slack[k, i] < 0.0:
+                primal = min(primal, -now.slack[k, i] / change.slack[k, i])
+            if change.rows[k, i] < 0.0:
+                dual = min(dual, -now.multipliers.rows[k, i] / change.rows[k, i])
+    return primal, dual
+
+
+@kernel
+def _advance(now, program, change):
+    """Take the step, but no longer than that speeds and slownesses stay positive."""
+    primal, dual = _longest_steps(now, change)
+    for k in range(now.slack.shape[0]):
+        if change.local[k, 0] < 0.0:
+            primal = min(primal, -0.9 * now.run.local[k, 0] / change.local[k, 0])
+        if change.w[k] < 0.0 and program.box.free[k]:
+            primal = min(primal, -0.9 * now.run.w[k] / change.w[k])
+    primal, dual = min(1.0, _TO_BOUNDARY * primal), min(1.0, _TO_BOUNDARY * dual)
+    now.run.w[:] += primal * change.w
+    now.run.local[:] += primal * change.local
+    now.slack[:] += primal * change.slack
+    now.spare_s[0] += primal * change.spare_s[0]
+    now.multipliers.rows[:] += dual * change.rows
+    now.multipliers.time[0] += dual * change.price[0]
+
+
+@kernel
+def _quality(now, program, newton):
+    """Energy of the point, the sum of its amounts, and by how much the worst constraint is missed."""
+    energy, size, worst = 0.0, 0.0, 0.0
+    for k in range(now.slack.shape[0]):
+        energy += program.motion.step_m[k] * now.run.local[k, 2]
+        size += program.motion.step_m[k] * abs(now.run.local[k, 2])
+        for i in range(now.slack.shape[1]):
+            worst = max(worst, abs(newton.value[k, i] + now.slack[k, i]))
+    return energy, size, worst
