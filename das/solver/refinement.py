@@ -22,8 +22,15 @@ from das.solver.kernels.roll_out import blend_runs
 from das.solver.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
 from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State
+from das.solver.warm_up import warm_up
 
 Floats = NDArray[np.float64]
+
+LARGEST_SHARE = 0.8
+"""The outermost lines take at most this share of a run's v² away, so that no line stands still."""
+
+FIRST_FACTOR = 1.03
+"""The second price of time that a pass tries is this many times the first, or the first over it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +44,6 @@ class RefinementSettings:
     """The outermost lines of the first pass differ from the run by this (m/s) at `reference_speed_mps`."""
     reference_speed_mps: float = 20.0
     """Lines are evenly spaced in v², because a shift in v² keeps the force; widths in m/s are meant at this speed."""
-    widest_share: float = 0.8
-    """The outermost lines take at most this share of the run's v² away, so that no line stands still."""
     shrink: float = 0.6
     """Each pass is narrower than the one before by this factor."""
     passes: int = 12
@@ -109,6 +114,12 @@ def refined(
     return found if is_better else solution
 
 
+def warm_up_refinement() -> None:
+    """Refine a run of a tiny section, so that every kernel is compiled or loaded; about 10 s on a new machine."""
+    front = warm_up()
+    refined(front.trajectory(1.1 * front.fastest().time_s))
+
+
 class TubeSearch:
     """Improves runs from a state that are to take `wanted_s`, tube by tube."""
 
@@ -158,7 +169,7 @@ class TubeSearch:
             high=np.maximum(state.envelope_mps**2, squared),
             share=_shares(state.node_m, knot),
             knot=knot,
-            spacing=np.minimum(spacing, settings.widest_share * squared[knot] / settings.lines),
+            spacing=np.minimum(spacing, LARGEST_SHARE * squared[knot] / settings.lines),
             lines=settings.lines,
         )
 
@@ -167,7 +178,7 @@ class TubeSearch:
         value = np.full((len(tube.knot), 2 * tube.lines + 1), tol.INFEASIBLE)
         value[-1, tube.lines] = 0.0
         slow = quick = None
-        factor = 1.0 + 0.03
+        factor = FIRST_FACTOR
         for _ in range(self.settings.most_trials):
             trial = self._trial(tube, moves, value, price_w)
             if trial is None:
@@ -191,9 +202,7 @@ class TubeSearch:
         """The run of a price of time in a tube; None where it comes to no end."""
         speeds = np.empty(len(tube.squared))
         tube_sweep(price_w, moves, value)
-        energy_j, time_s = tube_roll_out(
-            price_w, tube, self._line, self.state.section.train, self._loss, value, speeds
-        )
+        energy_j, time_s = tube_roll_out(price_w, tube, self._line, self.state.section.train, self._loss, value, speeds)
         return _Run(speeds, energy_j, time_s, price_w) if time_s > 0 else None
 
     def _is_enclosed(self, slow: _Run, quick: _Run) -> bool:
