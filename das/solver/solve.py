@@ -58,11 +58,12 @@ def solve_front(
 
 
 def default_ladder(section: Section) -> Floats:
-    """A few very small multipliers, then a geometric ladder to well above the power the train can use here (W)."""
-    lowest = np.array(tol.LADDER_LOWEST_RATIOS)
-    ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, tol.LADDER_SIZE - len(lowest))
+    """A few very small multipliers, a geometric ladder, and a few far above the power the train can use here (W)."""
+    lowest, highest = np.array(tol.LADDER_LOWEST_RATIOS), np.array(tol.LADDER_HIGHEST_RATIOS)
+    between = tol.LADDER_SIZE - len(lowest) - len(highest)
+    ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, between)
     usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
-    return np.asarray(usable_w * np.concatenate((lowest, ladder)), dtype=float)
+    return np.asarray(usable_w * np.concatenate((lowest, ladder, highest)), dtype=float)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
