@@ -143,8 +143,9 @@ def test_peak_memory_sees_what_a_call_allocates() -> None:
 
 
 def test_the_roofline_adds_arithmetic_and_takes_the_longer_of_it_and_memory() -> None:
-    roofline = Roofline(threads=1, flops=1e10, divisions_ps=1e9, copy_bps=1e10, fresh_bps=1e9)
+    roofline = Roofline(threads=1, flops=1e10, divisions_ps=1e9, vector_divisions_ps=4e9, copy_bps=1e10, fresh_bps=1e9)
     assert roofline.least_s(flop=1e10, divisions=1e9) == pytest.approx(2.0)
+    assert roofline.least_s(flop=1e10, vector_divisions=2e9) == pytest.approx(1.5)
     assert roofline.least_s(flop=1e10, moved_bytes=5e9, fresh_bytes=2e9) == pytest.approx(2.5)
     measured = Roofline.measured(2)
     assert all(math.isfinite(rate) and rate > 0 for rate in vars(measured).values())
