@@ -1,7 +1,7 @@
 """Memory for large arrays that is kept after an array and used again for the next.
 
-The system hands out fresh memory page by page and clears it first: for a front of 60 MB that takes as long as a sixth
-of solving it. A front that is solved while the one before it is no longer used takes over its memory.
+The system hands out fresh memory page by page and clears it first: of the front of a line of 31 km (57 MB) that was 7 %
+of the work. A front that is solved when an earlier one is no longer used takes over its memory.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ Number = TypeVar("Number", bound=np.generic)
 KEPT_BYTES = 128_000_000
 """At most this much memory that no array uses is kept (bytes): two fronts of 30 km, or one of 57 km."""
 LARGEST_RATIO = 2.0
-"""A kept block is used for an array of at least this part of its size, 1 over the number."""
+"""A kept block is used only for an array that needs at least half of it: it is at most this many times as large."""
+
+ALIGNED_BYTES = 64
+"""Arrays begin at a multiple of this (bytes): a line of the cache, so that no vector lies across two."""
 
 
 class KeptMemory:
@@ -37,8 +40,8 @@ class KeptMemory:
         size = math.prod(shape) * kind.itemsize
         if size == 0:
             return np.empty(shape, kind)
-        block = self._taken(size)
-        array = np.frombuffer(block.data, kind, count=math.prod(shape))
+        block = self._taken(size + ALIGNED_BYTES)
+        array = np.frombuffer(block.data, kind, count=math.prod(shape), offset=-block.ctypes.data % ALIGNED_BYTES)
         # Every view of the array refers to this memoryview: when it goes, nobody can see the block any more.
         weakref.finalize(array.base, self._give_back, block).atexit = False
         return array.reshape(shape)

@@ -21,7 +21,7 @@ from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, solve_front
 from das.solver.tolerances import LADDER_SIZE
 from precompute.bench.lines import made_up_line
 from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of, timed
-from precompute.bench.plain import bisected, numpy_sweep
+from precompute.bench.plain import bisected, numpy_sweep, plain_front
 from precompute.bench.plain_transitions import plain_transitions
 from precompute.bench.roofline import Roofline
 from precompute.exact.front import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL, solve_exact
@@ -141,7 +141,7 @@ def front_of_reference(reference: Reference) -> list[Figure]:
     section, threads = reference.section, reference.threads
     times = in_turns(
         lambda: solve_front(section, threads=threads),
-        lambda: all_at_once(section),
+        lambda: plain_front(section, threads),
         rounds=reference.effort.rounds,
     )
     return [
@@ -150,7 +150,7 @@ def front_of_reference(reference: Reference) -> list[Figure]:
                 name="front",
                 what=f"front of {LADDER_SIZE} multipliers, {section.name}",
                 unit="ms",
-                baseline="one thread, all transitions first",
+                baseline="transitions of one speed after the other, fresh memory",
                 bound=FRONT_BOUND,
             ),
             reference.workload.least_s(reference.all_threads),
