@@ -72,7 +72,9 @@ def test_moves_are_those_of_one_speed_after_the_other(case: str) -> None:
     used = same[..., np.newaxis] & (landing < found.count[..., np.newaxis])
     assert found.energy_j[used] == pytest.approx(expected.energy_j[used], rel=1e-9, abs=1e-3)
     assert found.time_s[used] == pytest.approx(expected.time_s[used], rel=1e-6)
-    assert (found.target + found.weight)[used] == pytest.approx((expected.target + expected.weight)[used], abs=1e-4)
+    assert found.target[used] + found.weight[used] == pytest.approx(
+        expected.target[used] + expected.weight[used], abs=1e-4
+    )
     padded = (landing >= found.count[..., np.newaxis]) & (
         landing < -(-found.count[..., np.newaxis] // TOGETHER) * TOGETHER
     )
