@@ -44,7 +44,7 @@ def modules() -> list[Path]:
 def is_kernel(node: Function) -> bool:
     """Whether numba compiles the function."""
     names = {_name(decorator).split(".")[-1] for decorator in node.decorator_list}
-    return bool(names & {"njit", "kernel", "jit", "vectorize"})
+    return bool(names & {"njit", "kernel", "compiled", "jit", "vectorize"})
 
 
 def _name(node: ast.expr) -> str:

@@ -15,6 +15,7 @@ from das.solver.front import Front
 from das.solver.kernels.sweep import backward_sweep
 from das.solver.kernels.transitions import PADDED_LANDINGS, transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
+from das.solver.memory import KEPT
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -44,7 +45,7 @@ def solve_front(
     ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
     grid = DecisionGrid.of(section)
     n, states, size = len(grid.node_m) - 1, grid.speed_steps + 1, len(ladder)
-    value, time_to_go = np.empty((n + 1, states, size)), np.empty((n + 1, states, size), np.float32)
+    value, time_to_go = KEPT.empty((n + 1, states, size), np.float64), KEPT.empty((n + 1, states, size), np.float32)
     value[-1] = 0.0 if end_value_j is None else end_value_j[:, np.newaxis]
     time_to_go[-1] = 0.0
     working_space = Transitions.empty(min(block_nodes, n), states)
@@ -58,11 +59,12 @@ def solve_front(
 
 
 def default_ladder(section: Section) -> Floats:
-    """A few very small multipliers, then a geometric ladder to well above the power the train can use here (W)."""
-    lowest = np.array(tol.LADDER_LOWEST_RATIOS)
-    ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, tol.LADDER_SIZE - len(lowest))
+    """A few very small multipliers, a geometric ladder, and a few far above the power the train can use here (W)."""
+    lowest, highest = np.array(tol.LADDER_LOWEST_RATIOS), np.array(tol.LADDER_HIGHEST_RATIOS)
+    between = tol.LADDER_SIZE - len(lowest) - len(highest)
+    ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, between)
     usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
-    return np.asarray(usable_w * np.concatenate((lowest, ladder)), dtype=float)
+    return np.asarray(usable_w * np.concatenate((lowest, ladder, highest)), dtype=float)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,11 +82,11 @@ class Transitions:
         """Room for the moves of this number of nodes and speeds."""
         shape = (nodes, states, PADDED_LANDINGS)
         return cls(
-            time_s=np.empty(shape, np.float32),
-            energy_j=np.empty(shape),
-            target=np.empty(shape, np.int16),
-            weight=np.empty(shape, np.float32),
-            count=np.empty(shape[:2], np.int16),
+            time_s=KEPT.empty(shape, np.float32),
+            energy_j=KEPT.empty(shape, np.float64),
+            target=KEPT.empty(shape, np.int16),
+            weight=KEPT.empty(shape, np.float32),
+            count=KEPT.empty(shape[:2], np.int16),
         )
 
     @property

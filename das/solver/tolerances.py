@@ -55,6 +55,9 @@ class LadderSettings:
     """The geometric part of the ladder begins at this multiple of that power."""
     high_ratio: float = 10.0
     """The geometric part of the ladder ends at this multiple of that power, where runs are almost the fastest."""
+    highest_ratios: tuple[float, ...] = (20.0, 45.0, 100.0)
+    """The last multipliers. With a buffer of 0.1 % the price of time is ten times the power and more: a ladder without
+    these leaves up to 1 % of the energy of such a run."""
     idle_ratios: tuple[float, ...] = (0.99, 0.95, 0.8, 0.5, 0.2)
     """Below 0 the ladder of a journey has these multiples of the train's idle loss, for a window that asks for a run
     slower than that of least energy. At -1 a standing train would cost nothing, so the first is the slowest run."""
@@ -129,6 +132,7 @@ LADDER_SIZE: Final = settings.ladder.size
 LADDER_LOWEST_RATIOS: Final = settings.ladder.lowest_ratios
 LADDER_LOW_RATIO: Final = settings.ladder.low_ratio
 LADDER_HIGH_RATIO: Final = settings.ladder.high_ratio
+LADDER_HIGHEST_RATIOS: Final = settings.ladder.highest_ratios
 LADDER_IDLE_RATIOS: Final = settings.ladder.idle_ratios
 JOURNEY_FRONTS_BYTES: Final = settings.journey.fronts_bytes
 JOURNEY_TIME_TOLERANCE_S: Final = settings.journey.time_tolerance_s

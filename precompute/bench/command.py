@@ -153,8 +153,9 @@ def _print(result: dict[str, Any]) -> None:
     for roofline in result["rooflines"]:
         _print_wrapped(
             f"{roofline['threads']} thread(s): {roofline['flops'] / GIGA:.0f} GFlop/s in vectors, "
-            f"{roofline['divisions_ps'] / GIGA:.2f} G divisions/s, copying {roofline['copy_bps'] / GIGA:.1f} GB/s, "
-            f"fresh memory {roofline['fresh_bps'] / GIGA:.1f} GB/s",
+            f"{roofline['divisions_ps'] / GIGA:.2f} G divisions/s, "
+            f"{roofline['vector_divisions_ps'] / GIGA:.2f} G/s in vectors, "
+            f"copying {roofline['copy_bps'] / GIGA:.1f} GB/s, fresh memory {roofline['fresh_bps'] / GIGA:.1f} GB/s",
             "  ",
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,19 +15,21 @@ from das.domain.losses import Level
 from das.domain.units import KM, KMH
 from das.solver.front import Front
 from das.solver.kernels.landings import LANDINGS
+from das.solver.kernels.transitions import transitions
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, in_parts, solve_front
+from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, solve_front
 from das.solver.tolerances import LADDER_SIZE
 from precompute.bench.lines import made_up_line
 from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of, timed
-from precompute.bench.plain import bisected, numpy_sweep
+from precompute.bench.plain import bisected, numpy_sweep, plain_front
+from precompute.bench.plain_transitions import plain_transitions
 from precompute.bench.roofline import Roofline
 from precompute.exact.front import solve_exact
 from precompute.exact.passes import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL
 
-DIVISIONS_PER_TRANSITION = 7
-"""Divisions and roots, counted in das/solver/kernels: step_cost 3 to 4, locate 1, and a landing's share of the four
-landing speeds of its state, 3. They are what the scalar code waits for."""
+DIVISIONS_PER_TRANSITION = 4
+"""Divisions and roots in vectors, counted in das/solver/kernels/abreast.py: its cost 1, its place on the grid 1, and
+its share of the four landing speeds of its state, each found in four steps of 2."""
 DIVISIONS_PER_LANDING_TRIED = 5
 """Divisions for each landing that a roll-out tries: step_cost has 3 to 4, locate has 1."""
 POLISHED_LANDINGS = 12
@@ -119,7 +121,7 @@ class Workload:
 
     def least_s(self, roofline: Roofline) -> float:
         """Least time of the front: its arithmetic, or writing its result to fresh memory."""
-        return roofline.least_s(divisions=self.divisions, flop=self.flop, fresh_bytes=self.result_bytes)
+        return roofline.least_s(vector_divisions=self.divisions, flop=self.flop, fresh_bytes=self.result_bytes)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,7 +142,7 @@ def front_of_reference(reference: Reference) -> list[Figure]:
     section, threads = reference.section, reference.threads
     times = in_turns(
         lambda: solve_front(section, threads=threads),
-        lambda: all_at_once(section),
+        lambda: plain_front(section, threads),
         rounds=reference.effort.rounds,
     )
     return [
@@ -149,7 +151,7 @@ def front_of_reference(reference: Reference) -> list[Figure]:
                 name="front",
                 what=f"front of {LADDER_SIZE} multipliers, {section.name}",
                 unit="ms",
-                baseline="one thread, all transitions first",
+                baseline="transitions of one speed after the other, fresh memory",
                 bound=FRONT_BOUND,
             ),
             reference.workload.least_s(reference.all_threads),
@@ -163,25 +165,27 @@ def all_at_once(section: Section) -> Front:
 
 
 def transition_rate(reference: Reference) -> list[Figure]:
-    """Transitions of the reference section per second."""
-    grid, load = DecisionGrid.of(reference.section), reference.workload
-    moves = Transitions.empty(BLOCK_NODES, load.states)
+    """Transitions of the reference section per second, by one thread."""
+    section, load = reference.section, reference.workload
+    grid, moves = DecisionGrid.of(section), Transitions.empty(BLOCK_NODES, load.states)
 
-    def fill(pool: ThreadPoolExecutor, threads: int) -> None:
+    def fill(kernel: Callable[..., None]) -> None:
         for start in range(0, load.nodes, BLOCK_NODES):
-            in_parts(pool, threads, min(BLOCK_NODES, load.nodes - start), grid.fill, start, moves)
+            end = min(start + BLOCK_NODES, load.nodes)
+            kernel(
+                start, end, grid.line, grid.bounds, grid.speed_steps, section.train, section.loss_params, moves.moves
+            )
 
-    with ThreadPoolExecutor(reference.threads) as pool:
-        times = in_turns(lambda: fill(pool, reference.threads), lambda: fill(pool, 1), rounds=reference.effort.rounds)
-    least_s = reference.all_threads.least_s(divisions=load.divisions)
+    times = in_turns(lambda: fill(transitions), lambda: fill(plain_transitions), rounds=reference.effort.rounds)
+    least_s = reference.one_thread.least_s(vector_divisions=load.divisions)
     return [
         times.figure(
             Subject(
                 name="transitions",
-                what=f"transitions, {load.nodes} nodes × {load.states} speeds",
+                what=f"transitions, {load.nodes} nodes × {load.states} speeds, one thread",
                 unit="million/s",
-                baseline="one thread",
-                bound="their divisions, one after another",
+                baseline="one speed after the other",
+                bound="their divisions, in vectors",
             ),
             least_s,
             amount=load.landings / MILLION,

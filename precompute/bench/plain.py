@@ -1,6 +1,8 @@
-"""The solver's steps written plainly in numpy: the baselines of the bench, and witnesses in its tests."""
+"""The solver's steps written plainly: the baselines of the bench, and witnesses in its tests."""
 
 from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,13 +10,42 @@ from numpy.typing import NDArray
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.search import TimeSearch
-from das.solver.solve import Transitions
+from das.solver.section import Section
+from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, default_ladder, in_parts
 from das.solver.state import State
+from precompute.bench.plain_transitions import plain_transitions
 
 Floats = NDArray[np.float64]
 
 LADDER_TOLERANCE = 1e-4
 """`bisected` ends when it has narrowed a jump to this part of a step of the ladder."""
+
+
+def plain_front(section: Section, threads: int) -> Front:
+    """The front with transitions of one speed after the other and in fresh memory, by this number of threads."""
+    grid, ladder = DecisionGrid.of(section), default_ladder(section)
+    n, states = len(grid.node_m) - 1, grid.speed_steps + 1
+    value = np.empty((n + 1, states, len(ladder)))
+    time_to_go = np.empty(value.shape, np.float32)
+    value[-1], time_to_go[-1] = 0.0, 0.0
+    space = Transitions.empty(min(BLOCK_NODES, n), states)
+
+    def fill(first: int, last: int, start: int) -> None:
+        moves = space.rows(first, last).moves
+        plain_transitions(
+            start + first, start + last, grid.line, grid.bounds, grid.speed_steps, section.train, section.loss_params,
+            moves,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(threads) as pool:
+        for end in range(n, 0, -BLOCK_NODES):
+            start = max(end - BLOCK_NODES, 0)
+            in_parts(pool, threads, end - start, fill, start)
+            moves = space.rows(0, end - start)
+            in_parts(
+                pool, threads, len(ladder), moves.sweep, ladder, value[start : end + 1], time_to_go[start : end + 1]
+            )
+    return Front(section=section, lambda_w=ladder, value_j=value, time_to_go_s=time_to_go)
 
 
 def numpy_sweep(moves: Transitions, lambda_w: Floats) -> tuple[Floats, Floats]:

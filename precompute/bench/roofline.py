@@ -31,13 +31,14 @@ class Roofline:
     """Rates of `threads` threads, the best of a few rounds.
 
     `flops` floating-point operations per s in vectors (fused multiply-add = 2), `divisions_ps` divisions one at a time
-    per s, `copy_bps` bytes read and written per s, `fresh_bps` bytes per s written to memory that the process did not
-    have before.
+    per s, `vector_divisions_ps` divisions in vectors per s, `copy_bps` bytes read and written per s, `fresh_bps`
+    bytes per s written to memory that the process did not have before.
     """
 
     threads: int
     flops: float
     divisions_ps: float
+    vector_divisions_ps: float
     copy_bps: float
     fresh_bps: float
 
@@ -49,15 +50,23 @@ class Roofline:
                 threads=threads,
                 flops=_flops(pool, threads),
                 divisions_ps=_divisions_ps(pool, threads),
+                vector_divisions_ps=_vector_divisions_ps(pool, threads),
                 copy_bps=_copy_bps(pool, threads),
                 fresh_bps=_fresh_bps(pool, threads),
             )
 
     def least_s(
-        self, *, divisions: float = 0.0, flop: float = 0.0, moved_bytes: float = 0.0, fresh_bytes: float = 0.0
+        self,
+        *,
+        divisions: float = 0.0,
+        vector_divisions: float = 0.0,
+        flop: float = 0.0,
+        moved_bytes: float = 0.0,
+        fresh_bytes: float = 0.0,
     ) -> float:
         """Least time of a computation: the longer of its arithmetic and of its memory traffic."""
-        arithmetic_s = divisions / self.divisions_ps + flop / self.flops
+        divisions_s = divisions / self.divisions_ps + vector_divisions / self.vector_divisions_ps
+        arithmetic_s = divisions_s + flop / self.flops
         return max(arithmetic_s, moved_bytes / self.copy_bps + fresh_bytes / self.fresh_bps)
 
 
@@ -102,6 +111,25 @@ def _divisions_ps(pool: ThreadPoolExecutor, threads: int) -> float:
     in_parts(pool, threads, threads, divide_all, 1)  # compiles
     seconds = _best_s(lambda: in_parts(pool, threads, threads, divide_all, DIVISIONS))
     return CHAINS * DIVISIONS * threads / seconds
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def divide_all_of(x, a, b, repeats):  # type: ignore[no-untyped-def]
+    """x ← a/(x + b), `repeats` passes over x."""
+    for _ in range(repeats):
+        for i in range(x.size):
+            x[i] = a / (x[i] + b)
+
+
+def _vector_divisions_ps(pool: ThreadPoolExecutor, threads: int) -> float:
+    numbers = np.ones((threads, CACHED_NUMBERS))
+
+    def divide_numbers(first: int, _last: int, repeats: int) -> None:
+        divide_all_of(numbers[first], 1.0, 1.0, repeats)
+
+    in_parts(pool, threads, threads, divide_numbers, 1)  # compiles
+    seconds = _best_s(lambda: in_parts(pool, threads, threads, divide_numbers, REPEATS))
+    return REPEATS * numbers.size / seconds
 
 
 def _copy_bps(pool: ThreadPoolExecutor, threads: int) -> float:

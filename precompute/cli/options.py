@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -37,6 +38,15 @@ BufferOption = Annotated[
 ]
 OutTrajectoryOption = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Trajectory to write (.csv): one row a grid node.")
+]
+
+RefineOption = Annotated[
+    str,
+    typer.Option(
+        "--refine",
+        metavar="off|on|SECONDS",
+        help="Refine the optimal run beyond the solver's table: until little is saved, or for at most so many seconds.",
+    ),
 ]
 
 
@@ -170,6 +180,19 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
     if not 0 <= buffer_percent < MOST_PERCENT:
         raise DasError(f"buffer {buffer_percent} %: expected a number from 0 to {MOST_PERCENT:.0f}")
     return min_time_s * (1 + buffer_percent / 100)
+
+
+def refine_seconds(text: str) -> float:
+    """The seconds that `--refine` allows: 0 for off, inf for on; DasError for what is neither nor a time."""
+    if text in ("off", "on"):
+        return math.inf if text == "on" else 0.0
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0 <= seconds < LARGEST:
+        raise DasError(f"--refine {text}: expected off, on, or a number of seconds from 0")
+    return seconds
 
 
 def numbers(option: str, text: str) -> list[float]:

@@ -35,6 +35,7 @@ def test_defaults() -> None:
         "lowest_ratios": (0.0, 0.0005, 0.002),
         "low_ratio": 0.005,
         "high_ratio": 10.0,
+        "highest_ratios": (20.0, 45.0, 100.0),
         "idle_ratios": (0.99, 0.95, 0.8, 0.5, 0.2),
     }
     assert asdict(JourneySettings()) == {

@@ -46,6 +46,8 @@ print(json.dumps(told))
 HASH = "from das.table.hashes import solver_code_sha256\nprint(solver_code_sha256())"
 KERNEL = "return low + a * (high - low)"
 """The loss at a state, in a kernel of the solver."""
+IN_VECTORS = "= low + across[j] * (high - low)"
+"""The same loss where the sweep's transitions are found."""
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +89,7 @@ def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path
     code, said = command(tmp_path, "verify", "tables")
     assert code == 0, said
     edit(file_with(tmp_path, KERNEL), KERNEL, "return 3.0 * (low + a * (high - low))")
+    edit(file_with(tmp_path, IN_VECTORS), IN_VECTORS, "= 3.0 * (low + across[j] * (high - low))")
     code, said = command(tmp_path, "verify", "tables")
     assert code == 1
     assert f"{name}: made by other solver code; build it again" in said

@@ -21,7 +21,7 @@ from precompute.bench.command import NAMES, chosen, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
 from precompute.bench.lines import made_up_line
 from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of
-from precompute.bench.plain import bisected, numpy_sweep
+from precompute.bench.plain import bisected, numpy_sweep, plain_front
 from precompute.bench.registry import FIGURES
 from precompute.bench.roofline import Roofline
 from tests.support.making import in_a_process, make_route, make_train
@@ -143,11 +143,20 @@ def test_peak_memory_sees_what_a_call_allocates() -> None:
 
 
 def test_the_roofline_adds_arithmetic_and_takes_the_longer_of_it_and_memory() -> None:
-    roofline = Roofline(threads=1, flops=1e10, divisions_ps=1e9, copy_bps=1e10, fresh_bps=1e9)
+    roofline = Roofline(threads=1, flops=1e10, divisions_ps=1e9, vector_divisions_ps=4e9, copy_bps=1e10, fresh_bps=1e9)
     assert roofline.least_s(flop=1e10, divisions=1e9) == pytest.approx(2.0)
+    assert roofline.least_s(flop=1e10, vector_divisions=2e9) == pytest.approx(1.5)
     assert roofline.least_s(flop=1e10, moved_bytes=5e9, fresh_bytes=2e9) == pytest.approx(2.5)
     measured = Roofline.measured(2)
     assert all(math.isfinite(rate) and rate > 0 for rate in vars(measured).values())
+
+
+def test_the_plain_front_is_the_front() -> None:
+    """Transitions of one speed after the other give the same values, to rounding, in any number of threads."""
+    section = longest_section("flat-6km", "re460-ic")
+    plain, front = plain_front(section, 2), solve_front(section)
+    reached = front.value_j < 1e16
+    assert np.asarray(plain.value_j)[reached] == pytest.approx(np.asarray(front.value_j)[reached], rel=1e-6, abs=10.0)
 
 
 # --- the command ------------------------------------------------------------------------------------------------

@@ -153,7 +153,21 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, obje
     for point in points:
         assert point["time_s"] == pytest.approx(result["min_time_s"] * (1 + point["buffer_percent"] / 100), abs=0.05)
         assert set(point["ledger_kwh"]) == LEDGER
-    assert points[2]["energy_input_kwh"] == pytest.approx(solved[0]["energy_input_kwh"], rel=1e-9)
+    # `solve` refines its run, `front` does not.
+    assert points[2]["energy_input_kwh"] == pytest.approx(solved[0]["energy_input_kwh"], rel=1e-3)
+    assert points[2]["energy_input_kwh"] > solved[0]["energy_input_kwh"]
+
+
+@pytest.mark.processes
+def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
+    """Off and a budget of nothing give the run of the table; the refined one is not later and needs less."""
+    found = []
+    for refine in ("off", "0"):
+        done = das_precompute(tmp_path, *SOLVE, "--buffer", "7", "--json", "--refine", refine)
+        assert (done.returncode, done.stderr) == (0, "")
+        found.append(json.loads(done.stdout))
+    assert found[0]["energy_input_kwh"] == found[1]["energy_input_kwh"] > solved[0]["energy_input_kwh"]
+    assert found[0]["time_s"] >= solved[0]["time_s"]
 
 
 @pytest.mark.processes
@@ -268,6 +282,10 @@ REFUSED = {
         "no/front.csv: no such folder no",
     ),
     "missing map": ([*SOLVE, "--buffer", "7", "--loss-map", "no.csv"], "no.csv: cannot be read (No such file"),
+    "refinement that is no time": (
+        [*SOLVE, "--buffer", "7", "--refine", "much"],
+        "--refine much: expected off, on, or a number of seconds from 0",
+    ),
     "l3 without map": (
         ["solve", "flat-6km", "train.json", "--buffer", "7", "--level", "l3"],
         "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map",

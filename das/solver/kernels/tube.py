@@ -1,0 +1,332 @@
+"""A narrow dynamic program around a run: lines beside it, between knots on the integration grid.
+
+The lines of a knot are speeds squared: that of the run plus whole multiples of a spacing, cut to the bounds. Between
+two knots a move changes the distance to the run linearly in v² over the way (to a *line*), or it follows a *special*:
+full traction, coasting, full electric brake, or the brake at which the current collector takes and gives nothing. A
+special lands between the lines, where values are interpolated linearly in v². Every move is integrated in the
+section's own steps, so that its cost is exactly what the trajectory of it will cost.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.compiling.kernels import kernel
+from das.solver.kernels.driving import full_traction_speed
+from das.solver.kernels.forces import (
+    brake_limit,
+    electric_limit,
+    electric_share,
+    loss_power,
+    mean_resistance,
+    on_supply,
+    traction_limit,
+)
+from das.solver.kernels.landings import speed_under_force
+from das.solver.tolerances import INFEASIBLE, UNREACHABLE
+
+Floats = NDArray[np.float64]
+
+LINE, TRACTION, COAST, BRAKE, IDLE = 0, 1, 2, 3, 4
+"""Kinds of moves: to a line, and the specials; `IDLE` is the brake with the current collector at zero power."""
+SPECIALS = 4
+
+_ROUNDING_RATIO, _ROUNDING_N, _ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
+"""Forces and accelerations above their bounds by no more than this are rounding."""
+_FORCE_STEPS = 6
+
+
+class Tube(NamedTuple):
+    """A run and the lines beside it.
+
+    `squared` is the run's v² at every integration node, `low` and `high` are the bounds of v² there, `share` is how
+    much of the way from the knot before to the knot behind lies before the node. `knot` holds the integration nodes of
+    the knots, `spacing` the distance of the lines there (in v²). On both sides of the run there are `lines` lines.
+    """
+
+    squared: Floats
+    low: Floats
+    high: Floats
+    share: Floats
+    knot: NDArray[np.int64]
+    spacing: Floats
+    lines: int
+
+
+class TubeMoves(NamedTuple):
+    """Moves from every line of every knot (knots − 1, lines, moves): first to each line, then the specials.
+
+    `energy_j` (INFEASIBLE where the train cannot do it) and `time_s` are their costs, `below` the line below the
+    landing and `share` the share of the line above it.
+    """
+
+    energy_j: Floats
+    time_s: Floats
+    below: NDArray[np.int16]
+    share: Floats
+
+
+@kernel
+def _interval(v0, v1, h, g, q, p, c):
+    """Energy (J), time (s) and wheel force (N) of an interval at constant acceleration, v0 + v1 > 0.
+
+    The energy is INFEASIBLE where the train cannot do it. `p` is the train on the supply of the interval.
+    """
+    rate = (v1 * v1 - v0 * v0) / (2.0 * h)
+    force = p.inertial_mass_kg * rate + mean_resistance(v0, v1, q, p) + g
+    faster = max(v0, v1)
+    mid = 0.5 * (v0 + v1)
+    dt = h / mid
+    if rate > p.max_acceleration_mps2 + _ROUNDING_MPS2 or -rate > p.max_deceleration_mps2 + _ROUNDING_MPS2:
+        return INFEASIBLE, dt, force
+    if force >= 0.0:
+        if force > traction_limit(faster, p) * (1.0 + _ROUNDING_RATIO) + _ROUNDING_N:
+            return INFEASIBLE, dt, force
+    elif -force > brake_limit(faster, p, p.friction_force_n) * (1.0 + _ROUNDING_RATIO) + _ROUNDING_N:
+        return INFEASIBLE, dt, force
+    el = electric_share(force, faster, p)
+    energy = el * h + loss_power(el, mid, c) * dt
+    return energy if energy > 0.0 else p.receptivity_ratio * energy, dt, force
+
+
+@kernel
+def _idle_force(v, p, c):
+    """The brake force (N, <= 0) with which the motors cover their own losses at a speed, within the electric limit."""
+    limit = electric_limit(v, p)
+    f = max(-loss_power(0.0, v, c) / v, -limit)
+    for _ in range(_FORCE_STEPS):
+        new = max(-loss_power(f, v, c) / v, -limit)
+        if abs(new - f) < _ROUNDING_N:
+            return new
+        f = new
+    return f
+
+
+@kernel
+def _special_speed(kind, v0, h, g, q, p, c):
+    """Speed after an interval that is driven in a special way; 0 where the train stops."""
+    if kind == TRACTION:
+        return full_traction_speed(v0, h, g, q, p)
+    v1 = v0
+    for _ in range(_FORCE_STEPS):
+        force = 0.0
+        if kind == BRAKE:
+            force = -electric_limit(max(v0, v1), p)
+        elif kind == IDLE:
+            force = _idle_force(0.5 * (v0 + v1), p, c)
+        new = speed_under_force(force, v0, v1, h, g, q, p)
+        if new <= 0.0:
+            return 0.0
+        if abs(new - v1) < 1e-12 * new:
+            return new
+        v1 = new
+    return v1
+
+
+@kernel
+def _to_line(k, start, landing, tube, line, p, c):
+    """Energy (J), time (s), least and largest wheel force (N) of a move from knot k at v² `start` to v² `landing`."""
+    i0, i1 = tube.knot[k], tube.knot[k + 1]
+    energy, time, least_n, largest_n = 0.0, 0.0, INFEASIBLE, -INFEASIBLE
+    v0 = math.sqrt(start)
+    here, there = start - tube.squared[i0], landing - tube.squared[i1]
+    for i in range(i0, i1):
+        w1 = landing
+        if i + 1 < i1:
+            w1 = tube.squared[i + 1] + here + tube.share[i + 1] * (there - here)
+            w1 = min(max(w1, tube.low[i + 1]), tube.high[i + 1])
+        v1 = math.sqrt(w1)
+        e, dt, force = _interval(
+            v0, v1, line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i], on_supply(p, line.supply[i]), c
+        )
+        least_n, largest_n = min(least_n, force), max(largest_n, force)
+        energy = energy + e if e < INFEASIBLE else INFEASIBLE
+        time += dt
+        v0 = v1
+    return min(energy, INFEASIBLE), time, least_n, largest_n
+
+
+@kernel
+def _special(kind, k, start, tube, line, p, c):
+    """Energy (J), time (s) and v² at the end of a special move from knot k at v² `start`; it ends at the bounds."""
+    energy, time = 0.0, 0.0
+    v0 = math.sqrt(start)
+    for i in range(tube.knot[k], tube.knot[k + 1]):
+        h, g, q = line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i]
+        here = on_supply(p, line.supply[i])
+        v1 = _special_speed(kind, v0, h, g, q, here, c)
+        v1 = math.sqrt(min(max(v1 * v1, tube.low[i + 1]), tube.high[i + 1]))
+        e, dt, _ = _interval(v0, v1, h, g, q, here, c)
+        if e >= INFEASIBLE:
+            return INFEASIBLE, 0.0, 0.0
+        energy += e
+        time += dt
+        v0 = v1
+    return energy, time, v0 * v0
+
+
+@kernel
+def _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
+    """Whether a special move may land in the tube, whose outermost lines need these forces (N)."""
+    if kind == COAST:
+        return least_n < 0.0 < largest_n
+    here = on_supply(p, line.supply[tube.knot[k]])
+    v = math.sqrt(start)
+    if kind == TRACTION:
+        return largest_n > 0.9 * traction_limit(v, here)
+    if least_n > 0.0:
+        return False
+    if kind == BRAKE:
+        return -least_n > 0.9 * electric_limit(v, here)
+    return largest_n > 2.0 * _idle_force(v, here, c)
+
+
+@kernel
+def _line_of(tube, k, j):
+    """The v² of line j of a knot: the run itself is line `lines`."""
+    i = tube.knot[k]
+    w = tube.squared[i] + (j - tube.lines) * tube.spacing[k]
+    return min(max(w, tube.low[i]), tube.high[i])
+
+
+@kernel
+def _between_lines(tube, k, w):
+    """The line below a v² at a knot, and the share of the line above it; (-1, 0) outside the tube."""
+    spacing = tube.spacing[k]
+    last = 2 * tube.lines
+    x = (w - tube.squared[tube.knot[k]]) / spacing + tube.lines if spacing > 0.0 else 1.0 * tube.lines
+    if x < 0.0 or x > last:
+        return -1, 0.0
+    j = min(int(x), last - 1)
+    low, high = _line_of(tube, k, j), _line_of(tube, k, j + 1)
+    share = (w - low) / (high - low) if high - low > 1e-9 * (high + 1e-9) else 0.0
+    return j, min(max(share, 0.0), 1.0)
+
+
+@kernel
+def _between(values, j, share):
+    """A value between two lines; a line without share is not read, for it may be out of reach."""
+    below = values[j] if share < 1.0 else 0.0
+    above = values[j + 1] if share > 0.0 else 0.0
+    return (1.0 - share) * below + share * above
+
+
+@kernel
+def fill_moves(tube, line, p, c, moves):
+    """All moves from the lines of every knot but the last: to every line of the next knot, and the specials."""
+    energy, time, below, share = moves
+    size = 2 * tube.lines + 1
+    last = tube.knot.size - 2
+    for k in range(last + 1):
+        for j in range(size):
+            energy[k, j, :] = INFEASIBLE
+            time[k, j, :] = 0.0
+            below[k, j, :] = 0
+            share[k, j, :] = 0.0
+            start = _line_of(tube, k, j)
+            if (k == 0 and j != tube.lines) or (start <= 0.0 and k > 0):
+                continue
+            least_n, largest_n = INFEASIBLE, -INFEASIBLE
+            for i in range(size):
+                if k == last and i != tube.lines:
+                    continue
+                landing = _line_of(tube, k + 1, i)
+                if start + landing <= 0.0:
+                    continue
+                e, t, least, largest = _to_line(k, start, landing, tube, line, p, c)
+                least_n, largest_n = min(least_n, least), max(largest_n, largest)
+                energy[k, j, i] = e
+                time[k, j, i] = t
+                below[k, j, i] = min(i, size - 2)
+                share[k, j, i] = 1.0 if i == size - 1 else 0.0
+            for kind in range(1, SPECIALS + 1):
+                if k == last or not _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
+                    continue
+                e, t, w = _special(kind, k, start, tube, line, p, c)
+                lower, above = _between_lines(tube, k + 1, w) if e < INFEASIBLE else (-1, 0.0)
+                if lower >= 0:
+                    i = size + kind - 1
+                    energy[k, j, i] = e
+                    time[k, j, i] = t
+                    below[k, j, i] = lower
+                    share[k, j, i] = above
+
+
+@kernel
+def tube_sweep(price, moves, value):
+    """Least energy + price·time (J) to the end from every line of every knot; the last row holds the end values."""
+    energy, time, below, share = moves
+    count, size, landings = energy.shape
+    for k in range(count - 1, -1, -1):
+        ahead = value[k + 1]
+        for j in range(size):
+            best = INFEASIBLE
+            for i in range(landings):
+                e = energy[k, j, i]
+                if e < INFEASIBLE:
+                    best = min(best, e + price * time[k, j, i] + _between(ahead, below[k, j, i], share[k, j, i]))
+            value[k, j] = best if best < UNREACHABLE else INFEASIBLE
+
+
+@kernel
+def tube_roll_out(price, tube, line, p, c, value, v):
+    """The run of a price of time through the tube: at every knot the best of all moves from the train's own speed.
+
+    Fills `v` with its speeds at the integration nodes; returns its energy (J) and time (s), or (0, −1) where it ends.
+    """
+    size = 2 * tube.lines + 1
+    last = tube.knot.size - 2
+    w = tube.squared[0]
+    v[0] = math.sqrt(w)
+    energy, time = 0.0, 0.0
+    for k in range(last + 1):
+        best, kind_best, e_best, t_best, w_best = INFEASIBLE, LINE, 0.0, 0.0, 0.0
+        least_n, largest_n = INFEASIBLE, -INFEASIBLE
+        for i in range(size):
+            landing = _line_of(tube, k + 1, i)
+            if (k == last and i != tube.lines) or w + landing <= 0.0:
+                continue
+            e, t, least, largest = _to_line(k, w, landing, tube, line, p, c)
+            least_n, largest_n = min(least_n, least), max(largest_n, largest)
+            cost = e + price * t + value[k + 1, i]
+            if cost < best:
+                best, kind_best, e_best, t_best, w_best = cost, LINE, e, t, landing
+        for kind in range(1, SPECIALS + 1):
+            if k == last or not _is_beside(kind, k, w, least_n, largest_n, tube, line, p, c):
+                continue
+            e, t, w1 = _special(kind, k, w, tube, line, p, c)
+            lower, above = _between_lines(tube, k + 1, w1) if e < INFEASIBLE else (-1, 0.0)
+            if lower < 0:
+                continue
+            cost = e + price * t + _between(value[k + 1], lower, above)
+            if cost < best:
+                best, kind_best, e_best, t_best, w_best = cost, kind, e, t, w1
+        if best > UNREACHABLE:
+            return 0.0, -1.0
+        _record(kind_best, k, w, w_best, tube, line, p, c, v)
+        energy += e_best
+        time += t_best
+        w = w_best
+    return energy, time
+
+
+@kernel
+def _record(kind, k, start, landing, tube, line, p, c, v):
+    """Fill in the speeds of a move."""
+    i0, i1 = tube.knot[k], tube.knot[k + 1]
+    here, there = start - tube.squared[i0], landing - tube.squared[i1]
+    v0 = math.sqrt(start)
+    for i in range(i0, i1 - 1):
+        if kind == LINE:
+            w1 = tube.squared[i + 1] + here + tube.share[i + 1] * (there - here)
+        else:
+            g, q = line.constant_n[i], line.tunnel_n_per_mps2[i]
+            v1 = _special_speed(kind, v0, line.step_m[i], g, q, on_supply(p, line.supply[i]), c)
+            w1 = v1 * v1
+        v0 = math.sqrt(min(max(w1, tube.low[i + 1]), tube.high[i + 1]))
+        v[i + 1] = v0
+    v[i1] = math.sqrt(landing)

@@ -1,0 +1,268 @@
+"""Refinement: a run of the table is improved in a narrow tube around it, at the same arrival time.
+
+The table decides once in up to 100 m and between some two hundred speeds. A run that it gives is near the optimum of
+the section, but not on it. `refined` lays a few lines beside the run, finds the best run between them by a dynamic
+program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around that, and so on.
+The price of time is chosen anew in every pass, so that the train arrives when it did.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.solver import tolerances as tol
+from das.solver.kernels.calm_roll_out import run_energy
+from das.solver.kernels.roll_out import blend_runs
+from das.solver.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
+from das.solver.solution import Fit, Solution
+from das.solver.state import RollOut, State
+from das.solver.warm_up import warm_up
+
+Floats = NDArray[np.float64]
+
+LARGEST_SHARE = 0.8
+"""The outermost lines take at most this share of a run's v² away, so that no line stands still."""
+
+FIRST_FACTOR = 1.03
+"""The second price of time that a pass tries is this many times the first, or the first over it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinementSettings:
+    """How wide the tubes are, how they shrink, and when the refinement ends."""
+
+    lines: int = 3
+    """On each side of the run there are this many lines. Seven lines in all find what thirteen do, in a third of the
+    time."""
+    widest_mps: float = 2.0
+    """The outermost lines of the first pass differ from the run by this (m/s) at `reference_speed_mps`."""
+    reference_speed_mps: float = 20.0
+    """Lines are evenly spaced in v², because a shift in v² keeps the force; widths in m/s are meant at this speed."""
+    shrink: float = 0.6
+    """Each pass is narrower than the one before by this factor."""
+    passes: int = 12
+    """Passes of a round; the last one has lines 2 mm/s apart."""
+    knot_m: float = 100.0
+    """In the first pass the train may choose a line about every so many metres. Knots move together as the lines do, so
+    that a change of line stays a gentle change of force; at last there is one at every node of integration."""
+    most_rounds: int = 3
+    """Rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
+    closed_ratio: float = 2e-4
+    """A round that saves less than this share of the energy was the last."""
+    most_trials: int = 8
+    """Prices of time that are tried in a pass."""
+    time_tolerance_s: float = 1e-3
+    """The refined run is never later than the one given, and earlier by at most about this (s)."""
+    blend_loss_ratio: float = 1e-6
+    """Two runs of a pass are blended when no price between theirs could save more than this share of the energy."""
+    most_blends: int = 20
+    """Blends of two runs that are tried in a pass."""
+
+
+SETTINGS: Final = RefinementSettings()
+
+
+class _Run(NamedTuple):
+    """A run with its price of time."""
+
+    speeds_mps: Floats
+    energy_j: float
+    time_s: float
+    price_w: float
+
+
+def never() -> bool:
+    """The answer of a budget of time that has no end."""
+    return False
+
+
+def refined(
+    solution: Solution, settings: RefinementSettings = SETTINGS, *, is_over: Callable[[], bool] = never
+) -> Solution:
+    """The solution, improved in a tube around its run; never later and never with more energy than it.
+
+    A run that is `Fit.EARLY` may take the time that was asked for. The fastest run has no other of its time and is
+    returned as it is. Where nothing is saved, the solution itself is returned. `is_over` is asked before every pass;
+    once it says so, the best run until then is the answer. `table_bound_j` stays that of the solution given.
+    """
+    if solution.fit is Fit.LATE or math.isinf(solution.lambda_w):
+        return solution
+    run = solution.trajectory
+    state = State.at(solution.section, float(run.s_m[0]), float(run.v_mps[0]))
+    wanted_s = solution.requested_s if solution.fit is Fit.EARLY else run.time_s
+    search = TubeSearch(state, wanted_s, settings)
+    given = search.known(run.v_mps, solution.lambda_w)
+    best = search.best(given, is_over)
+    if best is given:
+        return solution
+    found = state.solution(
+        RollOut(best.speeds_mps, best.time_s),
+        least_time_s=solution.least_time_s,
+        requested_s=solution.requested_s,
+        fit=solution.fit,
+        lambda_w=best.price_w,
+        table_bound_j=solution.table_bound_j,
+    )
+    in_time = found.time_s <= max(run.time_s, wanted_s if solution.fit is Fit.EARLY else 0.0)
+    is_better = in_time and found.feasible and found.ledger.input < solution.ledger.input
+    return found if is_better else solution
+
+
+def warm_up_refinement() -> None:
+    """Refine a run of a tiny section, so that every kernel is compiled or loaded; about 10 s on a new machine."""
+    front = warm_up()
+    refined(front.trajectory(1.1 * front.fastest().time_s))
+
+
+class TubeSearch:
+    """Improves runs from a state that are to take `wanted_s`, tube by tube."""
+
+    def __init__(self, state: State, wanted_s: float, settings: RefinementSettings = SETTINGS) -> None:
+        self.state, self.wanted_s, self.settings = state, wanted_s, settings
+        self._line = state.for_kernels
+        self._loss = state.section.loss_params
+
+    def known(self, speeds_mps: Floats, price_w: float) -> _Run:
+        """A run by its speeds at the nodes of the state, with its energy and time."""
+        energy_j = run_energy(self._line, self.state.section.train, self._loss, speeds_mps)
+        return _Run(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
+
+    def best(self, run: _Run, is_over: Callable[[], bool] = never) -> _Run:
+        """The best run found from a run: round after round of passes whose tubes shrink; itself where it is best."""
+        settings = self.settings
+        for _ in range(settings.most_rounds):
+            before_j = run.energy_j
+            for number in range(settings.passes):
+                if is_over():
+                    return run
+                run = self._one_pass(run, settings.shrink**number)
+            if before_j - run.energy_j <= settings.closed_ratio * abs(before_j):
+                break
+        return run
+
+    def _one_pass(self, run: _Run, width: float) -> _Run:
+        """The best run in time within a tube around a run; `width` is relative to the first tube's."""
+        tube = self._tube(run, width)
+        shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
+        moves = TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
+        fill_moves(tube, self._line, self.state.section.train, self._loss, moves)
+        slow, quick = self._enclose(tube, moves, run.price_w)
+        found = [one for one in (quick, self._blend(slow, quick)) if one is not None]
+        return min([run, *found], key=lambda one: one.energy_j)
+
+    def _tube(self, run: _Run, width: float) -> Tube:
+        """The lines of a pass around a run."""
+        settings, state = self.settings, self.state
+        squared = run.speeds_mps**2
+        knot = _knots(state.node_m, settings.knot_m * width)
+        spacing = 2.0 * settings.reference_speed_mps * settings.widest_mps * width / settings.lines
+        slowest = np.maximum(state.floor_mps, tol.CREST_MPS) ** 2
+        return Tube(
+            squared=squared,
+            low=np.minimum(slowest, squared),
+            high=np.maximum(state.envelope_mps**2, squared),
+            share=_shares(state.node_m, knot),
+            knot=knot,
+            spacing=np.minimum(spacing, LARGEST_SHARE * squared[knot] / settings.lines),
+            lines=settings.lines,
+        )
+
+    def _enclose(self, tube: Tube, moves: TubeMoves, price_w: float) -> tuple[_Run | None, _Run | None]:
+        """A run that is late and one that is in time, of neighbouring prices of time."""
+        value = np.full((len(tube.knot), 2 * tube.lines + 1), tol.INFEASIBLE)
+        value[-1, tube.lines] = 0.0
+        slow = quick = None
+        factor = FIRST_FACTOR
+        for _ in range(self.settings.most_trials):
+            trial = self._trial(tube, moves, value, price_w)
+            if trial is None:
+                break
+            if trial.time_s > self.wanted_s:
+                slow = trial
+            else:
+                quick = trial
+            if slow is not None and quick is not None:
+                if self._is_enclosed(slow, quick):
+                    break
+                price_w = _between(slow, quick, self.wanted_s)
+                continue
+            if quick is not None and price_w <= 0.0:
+                break
+            price_w = price_w * factor if quick is None else _lower(price_w, factor)
+            factor = factor**2
+        return slow, quick
+
+    def _trial(self, tube: Tube, moves: TubeMoves, value: Floats, price_w: float) -> _Run | None:
+        """The run of a price of time in a tube; None where it comes to no end."""
+        speeds = np.empty(len(tube.squared))
+        tube_sweep(price_w, moves, value)
+        energy_j, time_s = tube_roll_out(price_w, tube, self._line, self.state.section.train, self._loss, value, speeds)
+        return _Run(speeds, energy_j, time_s, price_w) if time_s > 0 else None
+
+    def _is_enclosed(self, slow: _Run, quick: _Run) -> bool:
+        """Whether the prices of two runs are so near that next to nothing lies between them."""
+        late, early = slow.time_s - self.wanted_s, self.wanted_s - quick.time_s
+        if min(late, early) <= self.settings.time_tolerance_s:
+            return True
+        gain_j = (quick.price_w - slow.price_w) * late * early / (late + early)
+        return gain_j <= self.settings.blend_loss_ratio * abs(quick.energy_j)
+
+    def _blend(self, slow: _Run | None, quick: _Run | None) -> _Run | None:
+        """The run between two runs that takes the wanted time; None where there are no two."""
+        if slow is None or quick is None:
+            return None
+        low, high, above, below = 0.0, 1.0, slow.time_s - self.wanted_s, quick.time_s - self.wanted_s
+        found, kept = None, 0
+        for _ in range(self.settings.most_blends):
+            share = low + (high - low) * min(max(above / (above - below), 0.02), 0.98)
+            trial = self._blended(share, slow, quick)
+            if trial is None:
+                return None
+            miss = trial.time_s - self.wanted_s
+            if miss <= 0:
+                found = trial
+                if miss >= -self.settings.time_tolerance_s:
+                    break
+                high, below, above, kept = share, miss, above * (0.5 if kept < 0 else 1.0), -1
+            else:
+                low, above, below, kept = share, miss, below * (0.5 if kept > 0 else 1.0), 1
+        return found
+
+    def _blended(self, share: float, slow: _Run, quick: _Run) -> _Run | None:
+        speeds, state = np.empty(len(slow.speeds_mps)), self.state
+        time_s = blend_runs(
+            share, quick.speeds_mps, slow.speeds_mps, self._line, state.envelope_mps, state.section.train, speeds
+        )
+        if time_s < 0 or abs(speeds[-1] - quick.speeds_mps[-1]) > tol.SPEED_TOLERANCE_MPS:
+            return None
+        return self.known(speeds, slow.price_w + share * (quick.price_w - slow.price_w))
+
+
+def _between(slow: _Run, quick: _Run, wanted_s: float) -> float:
+    """A price between those of two runs, by their times."""
+    share = (slow.time_s - wanted_s) / (slow.time_s - quick.time_s)
+    return slow.price_w + min(max(share, 0.1), 0.9) * (quick.price_w - slow.price_w)
+
+
+def _lower(price_w: float, factor: float) -> float:
+    """A lower price; one that is far below has no further step but 0."""
+    return 0.0 if factor > 10.0 else price_w / factor
+
+
+def _knots(node_m: Floats, apart_m: float) -> NDArray[np.int64]:
+    """Integration nodes about so far apart, the first and the last among them."""
+    _, first = np.unique(np.floor((node_m - node_m[0]) / apart_m), return_index=True)
+    return np.unique(np.append(first, len(node_m) - 1)).astype(np.int64)
+
+
+def _shares(node_m: Floats, knot: NDArray[np.int64]) -> Floats:
+    """How much of the way from the knot before to the knot behind lies before each node; 1 at a knot."""
+    behind = np.searchsorted(knot, np.arange(len(node_m)))
+    before_m, behind_m = node_m[knot[np.maximum(behind - 1, 0)]], node_m[knot[behind]]
+    return np.where(behind_m > before_m, (node_m - before_m) / np.maximum(behind_m - before_m, 1e-9), 1.0)
