@@ -74,7 +74,7 @@ def alter(path: Path) -> None:
 
 
 def other_schema(path: Path) -> None:
-    path.write_text(path.read_text().replace('"schema_version": 1', '"schema_version": 99'))
+    path.write_text(path.read_text().replace('"schema_version": 2', '"schema_version": 99'))
 
 
 def pipe(path: Path) -> None:
@@ -115,7 +115,7 @@ def other_code_hash(path: Path) -> None:
         ("value_j.npy", alter, "was altered since it was written; solved instead"),
         ("grid.npy", alter, "grid.npy: was altered since it was written; solved instead"),
         ("manifest.json", alter, "altered since it was written; not used"),
-        ("manifest.json", other_schema, "schema_version = 99: expected 1; not used"),
+        ("manifest.json", other_schema, "schema_version = 99: expected 2; not used"),
         ("run_s_m.npy", Path.unlink, "is missing; not used"),
     ],
 )
