@@ -18,7 +18,7 @@ class CalmSettings:
     change_s: float = 0.03
     """A change of the notch must save as much energy as the train's full power needs in this time: 0.05 kWh of a
     locomotive of 6 MW. A third of it makes 21 instead of 16 changes between Zug and Luzern (7 % buffer), and saves
-    nothing: `das-precompute calm` shows what other prices do."""
+    0.05 %: `das-precompute calm` shows what other prices do."""
     ladder_size: int = 32
     """The number of multipliers λ."""
     low_ratio: float = 0.004
