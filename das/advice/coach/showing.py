@@ -83,7 +83,9 @@ class Showing:
         wanted = self._wanted(schedule, number, state, place)
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
         between = brakes_again and begins_s[0] < self._settings.least_shown_s
-        now = self._held(wanted, state, place, between_brakes=between)
+        # A speed that cannot be reached before the phase ends is not shown any longer than a limit that is passed.
+        reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
+        now = self._held(wanted, state, reachable, between_brakes=between)
         following = self._following(schedule, number, state, begins_s)
         end_m = schedule.begin_m(number + 1)
         due_m = schedule.begin_m(number) - state.s_m if number else 0.0
@@ -195,10 +197,11 @@ class Showing:
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
         braked = less and (wanted.mode in BRAKES or too_fast)
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
-        if reached and between_brakes and wanted.mode not in BRAKES and not too_fast:
+        above = shown.speed_mps > place.limit_mps + SAME_MPS
+        if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
-        if settled or braked or released or shown.speed_mps > place.limit_mps + SAME_MPS:
+        if settled or braked or released or above:
             self._shown, self._since_ns = wanted, state.now_ns
         return self._shown
 
@@ -228,6 +231,14 @@ class Showing:
         if one.kind is NotchKind.COAST:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         return Instruction(mode=Mode.CRUISE, speed_mps=target)
+
+
+def _highest_mps(schedule: Schedule, number: int, s_m: float) -> float:
+    """The highest speed that is allowed anywhere from a position to the end of a phase."""
+    section = schedule.section
+    first = max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0)
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    return float(section.envelope_mps[min(first, end) : end + 1].max())
 
 
 def _aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
