@@ -8,8 +8,7 @@ from das.compiling.kernels import kernel
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS, landings, step_cost
 from das.solver.kernels.speed_grid import grid_speed, locate
-from das.solver.kernels.transitions import TOGETHER
-from das.solver.tolerances import INFEASIBLE
+from das.solver.kernels.transitions import pad
 
 
 @kernel
@@ -46,9 +45,4 @@ def plain_transitions(first, last, line, bounds, steps, p, c, moves):
                 target[row, j, used] = lower
                 weight[row, j, used] = share
                 used += 1
-            count[row, j] = used
-            for i in range(used, -(-used // TOGETHER) * TOGETHER):
-                dt[row, j, i] = 0.0
-                energy[row, j, i] = INFEASIBLE
-                target[row, j, i] = 0
-                weight[row, j, i] = 0.0
+            pad(row, j, used, moves)

@@ -35,7 +35,7 @@ class PerfectDriver:
         """Do what the coach says at the moment when it is due."""
         if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
             self._due, self._due_at_m = view, cab.s_m
-        view = self._due
+        newest, view = view, self._due
         target = min(view.speed_mps, cab.limit_mps)
         if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
             return hold(cab, outlook, target, high_n=max(view.force_n, 0.0))
@@ -52,8 +52,8 @@ class PerfectDriver:
             return hold(cab, outlook, target)
         braking_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed
         # At high speeds the motors brake less than one deceleration asks for, and the advice knows by how much.
-        told = min(cab.shown.force_n, 0.0) if cab.shown is not None else braking_n
-        return force(max(braking_n, told) if cab.speed_mps > FOLLOWING.creeping_mps else braking_n)
+        eased_n = max(braking_n, min(newest.force_n, 0.0))
+        return force(eased_n if cab.speed_mps > FOLLOWING.creeping_mps else braking_n)
 
     def _must_mind(self, cab: CabView) -> bool:
         """Whether the train is near the highest speed that a restriction or signal allows; the advice may not know."""

@@ -144,10 +144,11 @@ class Keeper:
         if self._asked is not None and not self._asked.serves(must, goal):
             self._give_up()
         if self._asked is None:
-            doubt = ReplanCause.NONE if kept is None else self._doubt(kept, state, goal)
-            if must is ReplanCause.NONE and doubt is ReplanCause.NONE:
+            doubted = must is ReplanCause.NONE
+            cause = self._doubt(kept, state, goal) if doubted and kept else must
+            if cause is ReplanCause.NONE:
                 return kept
-            self._asked = self._ask(must, doubt, state, goal)
+            self._asked = self._ask(cause, state, goal, doubted=doubted)
         if not self._asked.answer.done():
             return kept
         asked, self._asked = self._asked, None
@@ -159,15 +160,14 @@ class Keeper:
             return None
         return Kept(self.reference, forecast, forecast.time_s - self._left_s(state, goal))
 
-    def _ask(self, must: ReplanCause, doubt: ReplanCause, state: TrainState, goal: Goal) -> _Asked:
-        """Have a new reference made, because there must be one or because there is doubt about the one that stands."""
+    def _ask(self, cause: ReplanCause, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
+        """Have a new reference made."""
         assert self._front is not None
         front, wanted, settings = self._front, self._wanted(state, goal), self._settings
         answer = self._worker.submit(lambda: planned(front, wanted, settings))
-        if must is not ReplanCause.NONE:
-            return _Asked(must, False, state, goal, answer)
-        self._doubted_ns = state.now_ns
-        return _Asked(doubt, True, state, goal, answer)
+        if doubted:
+            self._doubted_ns = state.now_ns
+        return _Asked(cause, doubted, state, goal, answer)
 
     def _give_up(self) -> None:
         """What is being made is not wanted any more."""

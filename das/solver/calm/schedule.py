@@ -83,11 +83,7 @@ class Schedule:
         targets = np.array([one.target_mps for one in self.phases])
         led_to = self.section.envelope_mps[[*(one.begin for one in self.phases[1:]), len(self.at)]]
         kinds[(kinds == NotchKind.BRAKE) & (np.abs(led_to - targets) < ON_CURVE_MPS)] = NotchKind.CURVE
-        return (
-            kinds,
-            np.array([one.share for one in self.phases]),
-            targets,
-        )
+        return kinds, np.array([one.share for one in self.phases]), targets
 
     def speed_at(self, s_m: float) -> float:
         """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
@@ -99,7 +95,7 @@ class Schedule:
         return int(self.at[min(max(interval, 0), len(self.at) - 1)])
 
     def braking_mps2(self, number: int) -> float:
-        """The mean deceleration (m/s²) of an phase to brake."""
+        """The mean deceleration (m/s²) of a phase to brake."""
         first = self.phases[number].begin
         last = self.phases[number + 1].begin if number + 1 < len(self.phases) else len(self.at)
         speeds, node_m = self.known.speed_mps, self.section.node_m
@@ -128,7 +124,7 @@ class Schedule:
         return float(reach / (2.0 * max(self.begin_m(number + 1) - s_m, 1.0)))
 
     def begin_m(self, number: int) -> float:
-        """Where an phase begins (m); beyond the last one: the end of the section."""
+        """Where a phase begins (m); beyond the last one: the end of the section."""
         if number >= len(self.phases):
             return self.section.end_m
         return float(self.section.node_m[self.phases[number].begin])

@@ -114,7 +114,7 @@ def _pack(row, slowest, speeds, landing, found, moves):
                     target[row, j, used] = np.int16(found[2, i, j])
                     weight[row, j, used] = found[3, i, j]
                     used += 1
-        _pad(row, j, used, moves)
+        pad(row, j, used, moves)
 
 
 @kernel
@@ -127,11 +127,11 @@ def _pack_last(row, slowest, high, top, time_s, energy_j, moves):
         energy[row, j, 0] = energy_j[j]
         target[row, j, 0] = 0
         weight[row, j, 0] = 0.0
-        _pad(row, j, 1 if reached else 0, moves)
+        pad(row, j, 1 if reached else 0, moves)
 
 
 @kernel
-def _pad(row, j, used, moves):
+def pad(row, j, used, moves):
     """Say how many landings of a state are filled, and fill its last five up with costs that are never chosen."""
     dt, energy, target, weight, count = moves
     count[row, j] = used

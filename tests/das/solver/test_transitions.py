@@ -18,6 +18,7 @@ from das.solver.solve import DecisionGrid, Transitions
 from das.solver.tolerances import INFEASIBLE
 from precompute.bench.plain_transitions import plain_transitions
 from tests.support.making import make_route
+from tests.support.transitions import all_moves
 
 TRAIN = load_vehicle("re460-ic")
 HILLY = make_route(3000.0, [(0.0, 30.0), (900.0, 20.0)], [(0.0, 0.0), (700.0, 0.02), (1500.0, -0.025), (2300.0, 0.0)])
@@ -41,14 +42,6 @@ SECTIONS = {
         HILLY, replace(TRAIN, max_acceleration_mps2=0.3, max_deceleration_mps2=0.4), level=Level.L1
     ),
 }
-
-
-def all_moves(section: Section) -> Transitions:
-    grid = DecisionGrid.of(section)
-    nodes = len(grid.node_m) - 1
-    moves = Transitions.empty(nodes, grid.speed_steps + 1)
-    grid.fill(0, nodes, 0, moves)
-    return moves
 
 
 def one_speed_after_the_other(section: Section) -> Transitions:

@@ -16,7 +16,7 @@ from das.domain.losses import EfficiencyLoss
 from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, trajectory_on
-from das.solver.solve import DecisionGrid, Transitions, solve_front
+from das.solver.solve import solve_front
 from precompute.bench.command import NAMES, chosen, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
 from precompute.bench.lines import made_up_line
@@ -25,6 +25,7 @@ from precompute.bench.plain import bisected, numpy_sweep, plain_front
 from precompute.bench.registry import FIGURES
 from precompute.bench.roofline import Roofline
 from tests.support.making import in_a_process, make_route, make_train
+from tests.support.transitions import all_moves
 
 
 @pytest.fixture(scope="module")
@@ -42,14 +43,6 @@ def section() -> Section:
 @pytest.fixture(scope="module")
 def front(section: Section) -> Front:
     return solve_front(section)
-
-
-def all_moves(section: Section) -> Transitions:
-    grid = DecisionGrid.of(section)
-    nodes = len(grid.node_m) - 1
-    moves = Transitions.empty(nodes, grid.speed_steps + 1)
-    grid.fill(0, nodes, 0, moves)
-    return moves
 
 
 # --- the solver's way and the plain way -------------------------------------------------------------------------

@@ -13,14 +13,14 @@ import pytest
 from das.advice.coach.coaching import Replan
 from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
-from das.advice.coach.showing import BRAKES, TRACTION, Showing, ShownNow, SpeedsAllowed, force_n
+from das.advice.coach.showing import BRAKES, TRACTION, Showing, ShownNow, SpeedsAllowed, force_n, reference_force_n
 from das.advice.modes import Mode
 from das.advice.planner import TrainState
 from das.domain.units import KMH
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
 from das.solver.calm.schedule import Schedule, known_run
-from das.solver.kernels.forces import traction_limit
+from das.solver.kernels.forces import electric_limit, traction_limit
 from das.solver.section import Section
 from tests.support.calm import BUNDLED, section_of
 from tests.support.coach import Keeping, ns
@@ -225,6 +225,47 @@ def test_forces_of_instructions_are_those_that_the_train_has(display: Shown) -> 
     hold = replace(traction, mode=Mode.CRUISE, effort_ratio=math.nan)
     resistance = float(here.vehicle.resistance.force_n(np.array([v_mps]))[0])
     assert force_n(here, hold, 300.0, v_mps) == pytest.approx(resistance, rel=1e-6)
+
+
+def test_a_speed_that_cannot_be_reached_any_more_is_not_shown_on(display: Shown) -> None:
+    """A train that is found elsewhere; what was shown before would stand for 8 s."""
+    assert display.at(0.0, 500.0, 10.0).now.mode in TRACTION
+    highest_mps = float(np.interp(5900.0, section().node_m, section().envelope_mps))
+    assert highest_mps < 0.6 * TOP_MPS
+    assert display.at(1.0, 5900.0, 0.3 * highest_mps).now.speed_mps <= highest_mps + 0.3
+
+
+def test_the_speed_of_a_brake_does_not_stand_above_a_limit_between_two_brakes() -> None:
+    """A train found beyond the first of two brakes that follow each other, where the limit is lower."""
+    node_m = section().node_m
+    first, second = (int(np.searchsorted(node_m, at)) for at in (3000.0, 3300.0))
+    phases = (
+        Phase(NotchKind.TRACTION, 0.8, 0, TOP_MPS),
+        Phase(NotchKind.BRAKE, 0.4, first, 25.0),
+        Phase(NotchKind.BRAKE, 0.4, second, 15.0),
+        Phase(NotchKind.HOLD, 0.0, int(np.searchsorted(node_m, 4000.0)), 15.0),
+    )
+    raw = Schedule(
+        section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
+    )
+    display = Shown(Showing(SETTINGS), raw.settled(0.0, 0.0)[0])
+    assert display.at(0.0, 3050.0, 27.0).now.mode in BRAKES
+    place = SpeedsAllowed(20.0, 20.0)
+    assert display.at(1.0, 3299.0, 18.0, place).now.speed_mps <= 20.0 + 0.3
+
+
+def test_the_force_of_the_reference_brakes_along_the_curve_and_is_else_that_of_what_is_shown(display: Shown) -> None:
+    """At 100 km/h the motors give less than one deceleration to the stop would take."""
+    schedule = display.schedule
+    known = display.at(0.0, 4800.0, schedule.speed_at(4800.0))
+    force = reference_force_n(schedule, known, 4800.0, schedule.speed_at(4800.0))
+    assert known.now.mode in BRAKES
+    assert -float(electric_limit(schedule.speed_at(4800.0), section().train)) <= force < 0.0
+    held = display.at(60.0, 2000.0, TOP_MPS)
+    assert held.number == known.number, "no phase is taken up again"
+    fresh = Shown(Showing(SETTINGS), schedule)
+    held = fresh.at(0.0, 2000.0, TOP_MPS)
+    assert reference_force_n(schedule, held, 2000.0, TOP_MPS) == force_n(section(), held.now, 2000.0, TOP_MPS)
 
 
 def test_the_settings_are_those_that_this_file_counts_with() -> None:

@@ -11,9 +11,10 @@ import pytest
 from das.domain.route import Restriction
 from das.domain.units import KMH
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import BRAKES
-from das.solver.calm.schedule import Scheduled, on_section, scheduled, topped
+from das.solver.calm.phases import BRAKES, Phase
+from das.solver.calm.schedule import Schedule, Scheduled, known_run, on_section, scheduled, topped
 from das.solver.calm.settings import ScheduleSettings
+from das.solver.kernels.forces import electric_limit
 from das.solver.section import Section, build_section
 from das.solver.solution import trajectory_on
 from tests.support.calm import (
@@ -31,11 +32,8 @@ from tests.support.calm import (
 
 pytestmark = pytest.mark.slow
 RUNS = [(which, buffer) for which in BUNDLED for buffer in BUFFERS]
-TIGHT = (BUNDLED[0], 0.03)
-"""5 s of buffer on 6 km. The brakes of re460-ic are weak at high speed, one deceleration takes 3 s longer than all of
-them, and most of the buffer is gone."""
-TIGHT_RATIO, WORST_RATIO, MEAN_RATIO = 0.06, 0.015, 0.008
-"""Energy above the dual bound in the same time: of the tight one, of any other, and in the mean of the others."""
+WORST_RATIO, MEAN_RATIO = 0.01, 0.006
+"""Energy above what the table knows in the same time: of any schedule, and in the mean of all."""
 NODE_S = 1.0
 """A phase may be shorter by this, because it begins and ends at nodes."""
 
@@ -47,16 +45,15 @@ def in_time(found: Scheduled, asked: float) -> bool:
 @pytest.mark.parametrize(("which", "buffer_ratio"), RUNS)
 def test_a_schedule_is_in_time_near_the_optimum_and_below_the_envelope(which: Which, buffer_ratio: float) -> None:
     asked = schedules(which, buffer_ratio)
-    most = TIGHT_RATIO if (which, buffer_ratio) == TIGHT else WORST_RATIO
     for found in (asked.scheduled, asked.polished):
         assert in_time(found, asked.time_s)
-        assert -5e-4 <= excess_ratio(which, found.forecast.energy_j, found.forecast.time_s) <= most
+        assert -5e-4 <= excess_ratio(which, found.forecast.energy_j, found.forecast.time_s) <= WORST_RATIO
         assert (found.forecast.speeds_mps <= section_of(which).envelope_mps + 1e-9).all()
 
 
 def test_schedules_are_near_the_optimum_in_the_mean() -> None:
     """The bundled sections and four buffers, before and after polishing."""
-    asked = [(which, schedules(which, buffer)) for which, buffer in RUNS if (which, buffer) != TIGHT]
+    asked = [(which, schedules(which, buffer)) for which, buffer in RUNS]
     for stage in ("scheduled", "polished"):
         found = [(which, getattr(one, stage).forecast) for which, one in asked]
         assert np.mean([excess_ratio(which, one.energy_j, one.time_s) for which, one in found]) <= MEAN_RATIO
@@ -255,3 +252,69 @@ def test_settings_change_what_a_schedule_is_made_of() -> None:
         for s in (30.0, 2.0)
     )
     assert few < many
+
+
+FLAT = BUNDLED[0]
+
+
+def braked(share: float, target_mps: float, from_m: float, to_m: float) -> tuple[Schedule, np.ndarray]:
+    """A schedule of the flat 6 km that holds 130 km/h, brakes and holds its speed, and the run that keeps to it."""
+    section = section_of(FLAT)
+    first, last = (int(np.searchsorted(section.node_m, at)) for at in (from_m, to_m))
+    phases = [Phase(NotchKind.TRACTION, 1.0, 0, 130 * KMH), Phase(NotchKind.BRAKE, share, first, target_mps)]
+    if to_m < section.end_m:
+        phases.append(Phase(NotchKind.HOLD, 0.0, last, target_mps))
+    known = known_run(section, np.minimum(section.envelope_mps, 130 * KMH))
+    made = Schedule(section=section, phases=tuple(phases), known=known, back_share=0.7)
+    schedule, forecast = made.settled(section.start_m, 0.0)
+    return schedule, forecast.speeds_mps
+
+
+def rates_mps2(section: Section, speeds: np.ndarray) -> np.ndarray:
+    """The deceleration (m/s²) of a run in every interval."""
+    return -np.diff(speeds**2) / (2.0 * section.step_m)
+
+
+@pytest.mark.parametrize("early_m", [0.0, 100.0, 400.0])
+def test_a_brake_to_a_stop_keeps_one_share_of_the_braking_curve(early_m: float) -> None:
+    """A train that begins on the curve stays on it to the stop; one that begins earlier keeps its share."""
+    section = section_of(FLAT)
+    met_m = float(np.interp(-130 * KMH, -section.envelope_mps, section.node_m))
+    schedule, speeds = braked(0.0, 0.0, met_m - early_m, section.end_m)
+    braking = (section.node_m > met_m + 50.0) & (section.node_m < section.end_m - 1.0)
+    shares = (speeds[braking] / section.envelope_mps[braking]) ** 2
+    assert shares.max() <= 1.0 + 1e-9
+    assert np.ptp(shares) < 0.01
+    assert not schedule.brakes_by_effort(1)
+    for i in np.flatnonzero(braking)[::50]:
+        needed = schedule.needed_mps2(1, float(section.node_m[i]), float(speeds[i]))
+        assert needed == pytest.approx(rates_mps2(section, speeds)[i], rel=0.02)
+
+
+def test_a_brake_before_no_limit_is_one_effort_and_then_the_speed_is_held() -> None:
+    section = section_of(FLAT)
+    schedule, speeds = braked(0.4, 80 * KMH, 2500.0, 4500.0)
+    assert schedule.brakes_by_effort(1)
+    node_m = section.node_m
+    braking = np.flatnonzero((node_m[:-1] >= 2500.0) & (speeds[1:] > 80.5 * KMH))
+    assert len(braking) > 10
+    for i in braking:
+        faster = float(speeds[i])  # The effort of an interval is that of its faster end.
+        force_n = 0.4 * electric_limit(faster, section.train) + section.resistance_n(float(node_m[i]), faster)
+        assert rates_mps2(section, speeds)[i] == pytest.approx(force_n / section.train.inertial_mass_kg, rel=0.01)
+        needed = schedule.needed_mps2(1, float(node_m[i]), float(speeds[i]))
+        assert needed == pytest.approx(rates_mps2(section, speeds)[i], rel=0.02)
+    held = (node_m > node_m[braking[-1]] + 100.0) & (node_m < 5000.0)
+    assert speeds[held] == pytest.approx(80 * KMH, abs=0.01)
+
+
+@pytest.mark.parametrize(("s_m", "v_kmh", "time_s"), [(21_712.0, 102.0, 268.2), (20_494.0, 96.0, 310.0)])
+def test_a_notch_of_the_brake_that_does_not_brake_yet_is_no_brake(s_m: float, v_kmh: float, time_s: float) -> None:
+    """Downhill, where a calm run stays in the brake's notch for kilometres while it is slower than its goal."""
+    front = calm_of(BUNDLED[2])
+    found = scheduled(front, time_s, s_m, v_kmh * KMH)
+    assert found.forecast.time_s <= time_s + 3.0
+    speeds = found.schedule.known.speed_mps
+    for one, after in pairwise(found.schedule.phases):
+        if one.kind is NotchKind.BRAKE and front.section.node_m[one.begin] > s_m:
+            assert speeds[after.begin] < speeds[one.begin]
