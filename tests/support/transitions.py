@@ -1,0 +1,15 @@
+"""The transitions of a whole section, as the solver finds them."""
+
+from __future__ import annotations
+
+from das.solver.section import Section
+from das.solver.solve import DecisionGrid, Transitions
+
+
+def all_moves(section: Section) -> Transitions:
+    """The transitions of every decision node of a section."""
+    grid = DecisionGrid.of(section)
+    nodes = len(grid.node_m) - 1
+    moves = Transitions.empty(nodes, grid.speed_steps + 1)
+    grid.fill(0, nodes, 0, moves)
+    return moves
