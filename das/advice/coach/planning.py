@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,8 @@ RUN_UPS_M = (0.0, 800.0, 2000.0)
 """A train that was slow for a point may accelerate from this far before it on."""
 SLOWEST_MPS = 2.0
 """No train is told to go slower than this to a point."""
+BRAKE_SHARE = 0.7
+"""A train that would be too early at a point though it coasts brakes with this share of its motors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,22 +107,59 @@ def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.nd
 def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
     """One lower speed up to the point or shortly before it, so that it is not passed too early, then the rest.
 
-    A train that accelerates before the point passes it faster; which way costs least is tried.
+    A train that accelerates before the point passes it faster; which way costs least is tried. The train coasts down
+    to the lower speed, and brakes only where that is not enough. Where nothing is enough it goes as slowly as it may.
     """
     assert wanted.point_m is not None
-    best, price_w = free, free.lambda_w
-    for run_up_m in RUN_UPS_M:
-        until_m = wanted.point_m - run_up_m
-        if until_m <= wanted.s_m:
-            break
-        found = _passing_late_enough(front, free.schedule, wanted, until_m, settings, price_w)
-        if found is not None and (best is free or found.cost_j(wanted.left_s) < best.cost_j(wanted.left_s)):
-            best, price_w = found, found.lambda_w
-    return best
+    for share in (0.0, BRAKE_SHARE):
+        best, price_w = None, free.lambda_w
+        for run_up_m in RUN_UPS_M:
+            until_m = wanted.point_m - run_up_m
+            if until_m <= wanted.s_m:
+                break
+            found = _passing_late_enough(front, _Slowing(free.schedule, until_m, share), wanted, settings, price_w)
+            if found is not None and (best is None or found.cost_j(wanted.left_s) < best.cost_j(wanted.left_s)):
+                best, price_w = found, found.lambda_w
+        if best is not None:
+            return best
+    return _slowest(front, _Slowing(free.schedule, wanted.point_m, BRAKE_SHARE), wanted, settings, free)
+
+
+class _Slowing(NamedTuple):
+    """A schedule that is to be slower up to a place (m), with a share of the electric brake (0: by coasting)."""
+
+    free: Schedule
+    until_m: float
+    brake_share: float
+
+    def to(self, top_mps: float, wanted: Wanted) -> tuple[Schedule, Prospect]:
+        """The schedule with a highest speed up to the place, and what keeping to it comes to.
+
+        Raises DasError where a hill cannot be climbed so slowly.
+        """
+        before = int(np.searchsorted(self.free.section.node_m, self.until_m))
+        slower = _slowed_down(self.free, top_mps, before)
+        if self.brake_share > 0.0 and wanted.v_mps > top_mps:
+            slower = _braked_first(slower, self.brake_share, top_mps, before, wanted)
+        return slower.settled(wanted.s_m, wanted.v_mps)
+
+
+def _slowest(
+    front: CalmFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, free: Scheduled
+) -> Scheduled:
+    """The lowest speed up to the point at which hills are climbed, then the rest; too early all the same."""
+    low, high, best = SLOWEST_MPS, wanted.v_mps, None
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        try:
+            best, high = slowing.to(middle, wanted), middle
+        except DasError:
+            low = middle
+    return free if best is None else _with_rest(front, best, wanted, settings, free.lambda_w)
 
 
 def _passing_late_enough(
-    front: CalmFront, free: Schedule, wanted: Wanted, until_m: float, settings: CoachSettings, price_w: float
+    front: CalmFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, price_w: float
 ) -> Scheduled | None:
     """A reference with one lower speed up to a place; None where the point is passed too early all the same.
 
@@ -129,10 +169,10 @@ def _passing_late_enough(
     assert wanted.earliest_s is not None
     later_s = 0.0
     for _ in range(LATER_TRIES):
-        way = _slow_until(front, free, replace(wanted, earliest_s=wanted.earliest_s + later_s), until_m, price_w)
+        way = _slow_until(front, slowing, replace(wanted, earliest_s=wanted.earliest_s + later_s), price_w)
         if way is None:
             return None
-        found = _with_rest(front, way, replace(wanted, point_m=until_m), settings, price_w)
+        found = _with_rest(front, way, replace(wanted, point_m=slowing.until_m), settings, price_w)
         early_s = wanted.earliest_s - passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m)
         if early_s <= NEAR_S:
             return found
@@ -141,7 +181,7 @@ def _passing_late_enough(
 
 
 def _slow_until(
-    front: CalmFront, free: Schedule, wanted: Wanted, until_m: float, price_w: float
+    front: CalmFront, slowing: _Slowing, wanted: Wanted, price_w: float
 ) -> tuple[Schedule, Prospect] | None:
     """The highest one speed up to a place with which the point is not passed too early; None where there is none.
 
@@ -149,13 +189,14 @@ def _slow_until(
     """
     assert wanted.point_m is not None
     assert wanted.earliest_s is not None
-    low, high, best = SLOWEST_MPS, float(free.section.envelope_mps.max()), None
-    until = int(np.searchsorted(free.section.node_m, until_m))
+    section, until_m = slowing.free.section, slowing.until_m
+    low, high, best = SLOWEST_MPS, float(section.envelope_mps.max()), None
+    until = int(np.searchsorted(section.node_m, until_m))
     quick = min(int(np.searchsorted(front.lambda_w, price_w)), len(front.lambda_w) - 1)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         try:
-            tried = _slowed_down(free, middle, until).settled(wanted.s_m, wanted.v_mps)
+            tried = slowing.to(middle, wanted)
             passes = passes_s(*tried, wanted.s_m, until_m)
             if until_m < wanted.point_m:
                 state = State.at(front.section, until_m, float(tried[1].speeds_mps[until]))
@@ -184,6 +225,24 @@ def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
         if not said:
             phases.append(slow)
     return replace(schedule, phases=tuple(phases))
+
+
+def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int, wanted: Wanted) -> Schedule:
+    """The schedule of a train that first brakes with a share of its motors to a speed, and holds it up to an interval.
+
+    Raises DasError where a hill cannot be climbed so slowly.
+    """
+    first = schedule.ahead(wanted.s_m, wanted.v_mps)[0]
+    brake = Phase(NotchKind.BRAKE, share, first, top_mps)
+    later = tuple(one for one in schedule.phases if one.begin >= before)
+    braked = replace(schedule, phases=(brake, *later))
+    speeds = braked.forecast(wanted.s_m, wanted.v_mps).speeds_mps
+    slow = np.flatnonzero(speeds[first + 1 : before] <= top_mps)
+    if not slow.size:
+        return braked
+    reached = first + 1 + int(slow[0])
+    rest = tuple(one for one in schedule.phases if one.begin > reached)
+    return replace(schedule, phases=(brake, Phase(NotchKind.HOLD, 0.0, reached, top_mps), *rest))
 
 
 def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:

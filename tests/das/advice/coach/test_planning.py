@@ -83,6 +83,32 @@ def test_a_point_is_not_passed_before_its_window(
     assert (found.forecast.speeds_mps <= section_of(which).envelope_mps + 1e-9).all()
 
 
+@pytest.mark.parametrize("which", BUNDLED[1:])
+@pytest.mark.parametrize("slower", [1.3, 1.6, 2.0])
+def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelerate(which: Which, slower: float) -> None:
+    """A driver who went on when told to slow down: coasting alone would bring him to the point too early."""
+    section = section_of(which)
+    s_m, point_m = place_m(which, 0.4), place_m(which, 0.6)
+    v_mps = 0.95 * float(np.interp(s_m, section.node_m, section.envelope_mps))
+    free = Wanted(s_m=s_m, v_mps=v_mps, left_s=asked_s(which, 0.15), point_m=point_m)
+    wanted = replace(free, earliest_s=slower * (point_m - s_m) / v_mps)
+    found = plan(which, wanted)
+    assert wanted.earliest_s is not None
+    assert passed_s(found, wanted) >= wanted.earliest_s - EARLY_S
+    before = section.node_m <= point_m
+    assert np.nanmax(found.forecast.speeds_mps[before]) <= v_mps + 0.5
+
+
+def test_where_no_speed_is_slow_enough_for_a_window_the_train_is_not_told_to_accelerate() -> None:
+    """The window opens in an hour: the train would have to stand, which no schedule before the end can."""
+    which = BUNDLED[1]
+    wanted = Wanted(s_m=place_m(which, 0.4), v_mps=20.0, left_s=3000.0, point_m=place_m(which, 0.6), earliest_s=3600.0)
+    found = plan(which, wanted)
+    speeds = found.forecast.speeds_mps[section_of(which).node_m <= place_m(which, 0.6)]
+    assert np.nanmax(speeds) <= 20.0 + 0.5
+    assert passed_s(found, wanted) >= 1.5 * (place_m(which, 0.6) - wanted.s_m) / 20.0
+
+
 @pytest.mark.parametrize("which", BUNDLED)
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
 def test_a_point_is_passed_by_its_latest_time_where_that_can_be(which: Which, share: float) -> None:
