@@ -40,6 +40,11 @@ class Conditions:
                 f"conditions: head_wind_mps = {self.head_wind_mps}: expected at most {STRONGEST_WIND_MPS:g} either way"
             )
 
+    @property
+    def changes_nothing(self) -> bool:
+        """Whether train and line are as in their files."""
+        return self == Conditions()
+
     def train(self, vehicle: Vehicle) -> Vehicle:
         """The train under these conditions.
 

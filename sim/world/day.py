@@ -22,14 +22,16 @@ _Kind = TypeVar("_Kind")
 class Day:
     """Plan and truth of the day that belongs to one seed.
 
-    `held_s` is by how much the departure from each stop is held up. `human` are the parameters of the driver, if a
-    human drives. `drawn` is everything that the seed drew, in SI, for programs: the disturbances, and what the scenario
-    says about the truth and about the human.
+    `conditions` are those of the true train and line, without what happens on the way. `held_s` is by how much the
+    departure from each stop is held up. `human` are the parameters of the driver, if a human drives. `drawn` is
+    everything that the seed drew, in SI, for programs: the disturbances, and what the scenario says about the truth and
+    about the human.
     """
 
     service: Service
     seed: int
     plant: Plant
+    conditions: Conditions
     disturbances: tuple[Disturbance, ...]
     held_s: tuple[float, ...]
     human: HumanParameters
@@ -56,6 +58,7 @@ def make_day(service: Service, seed: int) -> Day:
         service=service,
         seed=seed,
         plant=_plant(service, truth, disturbances),
+        conditions=truth,
         disturbances=disturbances,
         held_s=_held_s(service, disturbances),
         human=human,

@@ -13,6 +13,7 @@ from das.solver.solution import Fit
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
+from sim.world.hindsight import hindsight
 from sim.world.loop import Counts, Run
 from sim.world.restlessness import Restlessness
 from sim.world.safety import Violations
@@ -25,10 +26,10 @@ SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfo
 class RunEnergies:
     """Energies of a run at the current collector, and the optima beside them (J).
 
-    `driven_j` is from departure to arrival, summed over the sections; `at_stops_j` is drawn at stops in between. The
-    optima are the plan's least energy: `planned_j` for the timetable, `hindsight_j` for the times the sections really
-    took; neither knows the day's disturbances. `hindsight_late`: a section took less time than the plan's train can,
-    so its optimum is the fastest run.
+    `driven_j` is from departure to arrival, summed over the sections; `at_stops_j` is drawn at stops in between.
+    `planned_j` is the plan's least energy for the timetable, `hindsight_j` the least energy of the true train and its
+    losses for the times that the sections really took; neither knows what happened on the way. `hindsight_late`: a
+    section took less time than the true train can, so its optimum is the fastest run.
     """
 
     driven_j: float
@@ -112,10 +113,7 @@ def outcome(day: Day, run: Run) -> DayOutcome:
     service = day.service
     whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
     energy_j = sum(day.plant.ledger(*leg).input for leg in run.legs)
-    hindsight = [
-        front.trajectory(arrived.time_s - departed.time_s)
-        for front, (departed, arrived) in zip(service.fronts, run.legs, strict=True)
-    ]
+    best = hindsight(day, run)
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
@@ -126,8 +124,8 @@ def outcome(day: Day, run: Run) -> DayOutcome:
             driven_j=energy_j,
             at_stops_j=whole.input - energy_j,
             planned_j=sum(solution.ledger.input for solution in service.planned),
-            hindsight_j=sum(solution.ledger.input for solution in hindsight),
-            hindsight_late=any(solution.fit is Fit.LATE for solution in hindsight),
+            hindsight_j=sum(solution.ledger.input for solution in best),
+            hindsight_late=any(solution.fit is Fit.LATE for solution in best),
         ),
         ledger=whole,
         counts=run.counts,

@@ -132,7 +132,7 @@ def _notes(result: DayResult) -> list[str]:
         over_kmh = kmh(violations.over_limit_mps)
         notes.append(f"{violations.over_limit_s:.0f} s above limits, by up to {over_kmh:.0f} km/h")
     if found.energies.hindsight_late:
-        notes.append("a section took less time than the plan's train can: its optimum is the fastest run")
+        notes.append("a section took less time than the true train can: its optimum is the fastest run")
     if found.counts.above_limit:
         notes.append(f"{found.counts.above_limit} advices were above the limit: please report this")
     return notes

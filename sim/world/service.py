@@ -11,6 +11,7 @@ from pathlib import Path
 from das.advice.advice import Timetable
 from das.cab.fronts import Fronts
 from das.cab.heard import JourneyHeard, OrderedStop
+from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import Level
@@ -54,6 +55,8 @@ class Service:
     planned: tuple[Solution, ...]
     line: LineKnowledge
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
+    true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
+    """The fronts of the true train, by the conditions of a day (see `sim.world.hindsight`)."""
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as an operator orders it, said at a moment."""
@@ -84,7 +87,7 @@ class Service:
     def on(self, scenario: Scenario) -> Service:
         """The same service for a scenario that it `plans`; raises DasError for what cannot happen on this line."""
         _check_day(scenario, self.vehicle, self.level, self.stops)
-        return replace(self, scenario=scenario)
+        return replace(self, scenario=scenario, true_fronts={})
 
 
 def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Service:

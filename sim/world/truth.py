@@ -43,6 +43,12 @@ class Truth:
         adhesion = self.conditions["adhesion_ratio"]
         return (adhesion.low, adhesion.high) != (1.0, 1.0)
 
+    @property
+    def is_as_planned(self) -> bool:
+        """Whether train, load and losses are those of the plan; the conditions of a day may differ all the same."""
+        others = (self.adhesive_mass_kg, self.vehicle, self.load, self.level, self.loss_map)
+        return all(one is None for one in others)
+
     def draw(self, seed: int) -> Conditions:
         """Draw the conditions of a seed's day."""
         random = np.random.default_rng([seed, STREAM])
