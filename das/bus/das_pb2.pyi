@@ -1154,6 +1154,7 @@ class Truth(_message.Message):
     FRICTION_BRAKE_J_FIELD_NUMBER: _builtins.int
     UNRETURNED_J_FIELD_NUMBER: _builtins.int
     COMFORT_J_FIELD_NUMBER: _builtins.int
+    BLENDING_J_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     s_m: _builtins.float
     speed_mps: _builtins.float
@@ -1177,6 +1178,8 @@ class Truth(_message.Message):
     unreturned_j: _builtins.float
     comfort_j: _builtins.float
     """beside energy_input_j"""
+    blending_j: _builtins.float
+    """part of energy_input_j: not needed if the motors had braked all that they could"""
     def __init__(
         self,
         *,
@@ -1197,10 +1200,11 @@ class Truth(_message.Message):
         friction_brake_j: _builtins.float = ...,
         unreturned_j: _builtins.float = ...,
         comfort_j: _builtins.float = ...,
+        blending_j: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["acceleration_mps2", b"acceleration_mps2", "adhesion_ratio", b"adhesion_ratio", "auxiliary_j", b"auxiliary_j", "comfort_j", b"comfort_j", "component_loss_j", b"component_loss_j", "energy_input_j", b"energy_input_j", "force_el_n", b"force_el_n", "force_friction_n", b"force_friction_n", "friction_brake_j", b"friction_brake_j", "gradient_ratio", b"gradient_ratio", "head_wind_mps", b"head_wind_mps", "limit_mps", b"limit_mps", "resistance_j", b"resistance_j", "s_m", b"s_m", "speed_mps", b"speed_mps", "time_ns", b"time_ns", "unreturned_j", b"unreturned_j"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["acceleration_mps2", b"acceleration_mps2", "adhesion_ratio", b"adhesion_ratio", "auxiliary_j", b"auxiliary_j", "blending_j", b"blending_j", "comfort_j", b"comfort_j", "component_loss_j", b"component_loss_j", "energy_input_j", b"energy_input_j", "force_el_n", b"force_el_n", "force_friction_n", b"force_friction_n", "friction_brake_j", b"friction_brake_j", "gradient_ratio", b"gradient_ratio", "head_wind_mps", b"head_wind_mps", "limit_mps", b"limit_mps", "resistance_j", b"resistance_j", "s_m", b"s_m", "speed_mps", b"speed_mps", "time_ns", b"time_ns", "unreturned_j", b"unreturned_j"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
@@ -21,8 +21,9 @@ from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy
 from das.command_line.running import interrupt_on_termination, signals_held
 from das.domain.errors import DasError
+from sim.cli.options import FrictionOption
 from sim.cli.shared import Kind, chosen, progress_bar
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 
 if TYPE_CHECKING:
     from sim.batch.journal import Journal
@@ -43,6 +44,7 @@ def batch(
     advice: Annotated[
         str, typer.Option(metavar="LIST", help="What the display shows, with commas between (see das-sim run -h).")
     ] = "vector",
+    friction: FrictionOption = FrictionPolicy.AS_MEASURED,
     level: LevelOption = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", help="Number of processes [default: one a core].", min=1, max=1024)
@@ -67,6 +69,7 @@ def batch(
             drivers=_each(DriverKind, "--drivers", drivers),
             advice=_each(Presentation, "--advice", advice),
             seeds=parse_seeds(seeds),
+            friction=friction,
             level=level,
             record=record,
             folder=out,
@@ -75,9 +78,14 @@ def batch(
         _make_folders(out, record)
     found = _run_all(jobs, out, workers or os.cpu_count() or 1)
     if as_json:
-        print(json.dumps(found))
+        print(json.dumps({**found, "savings": [one.as_dict() for one in found["savings"]]}))
     else:
         print_summary(found)
+    _check_all_done(found, jobs, out)
+
+
+def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Path) -> None:
+    """End with code 1 where runs failed."""
     if failed := sum(group["failed"] for group in found["groups"]):
         print(f"{failed} of {len(jobs)} runs failed: see the column error of {out / TABLE}", file=sys.stderr)
         raise typer.Exit(1)
@@ -87,6 +95,7 @@ def _run_all(jobs: Sequence[BatchJob], out: Path, workers: int) -> dict[str, Any
     """Run what is not finished yet and write the table, even if it is interrupted. Returns what came out."""
     from sim.batch.journal import Journal
     from sim.batch.report import summary
+    from sim.batch.split import savings
     from sim.batch.table import write_table
     from sim.batch.worker import recorded
 
@@ -102,7 +111,13 @@ def _run_all(jobs: Sequence[BatchJob], out: Path, workers: int) -> dict[str, Any
         finally:
             finished = [journal.rows[job.inputs_sha256] for job in jobs if job.inputs_sha256 in journal.rows]
             write_table(out / TABLE, finished)
-    return {"file": str(out / TABLE), "runs": len(jobs), "made": len(left), "groups": summary(finished)}
+    return {
+        "file": str(out / TABLE),
+        "runs": len(jobs),
+        "made": len(left),
+        "groups": summary(finished),
+        "savings": savings(finished),
+    }
 
 
 def _good(journal: Journal, job: BatchJob) -> bool:

@@ -19,7 +19,7 @@ from das.command_line.loading import warn_unusual
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind
+from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.recording.inputs import sha256
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out, scenario_files
@@ -42,6 +42,7 @@ class BatchJob:
     scenario_id: str
     seed: int
     driver: DriverKind
+    friction: FrictionPolicy
     advice: Presentation
     level: Level | None
     versions: tuple[tuple[str, str], ...]
@@ -51,7 +52,7 @@ class BatchJob:
     def inputs_sha256(self) -> str:
         """The hash of everything that decides the result; a run with an equal hash need not be made again."""
         level = None if self.level is None else str(self.level)
-        decides = [self.name, level, sorted(self.versions)]
+        decides = [self.name, str(self.friction), level, sorted(self.versions)]
         return hashlib.sha256(json.dumps(decides).encode()).hexdigest()
 
 
@@ -63,6 +64,7 @@ class Batch:
     drivers: Sequence[DriverKind]
     advice: Sequence[Presentation]
     seeds: Sequence[int]
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
     level: Level | None
     record: bool
     folder: Path
@@ -86,6 +88,7 @@ class Batch:
                     scenario_id=scenario.id,
                     seed=seed,
                     driver=driver,
+                    friction=self.friction,
                     advice=advice,
                     level=self.level,
                     versions=tuple(versions.items()),

@@ -14,7 +14,7 @@ from sim.batch.worker import STOP_COLUMNS
 from sim.world.outcome import SHARES
 
 TEXTS = (
-    *("scenario", "driver", "advice", "level", "error", "happens", "drawn", "recording", "version"),
+    *("scenario", "driver", "friction_policy", "advice", "level", "error", "happens", "drawn", "recording", "version"),
     *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
     *("true_vehicle_sha256", "true_loss_map_sha256", "inputs_sha256"),
 )
@@ -31,6 +31,7 @@ TRUTHS = ("advice_restless", "hindsight_faster_than_possible")
 FIGURES = (
     *("late_s", "running_time_s"),
     *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh", "beyond_hindsight_ratio"),
+    *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *(f"{name}_kwh" for name in SHARES),
     *(f"{name}_ratio" for name in SHARES),
     *("potential_kwh", "ledger_residual_ratio", "beyond_signal_m", "over_limit_s", "over_limit_kmh"),

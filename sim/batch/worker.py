@@ -54,6 +54,7 @@ def work(job: BatchJob) -> dict[str, Any]:
         "scenario": job.scenario_id,
         "seed": job.seed,
         "driver": str(job.driver),
+        "friction_policy": str(job.friction),
         "advice": str(job.advice),
         **dict(job.versions),
         "inputs_sha256": job.inputs_sha256,
@@ -69,7 +70,7 @@ def work(job: BatchJob) -> dict[str, Any]:
 
 def _run(job: BatchJob) -> dict[str, Any]:
     day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed)
-    figures = outcome(day, _driven(day, job)).as_dict()
+    figures = outcome(day, _driven(day, job), job.driver).as_dict()
     stops = figures.pop("stops")
     return {
         **figures,
@@ -85,10 +86,10 @@ STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
 
 
 def _driven(day: Day, job: BatchJob) -> Run:
-    driver = day.driver(job.driver)
+    driver = day.driver(job.driver, job.friction)
     if job.record is None:
         return World(day, driver, job.advice, InProcess(day.service, coach=job.advice is Presentation.COACH)).run()
-    how = How(driver=job.driver, advice=job.advice, train="train-1", command=_command(job))
+    how = How(driver=job.driver, friction=job.friction, advice=job.advice, train="train-1", command=_command(job))
     run, traffic = run_over_bus(day, driver, job.advice, make_crew(day, how, job.record))
     if traffic.lost:
         raise DasError(f"{job.record}: {traffic.lost} messages were lost")

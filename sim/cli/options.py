@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 
 TripArgument = Annotated[
     Path, typer.Argument(metavar="TRIP", help="Recorded trip: CSV, GPX, or a recording (.mcap) of das-sim.")
@@ -25,3 +25,11 @@ SpeedOption = Annotated[
 ]
 DriverOption = Annotated[DriverKind, typer.Option("--driver", help="Who drives (das-sim drivers explains them).")]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
+FrictionOption = Annotated[
+    FrictionPolicy,
+    typer.Option(
+        "--friction",
+        help="How a human driver brakes where the motors could: with a share of friction (as-measured), with the "
+        "motors (electric-first), or as measured unless he follows advice on effort (by-advice).",
+    ),
+]

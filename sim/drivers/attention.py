@@ -62,12 +62,14 @@ class Lapses:
 class Heeded(NamedTuple):
     """What the driver goes by: the advice that he saw last, and whether he follows it.
 
-    `correction_mps2` is the acceleration that he adds because the train is not at the advised speed.
+    `correction_mps2` is the acceleration that he adds because the train is not at the advised speed. `reached`: it has
+    come to the speed that it is advised to accelerate to.
     """
 
     view: AdviceView | None = None
     follows: bool = False
     correction_mps2: float = 0.0
+    reached: bool = False
 
     @property
     def by_effort(self) -> bool:
@@ -89,6 +91,21 @@ class DisplayReading:
         self.heeded = Heeded()
         """What he goes by now."""
 
+    def reach(self) -> None:
+        """The speed that he is advised to accelerate to is reached; he holds it until something else is advised."""
+        self.heeded = self.heeded._replace(reached=True)
+
+    def depart(self, cab: CabView, speed_error_mps: float) -> None:
+        """The train is set in motion: what was advised up to the stop is over, and he looks at the display anew.
+
+        He has waited for the order to depart and has had his reaction time, so that he goes by what he sees at once.
+        """
+        self.heeded, self._judged, self._pending = Heeded(), None, None
+        self._glance(cab, speed_error_mps)
+        if self._pending is not None:
+            self._act_s = cab.time_s
+            self.look(cab, speed_error_mps)
+
     def look(self, cab: CabView, speed_error_mps: float) -> None:
         """Glance at the display if it is time to, and take up a decision if its reaction time is over.
 
@@ -109,15 +126,16 @@ class DisplayReading:
         item = None if view is None else _item(view)
         if item != self._judged:
             self._judged = item
+            self.heeded = self.heeded._replace(reached=False)
             self._judge(view, now_s)
         if self._pending is None:
             self._heed(cab, speed_error_mps)
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
-        """Decide on new advice, and when to act on it; advice that has gone is dropped at once."""
+        """Decide on new advice, and when to act on it; advice that has gone is given up after a reaction as well."""
         kind = None if view is None else advice_kind(view)
         if view is None or kind is None:
-            self.heeded, self._pending = self.heeded._replace(follows=False), None
+            self._pending, self._act_s = False, now_s + self._times.draw(now_s) if self.heeded.follows else now_s
             return
         follow = bool(self._chance.choices.random() < getattr(self._human, f"comply_{kind}_ratio"))
         self._diary.note(now_s, "followed" if follow else "refused", view.mode)
@@ -127,7 +145,7 @@ class DisplayReading:
         """Go by what he has seen last until he sees more."""
         view, correction = self._seen, 0.0
         if view is not None and view.presentation is Presentation.VECTOR:
-            error = view.speed_mps + speed_error_mps - cab.speed_mps
+            error = view.shown_speed_mps + speed_error_mps - cab.speed_mps
             if abs(error) > self._human.dead_band_mps:
                 correction = self._settings.gain_per_s * error
         self.heeded = self.heeded._replace(view=view, correction_mps2=correction)

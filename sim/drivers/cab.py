@@ -73,6 +73,11 @@ class AdviceView:
     target_way_m: float = math.nan
     reason: str = ""
 
+    @property
+    def shown_speed_mps(self) -> float:
+        """The speed that is read off the display (m/s): as it is written there, or else as it is advised."""
+        return self.speed_mps if math.isnan(self.display_speed_mps) else self.display_speed_mps
+
 
 class PostedRestriction(NamedTuple):
     """A temporary speed limit (m/s) between two positions (m), for the whole train."""

@@ -9,6 +9,7 @@ import numpy as np
 from sim.drivers.cab import CabView, Efforts
 from sim.drivers.chance import Errors
 from sim.drivers.human_settings import HumanSettings
+from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rule_settings import TRACKING
@@ -34,21 +35,68 @@ class StopMark:
         return cab.halt_m + self._off_m
 
 
+class SpeedHold:
+    """Holding a speed with the driver's dead band: what he is correcting is remembered from look to look."""
+
+    def __init__(self, human: HumanParameters, settings: HumanSettings) -> None:
+        self._human, self._settings = human, settings
+        self._correcting = self._restraining = False
+
+    def stand(self) -> None:
+        """The train stands: nothing is being corrected."""
+        self._correcting = False
+
+    def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
+        """The wheel force (N) for an error of the speed (wanted − actual, m/s); the speed itself needs `needed_n`.
+
+        Errors within the dead band are left, a small excess is rolled off. `crawls`: the train is about to stop.
+        """
+        human, settings = self._human, self._settings
+        if abs(error_mps) > human.dead_band_mps:
+            self._correcting = True
+        elif abs(error_mps) <= settings.settled_ratio * human.dead_band_mps:
+            self._correcting = False
+        force_n = needed_n + (settings.gain_per_s * mass_kg * error_mps if self._correcting else 0.0)
+        # Downhill the driver brakes until the speed is right, then lets the train roll; otherwise he would brake every
+        # few seconds.
+        if not self._correcting or error_mps > 0 or crawls:
+            self._restraining = False
+        elif error_mps <= -settings.roll_mps:
+            self._restraining = True
+        return 0.0 if force_n < 0 and not self._restraining else force_n
+
+
 class Handling:
     """Holding a speed and braking, with the driver's dead band and errors."""
 
     def __init__(
-        self, human: HumanParameters, settings: HumanSettings, errors: Errors, mark: StopMark, train: TrainNumbers
+        self,
+        human: HumanParameters,
+        settings: HumanSettings,
+        errors: Errors,
+        mark: StopMark,
+        train: TrainNumbers,
+        friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
     ) -> None:
         self._human, self._settings, self._errors, self._mark = human, settings, errors, mark
-        self._correcting = self._braking = self._restraining = False
+        self._friction = friction
+        self._hold, self._ceiling = SpeedHold(human, settings), SpeedHold(human, settings)
+        self._braking = False
         self._roll_off = RollOff()
         self.efforts = Efforts.at(0.0, train)
         """What the train can do at the present speed."""
 
     def stand(self) -> None:
         """The train stands: nothing is being corrected and the driver is not braking for anything."""
-        self._correcting, self._braking = False, False
+        self._braking = False
+        self._hold.stand()
+        self._ceiling.stand()
+
+    def friction_ratio(self, *, follows_effort: bool) -> float:
+        """The share of a braking effort that he asks of the friction brake though the motors could give it."""
+        by_advice = self._friction is FrictionPolicy.BY_ADVICE and follows_effort
+        electric = by_advice or self._friction is FrictionPolicy.ELECTRIC_FIRST
+        return 0.0 if electric else self._human.friction_ratio
 
     def under_top(self, cab: CabView, outlook: Outlook, top_mps: float, allowed_mps: float, *, rolls: bool) -> float:
         """The setting that holds a top speed, or what is allowed if that is less.
@@ -60,26 +108,15 @@ class Handling:
             return self.held(cab, outlook, min(top_mps, allowed_mps))
         return min(self.held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
 
-    def held(self, cab: CabView, outlook: Outlook, speed_mps: float) -> float:
-        """The setting that holds a speed; errors within the dead band are left, a small excess is rolled off."""
-        human, v = self._human, cab.speed_mps
-        error = speed_mps + min(self._errors.speed_mps, human.below_limit_mps) - v
-        if abs(error) > human.dead_band_mps:
-            self._correcting = True
-        elif abs(error) <= self._settings.settled_ratio * human.dead_band_mps:
-            self._correcting = False
-        force_n = outlook.resisting_n(cab.s_m, v)
-        if self._correcting:
-            force_n += self._settings.gain_per_s * outlook.train.inertial_mass_kg * error
-        # Downhill the driver brakes until the speed is right, then lets the train roll; otherwise he would brake every
-        # few seconds.
-        if not self._correcting or error > 0 or v <= TRACKING.stopping_mps:
-            self._restraining = False
-        elif error <= -self._settings.roll_mps:
-            self._restraining = True
-        if force_n < 0 and not self._restraining:
-            return 0.0
-        return self.efforts.lever_ratio(force_n * self._errors.force_ratio)
+    def held(self, cab: CabView, outlook: Outlook, speed_mps: float, *, ceiling: bool = False) -> float:
+        """The setting that holds a speed: the one he means to drive at, or a `ceiling` over advice on effort."""
+        error = speed_mps + min(self._errors.speed_mps, self._human.below_limit_mps) - cab.speed_mps
+        needed_n, mass_kg = outlook.resisting_n(cab.s_m, cab.speed_mps), outlook.train.inertial_mass_kg
+        crawls = cab.speed_mps <= TRACKING.stopping_mps
+        hold = self._ceiling if ceiling else self._hold
+        return self.efforts.lever_ratio(
+            hold.force_n(error, needed_n, mass_kg, crawls=crawls) * self._errors.force_ratio
+        )
 
     def needed_braking(self, cab: CabView, outlook: Outlook, reach_s: float) -> float | None:
         """The deceleration for what lies ahead (m/s²), from shortly before it is needed until it is done; else None.

@@ -12,6 +12,7 @@ from sim.drivers.diary import Diary, DriverEvent
 from sim.drivers.hand import Hand
 from sim.drivers.handling import Handling, StopMark
 from sim.drivers.human_settings import HumanSettings
+from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rule_settings import RULE
@@ -42,9 +43,16 @@ class Departure:
     def __init__(self, times: ReactionTimes) -> None:
         self._times = times
         self._depart_s = math.inf
+        self._stood = False
+
+    def begins(self) -> bool:
+        """Whether this is the first look since the train stood; asked once."""
+        stood, self._stood = self._stood, False
+        return stood
 
     def due(self, cab: CabView) -> bool:
         """Whether the standing train is to be set in motion now."""
+        self._stood = True
         if cab.shall_stand:
             self._depart_s = math.inf
             return False
@@ -60,7 +68,13 @@ class HumanDriver:
     """
 
     def __init__(
-        self, line: LineKnowledge, parameters: HumanParameters | None = None, *, seed: int = 0, stream: int = 0
+        self,
+        line: LineKnowledge,
+        parameters: HumanParameters | None = None,
+        *,
+        friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
+        seed: int = 0,
+        stream: int = 0,
     ) -> None:
         self.parameters = human = parameters or HumanParameters()
         self._settings = settings = HumanSettings()
@@ -74,7 +88,7 @@ class HumanDriver:
         self._lapses = Lapses(human, settings, chance, diary)
         self._display = DisplayReading(human, settings, chance, times, diary)
         mark = StopMark(human, settings, chance.marks)
-        self._handling = Handling(human, settings, self._errors, mark, line.train)
+        self._handling = Handling(human, settings, self._errors, mark, line.train, friction)
         self._hand = Hand(human, diary)
 
     @property
@@ -93,11 +107,12 @@ class HumanDriver:
             return COAST
         outlook = self._foresight.outlook(cab)
         if not self._lapses.away(cab, outlook.allowed_mps(cab.s_m)):
+            if self._departure.begins():
+                self._display.depart(cab, self._errors.speed_mps)
             self._display.look(cab, self._errors.speed_mps)
             self._handling.efforts = Efforts.at(cab.speed_mps, outlook.train)
             self._hand.move(self._wanted(cab, outlook), cab.time_s, span_s)
-        # Advice on effort is meant for the motors: a driver who follows it brakes with them alone.
-        friction_ratio = 0.0 if self._display.heeded.by_effort else self.parameters.friction_ratio
+        friction_ratio = self._handling.friction_ratio(follows_effort=self._display.heeded.by_effort)
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
     def _wanted(self, cab: CabView, outlook: Outlook) -> float:
@@ -108,7 +123,7 @@ class HumanDriver:
         near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - self._settings.watched_mps
         if heeded.view is not None and heeded.by_effort:
             wanted = self._advised(cab, outlook, heeded.view, allowed)
-            wanted = min(wanted, handling.held(cab, outlook, coming)) if near else wanted
+            wanted = min(wanted, handling.held(cab, outlook, coming, ceiling=True)) if near else wanted
         else:
             top_mps, rolls = self._top_mps(cab, outlook), self._by_top_speed
             wanted = handling.under_top(cab, outlook, top_mps, coming if near else allowed, rolls=rolls)
@@ -127,24 +142,31 @@ class HumanDriver:
         if view.presentation is Presentation.VECTOR:
             more_n = self._display.heeded.correction_mps2 * outlook.train.inertial_mass_kg
             more_ratio = handling.efforts.lever_ratio(more_n)
-            return min(max(view.lever_ratio * self._errors.force_ratio + more_ratio, -1.0), 1.0)
+            return min(max(self._set(view.lever_ratio) + more_ratio, -1.0), 1.0)
         if view.presentation is Presentation.COACH:
             return self._coached(cab, outlook, view, allowed_mps)
         if view.mode == Mode.CRUISE:
-            return handling.held(cab, outlook, min(view.speed_mps, allowed_mps))
+            return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))
         if view.mode == Mode.FULL_TRACTION:
             return 1.0
         if view.mode == Mode.FULL_BRAKE:
             return handling.efforts.lever_ratio(-handling.efforts.electric_n)
         return 0.0
 
+    def _set(self, lever_ratio: float) -> float:
+        """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""
+        if abs(lever_ratio) > self._settings.end_stop_ratio:
+            return math.copysign(1.0, lever_ratio)
+        return min(max(lever_ratio * self._errors.force_ratio, -1.0), 1.0)
+
     def _coached(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting that the coach asks for; when the speed is reached, he sees it himself and holds it."""
-        target = min(view.speed_mps, allowed_mps)
+        target = min(view.shown_speed_mps, allowed_mps)
         if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
-            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * self._settings.eased_s / 2.0
-            if away > 0:
-                return min(view.lever_ratio * self._errors.force_ratio, 1.0) if view.lever_ratio < 1.0 else 1.0
+            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * self._settings.eased_off_s
+            if away > 0 and not self._display.heeded.reached:
+                return self._set(view.lever_ratio)
+            self._display.reach()
             return self._handling.held(cab, outlook, target)
         if view.mode == Mode.CRUISE:
             return self._handling.held(cab, outlook, target)
@@ -152,12 +174,12 @@ class HumanDriver:
             return 0.0
         if cab.speed_mps <= target:
             return min(self._handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
-        return max(view.lever_ratio * self._errors.force_ratio, -1.0)
+        return self._set(view.lever_ratio)
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""
         heeded = self._display.heeded
         if heeded.view is not None and self._by_top_speed:
-            return heeded.view.speed_mps
+            return heeded.view.shown_speed_mps
         keeps = self._rule.cap_mps(cab, outlook)
         return keeps + self.parameters.haste_ratio * max(outlook.top_mps - keeps, 0.0)

@@ -14,7 +14,7 @@ from sim.drivers.cab import AT_STOP_M
 class HumanSettings:
     """Handling that all human drivers share. All values are assumptions, chosen so that the runs look like driving."""
 
-    gain_per_s: float = 0.2
+    gain_per_s: float = 0.1
     """A driver corrects this share of a speed error per second."""
     settled_ratio: float = 0.25
     """A correction ends when the speed error is down to this share of the dead band."""
@@ -28,9 +28,15 @@ class HumanSettings:
     """The brakes stay applied while at least this share of the planned deceleration is still needed."""
     settled_mps: float = 0.1
     """Braking for a limit ends when the train is no more than this (m/s) above the limit."""
-    eased_s: float = 3.0
+    eased_s: float = 6.0
     """A driver brakes a speed above a limit away within about this time (s)."""
+    eased_off_s: float = 1.5
+    """A driver who accelerates to a speed eases off this much (s) before the train reaches it."""
     nearest_m: float = 0.3
     """Nearer to the mark than this (m), and beyond it, the driver brakes with the planned deceleration."""
-    missed_m: float = 0.8 * AT_STOP_M
-    """A driver misses a mark by at most this (m): further off, the train would not count as being at its stop."""
+    missed_m: float = 0.5 * AT_STOP_M
+    """A driver takes a mark to be at most this (m) off. His braking adds to it, and further off than `AT_STOP_M` the
+    train would not count as being at its stop."""
+    end_stop_ratio: float = 0.99
+    """An effort above this share of the controller's scale is set at the end of the scale, where the hand feels a
+    stop."""

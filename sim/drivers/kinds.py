@@ -27,3 +27,14 @@ class Presentation(StrEnum):
     """Speed and effort now, and for the next seconds."""
     COACH = "coach"
     """What to do now, up to which speed and with what effort, and the next two changes."""
+
+
+class FrictionPolicy(StrEnum):
+    """Which brake a human driver uses where the motors could brake: a habit, or a rule of the railway."""
+
+    AS_MEASURED = "as-measured"
+    """A share of the braking effort (`friction_ratio`) by friction, whatever the display shows."""
+    ELECTRIC_FIRST = "electric-first"
+    """Friction only where the motors cannot give what is asked."""
+    BY_ADVICE = "by-advice"
+    """As measured, but electric first while the driver follows advice on effort: advice changes the habit."""

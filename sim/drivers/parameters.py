@@ -62,8 +62,8 @@ class HumanParameters:
         "–",
         0.0,
         1.0,
-        "share of the braking effort asked of the friction brake though the motors could give it, unless advice is "
-        "followed",
+        "share of the braking effort asked of the friction brake though the motors could give it "
+        "(policy `as-measured`)",
         "so that friction takes about the 15.1 % of the energy measured by Nold & Corman (2024): "
         "docs/reference/drivers.md",
     )

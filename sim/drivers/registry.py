@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sim.drivers.cab import Driver
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import DriverKind
+from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.perfect import PerfectDriver
@@ -18,12 +18,16 @@ def make_driver(
     line: LineKnowledge,
     *,
     parameters: HumanParameters | None = None,
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
     seed: int = 0,
     stream: int = 0,
 ) -> Driver:
-    """Make a driver for a line; parameters, seed and stream (one per driver of a seed) concern the human alone."""
+    """Make a driver for a line.
+
+    Parameters, friction policy, seed and stream (one per driver of a seed) concern the human alone.
+    """
     if kind is DriverKind.HUMAN:
-        return HumanDriver(line, parameters, seed=seed, stream=stream)
+        return HumanDriver(line, parameters, friction=friction, seed=seed, stream=stream)
     if kind is DriverKind.PERFECT:
         return PerfectDriver(line)
     ruled = {DriverKind.FAST: FastDriver, DriverKind.RMS: RmsDriver, DriverKind.TIMETABLE: TimetableDriver}

@@ -47,7 +47,8 @@ class PlantState(NamedTuple):
 
     `…_waited_s`: how long traction, electric brake and friction brake have been asked for. Energies (J) since the
     start: `input_j` and `unreturned_j` at the collector; where it went: `resistance_j` (running, tunnels, curves),
-    `component_loss_j`, `auxiliary_j`, `friction_brake_j`; `comfort_j` beside them.
+    `component_loss_j`, `auxiliary_j`, `friction_brake_j`; `comfort_j` beside them. `blending_j` is how much of
+    `input_j` would not have been needed if the motors had given all of the braking that they could.
     """
 
     time_s: float
@@ -66,6 +67,7 @@ class PlantState(NamedTuple):
     friction_brake_j: float = 0.0
     unreturned_j: float = 0.0
     comfort_j: float = 0.0
+    blending_j: float = 0.0
 
 
 class TrainNumbers(NamedTuple):
@@ -308,6 +310,11 @@ def step(x, u, began, into, dt, line, p, a, c):
     auxiliary_j = p.auxiliary_power_w * dt
     gross_j = el * way + loss_j + auxiliary_j
     taken = 1.0 if gross_j > 0.0 else max(supply, 0.0)
+    blended_j = 0.0
+    if fr < 0.0:  # The same motion, with as much of the force from the motors as they can give.
+        motors = max(el + fr, -electric_effort(middle, rail, p) if supply >= 0.0 else 0.0)
+        best_j = motors * way + loss_power(motors, 0.5 * (v0 + v1), c) * moving + auxiliary_j
+        blended_j = taken * gross_j - (1.0 if best_j > 0.0 else max(supply, 0.0)) * best_j
     return PlantState(
         began + into + dt,
         x.s_m + way,
@@ -325,6 +332,7 @@ def step(x, u, began, into, dt, line, p, a, c):
         x.friction_brake_j - fr * way,
         x.unreturned_j - (1.0 - taken) * gross_j,
         x.comfort_j + p.comfort_power_w * dt,
+        x.blending_j + blended_j,
     )
 
 

@@ -28,9 +28,9 @@ from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.units import KM
-from sim.cli.options import AdviceOption, DriverOption, SpeedOption
+from sim.cli.options import AdviceOption, DriverOption, FrictionOption, SpeedOption
 from sim.cli.shared import new_recording, progress_bar, speed_factor, typed_command
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 
 if TYPE_CHECKING:
     from das.bus.config import BusFolder
@@ -65,6 +65,7 @@ class _Asked:
     """What the user asked for, checked."""
 
     driver: DriverKind
+    friction: FrictionPolicy
     advice: Presentation
     speed: float | None
     out: Path | None
@@ -78,6 +79,7 @@ def run(
     ],
     driver: DriverOption = DriverKind.HUMAN,
     advice: AdviceOption = Presentation.VECTOR,
+    friction: FrictionOption = FrictionPolicy.AS_MEASURED,
     seed: SeedOption = 0,
     speed: SpeedOption = "max",
     out: OutRecordingOption = None,
@@ -115,7 +117,8 @@ def run(
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     if not in_process:
         out = out or new_recording("run")
-    found = _drive(day, _Asked(driver=driver, advice=advice, speed=factor, out=out, train=train, bus=files))
+    asked = _Asked(driver=driver, friction=friction, advice=advice, speed=factor, out=out, train=train, bus=files)
+    found = _drive(day, asked)
     if as_json:
         print(json.dumps(found.as_dict()))
     else:
@@ -159,8 +162,9 @@ def _drive(day: Day, options: _Asked) -> DayResult:
             raise
         raise DasError(f"{error}; recorded so far: {options.out}") from error
     return DayResult(
-        outcome=outcome(day, run),
+        outcome=outcome(day, run, options.driver),
         driver=options.driver,
+        friction=options.friction,
         advice=options.advice,
         happens=described(day.disturbances),
         drawn=day.drawn,
@@ -176,13 +180,18 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
     from sim.world.outcome import RecordedFigures
     from sim.world.over_bus import How, make_crew, run_over_bus
 
-    driver = day.driver(options.driver)
+    driver = day.driver(options.driver, options.friction)
     if options.out is None:
         return World(
             day, driver, options.advice, InProcess(day.service, coach=options.advice is Presentation.COACH)
         ).run(tick), None
     how = How(
-        driver=options.driver, advice=options.advice, train=options.train, command=typed_command(), bus=options.bus
+        driver=options.driver,
+        friction=options.friction,
+        advice=options.advice,
+        train=options.train,
+        command=typed_command(),
+        bus=options.bus,
     )
     run, traffic = run_over_bus(day, driver, options.advice, make_crew(day, how, options.out), tick)
     return run, RecordedFigures(

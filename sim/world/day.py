@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from das.domain.conditions import Conditions
 from sim.drivers.cab import Driver
+from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import Patch, Plant
@@ -37,9 +38,9 @@ class Day:
     human: HumanParameters
     drawn: Mapping[str, Any]
 
-    def driver(self, kind: DriverKind) -> Driver:
-        """Make a driver of a kind for this day."""
-        return make_driver(kind, self.service.line, parameters=self.human, seed=self.seed)
+    def driver(self, kind: DriverKind, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
+        """Make a driver of a kind for this day; the friction policy concerns a human."""
+        return make_driver(kind, self.service.line, parameters=self.human, friction=friction, seed=self.seed)
 
     def of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
         """The day's disturbances of one kind."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
+from das.advice.coach.planning import drivers_section
+from das.advice.coach.settings import CoachSettings, DriverSettings
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution
@@ -12,14 +15,8 @@ from sim.world.day import Day
 from sim.world.loop import Run
 
 
-def hindsight(day: Day, run: Run) -> tuple[Solution, ...]:
-    """The run of least energy of each section in the time that it really took, or the fastest where it took less.
-
-    Train, load, losses and conditions are those of the day, not those of the plan; what happens on the way (signals,
-    restrictions, slippery rail and wind on a part of the line) is not known. Raises DasError for losses that do not
-    cover what the train can do.
-    """
-    fronts = true_fronts(day)
+def hindsight(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
+    """The run of least energy of each section in the time that it really took, or the fastest where it took less."""
     return tuple(
         front.trajectory(arrived.time_s - departed.time_s)
         for front, (departed, arrived) in zip(fronts, run.legs, strict=True)
@@ -27,7 +24,11 @@ def hindsight(day: Day, run: Run) -> tuple[Solution, ...]:
 
 
 def true_fronts(day: Day) -> tuple[Front, ...]:
-    """The fronts of the sections for the train and the conditions of the day; the plan's where they are the same."""
+    """The fronts of the sections for the train and the conditions of the day; the plan's where they are the same.
+
+    What happens on the way is not known: signals, restrictions, slippery rail and wind on a part of the line. Raises
+    DasError for losses that do not cover what the train can do.
+    """
     service, truth = day.service, day.service.scenario.truth
     if truth.is_as_planned and day.conditions.changes_nothing:
         return service.fronts
@@ -41,3 +42,15 @@ def true_fronts(day: Day) -> tuple[Front, ...]:
             for a, b in pairwise(service.stops)
         )
     return kept[day.conditions]
+
+
+def fronts_of_own_braking(day: Day) -> tuple[Front, ...]:
+    """The fronts of the true train that brakes, and keeps below limits, as the day's human driver means to."""
+    human, kept = day.human, day.service.own_braking_fronts
+    key = (day.conditions, human.braking_mps2, human.below_limit_mps)
+    if key not in kept:
+        driver = DriverSettings(planning_brake_mps2=human.braking_mps2, below_limit_mps=human.below_limit_mps)
+        settings = CoachSettings(driver=driver)
+        kept.clear()
+        kept[key] = tuple(solve_front(drivers_section(front.section, settings)) for front in true_fronts(day))
+    return kept[key]

@@ -10,10 +10,10 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
-from sim.world.hindsight import hindsight
+from sim.world.hindsight import fronts_of_own_braking, hindsight, true_fronts
 from sim.world.loop import Counts, Run
 from sim.world.restlessness import Restlessness
 from sim.world.safety import Violations
@@ -30,6 +30,10 @@ class RunEnergies:
     `planned_j` is the plan's least energy for the timetable, `hindsight_j` the least energy of the true train and its
     losses for the times that the sections really took; neither knows what happened on the way. `hindsight_late`: a
     section took less time than the true train can, so its optimum is the fastest run.
+
+    `driven_j` = `hindsight_j` + `blending_j` + `profile_j`: the optimum, what friction took that the motors could have
+    given, and what the speed profile cost. `own_braking_j` is the optimum for the same times of somebody who brakes and
+    keeps below limits as the human driver means to; None for other drivers.
     """
 
     driven_j: float
@@ -37,6 +41,13 @@ class RunEnergies:
     planned_j: float
     hindsight_j: float
     hindsight_late: bool
+    blending_j: float
+    own_braking_j: float | None = None
+
+    @property
+    def profile_j(self) -> float:
+        """What the run took above its optimum other than for brakes that the motors could have been."""
+        return self.driven_j - self.hindsight_j - self.blending_j
 
     @property
     def beyond_hindsight_ratio(self) -> float | None:
@@ -52,6 +63,9 @@ class RunEnergies:
             "energy_hindsight_kwh": kwh(self.hindsight_j),
             "hindsight_faster_than_possible": self.hindsight_late,
             "beyond_hindsight_ratio": self.beyond_hindsight_ratio,
+            "energy_blending_kwh": kwh(self.blending_j),
+            "energy_profile_kwh": kwh(self.profile_j),
+            "energy_own_braking_kwh": None if self.own_braking_j is None else kwh(self.own_braking_j),
         }
 
 
@@ -108,12 +122,13 @@ class DayOutcome:
         }
 
 
-def outcome(day: Day, run: Run) -> DayOutcome:
-    """What a run of a day came to."""
+def outcome(day: Day, run: Run, driver: DriverKind | None = None) -> DayOutcome:
+    """What a run of a day came to; for a human driver also against the optimum under his own braking."""
     service = day.service
     whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
     energy_j = sum(day.plant.ledger(*leg).input for leg in run.legs)
-    best = hindsight(day, run)
+    best = hindsight(true_fronts(day), run)
+    own = hindsight(fronts_of_own_braking(day), run) if driver is DriverKind.HUMAN else None
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
@@ -126,6 +141,8 @@ def outcome(day: Day, run: Run) -> DayOutcome:
             planned_j=sum(solution.ledger.input for solution in service.planned),
             hindsight_j=sum(solution.ledger.input for solution in best),
             hindsight_late=any(solution.fit is Fit.LATE for solution in best),
+            blending_j=sum(arrived.blending_j - departed.blending_j for departed, arrived in run.legs),
+            own_braking_j=None if own is None else sum(solution.ledger.input for solution in own),
         ),
         ledger=whole,
         counts=run.counts,
@@ -194,6 +211,7 @@ class DayResult:
 
     outcome: DayOutcome
     driver: DriverKind
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
     advice: Presentation
     happens: str
     drawn: Mapping[str, Any]
@@ -216,6 +234,7 @@ class DayResult:
         return {
             **self.outcome.as_dict(),
             "driver": str(self.driver),
+            "friction_policy": str(self.friction),
             "advice": str(self.advice),
             "happens": self.happens,
             "drawn": self.drawn,

@@ -17,7 +17,7 @@ from das.bus.topics import CAB, LOCATION, LOG, MEASURES, TRUTH
 from das.cab.heard import PositionHeard
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
-from sim.drivers.registry import DriverKind
+from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.plant.kernels import demanded
 from sim.processes.crew import Crew
 from sim.processes.lockstep import Lockstep, Traffic
@@ -95,6 +95,7 @@ class How:
     """How a day is driven, as the recording says."""
 
     driver: DriverKind
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
     advice: Presentation
     train: str
     command: str
@@ -113,6 +114,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         "scenario": scenario.id,
         "seed": str(day.seed),
         "driver": str(how.driver),
+        "friction_policy": str(how.friction),
         "advice": str(how.advice),
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
@@ -170,6 +172,7 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
         friction_brake_j=state.friction_brake_j,
         unreturned_j=state.unreturned_j,
         comfort_j=state.comfort_j,
+        blending_j=state.blending_j,
     )
 
 

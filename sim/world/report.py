@@ -90,7 +90,11 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
         ("  optimum for the times as driven", f"{kwh(energies.hindsight_j):.1f} kWh"),
         ("  beyond that optimum", "–" if beyond is None else f"{100 * beyond:+.1f} %"),
+        ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
+        ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
     ]
+    if energies.own_braking_j is not None:
+        rows.append(("  optimum braking as this driver", f"{kwh(energies.own_braking_j):.1f} kWh"))
     parts = shares(found.ledger)
     rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
     counts, recorded = found.counts, result.recorded

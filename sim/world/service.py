@@ -57,6 +57,8 @@ class Service:
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train, by the conditions of a day (see `sim.world.hindsight`)."""
+    own_braking_fronts: dict[tuple[Conditions, float, float], tuple[Front, ...]] = field(default_factory=dict)
+    """Those of a driver who brakes his own way, by conditions, deceleration (m/s²) and margin to limits (m/s)."""
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as an operator orders it, said at a moment."""
@@ -87,7 +89,7 @@ class Service:
     def on(self, scenario: Scenario) -> Service:
         """The same service for a scenario that it `plans`; raises DasError for what cannot happen on this line."""
         _check_day(scenario, self.vehicle, self.level, self.stops)
-        return replace(self, scenario=scenario, true_fronts={})
+        return replace(self, scenario=scenario, true_fronts={}, own_braking_fronts={})
 
 
 def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Service:

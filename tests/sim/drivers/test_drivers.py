@@ -379,7 +379,7 @@ def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
     case = zug_luzern
     human = HumanDriver(case.line, HumanParameters(notches=notches, lapses_per_h=0.0), seed=5)
     run = case.ride(human, case.advise(presentation) if presentation is not Presentation.NONE else None)
-    assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=3 * human.parameters.stop_error_m)
+    assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=8.0)
     assert case.excess_mps(run) < 1.0
     assert run.arrival_s == pytest.approx(case.time_s, abs=60.0)
     assert case.plant.ledger(run.states[0], run.states[-1]).residual_ratio < 1e-6
@@ -569,7 +569,7 @@ line = LineKnowledge(route=route, vehicle=train)
 leg = Leg(start_m=0.0, stop_m=6000.0, departure_s=0.0, arrival_s=230.0)
 for seed, stream in ((11, 0), (12, 0), (11, 1)):
     run = ride(Plant(route, train), HumanDriver(line, seed=seed, stream=stream), line, leg)
-    print(hashlib.sha256(b"".join(struct.pack("16d", *s) for s in run.states)).hexdigest())
+    print(hashlib.sha256(b"".join(struct.pack("17d", *s) for s in run.states)).hexdigest())
 """
 
 

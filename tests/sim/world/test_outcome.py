@@ -26,6 +26,7 @@ KEYS = [
     *("scenario", "seed", "level", "late_s", "stops", "running_time_s"),
     *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh"),
     *("hindsight_faster_than_possible", "beyond_hindsight_ratio"),
+    *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *("component_loss_kwh", "resistance_kwh", "friction_brake_kwh", "unreturned_kwh", "comfort_kwh"),
     *("component_loss_ratio", "resistance_ratio", "friction_brake_ratio", "unreturned_ratio", "comfort_ratio"),
     *("potential_kwh", "ledger_residual_ratio"),
@@ -34,7 +35,7 @@ KEYS = [
     *("signals_passed", "beyond_signal_m", "over_limit_s", "over_limit_kmh", "simulated_s"),
 ]
 """The names that docs/reference/batch-table.md and `das-sim run --json` promise, in their order."""
-HOW = ["driver", "advice", "happens", "drawn", "wall_s", "real_time_factor", "warnings"]
+HOW = ["driver", "friction_policy", "advice", "happens", "drawn", "wall_s", "real_time_factor", "warnings"]
 RECORDING = ["messages_sent", "messages_recorded", "messages_lost", "start_s", "file"]
 
 
@@ -61,6 +62,9 @@ def test_names_and_values_of_the_figures(flat: Callable[[str], Path]) -> None:
     assert figures["beyond_hindsight_ratio"] == pytest.approx(
         figures["energy_kwh"] / figures["energy_hindsight_kwh"] - 1.0
     )
+    above = figures["energy_blending_kwh"] + figures["energy_profile_kwh"]
+    assert figures["energy_hindsight_kwh"] + above == pytest.approx(figures["energy_kwh"])
+    assert figures["energy_own_braking_kwh"] is None, "of a human driver alone"
     parts = shares(found.ledger)
     assert list(parts) == list(SHARES)
     assert sum(ratio for _, ratio in parts.values()) == pytest.approx(1.0)

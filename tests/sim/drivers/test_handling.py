@@ -1,0 +1,113 @@
+"""How a human driver sets the controller: which brakes, the end stops, two speeds at a time, and a new departure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from das.advice.modes import Mode
+from sim.drivers.cab import AdviceView, Presentation
+from sim.drivers.handling import SpeedHold
+from sim.drivers.human import HumanDriver
+from sim.drivers.human_settings import HumanSettings
+from sim.drivers.kinds import FrictionPolicy
+from sim.drivers.parameters import HumanParameters
+from sim.plant.plant import COAST, Command, PlantState
+from tests.sim.drivers.test_drivers import STEADY, cab_of, endless
+
+WILLING = replace(
+    STEADY, comply_traction_ratio=1.0, comply_hold_ratio=1.0, comply_coast_ratio=1.0, comply_brake_ratio=1.0
+)
+
+
+def view(mode: Mode, lever_ratio: float, time_s: float, speed_mps: float = 20.0) -> AdviceView:
+    return AdviceView(
+        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=mode, speed_mps=speed_mps,
+        display_speed_mps=speed_mps, lever_ratio=lever_ratio, force_n=0.0,
+    )  # fmt: skip
+
+
+def driven(human: HumanDriver, mode: Mode, lever_ratio: float, *, looks: int = 100, v_mps: float = 20.0) -> Command:
+    """The last command of a driver who is shown one advice for a while."""
+    command = COAST
+    for i in range(looks):
+        cab = cab_of(PlantState(0.2 * i, 100.0, v_mps), stop_m=50_000.0, advice=view(mode, lever_ratio, 0.2 * i))
+        command = human.command(cab)
+    return command
+
+
+@pytest.mark.parametrize(
+    ("policy", "followed", "refused"),
+    [
+        (FrictionPolicy.AS_MEASURED, 0.4, 0.4),
+        (FrictionPolicy.ELECTRIC_FIRST, 0.0, 0.0),
+        (FrictionPolicy.BY_ADVICE, 0.0, 0.4),
+    ],
+)
+def test_friction_is_a_matter_of_the_policy_and_only_by_advice_of_what_is_shown(
+    policy: FrictionPolicy, followed: float, refused: float
+) -> None:
+    willing = replace(WILLING, friction_ratio=0.4)
+    for human, expected in ((willing, followed), (replace(willing, comply_brake_ratio=0.0), refused)):
+        command = driven(HumanDriver(endless(), human, friction=policy), Mode.REDUCED_BRAKE, -0.3)
+        assert command.friction_ratio == expected
+
+
+@pytest.mark.parametrize(("mode", "end"), [(Mode.FULL_TRACTION, 1.0), (Mode.FULL_BRAKE, -1.0)])
+def test_the_ends_of_the_scale_are_set_exactly_whatever_the_error_of_efforts(mode: Mode, end: float) -> None:
+    """Drivers with errors of 50 %: of twenty, about half would set less than they are told."""
+    set_to = [
+        driven(HumanDriver(endless(), replace(WILLING, force_error_ratio=0.5), seed=seed), mode, end).value
+        for seed in range(20)
+    ]
+    assert set_to == [end] * 20
+
+
+def test_two_speeds_that_are_minded_at_once_do_not_disturb_each_other() -> None:
+    """One to hold and a ceiling: a correction of the one is none of the other."""
+    human, settings = HumanParameters(), HumanSettings()
+    both = [SpeedHold(human, settings), SpeedHold(human, settings)]
+    alone = [SpeedHold(human, settings), SpeedHold(human, settings)]
+    errors = [(-0.4, 2.5), (-0.7, 2.0), (-0.3, 0.2), (0.1, 0.1), (0.6, -0.6)]
+    mixed = [[hold.force_n(e, 1e4, 4e5, crawls=False) for hold, e in zip(both, pair, strict=True)] for pair in errors]
+    for k, hold in enumerate(alone):
+        assert [pair[k] for pair in mixed] == [hold.force_n(pair[k], 1e4, 4e5, crawls=False) for pair in errors]
+
+
+def test_at_departure_the_advice_up_to_the_stop_is_over() -> None:
+    """A brake was followed into the stop; at departure he sees full traction and sets it, without braking at first."""
+    human = HumanDriver(endless(), replace(WILLING, glance_mean_s=30.0, glance_least_s=10.0), seed=1)
+    assert driven(human, Mode.REDUCED_BRAKE, -0.4).value < 0
+    stands = PlantState(30.0, 200.0, 0.0)
+    waiting = cab_of(stands, stop_m=50_000.0, advice=view(Mode.FULL_TRACTION, 1.0, 30.0, 5.0))
+    assert human.command(waiting._replace(departure_s=60.0)) == COAST
+    set_to = []
+    for i in range(40):
+        now_s = 60.0 + 0.2 * i
+        cab = cab_of(stands._replace(time_s=now_s), stop_m=50_000.0, advice=view(Mode.FULL_TRACTION, 1.0, now_s, 5.0))
+        set_to.append(human.command(cab).value)
+    assert min(set_to) >= 0.0
+    assert set_to[-1] == 1.0
+
+
+def test_advice_that_is_withdrawn_is_given_up_after_a_reaction() -> None:
+    human = HumanDriver(endless(), replace(WILLING, reaction_median_s=3.0), seed=1)
+    assert driven(human, Mode.FULL_TRACTION, 1.0, looks=100).value == 1.0
+    noticed = human.events[-1].time_s
+    set_to = []
+    for i in range(100, 160):
+        cab = cab_of(PlantState(0.2 * i, 100.0, 20.0), stop_m=50_000.0, arrival_s=1e7)
+        set_to.append((0.2 * i, human.command(cab).value))
+    given_up = next(t for t, value in set_to if value < 1.0)
+    reaction = next(e for e in human.events if e.what == "reaction" and e.time_s > noticed)
+    assert reaction.value == pytest.approx(3.0, rel=1e-6)
+    assert given_up >= reaction.time_s + 3.0 - 1e-9
+    assert given_up <= reaction.time_s + 3.0 + 0.4
+
+
+def test_the_speed_that_is_read_is_the_one_on_the_display() -> None:
+    seen = replace(view(Mode.CRUISE, 0.0, 0.0), speed_mps=20.3, display_speed_mps=20.0)
+    assert seen.shown_speed_mps == 20.0
+    assert replace(seen, display_speed_mps=math.nan).shown_speed_mps == 20.3
