@@ -87,7 +87,7 @@ def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[Trip
 
     Files that a recording brings along are put into `folder`. Raises DasError for anything unusable.
     """
-    reading = read_trip(trip_path)
+    reading = read_trip(trip_path, options.of_train)
     options = _completed(trip_path, reading, options, folder)
     if options.route is None:
         raise DasError(f"{trip_path}: a trip without a journey needs --route")
