@@ -20,6 +20,9 @@ CHANNELS: Final = "channel "
 """The recorder says again, in metadata of this name and the channel's number, what a channel holds: the chunk that
 says so may be lost, and with it all later messages of the channel."""
 
+RECOVERED: Final = "recovered"
+"""The metadata record by which `das-sim recover` says where a recording comes from and what was lost."""
+
 
 class RecordedMessage(NamedTuple):
     """A message as recorded: its train, its topic, when it was recorded (ns), its running number, and what it says."""

@@ -12,7 +12,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
-from das.bus.contents import Contents, read_contents
+from das.bus.contents import RECOVERED, Contents, read_contents
 from das.bus.damage import Health
 from das.bus.topics import TOPICS, Topic
 from das.domain.errors import DasError, InputError
@@ -180,18 +180,22 @@ def read_recording(path: str | Path, *, train: str | None = None, skip_damage: b
         position = recording.columns("position")
         position["time_ns"], position["s_m"], position["speed_mps"]
     """
-    path = Path(path)
-    found = read_contents(path)
+    found = read_contents(Path(path))
     if not skip_damage:
-        refuse_damage(path, found.health)
+        refuse_damage(found)
+    return recording_of(found, train)
+
+
+def recording_of(found: Contents, train: str | None = None) -> Recording:
+    """The recording of one train from what a file holds; raises DasError as `read_recording` does for its trains."""
     trains = found.trains
-    chosen = _chosen(path, found, train)
+    chosen = _chosen(found, trains, train)
     messages: dict[str, list[Stamped]] = {}
     for one in sorted(found.messages, key=lambda entry: entry.log_time_ns):
         if one.train == chosen:
             messages.setdefault(one.topic.name, []).append(Stamped(one.log_time_ns, one.message))
     return Recording(
-        path=path,
+        path=found.path,
         train=chosen,
         trains=trains,
         messages={name: tuple(entries) for name, entries in messages.items()},
@@ -202,18 +206,19 @@ def read_recording(path: str | Path, *, train: str | None = None, skip_damage: b
     )
 
 
-def refuse_damage(path: Path, health: Health) -> None:
-    """Raise DasError for a file in which something is damaged or missing."""
+def refuse_damage(found: Contents) -> None:
+    """Raise DasError for a file in which something is damaged or missing that `das-sim recover` has not dealt with."""
+    path, health = found.path, found.health
     if health.damage:
         more = f", and {len(health.damage) - 1} more places" if len(health.damage) > 1 else ""
         raise DasError(f"{path}: damaged: {health.damage[0]}{more}; das-sim recover saves what is sound")
-    if health.missing:
+    if health.missing and RECOVERED not in found.metadata:
         raise DasError(f"{path}: damaged: {health.missing} messages are missing, by their running numbers")
 
 
-def _chosen(path: Path, found: Contents, train: str | None) -> str:
+def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
     """The train to read; DasError where there is none, or several and none is named."""
-    trains = found.trains
+    path = found.path
     if not trains:
         before = " before it was cut off" if not found.health.complete else ""
         raise DasError(f"{path}: holds no messages of a train{before}")

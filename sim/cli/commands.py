@@ -40,6 +40,18 @@ ENTRIES: Final = (
         examples=("das-sim view recordings/run.mcap --plot run.png",),
     ),
     Entry(
+        name="check",
+        where="sim.recording.check_command:check",
+        summary="Check a recording: checksums, holes, topics, rates, gaps, late advice, versions, input files.",
+        examples=("das-sim check recordings/run.mcap", "das-sim check run.mcap --json"),
+    ),
+    Entry(
+        name="recover",
+        where="sim.recording.recover_command:recover",
+        summary="Save what is sound in a cut or damaged recording into a new file, and say what is gone.",
+        examples=("das-sim recover cut.mcap -o saved.mcap",),
+    ),
+    Entry(
         name="scenarios",
         where="sim.world.command:scenarios",
         summary="List the bundled scenarios and where their files are.",

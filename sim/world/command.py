@@ -29,7 +29,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.units import KM
 from sim.cli.options import AdviceOption, DriverOption, SpeedOption
-from sim.cli.shared import new_recording, progress_bar, speed_factor, typed_command
+from sim.cli.shared import new_recording, progress_bar, removed_if_unused, speed_factor, typed_command
 from sim.drivers.kinds import DriverKind, Presentation
 
 if TYPE_CHECKING:
@@ -113,9 +113,10 @@ def run(
     with busy("solving the sections …"):
         day = make_day(prepare_service(read, level=level), seed)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
-    if not in_process:
-        out = out or new_recording("run")
-    found = _drive(day, _Asked(driver=driver, advice=advice, speed=factor, out=out, train=train, bus=files))
+    reserved = new_recording("run") if out is None and not in_process else None
+    asked = _Asked(driver=driver, advice=advice, speed=factor, out=out or reserved, train=train, bus=files)
+    with removed_if_unused(reserved):
+        found = _drive(day, asked)
     if as_json:
         print(json.dumps(found.as_dict()))
     else:
