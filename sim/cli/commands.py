@@ -52,6 +52,12 @@ ENTRIES: Final = (
         examples=("das-sim recover cut.mcap -o saved.mcap",),
     ),
     Entry(
+        name="reproduce",
+        where="sim.reproduce.command:reproduce",
+        summary="Let today's cab hear a recording again, and compare all that it says with what was recorded.",
+        examples=("das-sim reproduce recordings/run.mcap",),
+    ),
+    Entry(
         name="scenarios",
         where="sim.world.command:scenarios",
         summary="List the bundled scenarios and where their files are.",

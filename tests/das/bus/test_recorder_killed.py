@@ -31,7 +31,7 @@ TRAIN = "t1"
 
 
 class Killed(NamedTuple):
-    """When each position was sent and when the recorder was killed (s since 1970), and the longest pause between (s)."""
+    """When each position was sent, when the recorder was killed (s since 1970), and the longest pause of sending (s)."""
 
     sent_s: list[float]
     killed_s: float
@@ -70,7 +70,8 @@ def on_disk(path: Path) -> int:
     try:
         recording = read_recording(path)  # it would refuse a wrong checksum
     except DasError as error:
-        assert "holds no messages of a train before it was cut off" in str(error)
+        if "holds no messages of a train before it was cut off" not in str(error):
+            raise
         return 0
     assert not recording.complete
     places = [one.message.s_m for one in recording.of(POSITION)]
