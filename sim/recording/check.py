@@ -19,7 +19,7 @@ from das.bus.recording import Recording, Stamped, recording_of
 from das.bus.topics import TOPICS
 from das.cab.outputs import NodeState
 from das.domain.units import NS
-from sim.recording.findings import CheckFinding, FindingKind, find, is_session, to_recorder_s, versions
+from sim.recording.findings import CheckFinding, CheckKind, find, is_session, to_recorder_s, versions
 from sim.recording.rates import Rate, rate_of
 
 HASH = "_sha256"
@@ -137,7 +137,7 @@ def _inputs(recording: Recording, attached: dict[str, str]) -> list[CheckFinding
     named = {key: value for key, value in run.items() if key.endswith(HASH) and key not in ELSEWHERE}
     missing = [key[: -len(HASH)].replace("_", " ") for key, value in named.items() if value not in attached]
     return [
-        CheckFinding(kind=FindingKind.INPUT, text=f"the {name} of the run is not among the attached files")
+        CheckFinding(kind=CheckKind.INPUT, text=f"the {name} of the run is not among the attached files")
         for name in missing
     ]
 

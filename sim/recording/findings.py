@@ -33,7 +33,7 @@ MOST_OF_A_KIND = 5
 """So many gaps of one topic are told one by one."""
 
 
-class FindingKind(StrEnum):
+class CheckKind(StrEnum):
     """What can be wrong with a recording."""
 
     DAMAGE = "damage"
@@ -57,7 +57,7 @@ class FindingKind(StrEnum):
 class CheckFinding:
     """Something that is wrong: what, in words, and when (ns since 1970; 0: it has no time)."""
 
-    kind: FindingKind
+    kind: CheckKind
     text: str
     time_ns: int = 0
 
@@ -89,22 +89,22 @@ def _of_the_file(recording: Recording) -> Iterator[CheckFinding]:
     health = recording.health
     for one in health.damage:
         lost = ", which is left out" if one.lost else ""
-        yield CheckFinding(kind=FindingKind.DAMAGE, text=f"{one}{lost}", time_ns=one.from_ns)
+        yield CheckFinding(kind=CheckKind.DAMAGE, text=f"{one}{lost}", time_ns=one.from_ns)
     if health.missing:
         text = f"{health.missing} messages are missing, by their running numbers"
-        yield CheckFinding(kind=FindingKind.MISSING_MESSAGES, text=text)
+        yield CheckFinding(kind=CheckKind.MISSING_MESSAGES, text=text)
     if not health.complete:
         last_ns = max(entries[-1].log_time_ns for entries in recording.messages.values())
         text = "the file was cut off: its recorder was killed, its disk was full, or it is still recording"
-        yield CheckFinding(kind=FindingKind.CUT_OFF, text=text, time_ns=last_ns)
+        yield CheckFinding(kind=CheckKind.CUT_OFF, text=text, time_ns=last_ns)
     for what in health.unchecked:
-        yield CheckFinding(kind=FindingKind.UNCHECKED, text=f"no checksum covers the {what}: damage would not be seen")
+        yield CheckFinding(kind=CheckKind.UNCHECKED, text=f"no checksum covers the {what}: damage would not be seen")
 
 
 def _topics(recording: Recording) -> Iterator[CheckFinding]:
     for topic in OF_A_SESSION if is_session(recording) else OF_A_TRIP:
         if not recording.of(topic):
-            yield CheckFinding(kind=FindingKind.NO_TOPIC, text=f"there is no message on the topic {topic.name}")
+            yield CheckFinding(kind=CheckKind.NO_TOPIC, text=f"there is no message on the topic {topic.name}")
 
 
 def _gaps(recording: Recording) -> Iterator[CheckFinding]:
@@ -116,7 +116,7 @@ def _gaps(recording: Recording) -> Iterator[CheckFinding]:
         yield from gaps[:MOST_OF_A_KIND]
         if len(gaps) > MOST_OF_A_KIND:
             text = f"{topic.name}: {len(gaps) - MOST_OF_A_KIND} more gaps"
-            yield CheckFinding(kind=FindingKind.GAP, text=text, time_ns=gaps[MOST_OF_A_KIND].time_ns)
+            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=gaps[MOST_OF_A_KIND].time_ns)
 
 
 def _gaps_of(recording: Recording, topic: Topic, rate: Rate) -> Iterator[CheckFinding]:
@@ -125,7 +125,7 @@ def _gaps_of(recording: Recording, topic: Topic, rate: Rate) -> Iterator[CheckFi
     steps_s = np.diff(time_ns) * NS
     for i in np.nonzero(steps_s > longest_s)[0]:
         text = f"{topic.name}: nothing for {steps_s[i]:.1f} s"
-        yield CheckFinding(kind=FindingKind.GAP, text=text, time_ns=int(time_ns[i]))
+        yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[i]))
 
 
 def _disorder(recording: Recording) -> Iterator[CheckFinding]:
@@ -135,7 +135,7 @@ def _disorder(recording: Recording) -> Iterator[CheckFinding]:
         back = np.nonzero(np.diff(time_ns) < 0)[0]
         if len(back):
             text = f"{topic.name}: {len(back)} messages have an earlier time than the one before"
-            yield CheckFinding(kind=FindingKind.DISORDER, text=text, time_ns=int(time_ns[back[0] + 1]))
+            yield CheckFinding(kind=CheckKind.DISORDER, text=text, time_ns=int(time_ns[back[0] + 1]))
 
 
 def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
@@ -146,7 +146,7 @@ def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
     missing = [i for i, tick in enumerate(ticks.tolist()) if tick not in answered]
     if missing:
         text = f"{len(missing)} of {len(ticks)} ticks have no advice, the first is tick {ticks[missing[0]]}"
-        yield CheckFinding(kind=FindingKind.UNANSWERED, text=text, time_ns=int(asked["time_ns"][missing[0]]))
+        yield CheckFinding(kind=CheckKind.UNANSWERED, text=text, time_ns=int(asked["time_ns"][missing[0]]))
 
 
 def _stale(recording: Recording) -> Iterator[CheckFinding]:
@@ -156,7 +156,7 @@ def _stale(recording: Recording) -> Iterator[CheckFinding]:
     if len(stale):
         text = f"{len(stale)} advices were given on a position older than {STALE_AFTER_S:g} s"
         text += f", the oldest of {age_s[stale].max():.1f} s"
-        yield CheckFinding(kind=FindingKind.STALE, text=text, time_ns=int(data["time_ns"][stale[0]]))
+        yield CheckFinding(kind=CheckKind.STALE, text=text, time_ns=int(data["time_ns"][stale[0]]))
 
 
 def _expired(recording: Recording) -> Iterator[CheckFinding]:
@@ -166,7 +166,7 @@ def _expired(recording: Recording) -> Iterator[CheckFinding]:
     expired = np.nonzero((data["mode"][:-1] != Mode.NONE) & (late_s > 0))[0]
     if len(expired):
         text = f"{len(expired)} times advice had run out before the next came, by up to {late_s[expired].max():.1f} s"
-        yield CheckFinding(kind=FindingKind.EXPIRED, text=text, time_ns=int(data["valid_until_ns"][expired[0]]))
+        yield CheckFinding(kind=CheckKind.EXPIRED, text=text, time_ns=int(data["valid_until_ns"][expired[0]]))
 
 
 def _late(recording: Recording) -> Iterator[CheckFinding]:
@@ -175,7 +175,7 @@ def _late(recording: Recording) -> Iterator[CheckFinding]:
     if len(late):
         text = f"{len(late)} advices came later than {LATE_AFTER_S:g} s after their time, by up to {late_s.max():.1f} s"
         yield CheckFinding(
-            kind=FindingKind.LATE, text=text, time_ns=int(recording.columns(topics.ADVICE)["time_ns"][late[0]])
+            kind=CheckKind.LATE, text=text, time_ns=int(recording.columns(topics.ADVICE)["time_ns"][late[0]])
         )
 
 
@@ -192,21 +192,21 @@ def _slow(recording: Recording) -> Iterator[CheckFinding]:
     slow = np.nonzero(data["last_advice_s"] > SLOW_AFTER_S)[0]
     if len(slow):
         text = f"{len(slow)} advices took longer than {SLOW_AFTER_S:g} s, up to {data['last_advice_s'].max():.1f} s"
-        yield CheckFinding(kind=FindingKind.SLOW, text=text, time_ns=int(data["time_ns"][slow[0]]))
+        yield CheckFinding(kind=CheckKind.SLOW, text=text, time_ns=int(data["time_ns"][slow[0]]))
 
 
 def _dropped(recording: Recording) -> Iterator[CheckFinding]:
     dropped = recording.metadata.get(topics.RECORDER.name, {}).get("dropped", "0")
     if dropped != "0":
         text = f"the recorder could not write {dropped} messages: too many came at once, or the disk was slow"
-        yield CheckFinding(kind=FindingKind.DROPPED, text=text)
+        yield CheckFinding(kind=CheckKind.DROPPED, text=text)
 
 
 def _versions(recording: Recording) -> Iterator[CheckFinding]:
     found = versions(recording)
     if len(set(found.values())) > 1:
         text = "programs of different versions: " + ", ".join(f"{who} {version}" for who, version in found.items())
-        yield CheckFinding(kind=FindingKind.VERSIONS, text=text)
+        yield CheckFinding(kind=CheckKind.VERSIONS, text=text)
 
 
 def versions(recording: Recording) -> dict[str, str]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from das.bus import codec, das_pb2
+from das.bus import codec
 from das.bus.contents import RecordedMessage
 from das.bus.received import Received
 from das.bus.recording import Stamped
@@ -84,7 +84,7 @@ class Rehearing:
 
         They come on ways of their own, so that the recorder may have heard them a moment later.
         """
-        if control.command == das_pb2.Control.COMMAND_FINISH:
+        if codec.finishes(control):
             return
         for i in _states_until(control, messages, place):
             if i not in self._early:

@@ -31,7 +31,7 @@ TRAIN = "t1"
 
 
 class Killed(NamedTuple):
-    """When each position was sent, when the recorder was killed (s since 1970), and the longest pause of sending (s)."""
+    """When each position was sent, the recorder was killed (s since 1970), and the longest pause (s)."""
 
     sent_s: list[float]
     killed_s: float

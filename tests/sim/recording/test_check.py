@@ -14,7 +14,7 @@ from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
 from sim.recording.check import check_file
 from sim.recording.check_command import check
-from sim.recording.findings import FindingKind
+from sim.recording.findings import CheckKind
 from sim.replay.command import bundled_recording
 from tests.support.recordings import START_NS
 
@@ -53,7 +53,7 @@ def session(path: Path, change: Change = unchanged, *, ticks: bool = False) -> P
     return path
 
 
-def kinds(path: Path) -> list[FindingKind]:
+def kinds(path: Path) -> list[CheckKind]:
     return [one.kind for one in check_file(path).findings]
 
 
@@ -89,25 +89,25 @@ def set_in(name: str, second: int, field: str, value: object) -> Change:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (removed("restriction"), [FindingKind.NO_TOPIC]),
-        (removed("position", 10, 11, 12), [FindingKind.GAP]),
-        (removed("advice", 10, 11, 12), [FindingKind.GAP, FindingKind.EXPIRED]),
-        (set_in("position", 10, "time_ns", START_NS + 8 * S), [FindingKind.DISORDER]),
-        (set_in("advice", 10, "position_time_ns", START_NS + 6 * S), [FindingKind.STALE]),
-        (set_in("advice", 10, "valid_until_ns", START_NS + 10 * S), [FindingKind.EXPIRED]),
-        (set_in("advice", 10, "time_ns", START_NS + 9 * S), [FindingKind.LATE]),
-        (set_in("status", 10, "last_advice_s", 1.5), [FindingKind.SLOW]),
-        (set_in("status", 10, "version", "1.0"), [FindingKind.VERSIONS]),
+        (removed("restriction"), [CheckKind.NO_TOPIC]),
+        (removed("position", 10, 11, 12), [CheckKind.GAP]),
+        (removed("advice", 10, 11, 12), [CheckKind.GAP, CheckKind.EXPIRED]),
+        (set_in("position", 10, "time_ns", START_NS + 8 * S), [CheckKind.DISORDER]),
+        (set_in("advice", 10, "position_time_ns", START_NS + 6 * S), [CheckKind.STALE]),
+        (set_in("advice", 10, "valid_until_ns", START_NS + 10 * S), [CheckKind.EXPIRED]),
+        (set_in("advice", 10, "time_ns", START_NS + 9 * S), [CheckKind.LATE]),
+        (set_in("status", 10, "last_advice_s", 1.5), [CheckKind.SLOW]),
+        (set_in("status", 10, "version", "1.0"), [CheckKind.VERSIONS]),
     ],
 )
-def test_what_is_wrong_is_found(tmp_path: Path, change: Change, expected: list[FindingKind]) -> None:
+def test_what_is_wrong_is_found(tmp_path: Path, change: Change, expected: list[CheckKind]) -> None:
     assert kinds(session(tmp_path / "run.mcap", change)) == expected
 
 
 def test_a_tick_without_its_advice(tmp_path: Path) -> None:
     path = session(tmp_path / "run.mcap", removed("advice", 10), ticks=True)
     (finding,) = check_file(path).findings
-    assert finding.kind is FindingKind.UNANSWERED
+    assert finding.kind is CheckKind.UNANSWERED
     assert finding.text == "1 of 30 ticks have no advice, the first is tick 10"
     assert finding.time_ns == START_NS + 10 * S
 
@@ -118,7 +118,7 @@ def test_what_the_recorder_could_not_write(tmp_path: Path) -> None:
     file.add(topics.POSITION, "das/t1/position", das_pb2.Position(time_ns=START_NS), START_NS)
     file.add_metadata("recorder", {"dropped": "7"})
     file.close()
-    assert kinds(path) == [FindingKind.DROPPED]
+    assert kinds(path) == [CheckKind.DROPPED]
 
 
 def test_an_input_file_that_is_not_the_one_of_the_run(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_an_input_file_that_is_not_the_one_of_the_run(tmp_path: Path) -> None:
     file.add(topics.POSITION, "das/t1/position", das_pb2.Position(time_ns=START_NS), START_NS)
     file.close()
     (finding,) = check_file(path).findings
-    assert finding.kind is FindingKind.INPUT
+    assert finding.kind is CheckKind.INPUT
     assert finding.text == "the route of the run is not among the attached files"
 
 
@@ -137,11 +137,11 @@ def test_a_cut_and_a_flipped_bit(tmp_path: Path) -> None:
     path = session(tmp_path / "run.mcap")
     content = path.read_bytes()
     path.write_bytes(content[:-50])
-    assert kinds(path) == [FindingKind.CUT_OFF]
+    assert kinds(path) == [CheckKind.CUT_OFF]
     altered = bytearray(content)
     altered[len(content) // 4] ^= 1
     path.write_bytes(altered)
-    assert FindingKind.DAMAGE in kinds(path)
+    assert CheckKind.DAMAGE in kinds(path)
 
 
 def test_the_exit_code_says_whether_something_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
