@@ -112,7 +112,7 @@ def _difference(topic: str, time_ns: int, old: Said | None, new: Said | None) ->
         fields = tuple(_message(old.message, new.message, topic, ""))
         if not fields:
             return None
-    some = old or new
+    some = new or old
     assert some is not None
     return Difference(
         topic=topic,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -44,18 +44,19 @@ class Rehearing:
         """Hear all messages of one train in the order of the file; returns what the cab said."""
         self._cab = self.make()
         self._kept: dict[str, RecordedMessage] = {}
-        self._early: set[int] = set()
+        self._waiting = _announced(messages) if self.by_bus_clock else {}
         starts = _starts(messages)
+        waits = {id(one) for several in self._waiting.values() for one in several}
         try:
             for i, one in enumerate(messages):
                 progress(i + 1, len(messages))
                 if i in starts:
                     self._start_anew()
                 if one.topic is CONTROL and self.by_bus_clock:
-                    self._answer(one.message, messages, i)
+                    self._answer(one.message)
                 elif one.topic is ADVICE and not self.by_bus_clock:
                     self._tick(one.message.time_ns, one.message.tick)
-                elif i not in self._early:
+                elif id(one) not in waits:
                     self._hear(one)
         finally:
             self._cab.close()
@@ -79,17 +80,14 @@ class Rehearing:
         if heard is not None:
             self._keep(self._cab.hear(heard), 0)
 
-    def _answer(self, control: Any, messages: Sequence[RecordedMessage], place: int) -> None:
-        """Answer a simulation as the node does: first hear the states that were sent before it was asked.
-
-        They come on ways of their own, so that the recorder may have heard them a moment later.
-        """
+    def _answer(self, control: Any) -> None:
+        """Answer a simulation as the node does: first hear the states that were sent before it was asked."""
         if codec.finishes(control):
             return
-        for i in _states_until(control, messages, place):
-            if i not in self._early:
-                self._early.add(i)
-                self._hear(messages[i])
+        for name, wanted_ns in _wanted(control).items():
+            waiting = self._waiting.get(name, [])
+            while waiting and waiting[0].message.time_ns <= wanted_ns:
+                self._hear(waiting.pop(0))
         self._tick(control.time_ns, control.tick)
 
     def _tick(self, now_ns: int, tick: int) -> None:
@@ -104,17 +102,29 @@ class Rehearing:
             self.said.append(Said(topic, message, self._ticks))
 
 
-LOOK_AHEAD = 200
-"""A state that was sent before a tick is in the recording within so many messages after it."""
+def _wanted(control: Any) -> dict[str, int]:
+    """The times (ns) of the restrictions and targets that a node must have heard before it answers."""
+    return {RESTRICTION.name: control.restrictions_ns, TARGET.name: control.targets_ns}
 
 
-def _states_until(control: Any, messages: Sequence[RecordedMessage], place: int) -> Iterator[int]:
-    """Places of restrictions and targets that were recorded after a tick but sent before it."""
-    wanted = {RESTRICTION.name: control.restrictions_ns, TARGET.name: control.targets_ns}
-    for i in range(place + 1, min(place + LOOK_AHEAD, len(messages))):
-        name = messages[i].topic.name
-        if name in wanted and messages[i].message.time_ns <= wanted[name]:
-            yield i
+def _announced(messages: Sequence[RecordedMessage]) -> dict[str, list[RecordedMessage]]:
+    """Restrictions and targets by topic that a Control message names, in the order of their times.
+
+    States come to the recorder on ways of their own, so that it may have written them some ticks too early or too
+    late. When the node heard them is known from the Control messages.
+    """
+    latest = {RESTRICTION.name: 0, TARGET.name: 0}
+    for one in messages:
+        if one.topic is CONTROL:
+            for name, wanted_ns in _wanted(one.message).items():
+                latest[name] = max(latest[name], wanted_ns)
+    return {
+        name: sorted(
+            (one for one in messages if one.topic.name == name and one.message.time_ns <= wanted_ns),
+            key=lambda one: int(one.message.time_ns),
+        )
+        for name, wanted_ns in latest.items()
+    }
 
 
 def _starts(messages: Sequence[RecordedMessage]) -> set[int]:

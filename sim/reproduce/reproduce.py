@@ -10,6 +10,7 @@ from typing import Any
 from google.protobuf.json_format import MessageToDict
 
 from das.bus.contents import Contents, RecordedMessage
+from das.bus.recorder import LAST_NS, message_time_ns
 from das.bus.recording import recording_of
 from das.bus.topics import ADVICE, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, TARGET
 from das.domain.errors import DasError
@@ -17,10 +18,12 @@ from das.domain.units import NS
 from das.node.building import plan_cab
 from sim.recording.opening import open_contents
 from sim.reproduce.comparison import COMPARED, Comparison, Difference, compare
-from sim.reproduce.hearing import HeardAgain, Rehearing, recorded_words
+from sim.reproduce.hearing import HeardAgain, Rehearing, Said, recorded_words
 from sim.reproduce.inputs import by_bus_clock, node_given
 
 HEARD = (POSITION, DELAY, EFFORT, JOURNEY, RESTRICTION, TARGET)
+EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
+"""The metadata of a recording that holds all that its node heard, but only a part of what it said."""
 CONTEXT_S = 5.0
 """So many seconds of what was heard are shown before the first difference."""
 BY_THE_WALL = (
@@ -99,7 +102,8 @@ def reproduce(
         by_bus = by_bus_clock(options)
         hearing = Rehearing(plan.cab, by_bus, options.advice.calibrate)
         today = hearing.run(messages, progress)
-    found = compare(recorded_words(messages, COMPARED), today)
+    span = _span(contents)
+    found = compare(within(recorded_words(messages, COMPARED), span), within(today, span))
     notes = [*given.notes, *([] if by_bus else [BY_THE_WALL]), *_tables_note(contents, found, tables)]
     return Reproduction(
         path=path,
@@ -111,6 +115,20 @@ def reproduce(
     )
 
 
+def _span(contents: Contents) -> tuple[int, int]:
+    """From when to when a recording holds what its node said (ns): all the time, unless it is an extract."""
+    extract = contents.metadata.get(EXTRACT, {})
+    try:
+        return int(extract.get(SAID_FROM, "0")), int(extract.get(SAID_TO, str(LAST_NS)))
+    except ValueError:
+        raise DasError(f"{contents.path}: metadata {EXTRACT}: expected times in ns") from None
+
+
+def within(said: list[Said], span: tuple[int, int]) -> list[Said]:
+    """What was said in a span of time (ns)."""
+    return [one for one in said if span[0] <= message_time_ns(one.message) <= span[1]]
+
+
 def _tables_note(contents: Contents, found: Comparison, tables: Path | None) -> list[str]:
     from das.advice.advice import Source
 
@@ -119,19 +137,13 @@ def _tables_note(contents: Contents, found: Comparison, tables: Path | None) -> 
 
 
 def _context(messages: list[RecordedMessage], first: Difference) -> list[tuple[float, str, str]]:
-    """What was heard in the last seconds before a difference, and the last journey, restrictions and targets."""
-    ticks, lines = 0, []
+    """What was heard in the last seconds before a difference."""
+    lines = []
     for one in messages:
-        if one.topic is ADVICE:
-            ticks += 1
-            if ticks >= first.tick:
-                break
-        if one.topic in HEARD:
-            time_ns = getattr(one.message, "time_ns", one.log_time_ns)
-            before_s = (first.time_ns - time_ns) * NS
-            if 0 <= before_s <= CONTEXT_S:
-                lines.append((before_s, one.topic.name, _short(one.message)))
-    return lines
+        before_s = (first.time_ns - message_time_ns(one.message)) * NS
+        if one.topic in HEARD and 0 <= before_s <= CONTEXT_S:
+            lines.append((before_s, one.topic.name, _short(one.message)))
+    return sorted(lines, reverse=True)
 
 
 def _short(message: Any) -> str:
