@@ -58,6 +58,12 @@ ENTRIES: Final = (
         examples=("das-sim reproduce recordings/run.mcap",),
     ),
     Entry(
+        name="export",
+        where="sim.export.command:export",
+        summary="Write a recording as tables: one a topic, one by time, one by position; units are in their columns.",
+        examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
+    ),
+    Entry(
         name="scenarios",
         where="sim.world.command:scenarios",
         summary="List the bundled scenarios and where their files are.",

@@ -6,6 +6,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any, Final, NamedTuple
 
 from google.protobuf.message import Message
@@ -88,8 +89,7 @@ def compare(recorded: Sequence[Said], today: Sequence[Said]) -> Comparison:
     result = Comparison()
     for topic, time_ns in dict.fromkeys([*before, *after]):
         olds, news = before.get((topic, time_ns), []), after.get((topic, time_ns), [])
-        for i in range(max(len(olds), len(news))):
-            old, new = (x[i] if i < len(x) else None for x in (olds, news))
+        for old, new in _pairs(olds, news):
             result.compared[topic] += 1
             difference = _difference(topic, time_ns, old, new)
             if difference is not None:
@@ -97,6 +97,20 @@ def compare(recorded: Sequence[Said], today: Sequence[Said]) -> Comparison:
     order = {topic.name: i for i, topic in enumerate((EVENT, PLAN, STATUS, ESTIMATE, ADVICE))}
     result.differences.sort(key=lambda one: (one.tick, order[one.topic]))
     return result
+
+
+def _pairs(olds: Sequence[Said], news: Sequence[Said]) -> Iterator[tuple[Said | None, Said | None]]:
+    """Messages of one moment that belong together: where some are missing, those that are the same, then the rest."""
+    left = list(news)
+    rest: list[Said] = []
+    for old in olds:
+        same = next((new for new in left if new.message == old.message), None) if len(olds) != len(news) else None
+        if same is None:
+            rest.append(old)
+        else:
+            left.remove(same)
+            yield old, same
+    yield from zip_longest(rest, left)
 
 
 def _by_moment(said: Sequence[Said]) -> dict[tuple[str, int], list[Said]]:

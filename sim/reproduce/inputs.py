@@ -52,12 +52,14 @@ class NodeGiven:
 def node_given(contents: Contents, train: str, folder: Path, said: str | None) -> NodeGiven:
     """What the node of a train was started with; its files are put into `folder`.
 
-    `said` is what the user says about it, in place of what the recording says. Where neither says it, it is guessed
-    from the journey and the topics, and a note says so. Raises DasError where nothing can be made of it.
+    `said` is what the user says about it, in place of what the recording says; the files that it names are used. Where
+    neither says it, it is guessed from the journey and the topics, and a note says so. Raises DasError where nothing
+    can be made of it.
     """
     run = contents.metadata.get("run", {})
     given = _words(contents, train, run, said)
-    given.words = _with_files(contents, given, run, folder)
+    if said is None:
+        given.words = _with_files(contents, given, run, folder)
     if topics.CONTROL in {one.topic for one in contents.messages if one.train == train}:
         given.words += ["--clock", "bus"]
     given.words += ["--train", train]

@@ -29,7 +29,7 @@ from sim.replay.job import prepare
 from sim.replay.options import ReplayOptions
 from sim.replay.replay import replay
 from sim.reproduce.comparison import COMPARED, TOLERANCES
-from sim.reproduce.reproduce import EXTRACT, SAID_FROM, SAID_TO
+from sim.reproduce.reproduce import EXTRACT, SAID_FROM, SAID_TO, reproduce
 from sim.world.day import make_day
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import bundled_scenarios, read_scenario
@@ -96,10 +96,12 @@ def shorten(whole: Path, out: Path, span_s: tuple[float, float]) -> None:
         file.add_metadata(name, entries)
     file.add_metadata(EXTRACT, {SAID_FROM: str(from_ns), SAID_TO: str(to_ns)})
     for message in contents.messages:
-        time_ns = message_time_ns(message.message)
-        if message.topic in COMPARED and from_ns <= time_ns <= to_ns:
+        times_ns = message_time_ns(message.message), message.log_time_ns
+        if max(times_ns) > to_ns:  # a plan is said some seconds after it was made
+            continue
+        if message.topic in COMPARED and max(times_ns) >= from_ns:
             rounded(message.message)
-        elif message.topic not in HEARD or time_ns > to_ns:
+        elif message.topic not in HEARD:
             continue
         file.add(message.topic, message.topic.key(message.train), message.message, message.log_time_ns)
     file.close()
@@ -136,6 +138,8 @@ def main(wanted: list[str]) -> None:
         if name not in names():
             sys.exit(f"{name}: expected one of {', '.join(names())}")
         make(name, FOLDER / f"{name}.mcap")
+        if not reproduce(FOLDER / f"{name}.mcap", lambda _done, _all: None).same:
+            sys.exit(f"{name}: the cab does not say again what it has just said")
         print(f"written: {FOLDER / name}.mcap, {(FOLDER / name).with_suffix('.mcap').stat().st_size} bytes")
 
 
