@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from das.bus.codec import TOPICS_HEARD
-from das.bus.contents import read_contents
+from das.bus.contents import RecordedMessage, read_contents
 from das.bus.recorder import RecordingFile, message_time_ns
-from das.bus.topics import CONTROL
+from das.bus.topics import CONTROL, STATUS
 from das.cab.warm_up import warm_up
 from das.domain.clocks import Clocks
 from das.domain.units import NS
@@ -60,6 +60,8 @@ COACHED = ("clear-day", "departure-delay", "train-ahead", "restriction-ahead")
 SEED = 1
 STEPS = {unit: 2.0 ** math.floor(math.log2(amount / 4)) for unit, amount in TOLERANCES.items() if unit != "_ns"}
 """What is said is rounded to multiples of these, by the unit at the end of a field's name."""
+SAID_LATER_S = 15.0
+"""A plan is said up to 10 s after it was made: the node hears so much more than what it said is kept."""
 BITS = 20
 """Numbers of other units keep so many bits."""
 HEARD = {*TOPICS_HEARD.values(), CONTROL}
@@ -90,21 +92,29 @@ def shorten(whole: Path, out: Path, span_s: tuple[float, float]) -> None:
     first_ns = next(one.message.time_ns for one in contents.messages if one.topic is CONTROL)
     from_ns, to_ns = (first_ns + round(one / NS) for one in span_s)
     file = RecordingFile(out, Clocks(now_ns=lambda: first_ns))
-    for one in contents.attachments:
-        file.add_attachment(one.name, one.media_type, one.data)
+    for attached in contents.attachments:
+        file.add_attachment(attached.name, attached.media_type, attached.data)
     for name, entries in contents.metadata.items():
         file.add_metadata(name, entries)
     file.add_metadata(EXTRACT, {SAID_FROM: str(from_ns), SAID_TO: str(to_ns)})
-    for message in contents.messages:
-        times_ns = message_time_ns(message.message), message.log_time_ns
-        if max(times_ns) > to_ns:  # a plan is said some seconds after it was made
-            continue
-        if message.topic in COMPARED and max(times_ns) >= from_ns:
-            rounded(message.message)
-        elif message.topic not in HEARD:
-            continue
-        file.add(message.topic, message.topic.key(message.train), message.message, message.log_time_ns)
+    for one in contents.messages:
+        if _kept(one, from_ns, to_ns):
+            if one.topic in COMPARED:
+                rounded(one.message)
+            file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
     file.close()
+
+
+def _kept(one: RecordedMessage, from_ns: int, to_ns: int) -> bool:
+    """Whether a message was heard by the node, or said in a span of time (ns), or is the first word of a new node.
+
+    The recorder may have written what the node said some ticks later than it was said, so that its own time counts.
+    """
+    time_ns = message_time_ns(one.message)
+    if one.topic in HEARD:
+        return time_ns <= to_ns + round(SAID_LATER_S / NS)
+    begins = one.topic is STATUS and not one.message.advices and from_ns <= one.log_time_ns <= to_ns
+    return one.topic in COMPARED and (begins or from_ns <= time_ns <= to_ns)
 
 
 def rounded(message: Any) -> None:
