@@ -102,6 +102,11 @@ def control(now_ns: int, tick: int, *, restrictions_ns: int, targets_ns: int, fi
     return Outgoing(CONTROL, message)
 
 
+def finishes(control: Any) -> bool:
+    """Whether a Control message says that the run is over; every other one asks for advice."""
+    return bool(control.command == das_pb2.Control.COMMAND_FINISH)
+
+
 def said(output: Output, tick: int = 0) -> Outgoing:
     """The message for something the cab says; `tick` is that of the Control message answered (0: none)."""
     if isinstance(output, Advice):

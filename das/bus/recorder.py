@@ -11,6 +11,7 @@ import json
 import math
 import os
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -23,18 +24,23 @@ from mcap_protobuf.schema import register_schema
 from das import __version__
 from das.bus import das_pb2
 from das.bus.config import BusFile, bus_options
+from das.bus.contents import CHANNELS
 from das.bus.received import Received
 from das.bus.refusals import Refusals
+from das.bus.scanning import begun
+from das.bus.sealing import sealed
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
 from das.command_line.printing import say
 from das.command_line.running import StopFlag, run_command
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
-from das.domain.files.writing import new_file
+from das.domain.files.writing import new_file, umask
 
-FLUSH_EVERY_S = 1.0
-"""Default chunking would lose up to 1 MiB when the process is killed."""
+FLUSH_EVERY_S = 0.5
+"""What was heard is on the disk after this time (s), and after the 0.1 s for which the recorder listens at a time: so a
+kill loses at most 1.0 s, also where a write takes a while."""
+LIBRARY = f"driver-advisory-system {__version__}"
 REPORT_EVERY_S = 1.0
 """The recorder says at least this often how far it is, also while there are no ticks."""
 LAST_NS = 2**63 - 1
@@ -47,18 +53,24 @@ class RecordingFile:
     """An MCAP file under way: protobuf messages of our topics, metadata, attachments; CRCs on."""
 
     def __init__(self, path: Path, clocks: Clocks = WALL) -> None:
-        try:
-            self._file: IO[bytes] = path.open("wb")
-        except OSError as error:
-            raise DasError(f"{path}: cannot be written ({error.strerror})") from error
+        """Begin a file in the place of what is there; from the first moment on it can be read."""
         self.path = path
         self.messages = 0
         self._clocks = clocks
-        self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(profile="", library=f"driver-advisory-system {__version__}")
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        self._flushed_s = clocks.seconds()
+        self._file, beside = _begin(path)
+        try:
+            self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+            self._writer.start(profile="", library=LIBRARY)
+            self._schemas: dict[str, int] = {}
+            self._channels: dict[str, int] = {}
+            self.flush()
+            if beside is not None:
+                os.replace(beside, path.resolve())
+        except OSError as error:
+            self._file.close()
+            if beside is not None:
+                beside.unlink(missing_ok=True)
+            raise DasError(f"{path}: cannot be written ({error.strerror})") from error
 
     def add(self, topic: Topic, key: str, message: Message, log_time_ns: int) -> None:
         """Write one message (to disk with the next flush)."""
@@ -72,7 +84,7 @@ class RecordingFile:
         self.messages += 1
 
     def flush_if_due(self) -> None:
-        """Put what was written on disk, at most once a second."""
+        """Put what was written on disk, at most every `FLUSH_EVERY_S`."""
         if self._clocks.seconds() - self._flushed_s >= FLUSH_EVERY_S:
             self.flush()
 
@@ -83,7 +95,8 @@ class RecordingFile:
         self._flushed_s = self._clocks.seconds()
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        self._writer.add_metadata(name, data)
+        """Write texts, with a checksum of their own."""
+        self._writer.add_metadata(name, sealed(name, data))
 
     def add_attachment(self, name: str, media_type: str, content: bytes) -> None:
         now_ns = self._clocks.now_ns()
@@ -101,7 +114,23 @@ class RecordingFile:
         schema = self._schemas.get(name)
         if schema is None:
             schema = self._schemas[name] = register_schema(self._writer, topic.message)
-        return int(self._writer.register_channel(key, "protobuf", schema))
+        channel = int(self._writer.register_channel(key, "protobuf", schema))
+        # The chunk that describes the channel may be lost; the messages in later ones must not be lost with it.
+        self.add_metadata(f"{CHANNELS}{channel}", {"topic": key, "schema": name, "schema_id": str(schema)})
+        return channel
+
+
+def _begin(path: Path) -> tuple[IO[bytes], Path | None]:
+    """An open file for a recording, and where it stands until it has its first bytes (None: in its place)."""
+    place = path.resolve()
+    try:
+        if path.exists() and not path.is_file():  # a device or a pipe is written to, not replaced
+            return path.open("wb"), None
+        handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
+        os.chmod(name, 0o666 & ~umask())
+        return os.fdopen(handle, "wb"), Path(name)
+    except OSError as error:
+        raise DasError(f"{path}: cannot be written ({error.strerror})") from error
 
 
 def message_time_ns(message: Any) -> int:
@@ -190,6 +219,7 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
             file.add_attachment(path.name, "application/octet-stream", content)
         if metadata:
             file.add_metadata("run", metadata)
+        file.flush()
         if bus_file is not None:
             Refusals().listen()
         with made as bus:
@@ -203,6 +233,7 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
             while (received := bus.receive(0)) is not None:
                 recorder.take(received)
             if bus.dropped:
+                file.add_metadata(RECORDER.name, {"dropped": str(bus.dropped)})
                 print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
     finally:
         file.close()
@@ -210,10 +241,11 @@ def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopF
 
 def _place(path: Path, *, overwrite: bool) -> Path:
     """Where to record: a recorder that is started anew on a file keeps what was recorded before."""
-    if overwrite or not path.is_file():
+    if overwrite or (path.exists() and not path.is_file()):
         return path
-    free = new_file(path)
-    say(f"{path} is there already: recording to {free}")
+    free = new_file(path, begun(LIBRARY))
+    if free != path:
+        say(f"{path} is there already: recording to {free}")
     return free
 
 

@@ -1,27 +1,28 @@
-"""Reads an MCAP recording that the recorder wrote: whole or cut off, in one pass, with its checksums checked."""
+"""Reads an MCAP recording that the recorder wrote: whole, cut off or damaged, in one pass, every checksum checked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
-from mcap import records
-from mcap.exceptions import EndOfFile, McapError
-from mcap.reader import make_reader
-from mcap.stream_reader import CRCValidationError, StreamReader
 from numpy.typing import NDArray
 
-from das.bus.topics import TOPICS, Topic, topic_of
+from das.bus.contents import RECOVERED, Contents, read_contents
+from das.bus.damage import Health
+from das.bus.topics import TOPICS, Topic
 from das.domain.errors import DasError, InputError
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 FLOATS: Final = (FieldDescriptor.CPPTYPE_DOUBLE, FieldDescriptor.CPPTYPE_FLOAT)
 TEXTS: Final = (FieldDescriptor.CPPTYPE_STRING, FieldDescriptor.CPPTYPE_MESSAGE)
+
+
+UNKNOWN: Final = Health(size_bytes=0, complete=True)
+"""The health of a recording that was not read from a file."""
 
 
 class Stamped(NamedTuple):
@@ -35,9 +36,10 @@ class Stamped(NamedTuple):
 class Recording:
     """What a recording holds of one train.
 
-    `messages` holds the messages by topic name, each topic's in the order of their log times. `train` is the first
-    train of the file, `trains` are all of them. `metadata` holds texts by record name and key, `attachments` the names
-    of the attached files (see `extract_attachments`). `complete` is False for a file without its end: it was cut off.
+    `messages` holds the messages by topic name, each topic's in the order of their log times. `train` is the train
+    that was asked for, `trains` are all of the file. `metadata` holds texts by record name and key, `attachments` the
+    names of the attached files (see `extract_attachments`). `complete` is False for a file without its end: it was cut
+    off. `health` says what the reading found out about the file.
     """
 
     path: Path
@@ -47,6 +49,7 @@ class Recording:
     metadata: dict[str, dict[str, str]]
     attachments: tuple[str, ...]
     complete: bool
+    health: Health = UNKNOWN
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -149,133 +152,78 @@ def _as_dict(message: Message) -> dict[str, Any]:
 
 
 def extract_attachments(path: Path, folder: Path) -> list[Path]:
-    """Write the attachments of a whole recording into a folder, by their bare names, and return where they are.
+    """Write the attachments of a recording into a folder, by their bare names, and return where they are.
 
-    Nothing is returned for a recording that was cut off, or where a file cannot be written.
+    Damaged ones are left out. Nothing is returned where the recording cannot be read or a file cannot be written.
     """
     written = []
     try:
-        with path.open("rb") as file:
-            for attachment in make_reader(file).iter_attachments():
-                target = folder / Path(attachment.name).name
-                target.write_bytes(attachment.data)
-                written.append(target)
-    except (OSError, ValueError, McapError):  # ValueError: a name that no file can have
+        for attachment in read_contents(path).attachments:
+            target = folder / Path(attachment.name).name
+            target.write_bytes(attachment.data)
+            written.append(target)
+    except (OSError, ValueError, DasError):  # ValueError: a name that no file can have
         return []
     return written
 
 
-def read_recording(path: str | Path) -> Recording:
+def read_recording(path: str | Path, *, train: str | None = None, skip_damage: bool = False) -> Recording:
     """Read a recording; of one that was cut off, all that was written before.
 
-    Raises DasError for a file that is missing, not MCAP, damaged (checksums, contents), or without a message of a
-    train.
+    `train` says which train of a recording that holds several. `skip_damage`: leave out what is damaged and say so in
+    `health`; otherwise a damaged file is refused.
+
+    Raises DasError for a file that is missing, not MCAP, damaged, without a message of a train, or of several trains
+    where none is named.
 
         recording = das.read_recording("recordings/zurich-zug-late.mcap")
         position = recording.columns("position")
-        position["s_m"], position["speed_mps"]
+        position["time_ns"], position["s_m"], position["speed_mps"]
     """
-    path = Path(path)
-    found = _Contents(path=path)
-    try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
-        with path.open("rb") as file:
-            complete = _read(file, found)
-    except OSError as error:
-        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:
-        raise DasError(f"{str(path)!r}: cannot be read ({error})") from None
-    if not found.messages:
-        raise DasError(f"{path}: holds no messages of a train{'' if complete else ' before it was cut off'}")
-    ordered = sorted(found.messages, key=lambda entry: entry[2].log_time_ns)
-    trains = tuple(dict.fromkeys(train for train, _, _ in ordered))
+    found = read_contents(Path(path))
+    if not skip_damage:
+        refuse_damage(found)
+    return recording_of(found, train)
+
+
+def recording_of(found: Contents, train: str | None = None) -> Recording:
+    """The recording of one train from what a file holds; raises DasError as `read_recording` does for its trains."""
+    trains = found.trains
+    chosen = _chosen(found, trains, train)
     messages: dict[str, list[Stamped]] = {}
-    for train, name, stamped in ordered:
-        if train == trains[0]:
-            messages.setdefault(name, []).append(stamped)
+    for one in sorted(found.messages, key=lambda entry: entry.log_time_ns):
+        if one.train == chosen:
+            messages.setdefault(one.topic.name, []).append(Stamped(one.log_time_ns, one.message))
     return Recording(
-        path=path,
-        train=trains[0],
+        path=found.path,
+        train=chosen,
         trains=trains,
         messages={name: tuple(entries) for name, entries in messages.items()},
         metadata=found.metadata,
-        attachments=tuple(found.attachments),
-        complete=complete,
+        attachments=tuple(one.name for one in found.attachments),
+        complete=found.health.complete,
+        health=found.health,
     )
 
 
-class _Bounded:
-    """A stream that raises EndOfFile rather than give fewer bytes than asked for: so a cut is told from damage."""
-
-    def __init__(self, file: IO[bytes], size: int) -> None:
-        self.file, self.left = file, size
-
-    def read(self, length: int) -> bytes:
-        if length > self.left:
-            raise EndOfFile
-        self.left -= length
-        return self.file.read(length)
+def refuse_damage(found: Contents) -> None:
+    """Raise DasError for a file in which something is damaged or missing that `das-sim recover` has not dealt with."""
+    path, health = found.path, found.health
+    if health.damage:
+        more = f", and {len(health.damage) - 1} more places" if len(health.damage) > 1 else ""
+        raise DasError(f"{path}: damaged: {health.damage[0]}{more}; das-sim recover saves what is sound")
+    if health.missing and RECOVERED not in found.metadata:
+        raise DasError(f"{path}: damaged: {health.missing} messages are missing, by their running numbers")
 
 
-@dataclass
-class _Contents:
-    """What a recording was found to hold so far: (train, topic name, message), metadata, names of attachments."""
-
-    path: Path
-    messages: list[tuple[str, str, Stamped]] = field(default_factory=list)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    attachments: list[str] = field(default_factory=list)
-
-    def collect(self, stream: Iterator[records.McapRecord]) -> None:
-        schemas: dict[int, str] = {}
-        channels: dict[int, tuple[str, Topic]] = {}
-        for record in stream:
-            if isinstance(record, records.Message):
-                if record.channel_id in channels:
-                    train, topic = channels[record.channel_id]
-                    message = topic.message.FromString(record.data)
-                    self.messages.append((train, topic.name, Stamped(record.log_time, message)))
-            elif isinstance(record, records.Schema):
-                schemas[record.id] = record.name
-            elif isinstance(record, records.Channel):
-                known = topic_of(record.topic)
-                if known is not None:
-                    self._check(record, schemas.get(record.schema_id, ""), known)
-                    channels[record.id] = (record.topic.split("/")[1], known)
-            elif isinstance(record, records.Metadata):
-                self.metadata[record.name] = dict(record.metadata)
-            elif isinstance(record, records.Attachment):
-                self.attachments.append(record.name)
-
-    def _check(self, channel: records.Channel, schema: str, topic: Topic) -> None:
-        expected = topic.message.DESCRIPTOR.full_name
-        if channel.message_encoding != "protobuf" or schema != expected:
-            raise DasError(f"{self.path}: channel {channel.topic} holds {schema!r}, expected protobuf {expected!r}")
-
-
-def _read(file: IO[bytes], found: _Contents) -> bool:
-    """Collect the contents up to the end of the file; the answer says whether the recording is complete."""
-    path, size = found.path, file.seek(0, 2)
-    file.seek(0)
-    if file.read(len(MAGIC)) != MAGIC:
-        raise DasError(f"{path}: not an MCAP recording")
-    file.seek(max(size - len(MAGIC), len(MAGIC)))
-    ended = file.read() == MAGIC
-    file.seek(0)
-    reader = StreamReader(cast("IO[bytes]", _Bounded(file, size)), validate_crcs=True, record_size_limit=None)
-    try:
-        found.collect(reader.records)
-    except EndOfFile:
-        if not ended:
-            return False
-        raise DasError(f"{path}: damaged: a record is longer than the file") from None
-    except CRCValidationError as error:
-        raise DasError(f"{path}: damaged: wrong checksum in a {type(error.record).__name__.lower()}") from error
-    except (DasError, OSError):
-        raise
-    except Exception as error:
-        # Damaged bytes surface as errors of the decompressor, of struct, of UTF-8, … : there is no common class.
-        detail = " ".join(f"{type(error).__name__}: {error}".split())
-        raise DasError(f"{path}: damaged: {detail}") from error
-    return True
+def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
+    """The train to read; DasError where there is none, or several and none is named."""
+    path = found.path
+    if not trains:
+        before = " before it was cut off" if not found.health.complete else ""
+        raise DasError(f"{path}: holds no messages of a train{before}")
+    if train is not None and train not in trains:
+        raise DasError(f"{path}: holds no train {train!r}, expected one of {', '.join(trains)}")
+    if train is None and len(trains) > 1:
+        raise DasError(f"{path}: holds several trains, {', '.join(trains)}: say which one (--of-train)")
+    return train or trains[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from das.bus import codec, das_pb2
+from das.bus import codec
 from das.bus.received import Received
 from das.bus.session import Bus
 from das.cab.cab import Cab
@@ -35,7 +35,7 @@ class Node:
         control = self.clock.due()
         if control is None:
             return
-        if control.command == das_pb2.Control.COMMAND_FINISH:
+        if codec.finishes(control):
             self.finished = True
         else:
             self.tick(control.time_ns, control.tick)

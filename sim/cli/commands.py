@@ -40,6 +40,30 @@ ENTRIES: Final = (
         examples=("das-sim view recordings/run.mcap --plot run.png",),
     ),
     Entry(
+        name="check",
+        where="sim.recording.check_command:check",
+        summary="Check a recording: checksums, holes, topics, rates, gaps, late advice, versions, input files.",
+        examples=("das-sim check recordings/run.mcap", "das-sim check run.mcap --json"),
+    ),
+    Entry(
+        name="recover",
+        where="sim.recording.recover_command:recover",
+        summary="Save what is sound in a cut or damaged recording into a new file, and say what is gone.",
+        examples=("das-sim recover cut.mcap -o saved.mcap",),
+    ),
+    Entry(
+        name="reproduce",
+        where="sim.reproduce.command:reproduce",
+        summary="Let today's cab hear a recording again, and compare all that it says with what was recorded.",
+        examples=("das-sim reproduce recordings/run.mcap",),
+    ),
+    Entry(
+        name="export",
+        where="sim.export.command:export",
+        summary="Write a recording as tables: one a topic, one by time, one by position; units are in their columns.",
+        examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
+    ),
+    Entry(
         name="scenarios",
         where="sim.world.command:scenarios",
         summary="List the bundled scenarios and where their files are.",

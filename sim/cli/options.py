@@ -20,6 +20,13 @@ LineOption = Annotated[
         help="Kilometre posts with latitude and longitude, to which GPS points are matched [default: the route's map].",
     ),
 ]
+OfTrainOption = Annotated[
+    str | None,
+    typer.Option(
+        "--of-train", metavar="NAME", help="Which train, where the recording holds several.", show_default=False
+    ),
+]
+RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.mcap) to read.")]
 SpeedOption = Annotated[
     str, typer.Option("--speed", metavar="TIMES", help="How many times real time; or real, or max (no waiting).")
 ]

@@ -6,7 +6,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -54,6 +54,18 @@ def new_recording(kind: str) -> Path:
     except OSError as error:
         raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
     return new_file(folder / f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap")
+
+
+@contextmanager
+def removed_if_unused(reserved: Path | None) -> Iterator[None]:
+    """Where a block fails before anything was recorded, take the empty file away that `new_recording` made for it."""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            if reserved is not None and reserved.stat().st_size == 0:
+                reserved.unlink()
+        raise
 
 
 def typed_command() -> str:

@@ -13,6 +13,9 @@ from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, RECORDER, STATUS
 from sim.processes.process import Process
 
+NODE_ARGUMENTS = "node_arguments"
+"""The key of a recording's metadata that says with what the node was started (JSON list)."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Crew:
@@ -50,7 +53,7 @@ class Stations:
             str(crew.out),
             "--overwrite",
             "--metadata",
-            json.dumps(crew.metadata),
+            json.dumps({**crew.metadata, NODE_ARGUMENTS: json.dumps(crew.node_arguments)}),
         ]
         arguments += ["--start-ns", str(crew.start_ns)]
         for path in crew.attachments:

@@ -14,7 +14,7 @@ from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from sim.cli.options import TripArgument
-from sim.cli.shared import new_recording, progress_bar, typed_command
+from sim.cli.shared import new_recording, progress_bar, removed_if_unused, typed_command
 from sim.replay.options import ReplayOptions
 
 BUNDLED: Final = "zurich-zug-late.mcap"
@@ -24,8 +24,17 @@ def replay(
     trip: TripArgument, options: ReplayOptions, out: OutRecordingOption = None, as_json: JsonOption = False
 ) -> None:
     """Replay a recorded trip: the advice node answers every second, and everything is recorded."""
-    out = out or new_recording("replay")
-    check_writable(out)
+    if out is not None:
+        check_writable(out)
+        _replay(trip, options, out, as_json)
+        return
+    reserved = new_recording("replay")
+    with removed_if_unused(reserved):
+        _replay(trip, options, reserved, as_json)
+
+
+def _replay(trip: Path, options: ReplayOptions, out: Path, as_json: bool) -> None:
+    """Replay a trip into a recording, and print the result."""
     with loading_solver():
         from das.cab.warm_up import warm_up
         from sim.replay.job import prepare

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -16,13 +15,14 @@ from das.bus.topics import check_train_name
 from das.cab.warm_up import warm_up
 from das.command_line.loading import load_route, load_vehicle
 from das.domain.errors import DasError
-from das.domain.files.load import catalogue, locate_route, locate_vehicle
+from das.domain.files.load import catalogue
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.units import NS
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli.shared import speed_factor
 from sim.processes.crew import Crew
+from sim.recording.inputs import input_files, sha256
 from sim.replay.options import ReplayOptions
 from sim.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import estimate_run
@@ -87,7 +87,7 @@ def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[Trip
 
     Files that a recording brings along are put into `folder`. Raises DasError for anything unusable.
     """
-    reading = read_trip(trip_path)
+    reading = read_trip(trip_path, options.of_train)
     options = _completed(trip_path, reading, options, folder)
     if options.route is None:
         raise DasError(f"{trip_path}: a trip without a journey needs --route")
@@ -168,8 +168,14 @@ def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ..
 
 def _attachments(options: TripOptions) -> list[Path]:
     """The files that a replay is made from, besides the trip."""
-    paths = [locate_route(str(options.route)), locate_vehicle(str(options.vehicle))]
-    return paths + [path for path in (options.loss_map, options.line) if path is not None]
+    paths = _input_files(options).values()
+    return [*paths, *([options.line] if options.line is not None else [])]
+
+
+def _input_files(options: TripOptions) -> dict[str, Path]:
+    """Route, vehicle and loss map by what they are; one that is given takes the place of the vehicle's own."""
+    files = input_files(str(options.route), str(options.vehicle))
+    return files if options.loss_map is None else {**files, "loss_map": options.loss_map}
 
 
 def _metadata(trip: Trip, section: Section, options: TripOptions) -> dict[str, str]:
@@ -178,11 +184,10 @@ def _metadata(trip: Trip, section: Section, options: TripOptions) -> dict[str, s
         "kind": "replay",
         "version": __version__,
         "trip": trip.path.name,
-        "trip_sha256": _sha256(trip.path),
+        "trip_sha256": sha256(trip.path),
         "route": section.route.name,
-        "route_sha256": _sha256(locate_route(str(options.route))),
         "vehicle": section.vehicle.name,
-        "vehicle_sha256": _sha256(locate_vehicle(str(options.vehicle))),
+        **{f"{name}_sha256": sha256(path) for name, path in _input_files(options).items()},
         "level": str(section.level),
         "map_anchor": report.anchor,
         "map_scale": f"{report.scale:.6f}",
@@ -197,7 +202,3 @@ def _metadata(trip: Trip, section: Section, options: TripOptions) -> dict[str, s
 
 def _metres(distance_m: float | None) -> str:
     return "no line" if distance_m is None else f"{distance_m:.1f}"
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

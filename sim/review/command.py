@@ -10,6 +10,7 @@ import typer
 
 from das.command_line.outputs import check_outputs, check_picture
 from das.command_line.printing import busy, tell, typed
+from sim.cli.options import OfTrainOption
 
 
 def view(
@@ -27,6 +28,7 @@ def view(
             help="Picture to write instead (.png, .pdf or .svg): over distance, over time, and what happened.",
         ),
     ] = None,
+    of_train: OfTrainOption = None,
 ) -> None:
     """Look at a recording in the rerun viewer, or as a picture: speed, limits, advice, forces, delay, events."""
     check_picture(plot)
@@ -35,12 +37,12 @@ def view(
     from sim.review.whole_picture import save_picture
 
     if save is None and plot is None:
-        open_view(file)
+        open_view(file, of_train)
     if plot is not None:
         with busy(f"drawing {plot} …"):
-            save_picture(file, plot)
+            save_picture(file, plot, of_train)
         tell(f"written: {plot}")
     if save is not None:
         with busy(f"writing {save} …"):
-            save_view(file, save)
+            save_view(file, save, of_train)
         tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

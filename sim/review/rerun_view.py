@@ -11,39 +11,40 @@ import sys
 import tempfile
 from pathlib import Path
 
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
+from sim.recording.opening import open_recording
 
 APPLICATION = "das-review"
 CLOSING_S = 5.0
 
 
-def save_view(recording_path: Path, rrd_path: Path) -> None:
-    """Write a recording as a rerun file with our layout in it.
+def save_view(recording_path: Path, rrd_path: Path, train: str | None = None) -> None:
+    """Write a recording as a rerun file with our layout in it; `train`: which one, where it holds several.
 
     Raises DasError for an unusable recording, a place that cannot be written to, or where rerun is not installed.
     """
     _check_installed()
     check_writable(rrd_path)
-    recording = read_recording(recording_path)
+    recording = open_recording(recording_path, train)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
         write_view(recording, whole)
         write_whole(rrd_path, whole.read_bytes())
 
 
-def open_view(recording_path: Path) -> None:
+def open_view(recording_path: Path, train: str | None = None) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C closes it.
 
     The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
     """
     _check_installed()
-    read_recording(recording_path)
+    open_recording(recording_path, train)
     _check_display()
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         rrd = Path(folder) / f"{recording_path.stem}.rrd"
-        save_view(recording_path, rrd)
+        save_view(recording_path, rrd, train)
         run_viewer(rrd)
 
 

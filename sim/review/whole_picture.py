@@ -6,10 +6,11 @@ import importlib.util
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording
 from das.command_line.outputs import check_picture, save_figure
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
+from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,8 +19,9 @@ TITLE_IN, LINE_IN = 0.35, 0.19
 """Height (in) of the title, and of each line below it."""
 
 
-def save_picture(recording_path: Path, picture_path: Path) -> None:
-    """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
+def save_picture(recording_path: Path, picture_path: Path, train: str | None = None) -> None:
+    """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind. `train`: which one, where it
+    holds several.
 
     Raises DasError for an unusable recording, a place that cannot be written to, or where matplotlib is not installed.
     """
@@ -29,7 +31,7 @@ def save_picture(recording_path: Path, picture_path: Path) -> None:
     check_writable(picture_path)
     from sim.review.canvas import BACKGROUND, DPI
 
-    save_figure(picture_path, picture_of(read_recording(recording_path)), dpi=DPI, facecolor=BACKGROUND)
+    save_figure(picture_path, picture_of(open_recording(recording_path, train)), dpi=DPI, facecolor=BACKGROUND)
 
 
 def picture_of(recording: Recording) -> Figure:

@@ -15,7 +15,7 @@ from das.command_line.options import (
     StrictOption,
     ToOption,
 )
-from sim.cli.options import LineOption
+from sim.cli.options import LineOption, OfTrainOption
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,3 +35,4 @@ class TripOptions:
     level: LevelOption = None
     loss_map: LossMapOption = None
     point_mass: PointMassOption = False
+    of_train: OfTrainOption = None

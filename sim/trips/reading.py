@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from das.bus.recording import MAGIC, Recording, read_recording
+from das.bus.recording import Recording
+from das.bus.scanning import MAGIC
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats
 from das.estimate.fix import Quality
+from sim.recording.opening import open_recording
 from sim.trips.csv_record import read_csv
 from sim.trips.gpx import read_gpx
 from sim.trips.record import Record
@@ -60,9 +62,11 @@ class RecordedJourney:
         )
 
 
-def read_trip(path: Path) -> Reading:
+def read_trip(path: Path, train: str | None = None) -> Reading:
     """Read a trip's file; its format is told by how it begins (MCAP and GPX also by their suffix).
 
+    `train` says which train of a recording that holds several. What is damaged in
+    a recording is left out with a warning.
     Raises DasError or InputError (file, line, value, expectation) for anything unusable.
     """
     try:
@@ -72,15 +76,15 @@ def read_trip(path: Path) -> Reading:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
     suffix = path.suffix.lower()
     if head.startswith(MAGIC) or suffix == ".mcap":
-        return _of_recording(path)
+        return _of_recording(path, train)
     if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
         return Reading(record=read_gpx(path), format="GPX")
     return Reading(record=read_csv(path), format="CSV")
 
 
-def _of_recording(path: Path) -> Reading:
+def _of_recording(path: Path, train: str | None) -> Reading:
     """Read a recording: its positions are on the route as driven, its journey and delays tell the timetable."""
-    recording = read_recording(path)
+    recording = open_recording(path, train)
     data = recording.columns(POSITION, "time_ns", "s_m", "speed_mps", "quality", "uncertainty_m")
     time_ns = data["time_ns"]
     if len(time_ns) < 2:

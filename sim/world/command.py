@@ -29,7 +29,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.units import KM
 from sim.cli.options import AdviceOption, DriverOption, FrictionOption, SpeedOption
-from sim.cli.shared import new_recording, progress_bar, speed_factor, typed_command
+from sim.cli.shared import new_recording, progress_bar, removed_if_unused, speed_factor, typed_command
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 
 if TYPE_CHECKING:
@@ -115,10 +115,11 @@ def run(
     with busy("solving the sections …"):
         day = make_day(prepare_service(read, level=level), seed)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
-    if not in_process:
-        out = out or new_recording("run")
+    reserved = new_recording("run") if out is None and not in_process else None
+    out = out or reserved
     asked = _Asked(driver=driver, friction=friction, advice=advice, speed=factor, out=out, train=train, bus=files)
-    found = _drive(day, asked)
+    with removed_if_unused(reserved):
+        found = _drive(day, asked)
     if as_json:
         print(json.dumps(found.as_dict()))
     else:

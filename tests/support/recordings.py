@@ -13,6 +13,7 @@ from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
 from das.bus.recording import read_recording
+from das.bus.sealing import sealed
 from das.domain.errors import DasError
 
 START_NS = 1_800_000_000_000_000_000
@@ -28,9 +29,8 @@ def write_recording(
     with path.open("wb") as file:
         writer = Writer(file, enable_data_crcs=data_crcs)
         writer.start()
-        writer.add_metadata(
-            "run", {"command": "das-sim run", "route_sha256": "0123456789abcdef0123", "energy_j": "3.6e6"}
-        )
+        run = {"command": "das-sim run", "route_sha256": "0123456789abcdef0123", "energy_j": "3.6e6"}
+        writer.add_metadata("run", sealed("run", run))
         writer.add_attachment(START_NS, START_NS, "route.toml", "text/plain", b"[route]")
         channels: dict[str, int] = {}
         for index, train in enumerate(trains):

@@ -32,21 +32,40 @@ def check_writable(path: Path) -> None:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
 
 
-def new_file(path: Path) -> Path:
-    """Make an empty file and return its path: `path`, or where that exists the first of `-2`, `-3`, … that is free.
+def new_file(path: Path, content: bytes = b"") -> Path:
+    """Make a file with `content` and return its path: `path`, or the first of `-2`, `-3`, … beside it that is free.
 
-    Raises DasError where none can be made.
+    Nobody sees the file without its content. Raises DasError where none can be made.
     """
     for i in range(1, MOST_OF_A_NAME + 1):
         numbered = path if i == 1 else path.with_stem(f"{path.stem}-{i}")
         try:
-            numbered.touch(exist_ok=False)  # two processes that ask at once get two files
+            _make_new(numbered, content)  # two processes that ask at once get two files
         except FileExistsError:
             continue
         except OSError as error:
             raise DasError(f"{numbered}: cannot be written ({error.strerror})") from error
         return numbered
     raise DasError(f"{path}: there are {MOST_OF_A_NAME} files of this name already")
+
+
+def _make_new(path: Path, content: bytes) -> None:
+    """Make a file with its content at once; FileExistsError where there is one, OSError where it cannot be made."""
+    if path.exists():
+        raise FileExistsError(path)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.chmod(name, 0o666 & ~umask())
+        os.link(name, path)
+    except FileExistsError:
+        raise
+    except OSError:  # A file system without links: for a moment the file is there without its content.
+        with path.open("xb") as file:
+            file.write(content)
+    finally:
+        os.unlink(name)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -63,7 +82,7 @@ def write_whole(path: Path, content: bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
-            os.chmod(name, 0o666 & ~_umask())
+            os.chmod(name, 0o666 & ~umask())
             os.replace(name, path)
         except BaseException:
             os.unlink(name)
@@ -88,7 +107,7 @@ def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collec
                     file.write(content)
                     file.flush()
                     os.fsync(file.fileno())
-            beside.chmod(0o777 & ~_umask())
+            beside.chmod(0o777 & ~umask())
             _sync_folder(beside)
             if folder.exists():
                 folder.rename(beside.with_name(f"{beside.name}-replaced"))
@@ -101,7 +120,8 @@ def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collec
         raise DasError(f"{folder}: cannot be written ({error.strerror})") from error
 
 
-def _umask() -> int:
+def umask() -> int:
+    """The bits that new files of this process do not get."""
     umask = os.umask(0)
     os.umask(umask)
     return umask

@@ -125,11 +125,17 @@ def test_messages_are_in_the_order_of_their_log_times(tmp_path: Path) -> None:
     assert [entry.message.delay_s for entry in read_recording(path).of(topics.DELAY)] == [1.0, 2.0, 3.0]
 
 
-def test_the_first_of_two_trains(tmp_path: Path) -> None:
-    recording = read_recording(write_recording(tmp_path / "two.mcap", trains=("b", "a"), seconds=5))
-    assert recording.trains == ("b", "a")
-    assert recording.train == "b"
-    assert len(recording.of(topics.POSITION)) == 5
+def test_no_train_of_two_is_chosen_in_silence(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "two.mcap", trains=("b", "a"), seconds=5)
+    assert "holds several trains, b, a: say which one (--of-train)" in refused(path)
+    with pytest.raises(DasError, match="holds no train 'c', expected one of b, a"):
+        read_recording(path, train="c")
+    for train in ("a", "b"):
+        recording = read_recording(path, train=train)
+        assert recording.trains == ("b", "a")
+        assert recording.train == train
+        assert len(recording.of(topics.POSITION)) == 5
+        assert recording.of(topics.JOURNEY)[0].message.train == train
 
 
 @pytest.mark.parametrize("share", [0.1, 0.37, 0.5, 0.65])
@@ -184,7 +190,9 @@ def test_unusable_files(tmp_path: Path) -> None:
     assert "directory" in refused(tmp_path)
     os.mkfifo(tmp_path / "pipe.mcap")
     assert "not a regular file" in refused(tmp_path / "pipe.mcap")
-    for content in (b"", b"\x89MC", b"garbage" * 1000):
+    (tmp_path / "nothing.mcap").write_bytes(b"")
+    assert "is empty: nothing was recorded" in refused(tmp_path / "nothing.mcap")
+    for content in (b"\x89MC", b"garbage" * 1000):
         (tmp_path / "garbage.mcap").write_bytes(content)
         assert "not an MCAP recording" in refused(tmp_path / "garbage.mcap")
     assert "no messages" in refused(write_recording(tmp_path / "empty.mcap", seconds=0, only=()))
@@ -225,7 +233,7 @@ def test_attachments_are_written_by_their_bare_names(whole: Path, tmp_path: Path
     assert (tmp_path / "route.toml").read_bytes() == b"[route]"
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:100_000])
-    assert extract_attachments(cut, tmp_path) == []
+    assert extract_attachments(cut, tmp_path) == [tmp_path / "route.toml"]
 
 
 def test_an_attachment_with_an_impossible_name_is_not_written(tmp_path: Path) -> None:

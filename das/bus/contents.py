@@ -1,0 +1,229 @@
+"""What an MCAP file holds: our messages decoded, metadata and attachments, each where a checksum vouches for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import IO, Any, Final, NamedTuple
+
+from google.protobuf.message import DecodeError
+from mcap import records
+
+from das.bus.damage import Damage, Health
+from das.bus.scanning import SOMEWHERE, FoundRecord, Scan
+from das.bus.sealing import UNCHECKED, unsealed
+from das.bus.topics import Topic, topic_of
+from das.domain.errors import DasError
+
+CHANNELS: Final = "channel "
+"""The recorder says again, in metadata of this name and the channel's number, what a channel holds: the chunk that
+says so may be lost, and with it all later messages of the channel."""
+
+RECOVERED: Final = "recovered"
+"""The metadata record by which `das-sim recover` says where a recording comes from and what was lost."""
+
+
+class RecordedMessage(NamedTuple):
+    """A message as recorded: its train, its topic, when it was recorded (ns), its running number, and what it says."""
+
+    train: str
+    topic: Topic
+    log_time_ns: int
+    sequence: int
+    message: Any
+
+
+@dataclass
+class Contents:
+    """All that a file holds and that can be trusted, in the order of the file.
+
+    `foreign` counts messages on channels that are not ours, by topic.
+    """
+
+    path: Path
+    messages: list[RecordedMessage] = field(default_factory=list)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: list[records.Attachment] = field(default_factory=list)
+    foreign: dict[str, int] = field(default_factory=dict)
+    library: str = ""
+    health: Health = field(default_factory=lambda: Health(size_bytes=0, complete=False))
+
+    @property
+    def trains(self) -> tuple[str, ...]:
+        """The trains of the file, the one that was recorded first in front."""
+        ordered = sorted(self.messages, key=lambda one: one.log_time_ns)
+        return tuple(dict.fromkeys(one.train for one in ordered))
+
+
+@dataclass
+class Raw:
+    """The records of a file as they stand, before anything is decoded.
+
+    `loose` are records outside of chunks, `metadata` those with whether their own checksum is right (None: there is
+    none); of both, and of attachments without a checksum, only the whole file can tell whether they are as written.
+    """
+
+    schemas: dict[int, records.Schema] = field(default_factory=dict)
+    channels: dict[int, records.Channel] = field(default_factory=dict)
+    messages: list[records.Message] = field(default_factory=list)
+    attachments: list[records.Attachment] = field(default_factory=list)
+    metadata: list[tuple[records.Metadata, bool | None]] = field(default_factory=list)
+    library: str = ""
+    loose: list[FoundRecord] = field(default_factory=list)
+    unproven: bool = False
+    """Whether something was handed out that no checksum covers."""
+
+    def take(self, found: FoundRecord) -> None:
+        """Sort a record in."""
+        record = found.record
+        if isinstance(record, records.Metadata):
+            self._take_metadata(record)
+        elif not found.proven and not isinstance(record, records.Header):
+            self.loose.append(found)
+        elif isinstance(record, records.Header):
+            self.library = record.library
+        else:
+            self.use(record)
+
+    def use(self, record: records.McapRecord) -> None:
+        """Keep a record that is as written."""
+        if isinstance(record, records.Message):
+            self.messages.append(record)
+        elif isinstance(record, records.Schema):
+            self.schemas.setdefault(record.id, record)
+        elif isinstance(record, records.Channel):
+            self.channels.setdefault(record.id, record)
+        elif isinstance(record, records.Attachment):
+            self.attachments.append(record)
+
+    def _take_metadata(self, record: records.Metadata) -> None:
+        entries, right = unsealed(record.name, record.metadata)
+        if right and record.name.startswith(CHANNELS) and record.name[len(CHANNELS) :].isdecimal():
+            number, schema = int(record.name[len(CHANNELS) :]), int(entries.get("schema_id", "0"))
+            self.channels.setdefault(number, records.Channel(number, entries["topic"], "protobuf", {}, schema))
+            self.schemas.setdefault(schema, records.Schema(schema, b"", "protobuf", entries["schema"]))
+        else:
+            self.metadata.append((records.Metadata(name=record.name, metadata=entries), right))
+
+
+def read_raw(path: Path) -> tuple[Raw, Health]:
+    """All records of a file; raises DasError for one that is missing, not MCAP, or would keep its reader busy."""
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
+        with path.open("rb") as file:
+            return _read(file)
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise DasError(f"{str(path)!r}: cannot be read ({error})") from None
+    except DasError as error:
+        raise (error if str(error).startswith(str(path)) else DasError(f"{path}: {error}")) from None
+
+
+def _read(file: IO[bytes]) -> tuple[Raw, Health]:
+    scan = Scan(file, file.seek(0, 2))
+    raw = Raw()
+    for found in scan.walk():
+        raw.take(found)
+    unchecked, damage = _judge_loose(raw, scan), scan.damage
+    wrong = [record.name for record, right in raw.metadata if right is False]
+    if wrong:
+        damage = [one for one in damage if one.what != SOMEWHERE]
+        damage += [Damage(start_byte=0, end_byte=0, what=f"wrong checksum in the metadata {name!r}") for name in wrong]
+    return raw, Health(
+        size_bytes=scan.size,
+        complete=scan.ended or scan.has_footer,
+        damage=tuple(damage),
+        cut_byte=scan.cut_byte,
+        missing=_missing(raw.messages),
+        unchecked=tuple(unchecked),
+    )
+
+
+def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
+    """Use what stands outside of chunks where nothing says that it is altered; returns what has no checksum at all."""
+    trusted = scan.data_proven is True or (scan.data_proven is None and not scan.damage and scan.has_footer)
+    data = [one for one in raw.loose if isinstance(one.record, records.Message | records.Attachment)]
+    names = [one for one in raw.loose if isinstance(one.record, records.Schema | records.Channel)]
+    if trusted or scan.index_proven:
+        for one in names:
+            raw.use(one.record)
+    if trusted:
+        for one in data:
+            raw.use(one.record)
+    elif data:
+        first = data[0].start_byte
+        what = f"{len(data)} records outside of chunks, which nothing proves"
+        scan.damage.append(Damage(start_byte=first, end_byte=data[-1].start_byte, what=what))
+    unproven = [record.name for record, right in raw.metadata if right is None]
+    raw.metadata = [(one, True if right is None and trusted else right) for one, right in raw.metadata]
+    if scan.data_proven is True:
+        return []
+    unchecked = [f"metadata {name!r}" for name in dict.fromkeys(unproven)]
+    return [*unchecked, *(["messages outside of chunks"] if data and trusted else [])]
+
+
+def _missing(messages: list[records.Message]) -> int | None:
+    """How many messages are missing by their running numbers; None where these do not count through the file."""
+    numbers = [message.sequence for message in messages]
+    if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
+        return None
+    first = 1 if numbers[0] == 1 else 0
+    return numbers[-1] - first + 1 - len(numbers)
+
+
+def read_contents(path: Path) -> Contents:
+    """What a file holds, decoded; what is damaged is left out and in `health`. Raises DasError as `read_raw`.
+
+    Raises DasError as well where a channel of ours holds other messages than its topic's.
+    """
+    raw, health = read_raw(path)
+    result = Contents(path=path, attachments=raw.attachments, library=raw.library)
+    for record, right in raw.metadata:
+        if right is not False:
+            result.metadata[record.name if right else f"{UNCHECKED}{record.name}"] = dict(record.metadata)
+    topics = {number: _our_topic(path, channel, raw) for number, channel in raw.channels.items()}
+    lost: list[Damage] = []
+    homeless = 0
+    for message in raw.messages:
+        channel = raw.channels.get(message.channel_id)
+        topic = topics.get(message.channel_id)
+        if channel is None:
+            homeless += 1
+        elif topic is None:
+            result.foreign[channel.topic] = result.foreign.get(channel.topic, 0) + 1
+        else:
+            _decode(result, message, channel.topic, topic, lost)
+    if homeless:
+        what = f"{homeless} messages of channels that are not described"
+        lost.append(Damage(start_byte=0, end_byte=health.size_bytes, what=what))
+    result.health = health if not lost else _with(health, lost)
+    return result
+
+
+def _decode(result: Contents, message: records.Message, key: str, topic: Topic, lost: list[Damage]) -> None:
+    try:
+        decoded = topic.message.FromString(message.data)
+    except DecodeError:
+        what = f"a message of {key} that cannot be decoded"
+        lost.append(Damage(start_byte=0, end_byte=0, what=what, from_ns=message.log_time, to_ns=message.log_time))
+        return
+    result.messages.append(RecordedMessage(key.split("/")[1], topic, message.log_time, message.sequence, decoded))
+
+
+def _our_topic(path: Path, channel: records.Channel, raw: Raw) -> Topic | None:
+    """The topic of a channel, None for a foreign one; DasError for one of ours that holds other messages."""
+    topic = topic_of(channel.topic)
+    if topic is None:
+        return None
+    schema = raw.schemas.get(channel.schema_id)
+    name, expected = schema.name if schema is not None else "", topic.message.DESCRIPTOR.full_name
+    if channel.message_encoding != "protobuf" or name != expected:
+        raise DasError(f"{path}: channel {channel.topic} holds {name!r}, expected protobuf {expected!r}")
+    return topic
+
+
+def _with(health: Health, lost: list[Damage]) -> Health:
+    return Health(**{**vars(health), "damage": (*health.damage, *lost)})

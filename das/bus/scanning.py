@@ -1,0 +1,295 @@
+"""Walks through an MCAP file record by record. What is damaged is skipped and noted; it is never handed out.
+
+A chunk and an attachment have a checksum each, a whole file has one over all of its data. Where the length of a record
+is damaged, the walk goes on at the next chunk whose checksum is right.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import IO, Any, Final, NamedTuple
+
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+
+from das.bus.chunks import HEAD, Budget, Chunk, ChunkError, chunk_at, contents, message_of
+from das.bus.damage import Damage
+from das.domain.errors import DasError
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+HEAD_BYTES: Final = 9
+"""Every record begins with its kind (1 byte) and its length (8 bytes)."""
+PRIVATE: Final = 0x80
+"""Kinds of records from here on are a writer's own; a reader skips them."""
+SIGNATURES: Final = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
+SIGNATURE_AT: Final = 37
+"""Where in a chunk's record its compression is named (byte)."""
+WINDOW_BYTES: Final = 1 << 20
+LARGEST_RECORD_BYTES: Final = 1 << 30
+MAGIC_BYTES_WRONG: Final = 2
+"""A file whose first bytes differ from those of an MCAP file in this many places is taken for a damaged one."""
+SIMPLE: Final[dict[int, Any]] = {
+    Opcode.HEADER: records.Header,
+    Opcode.SCHEMA: records.Schema,
+    Opcode.CHANNEL: records.Channel,
+    Opcode.MESSAGE_INDEX: records.MessageIndex,
+    Opcode.CHUNK_INDEX: records.ChunkIndex,
+    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
+    Opcode.STATISTICS: records.Statistics,
+    Opcode.METADATA: records.Metadata,
+    Opcode.METADATA_INDEX: records.MetadataIndex,
+    Opcode.SUMMARY_OFFSET: records.SummaryOffset,
+    Opcode.DATA_END: records.DataEnd,
+    Opcode.FOOTER: records.Footer,
+}
+SOMEWHERE: Final = "wrong checksum of the data, whose messages are whole"
+OTHERS: Final = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE)
+
+
+def begun(library: str) -> bytes:
+    """The first bytes of a recording that a program has begun to write."""
+    name = library.encode()
+    content = (0).to_bytes(4, "little") + len(name).to_bytes(4, "little") + name
+    return MAGIC + bytes([Opcode.HEADER]) + len(content).to_bytes(8, "little") + content
+
+
+class FoundRecord(NamedTuple):
+    """A record, where it begins in the file, and whether a checksum of its own says that it is as written."""
+
+    record: records.McapRecord
+    start_byte: int
+    proven: bool
+
+
+@dataclass
+class Scan:
+    """A walk through a file; `walk` yields what is there, and the rest is known when it has ended.
+
+    `ended`: the file has its last bytes. `data_proven`: the checksum over all data is right (None: there is none).
+    `index_proven`: that of the index at the end. `cut_byte`: where the last record of a cut file begins, -1 where it
+    ends with a whole one.
+    """
+
+    file: IO[bytes]
+    size: int
+    damage: list[Damage] = field(default_factory=list)
+    ended: bool = False
+    data_proven: bool | None = None
+    index_proven: bool | None = None
+    has_footer: bool = False
+    cut_byte: int = -1
+
+    def __post_init__(self) -> None:
+        self.budget = Budget.of(self.size)
+        self._data_end = -1
+        self._unknown: list[tuple[int, int]] = []
+
+    def walk(self) -> Iterator[FoundRecord]:
+        """Yield the records of the data and of the index in their order; raises DasError for a file that is no MCAP."""
+        self._check_magic()
+        at = len(MAGIC)
+        last = self.size - len(MAGIC) if self.ended else self.size
+        while at < last and not self.has_footer:
+            head = self._read(at, HEAD_BYTES)
+            if len(head) < HEAD_BYTES:
+                self._note_end(at, last)
+                break
+            end = at + HEAD_BYTES + int.from_bytes(head[1:], "little")
+            try:
+                found = self._record(at, head[0], end, last)
+            except ChunkError as error:
+                at = yield from self._after_damage(at, end, last, error)
+                continue
+            yield from found
+            at = end
+        self._finish(at, last)
+
+    def _finish(self, at: int, last: int) -> None:
+        """Note what only the whole walk can tell."""
+        if self.ended and at < last:
+            self._note(at, last, "bytes behind the end of the index", lost=False)
+        if self.has_footer and not self.ended:
+            self._note(at, self.size, "the last bytes of the file", lost=False)
+        if self.ended and not self.has_footer:
+            self._note(at, last, "the end of the index is missing", lost=False)
+        if self.data_proven is not True:
+            for start, end in self._unknown:
+                self._note(start, end, "a record of an unknown kind")
+        self.damage.sort(key=lambda one: one.start_byte)
+
+    def _check_magic(self) -> None:
+        first = self._read(0, len(MAGIC))
+        wrong = sum(a != b for a, b in zip(first, MAGIC, strict=False))
+        if len(first) < len(MAGIC) or wrong > MAGIC_BYTES_WRONG:
+            raise DasError("not an MCAP recording" if self.size else "is empty: nothing was recorded")
+        if wrong:
+            self._note(0, len(MAGIC), "the first bytes of the file", lost=False)
+        self.ended = self.size >= 2 * len(MAGIC) and self._read(self.size - len(MAGIC), len(MAGIC)) == MAGIC
+
+    def _record(self, at: int, kind: int, end: int, last: int) -> list[FoundRecord]:
+        """The records of a place; raises ChunkError where they are not as written."""
+        if end > last or end - at > LARGEST_RECORD_BYTES:
+            raise ChunkError("a record is longer than the file")
+        content = self._read(at + HEAD_BYTES, end - at - HEAD_BYTES)
+        if kind == Opcode.CHUNK:
+            chunk = chunk_at(content, at)
+            if chunk.end != end:
+                raise chunk.error("wrong length of a chunk")
+            return self._of_chunk(chunk)
+        if content[SIGNATURE_AT - HEAD_BYTES :].startswith(SIGNATURES):
+            raise ChunkError("wrong kind of a record")
+        if kind == Opcode.ATTACHMENT:
+            return [self._attachment(at, content)]
+        if kind == Opcode.MESSAGE:
+            return [FoundRecord(message_of(content), at, False)]
+        if kind >= PRIVATE:
+            self._unknown.append((at, end))
+            return []
+        return [self._simple(at, kind, content)]
+
+    def _simple(self, at: int, kind: int, content: bytes) -> FoundRecord:
+        """A record without a checksum of its own."""
+        made = SIMPLE.get(kind)
+        if made is None:
+            raise ChunkError("a record of no known kind")
+        stream = ReadDataStream(BytesIO(content))
+        what = f"a record ({made.__name__}) that cannot be read"
+        try:
+            record: records.McapRecord = made.read(stream)
+        except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
+            raise ChunkError(what) from error
+        if stream.count != len(content):
+            raise ChunkError(what)
+        if isinstance(record, records.DataEnd):
+            self._end_of_data(record, at)
+        elif isinstance(record, records.Footer):
+            self._end_of_index(record, at)
+        return FoundRecord(record, at, False)
+
+    def _of_chunk(self, chunk: Chunk) -> list[FoundRecord]:
+        """The records of a chunk, each proven by the chunk's checksum."""
+        plain = contents(chunk, self.budget)
+        first_ns, last_ns, found = chunk.last_ns, chunk.first_ns, []
+        for record in plain:
+            if isinstance(record, records.Message):
+                first_ns, last_ns = min(first_ns, record.log_time), max(last_ns, record.log_time)
+            found.append(FoundRecord(record, chunk.at, chunk.crc != 0))
+        if (first_ns, last_ns) != (chunk.first_ns, chunk.last_ns):
+            self._note(chunk.at, chunk.end, "wrong times in the head of a chunk, whose messages are whole", lost=False)
+        return found
+
+    def _attachment(self, at: int, content: bytes) -> FoundRecord:
+        stated = int.from_bytes(content[-4:], "little")
+        if stated and zlib.crc32(content[:-4]) != stated:
+            raise ChunkError("wrong checksum in an attachment")
+        try:
+            attachment = records.Attachment.read(ReadDataStream(BytesIO(content)))
+        except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
+            raise ChunkError("an attachment that cannot be read") from error
+        return FoundRecord(attachment, at, stated != 0)
+
+    def _end_of_data(self, record: records.DataEnd, at: int) -> None:
+        if self._data_end >= 0:
+            raise ChunkError("a second end of the data")
+        self._data_end = at
+        if not record.data_section_crc:
+            return
+        self.data_proven = self._checksum(0, at) == record.data_section_crc
+        if not self.data_proven and not self.damage:
+            self._note(0, at, SOMEWHERE, lost=False)
+
+    def _end_of_index(self, record: records.Footer, at: int) -> None:
+        self.has_footer = True
+        if self._data_end < 0:
+            self._note(at, at, "the mark at the end of the data is missing", lost=False)
+        if not record.summary_crc:
+            return
+        start = record.summary_start or at
+        whole = self._data_end < start <= at
+        self.index_proven = whole and self._checksum(start, at + HEAD_BYTES + 16) == record.summary_crc
+        if not self.index_proven:
+            self._note(min(start, at), self.size, "wrong checksum of the index, which is not used", lost=False)
+
+    def _after_damage(self, at: int, end: int, last: int, why: ChunkError) -> Generator[FoundRecord, None, int]:
+        """Note damage at a place and return where to go on; yields the chunk that is there, or the next one."""
+        here = self._sound_chunk(at, last)
+        if here is not None:
+            self._note(at, here[0], "the head of a chunk, whose messages are whole", lost=False)
+            yield from here[1]
+            return here[0]
+        if self._begins_a_record(end, last):
+            self._note(at, end, str(why), times=(why.first_ns, why.last_ns))
+            return end
+        for candidate in self._candidates(at + 1, last):
+            found = self._sound_chunk(candidate, last)
+            if found is not None:
+                self._note(at, candidate, str(why))
+                yield from found[1]
+                return found[0]
+        self._note_end(at, last, str(why))
+        return last
+
+    def _sound_chunk(self, at: int, last: int) -> tuple[int, list[FoundRecord]] | None:
+        """Where the chunk at a place ends by its own words, and its records; None where there is no sound one."""
+        try:
+            head = chunk_at(self._read(at + HEAD_BYTES, HEAD.size + 12), at, whole=False)
+            if not head.crc or head.end > last:
+                return None
+            return head.end, self._of_chunk(chunk_at(self._read(at + HEAD_BYTES, head.length), at))
+        except ChunkError:
+            return None
+
+    def _begins_a_record(self, at: int, last: int) -> bool:
+        """Whether a place looks like the beginning of a record, or is the end of the data."""
+        if at >= last:
+            return at == last
+        head = self._read(at, HEAD_BYTES)
+        length = int.from_bytes(head[1:], "little")
+        return (head[0] in SIMPLE or head[0] in OTHERS) and at + HEAD_BYTES + length <= last
+
+    def _candidates(self, at: int, last: int) -> Iterator[int]:
+        """Places from `at` on where a chunk may begin, by the name of its compression."""
+        start = at
+        while start < last:
+            window = self._read(start, min(WINDOW_BYTES + SIGNATURE_AT + 8, last - start))
+            yield from (start + i for i in sorted(_candidates_in(window)) if window[i] == Opcode.CHUNK)
+            start += WINDOW_BYTES
+
+    def _note_end(self, at: int, last: int, why: str = "a record without its end") -> None:
+        """Note that nothing more can be read: a cut where the file has no end, damage where it has one."""
+        if not self.ended:
+            self.cut_byte = at
+        else:
+            self._note(at, last, why)
+
+    def _note(self, start: int, end: int, what: str, *, lost: bool = True, times: tuple[int, int] = (0, 0)) -> None:
+        self.damage.append(
+            Damage(start_byte=start, end_byte=end, what=what, lost=lost, from_ns=times[0], to_ns=times[1])
+        )
+
+    def _read(self, at: int, length: int) -> bytes:
+        self.file.seek(at)
+        return self.file.read(length)
+
+    def _checksum(self, start: int, end: int) -> int:
+        checksum, at = 0, start
+        while at < end:
+            block = self._read(at, min(WINDOW_BYTES, end - at))
+            if not block:
+                break
+            checksum, at = zlib.crc32(block, checksum), at + len(block)
+        return checksum
+
+
+def _candidates_in(window: bytes) -> Iterator[int]:
+    """Places in a window whose bytes at `SIGNATURE_AT` name a compression."""
+    for signature in SIGNATURES:
+        found = window.find(signature, SIGNATURE_AT)
+        while found >= 0:
+            if found < WINDOW_BYTES + SIGNATURE_AT:
+                yield found - SIGNATURE_AT
+            found = window.find(signature, found + 1)

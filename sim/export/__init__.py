@@ -1,0 +1,1 @@
+"""A recording as tables for other programs: Parquet and CSV, with units."""

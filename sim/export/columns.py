@@ -1,0 +1,199 @@
+"""The messages of a topic as plain columns: nested fields side by side, units in names, meanings from das.proto."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+from das.bus.recorder import message_time_ns
+from das.bus.recording import Stamped
+
+UNITS: Final = {
+    "_mps2": "m/s²",
+    "_mps": "m/s",
+    "_deg": "°",
+    "_ratio": "1",
+    "_per_min": "1/min",
+    "_ns": "ns",
+    "_m": "m",
+    "_s": "s",
+    "_n": "N",
+    "_j": "J",
+}
+"""Units by the end of a column's name."""
+RENAMED: Final = {
+    "foxglove.LocationFix": {"latitude": "latitude_deg", "longitude": "longitude_deg", "altitude": "altitude_m"},
+}
+"""Fields of messages that are not ours, whose names do not say their unit."""
+LEFT_OUT: Final = {
+    "foxglove.LocationFix": ("timestamp", "position_covariance", "position_covariance_type", "color", "heading"),
+    "foxglove.Log": ("timestamp", "file", "line"),
+}
+"""Fields that our programs do not fill, and times that have a column of their own."""
+LOG_TIME, TIME, SINCE_START = "log_time_ns", "time_ns", "time_s"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Column:
+    """A column: its name, which ends in its unit, its values (None: there is none), and what it means.
+
+    `kind` is one of int, float, bool, text, choice (the name of a value of an enumeration) and floats (a list).
+    """
+
+    name: str
+    kind: str
+    values: list[Any]
+    meaning: str = ""
+
+    @property
+    def unit(self) -> str:
+        """The unit by the column's name; nothing where it has none."""
+        return next((unit for end, unit in UNITS.items() if self.name.endswith(end)), "")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DataTable:
+    """A table: its name, and columns of one length."""
+
+    name: str
+    columns: list[Column] = field(default_factory=list)
+
+    def __getitem__(self, name: str) -> Column:
+        return next(one for one in self.columns if one.name == name)
+
+    def __contains__(self, name: str) -> bool:
+        return any(one.name == name for one in self.columns)
+
+    def __len__(self) -> int:
+        return len(self.columns[0].values) if self.columns else 0
+
+    def only(self, keep: Sequence[bool]) -> DataTable:
+        """The table with some of its rows."""
+        return replace(self, columns=[replace(x, values=_picked(x.values, keep)) for x in self.columns])
+
+
+def _picked(values: list[Any], keep: Sequence[bool]) -> list[Any]:
+    return [value for value, kept in zip(values, keep, strict=True) if kept]
+
+
+def tables_of(name: str, entries: Sequence[Stamped], zero_ns: int) -> list[DataTable]:
+    """The table of a topic, and one more for each list of messages within its messages (such as a journey's stops).
+
+    `zero_ns` is where the column `time_s` begins (ns since 1970).
+    """
+    times = [message_time_ns(one.message) or one.log_time_ns for one in entries]
+    head = _times([one.log_time_ns for one in entries], times, zero_ns)
+    messages = [one.message for one in entries]
+    table = DataTable(name=name, columns=[*head, *_columns(messages, "")])
+    return [table, *_inner_tables(name, entries, times, zero_ns)]
+
+
+def _times(log_ns: list[int], time_ns: list[int], zero_ns: int) -> list[Column]:
+    since = "time since the departure by the timetable, or since the first message where there is none"
+    return [
+        Column(name=LOG_TIME, kind="int", values=log_ns, meaning="when it was recorded, since 1970 (UTC)"),
+        Column(name=TIME, kind="int", values=time_ns, meaning="the time that the message states, since 1970 (UTC)"),
+        Column(name=SINCE_START, kind="float", values=[(t - zero_ns) / 1e9 for t in time_ns], meaning=since),
+    ]
+
+
+def _columns(messages: Sequence[Any | None], prefix: str) -> Iterator[Column]:
+    """The columns of messages of one kind; None stands for a message that is not there."""
+    some = next((one for one in messages if one is not None), None)
+    if some is None:
+        return
+    kind = some.DESCRIPTOR
+    for one in kind.fields:
+        if (one.name == TIME and not prefix) or one.name in LEFT_OUT.get(kind.full_name, ()):
+            continue
+        name = f"{prefix}{RENAMED.get(kind.full_name, {}).get(one.name, one.name)}"
+        if one.message_type is not None:
+            if not one.is_repeated:
+                yield from _columns(_inner(messages, one.name), f"{name}_")
+        else:
+            yield _column(one, messages, name, _meanings().get(kind.full_name, {}).get(one.name, ""))
+
+
+def _inner(messages: Sequence[Any | None], name: str) -> list[Any | None]:
+    return [getattr(one, name) if one is not None and one.HasField(name) else None for one in messages]
+
+
+def _column(description: Any, messages: Sequence[Any | None], name: str, meaning: str) -> Column:
+    values = [None if one is None else getattr(one, description.name) for one in messages]
+    if description.enum_type is not None:
+        return Column(name=name, kind="choice", values=_named(values, description.enum_type), meaning=meaning)
+    cpp = description.cpp_type
+    kinds = {description.CPPTYPE_STRING: "text", description.CPPTYPE_BOOL: "bool"}
+    kinds |= {description.CPPTYPE_DOUBLE: "float", description.CPPTYPE_FLOAT: "float"}
+    kind = kinds.get(cpp, "int")
+    if description.is_repeated:
+        kind, values = "floats", [None if one is None else list(one) for one in values]
+    elif name.endswith("_ns"):
+        values = [one or None for one in values]  # a time of 0 stands for none
+    return Column(name=name, kind=kind, values=values, meaning=meaning)
+
+
+def _named(values: list[Any], enumeration: Any) -> list[str | None]:
+    """The names of an enumeration's values, without what all of them begin with, in small letters."""
+    names = {number: one.name for number, one in enumeration.values_by_number.items()}
+    common = _common_word(list(names.values()))
+    return [None if x is None else names.get(x, str(x))[len(common) :].lower() for x in values]
+
+
+def _common_word(names: list[str]) -> str:
+    """What all names begin with, up to an underscore: MODE_ of MODE_NONE and MODE_COAST."""
+    first = names[0]
+    ends = [i + 1 for i, letter in enumerate(first) if letter == "_"]
+    common = [first[:end] for end in ends if all(name.startswith(first[:end]) for name in names)]
+    return common[-1] if common and len(names) > 1 else ""
+
+
+def _inner_tables(name: str, entries: Sequence[Stamped], times: list[int], zero_ns: int) -> Iterator[DataTable]:
+    """A table for each list of messages: a row for each of them, with the time of the message that it is in."""
+    if not entries:
+        return
+    for path, get in _lists(entries[0].message.DESCRIPTOR, "", lambda one: one):
+        rows = [(i, number, inner) for i, one in enumerate(entries) for number, inner in enumerate(get(one.message), 1)]
+        if not rows:
+            continue
+        head = _times([entries[i].log_time_ns for i, _, _ in rows], [times[i] for i, _, _ in rows], zero_ns)
+        number = Column(name="number", kind="int", values=[n for _, n, _ in rows], meaning="place in the list, from 1")
+        inner = list(_columns([one for _, _, one in rows], ""))
+        yield DataTable(name=f"{name}_{path}", columns=[*head, number, *inner])
+
+
+def _lists(kind: Any, prefix: str, get: Callable[[Any], Any]) -> Iterator[tuple[str, Callable[[Any], Any]]]:
+    """The lists of messages in a kind of message: their names, and how to get them."""
+    for one in kind.fields:
+        if one.message_type is None or not one.message_type.full_name.startswith("das."):
+            continue
+
+        def inner(message: Any, name: str = one.name) -> Any:
+            return getattr(get(message), name)
+
+        if one.is_repeated:
+            yield f"{prefix}{one.name}", inner
+        else:
+            yield from _lists(one.message_type, f"{prefix}{one.name}_", inner)
+
+
+@cache
+def _meanings() -> dict[str, dict[str, str]]:
+    """What each field means, by message: the remarks behind the fields in das.proto."""
+    text = (files("das.bus") / "das.proto").read_text(encoding="utf-8")
+    found: dict[str, dict[str, str]] = {}
+    nested: list[str] = []
+    for line in text.splitlines():
+        begun = re.match(r"\s*(?:message|enum) (\w+) \{", line)
+        remark = re.match(r"\s*(?:repeated )?[\w.]+ (\w+) = \d+;\s*//\s*(.+)", line)
+        if begun:
+            nested.append(begun[1])
+        elif line.strip() == "}":
+            nested.pop()
+        elif remark:
+            found.setdefault(".".join(["das", *nested]), {})[remark[1]] = remark[2].strip()
+    return found

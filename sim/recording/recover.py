@@ -1,0 +1,185 @@
+"""Saves what is sound in a cut or damaged recording into a new file that is whole, and counts what is gone."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Final
+
+from mcap import records
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+
+from das import __version__
+from das.bus.contents import CHANNELS, RECOVERED, Raw, read_raw
+from das.bus.damage import Health
+from das.bus.sealing import UNCHECKED, sealed
+from das.bus.topics import topic_of
+from das.domain.errors import DasError
+from das.domain.files.writing import umask
+
+CHUNK_BYTES: Final = 1 << 18
+"""Size of a chunk of the new file before it is packed: of a damaged one, no more than some seconds are lost."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recovered:
+    """What was saved and what is gone. `skipped_bytes` are those of the damaged stretches and of the cut end."""
+
+    source: Path
+    out: Path
+    health: Health
+    messages: int
+    attachments: int
+    undescribed: int
+    unchecked_metadata: tuple[str, ...]
+    last_ns: int
+
+    @property
+    def skipped_bytes(self) -> int:
+        """Bytes of the old file that nothing could be made of."""
+        lost = sum(one.end_byte - one.start_byte for one in self.health.damage if one.lost)
+        return lost + (self.health.size_bytes - self.health.cut_byte if self.health.cut_byte >= 0 else 0)
+
+    def losses(self) -> list[str]:
+        """What is gone, in lines; none where everything was saved."""
+        health = self.health
+        lines = [f"left out: {one}" for one in health.damage if one.lost]
+        lines += [f"mended: {one}" for one in health.damage if not one.lost]
+        if health.missing:
+            lines.append(f"{health.missing} messages are missing, by their running numbers")
+        if self.undescribed:
+            lines.append(f"{self.undescribed} messages are left out: nothing says what their channels hold")
+        if health.cut_byte >= 0:
+            lines.append(f"the last {health.size_bytes - health.cut_byte} bytes are a record without its end")
+        for name in self.unchecked_metadata:
+            lines.append(f"metadata {name!r} have no checksum: kept as {UNCHECKED + name!r}, which no command uses")
+        return lines
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same for JSON."""
+        return {
+            "file": str(self.source),
+            "written": str(self.out),
+            "sound": self.health.sound,
+            "messages": self.messages,
+            "attachments": self.attachments,
+            "messages_missing": self.health.missing,
+            "skipped_bytes": self.skipped_bytes,
+            "last_time_ns": self.last_ns,
+            "losses": self.losses(),
+        }
+
+
+def recover(source: Path, out: Path) -> Recovered:
+    """Write what is sound of `source` to `out`, which is there whole or not at all.
+
+    Raises DasError for a file that cannot be read, holds no message, or where `out` cannot be written.
+    """
+    raw, health = read_raw(source)
+    if not raw.messages:
+        raise DasError(f"{source}: holds no message that could be saved")
+    homeless = [one for one in raw.messages if one.channel_id not in raw.channels]
+    unchecked = tuple(record.name for record, right in raw.metadata if right is None)
+    found = Recovered(
+        source=source,
+        out=out,
+        health=health,
+        messages=len(raw.messages) - len(homeless),
+        attachments=len(raw.attachments),
+        undescribed=len(homeless),
+        unchecked_metadata=unchecked,
+        last_ns=max(one.log_time for one in raw.messages),
+    )
+    _write_whole(out, lambda file: _write(file, raw, found))
+    return found
+
+
+def _write_whole(out: Path, write: Callable[[IO[bytes]], None]) -> None:
+    """Write a file beside its place, and put it there when it is whole."""
+    place = out.resolve()
+    try:
+        handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                write(file)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(name, 0o666 & ~umask())
+            os.replace(name, place)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise DasError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:
+    writer: Any = McapWriter(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    writer.start(profile="", library=f"driver-advisory-system {__version__}")
+    for one in raw.attachments:
+        writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
+    for record, right in raw.metadata:
+        if right is not False:
+            name = record.name if right else f"{UNCHECKED}{record.name}"
+            writer.add_metadata(name, sealed(name, record.metadata))
+    _note_recovery(writer, found)
+    channels = _Channels(writer, raw)
+    for message in raw.messages:
+        channel = channels.number(message.channel_id)
+        if channel is not None:
+            writer.add_message(channel, message.log_time, message.data, message.publish_time, message.sequence)
+    writer.finish()
+
+
+def _note_recovery(writer: McapWriter, found: Recovered) -> None:
+    """Say in the new file what was lost; a sound one has lost nothing."""
+    losses = found.losses()
+    if not found.health.complete:
+        losses.append("it was cut off")
+    if losses:
+        data = {"file": found.source.name, "lost": "; ".join(losses)}
+        writer.add_metadata(RECOVERED, sealed(RECOVERED, data))
+
+
+class _Channels:
+    """Channels and schemas of the old file as they are numbered in the new one."""
+
+    def __init__(self, writer: McapWriter, raw: Raw) -> None:
+        self._writer, self._raw = writer, raw
+        self._channels: dict[int, int] = {}
+        self._schemas: dict[int, int] = {}
+
+    def number(self, old: int) -> int | None:
+        """The new number of a channel; None for one that nothing describes."""
+        if old not in self._channels:
+            channel = self._raw.channels.get(old)
+            if channel is None:
+                return None
+            self._channels[old] = self._register(channel)
+        return self._channels[old]
+
+    def _register(self, channel: records.Channel) -> int:
+        schema = self._raw.schemas.get(channel.schema_id)
+        number = 0 if schema is None else self._schema(schema, channel.topic)
+        new = self._writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
+        described = {"topic": channel.topic, "schema": schema.name if schema else "", "schema_id": str(number)}
+        name = f"{CHANNELS}{new}"
+        if topic_of(channel.topic) is not None:
+            self._writer.add_metadata(name, sealed(name, described))
+        return int(new)
+
+    def _schema(self, schema: records.Schema, topic: str) -> int:
+        if schema.id not in self._schemas:
+            ours = topic_of(topic)
+            if not schema.data and ours is not None:  # its chunk was lost; what it holds is known
+                from mcap_protobuf.schema import build_file_descriptor_set
+
+                data = build_file_descriptor_set(ours.message).SerializeToString()
+                self._schemas[schema.id] = self._writer.register_schema(schema.name, "protobuf", data)
+            else:
+                self._schemas[schema.id] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        return self._schemas[schema.id]
