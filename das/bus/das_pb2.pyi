@@ -815,6 +815,7 @@ class Estimate(_message.Message):
     SAMPLES_FIELD_NUMBER: _builtins.int
     USABLE_FIELD_NUMBER: _builtins.int
     DIFFERS_FIELD_NUMBER: _builtins.int
+    DOUBT_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     mass_ratio: _builtins.float
     mass_sd_ratio: _builtins.float
@@ -828,6 +829,8 @@ class Estimate(_message.Message):
     """known well enough to plan with"""
     differs: _builtins.bool
     """from what the plan is made with, certainly and by enough to matter"""
+    doubt: _builtins.str
+    """why the measured forces are not trusted: two-publishers, too-strong, coasting, gain (empty: they are)"""
     def __init__(
         self,
         *,
@@ -839,10 +842,11 @@ class Estimate(_message.Message):
         samples: _builtins.int = ...,
         usable: _builtins.bool = ...,
         differs: _builtins.bool = ...,
+        doubt: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["differs", b"differs", "mass_ratio", b"mass_ratio", "mass_sd_ratio", b"mass_sd_ratio", "resistance_ratio", b"resistance_ratio", "resistance_sd_ratio", b"resistance_sd_ratio", "samples", b"samples", "time_ns", b"time_ns", "usable", b"usable"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["differs", b"differs", "doubt", b"doubt", "mass_ratio", b"mass_ratio", "mass_sd_ratio", b"mass_sd_ratio", "resistance_ratio", b"resistance_ratio", "resistance_sd_ratio", b"resistance_sd_ratio", "samples", b"samples", "time_ns", b"time_ns", "usable", b"usable"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -234,6 +234,7 @@ class Cab:
 
     def _answer(self, now_ns: int, dropped: int) -> None:
         began = self._settings.stopwatch()
+        self.learning.contest(contested=self._guard.has_rival_efforts(now_ns))
         conditions = self.learning.due(now_ns)
         if conditions is not None:
             self.legs.set_conditions(conditions)
@@ -247,6 +248,8 @@ class Cab:
                 reporting.complain(now_ns, text)
             else:
                 reporting.event(now_ns, Severity.INFO, text)
+        if doubted := self.learning.news():
+            reporting.event(now_ns, Severity.WARNING, doubted)
         reporting.changes(advice)
         reporting.rejections(self.here)
         leg = self.legs.current

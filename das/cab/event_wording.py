@@ -18,6 +18,7 @@ from das.domain.conditions import Conditions
 from das.domain.losses import Level
 from das.domain.units import KM, NS
 from das.estimate.problems import Problem
+from das.estimate.ratios import ForceDoubt
 
 MOST_NAMED = 3
 """So many of the targets that are agreed to are named."""
@@ -252,6 +253,24 @@ RESTRICTION_SET: Final = "restriction set"
 def other_conditions(found: Conditions) -> str:
     """Mass and resistance that were found while driving."""
     return f"mass × {found.mass_ratio:.2f} and resistance × {found.resistance_ratio:.2f} of the plan's"
+
+
+HILL_NEEDS_BRAKES: Final = "a hill would have to be taken faster than the brakes of the train as planned allow"
+
+_FORCE_DOUBTS: Final = {
+    ForceDoubt.TWO_PUBLISHERS: "two publishers of the efforts",
+    ForceDoubt.TOO_STRONG: "the measured forces are above those that the train has",
+    ForceDoubt.COASTING: "a coasting train moves otherwise than the measured forces say",
+    ForceDoubt.GAIN: "mass and resistance are off by the same factor, as a wrong gain of the force sensor makes them",
+}
+
+
+def calibration_off(doubt: ForceDoubt) -> str:
+    """Measured forces that are not trusted: nothing is planned with them."""
+    return f"calibration off: {_FORCE_DOUBTS[doubt]}"
+
+
+CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measured forces any more"
 
 
 def calibration_ignored(error: Exception) -> str:

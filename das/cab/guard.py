@@ -52,7 +52,8 @@ class Guard:
     def __init__(self, settings: GuardSettings = DEFAULT) -> None:
         self._settings = settings
         self._newest_ns: dict[Kind, int] = {}
-        self._publishers, self._operators = Publishers(settings.silent_s), Operators()
+        self._operators = Operators()
+        self._publishers = {kind: Publishers(settings.silent_s) for kind in (Kind.POSITION, Kind.EFFORT)}
         self._in_force: list[ToldRestriction] = []
         self._early: dict[Kind, Heard] = {}
         self.unheeded: str | None = None
@@ -82,7 +83,8 @@ class Guard:
         if kind is Kind.RESTRICTION:
             return self._problem_of_restrictions(heard)
         found = self._problem_by_itself(heard)
-        if not found and kind is Kind.POSITION and not self._publishers.is_heard(heard.source, now_ns):
+        measured = self._publishers.get(kind)
+        if not found and measured is not None and not measured.is_heard(heard.source, now_ns):
             found = event_wording.second_publisher(heard.source)
         if not found and isinstance(heard, StateHeard):
             found = self._replayed(heard)
@@ -104,7 +106,11 @@ class Guard:
 
     def rivals(self, now_ns: int) -> str:
         """The two publishers that both say where the train is, so that one of them is wrong; else nothing."""
-        return self._publishers.contested(now_ns)
+        return self._publishers[Kind.POSITION].contested(now_ns)
+
+    def has_rival_efforts(self, now_ns: int) -> bool:
+        """Whether two publishers both say what the wheel forces are, so that one of them is wrong."""
+        return bool(self._publishers[Kind.EFFORT].contested(now_ns))
 
     def rival_operators(self) -> str:
         """The two publishers that say different restrictions; else nothing."""
@@ -180,7 +186,7 @@ class Guard:
 
 
 class Publishers:
-    """The one publisher of positions that the cab heeds: a session, known by its name in Zenoh's time stamps."""
+    """The one publisher of a measurement that the cab heeds: a session, known by its name in Zenoh's time stamps."""
 
     def __init__(self, silent_s: float = DEFAULT.silent_s) -> None:
         self._silent_s = silent_s
@@ -189,7 +195,7 @@ class Publishers:
         self._rival, self._rival_ns = "", 0
 
     def is_heard(self, source: str, now_ns: int) -> bool:
-        """Whether this publisher's position counts; another one's does when the one before has gone silent."""
+        """Whether this publisher's measurement counts; another one's does when the one before has gone silent."""
         if self._source is None or not self._within(now_ns, self._heard_ns):
             self._source, self._rival = source, ""
         if source != self._source:
@@ -199,7 +205,7 @@ class Publishers:
         return True
 
     def contested(self, now_ns: int) -> str:
-        """The two publishers that both say where the train is now, so that no position can be trusted; or nothing."""
+        """The two publishers that both measure now, so that neither can be trusted; or nothing."""
         if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._heard_ns):
             return event_wording.two_publishers(self._source, self._rival)
         return ""

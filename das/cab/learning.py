@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from das.cab import event_wording
 from das.cab.heard import EffortHeard, Heard, PositionHeard
 from das.cab.outputs import Estimated
 from das.domain.conditions import Conditions
@@ -9,6 +12,7 @@ from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import Calibrator
 from das.estimate.fix import Quality
+from das.estimate.ratios import Estimates, ForceDoubt
 from das.estimate.recalibration import Recalibration
 
 SAID_EVERY_S = 10.0
@@ -22,6 +26,8 @@ class Learning:
         self.calibrator = calibrator
         self._recalibration = Recalibration()
         self._said_ns: int | None = None
+        self._contested = False
+        self._doubt_said: ForceDoubt | None = None
 
     def hear(self, heard: Heard) -> None:
         """Take over a position or an effort."""
@@ -39,17 +45,38 @@ class Learning:
         if self.calibrator is not None and not self.calibrator.is_of(vehicle):
             self.calibrator, self._recalibration = self.calibrator.anew(vehicle), Recalibration()
 
-    def due(self, now_ns: int) -> Conditions | None:
-        """Mass and resistance to plan with from now on, where they differ enough from what is planned with."""
+    def contest(self, *, contested: bool) -> None:
+        """Take note of whether two publishers measure the forces; what was learned from either is forgotten then."""
+        if contested and not self._contested and self.calibrator is not None:
+            self.calibrator = self.calibrator.afresh()
+        self._contested = contested
+
+    @property
+    def _found(self) -> Estimates | None:
         if self.calibrator is None:
             return None
-        return self._recalibration.due(self.calibrator.estimates, now_ns)
+        found = self.calibrator.estimates
+        return replace(found, usable=False, doubt=ForceDoubt.TWO_PUBLISHERS) if self._contested else found
+
+    def news(self) -> str:
+        """What is to be said once: that the measured forces are not trusted, or are again; or nothing."""
+        doubt = self._found.doubt if self._found is not None else None
+        before, self._doubt_said = self._doubt_said, doubt
+        if doubt is before:
+            return ""
+        return event_wording.calibration_off(doubt) if doubt is not None else event_wording.CALIBRATION_ON
+
+    def due(self, now_ns: int) -> Conditions | None:
+        """Mass and resistance to plan with from now on, where they differ enough from what is planned with."""
+        found = self._found
+        return self._recalibration.due(found, now_ns) if found is not None else None
 
     def say(self, now_ns: int) -> Estimated | None:
         """What was found, every while (at once when the clock jumped)."""
-        if self.calibrator is None or is_fresh(self._said_ns, now_ns, SAID_EVERY_S):
+        found = self._found
+        if found is None or is_fresh(self._said_ns, now_ns, SAID_EVERY_S):
             return None
-        self._said_ns, found = now_ns, self.calibrator.estimates
+        self._said_ns = now_ns
         return Estimated(
             time_ns=now_ns,
             mass_ratio=found.mass_ratio,
@@ -59,6 +86,7 @@ class Learning:
             samples=found.samples,
             usable=found.usable,
             differs=found.differs(self._recalibration.conditions),
+            doubt=found.doubt.value if found.doubt is not None else "",
         )
 
 

@@ -92,6 +92,15 @@ def test_the_defaults_of_the_calibration_are_those_documented() -> None:
             "model_sd": (0.005, 0.015),
             "usable_sd": (0.02, 0.08),
         },
+        "force": {
+            "too_strong_ratio": 1.06,
+            "too_strong_samples": 5,
+            "idle_ratio": 0.005,
+            "coasting_windows": 4,
+            "coasting_sds": 3.0,
+            "gain_step": 0.03,
+            "gain_sds": 3.0,
+        },
         "load": {"stands_for_s": 20.0, "mass_sd": 0.05},
         "replan": {"mass_step": 0.03, "resistance_step": 0.05, "certain_sds": 3.0, "every_s": 120.0},
     }
