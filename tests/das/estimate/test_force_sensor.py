@@ -86,7 +86,8 @@ def test_coasting_contradicts_a_sensor_that_is_off_only_under_force(off_n: float
     plant = Plant(ROUTE, VEHICLE)
     for _ in range(110):
         run.append(plant.advance(run[-1], COAST))
-    measured = tuple(s._replace(force_el_n=s.force_el_n + (off_n if s.force_el_n > 100.0 else 0.0)) for s in run)
+    off = [off_n if 100.0 < s.force_el_n < 120e3 else 0.0 for s in run]
+    measured = tuple(s._replace(force_el_n=s.force_el_n + one) for s, one in zip(run, off, strict=True))
     for seed in SEEDS:
         calibrator = fresh()
         for _ in feed(calibrator, measured, seed):
