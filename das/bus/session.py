@@ -23,6 +23,7 @@ from das.bus.inbox import CAPACITY, Inbox
 from das.bus.presence import TOKENS, Presence, Presences
 from das.bus.received import Received, decoded
 from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
+from das.cab.heard import UNSTAMPED
 from das.domain.errors import DasError
 
 HEARTBEAT_S = 1.0
@@ -78,12 +79,14 @@ class Bus:
         self._place = str(file.path) if file else self.listen or "a session"
         self._inbox, self._presences = Inbox(waiting), Presences()
         self._stack = ExitStack()
+        self._own = ""
         self._publishers: dict[str, Any] = {}
         self._declared: list[Any] = []
 
     def __enter__(self) -> Bus:
         try:
             self._session = self._stack.enter_context(zenoh.open(self._config))
+            self._own = str(self._session.zid())
         except zenoh.ZError as error:
             raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
         try:
@@ -170,12 +173,24 @@ class Bus:
         if topic is not None and not topic.latched:
             self._on_sample(sample)
 
+    def _source(self, sample: zenoh.Sample, topic: Topic) -> str:
+        """The session that said something; `UNSTAMPED` where its stamp is missing, or is ahead of our clock by 0.5 s.
+
+        Zenoh puts our own stamp on such a message. What the node keeps of a latched topic is looked at by who publishes
+        it (`watch`), so that there the own stamp stays.
+        """
+        stamp = sample.timestamp
+        if stamp is None:
+            return UNSTAMPED
+        source = str(stamp.get_id())
+        return UNSTAMPED if source == self._own and not topic.latched else source
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         topic = topic_of(key)
         if topic is None or topic.name not in self._hear:
             return
-        source = str(sample.timestamp.get_id()) if sample.timestamp is not None else ""
+        source = self._source(sample, topic)
         if key == topic.key(self.train) and sample.kind == zenoh.SampleKind.PUT:
             self._inbox.put(decoded(topic, key, sample.payload.to_bytes(), source))
         else:  # to many trains at once, or a deletion: none of our senders does that

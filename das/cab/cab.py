@@ -273,6 +273,7 @@ class Cab:
         trust = dataclasses.replace(
             self._trust,
             two_publishers=self._guard.rivals(now_ns),
+            unstamped=self._guard.unstamped(now_ns),
             two_operators=self._guard.rival_operators(),
             unheeded=self._guard.unheeded,
         )

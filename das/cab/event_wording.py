@@ -109,6 +109,9 @@ def impossible_restriction(one: ToldRestriction) -> str:
 # --- who says it -----------------------------------------------------------------------------------------------------
 
 
+NOT_STAMPED: Final = "one without its sender's time stamp, or with one that is ahead of the clock,"
+
+
 def second_publisher(source: str) -> str:
     """A position of another publisher than the one that counts."""
     return f"one of a second publisher, {source or 'unnamed'},"

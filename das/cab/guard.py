@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from das.cab import event_wording
 from das.cab.heard import (
+    UNSTAMPED,
     Heard,
     JourneyHeard,
     Kind,
@@ -85,7 +86,8 @@ class Guard:
         found = self._problem_by_itself(heard)
         measured = self._publishers.get(kind)
         if not found and measured is not None and not measured.is_heard(heard.source, now_ns):
-            found = event_wording.second_publisher(heard.source)
+            unstamped = heard.source == UNSTAMPED
+            found = event_wording.NOT_STAMPED if unstamped else event_wording.second_publisher(heard.source)
         if not found and isinstance(heard, StateHeard):
             found = self._replayed(heard)
         return event_wording.ignored(kind, found) if found else ""
@@ -108,9 +110,14 @@ class Guard:
         """The two publishers that both say where the train is, so that one of them is wrong; else nothing."""
         return self._publishers[Kind.POSITION].contested(now_ns)
 
+    def unstamped(self, now_ns: int) -> bool:
+        """Whether positions come without their sender's time stamp, so that two senders could not be told apart."""
+        return self._publishers[Kind.POSITION].unstamped(now_ns)
+
     def has_rival_efforts(self, now_ns: int) -> bool:
-        """Whether two publishers both say what the wheel forces are, so that one of them is wrong."""
-        return bool(self._publishers[Kind.EFFORT].contested(now_ns))
+        """Whether two publishers both say what the wheel forces are, or might: then one of them may be wrong."""
+        efforts = self._publishers[Kind.EFFORT]
+        return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
 
     def rival_operators(self) -> str:
         """The two publishers that say different restrictions; else nothing."""
@@ -193,9 +200,18 @@ class Publishers:
         self._source: str | None = None
         self._heard_ns = 0
         self._rival, self._rival_ns = "", 0
+        self._unstamped_ns: int | None = None
 
     def is_heard(self, source: str, now_ns: int) -> bool:
-        """Whether this publisher's measurement counts; another one's does when the one before has gone silent."""
+        """Whether this publisher's measurement counts; another one's does when the one before has gone silent.
+
+        What is not stamped never counts: two senders of it could not be told apart.
+        """
+        if source == UNSTAMPED:
+            self._unstamped_ns = now_ns
+            if self._source is not None:
+                self._rival, self._rival_ns = source, now_ns
+            return False
         if self._source is None or not self._within(now_ns, self._heard_ns):
             self._source, self._rival = source, ""
         if source != self._source:
@@ -209,6 +225,10 @@ class Publishers:
         if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._heard_ns):
             return event_wording.two_publishers(self._source, self._rival)
         return ""
+
+    def unstamped(self, now_ns: int) -> bool:
+        """Whether measurements come without their sender's time stamp now."""
+        return self._unstamped_ns is not None and self._within(now_ns, self._unstamped_ns)
 
     def _within(self, now_ns: int, then_ns: int) -> bool:
         return abs(now_ns - then_ns) * NS <= self._silent_s

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
+
+UNSTAMPED: Final = "a sender without time stamps"
+"""The source of a measurement that its sender did not stamp: nobody can tell whether two senders are behind it."""
 
 
 class Kind(StrEnum):

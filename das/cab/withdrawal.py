@@ -16,6 +16,8 @@ class Trust:
 
     two_publishers: str = ""
     """The two publishers that both say where the train is."""
+    unstamped: bool = False
+    """Whether positions come without their sender's time stamp, so that two senders could not be told apart."""
     two_operators: str = ""
     """The two publishers that say different restrictions."""
     unheeded: str | None = None
@@ -47,11 +49,12 @@ def decide(
 ) -> Withdrawal | None:
     """Why there is no advice, or None: advice is given. The first of these that holds decides:
 
-    1. two publishers of the position; 2. two operators that say different restrictions; 3. restrictions that cannot be
-    heeded; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list of restrictions heard; 8. the
-    section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock or uncertain; 10. the train is
-    outside the section; 11. it moves up to the stop before its departure; 12. it has run past its stop; 13. no plan
-    finishes the section from its state (`no_plan`: the planner's words). The numbers of `Cause` rise in this order.
+    1. two publishers of the position, or one that might be two; 2. two operators that say different restrictions;
+    3. restrictions that cannot be heeded; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list
+    of restrictions heard; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock
+    or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it has run
+    past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words). The numbers of
+    `Cause` rise in this order.
     """
     distrust = _distrust(trust)
     if distrust is not None:
@@ -64,7 +67,7 @@ def decide(
 
 
 def _distrust(trust: Trust) -> Withdrawal | None:
-    if trust.two_publishers:
+    if trust.two_publishers or trust.unstamped:
         return Withdrawal(Cause.TWO_PUBLISHERS, trust.two_publishers)
     if trust.two_operators:
         return Withdrawal(Cause.TWO_OPERATORS, trust.two_operators)
