@@ -79,14 +79,12 @@ class Bus:
         self._place = str(file.path) if file else self.listen or "a session"
         self._inbox, self._presences = Inbox(waiting), Presences()
         self._stack = ExitStack()
-        self._own = ""
         self._publishers: dict[str, Any] = {}
         self._declared: list[Any] = []
 
     def __enter__(self) -> Bus:
         try:
             self._session = self._stack.enter_context(zenoh.open(self._config))
-            self._own = str(self._session.zid())
         except zenoh.ZError as error:
             raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
         try:
@@ -183,7 +181,7 @@ class Bus:
         if stamp is None:
             return UNSTAMPED
         source = str(stamp.get_id())
-        return UNSTAMPED if source == self._own and not topic.latched else source
+        return UNSTAMPED if source == str(self._session.zid()) and not topic.latched else source
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)

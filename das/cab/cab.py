@@ -175,7 +175,7 @@ class Cab:
         if isinstance(heard, JourneyHeard):
             self._begin(heard)
         elif isinstance(heard, PositionHeard):
-            self._localisation.take(heard.fix)
+            self._localisation.take(heard.fix, heard.heard_ns)
             self.legs.place(self._localisation.moment)
         elif isinstance(heard, DelayHeard):
             self.legs.set_delay(heard.delay_s)
@@ -252,6 +252,7 @@ class Cab:
             reporting.event(now_ns, Severity.WARNING, doubted)
         reporting.changes(advice)
         reporting.rejections(self.here)
+        reporting.clocks(self.here)
         leg = self.legs.current
         reporting.plan(leg.planner.plan if leg is not None else None, now_ns)
         estimated = self.learning.say(now_ns)

@@ -340,6 +340,15 @@ def position_restarted(s_m: float) -> str:
     return f"position: taken up anew at {s_m:.0f} m"
 
 
+def clocks_differ(off_s: float) -> str:
+    """Time stamps of positions that are not those of the clock here (> 0: they are behind, or heard late)."""
+    what = "are heard late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
+    return f"position: its time stamps {what} {abs(off_s):.1f} s; the train may be anywhere on the way of that time"
+
+
+CLOCKS_AGREE: Final = "position: its time stamps agree with the clock again"
+
+
 def position_rejected(what: Problem) -> str:
     """The first position that is rejected after one that was not."""
     return f"position: rejected, {wording.problem(what)}"

@@ -16,6 +16,8 @@ from das.estimate.estimate import Estimate
 PLAN_EVERY_S = 10.0
 LOSSES_EVERY_S = 1.0
 """Plans and losses are said no more often than this."""
+CLOCKS_DIFFER_S = 0.5
+"""Clocks that differ by less than this are not spoken of."""
 
 
 class Reporting:
@@ -31,6 +33,7 @@ class Reporting:
         self._plan: Plan | None = None
         self._plan_ns: int | None = None
         self._dropped, self._losses_ns = 0, 0
+        self._clock_off_s = 0.0
 
     def take(self) -> list[Output]:
         """All that is to be said now, in order."""
@@ -78,6 +81,16 @@ class Reporting:
         if rejecting and not self._rejecting and here.rejection is not None:
             self.event(here.time_ns, Severity.WARNING, event_wording.position_rejected(here.rejection))
         self._rejected, self._restarts, self._rejecting = here.rejected, here.restarts, rejecting
+
+    def clocks(self, here: Estimate) -> None:
+        """Say where the time stamps of the positions and the clock begin to differ, and where they agree again."""
+        off_s = here.clock_off_s
+        if abs(off_s - self._clock_off_s) < CLOCKS_DIFFER_S:
+            return
+        agree = abs(off_s) < CLOCKS_DIFFER_S
+        self._clock_off_s = 0.0 if agree else off_s
+        severity = Severity.INFO if agree else Severity.WARNING
+        self.event(here.time_ns, severity, event_wording.CLOCKS_AGREE if agree else event_wording.clocks_differ(off_s))
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:
         """Say the plan, when there is a new one and the last was said a while ago (or the clock jumped)."""

@@ -56,6 +56,7 @@ def test_the_defaults_of_the_localisation_are_those_documented() -> None:
             "largest_speed_sd_mps": 2.0,
             "recovered_ratio": 0.7,
         },
+        "clock": {"most_fixes": 15, "memory_s": 30.0, "largest_s": 10.0},
     }
 
 
@@ -223,7 +224,8 @@ def heard_as_usual() -> list[Estimate]:
     return heard_with(LocalisationSettings())
 
 
-@pytest.mark.parametrize("path", paths(LocalisationSettings()))
+# Those of the clock need times of hearing: tests/das/node/test_clock_difference.py.
+@pytest.mark.parametrize("path", [path for path in paths(LocalisationSettings()) if not path.startswith("clock.")])
 def test_every_setting_of_the_localisation_is_used(path: str) -> None:
     """A figure that is a tenth of the usual, or ten times as large, changes some estimate."""
     settings = LocalisationSettings()
