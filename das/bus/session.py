@@ -125,9 +125,9 @@ class Bus:
             publisher = self._publishers[topic.name] = self._declare(topic)
         publisher.put(message.SerializeToString())
 
-    def receive(self, timeout_s: float) -> Received | None:
-        """The next message, or None after `timeout_s`."""
-        return self._inbox.get(timeout_s)
+    def receive(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
+        """The next message, or None after `timeout_s`; `skip_outdated`: without states that their sender outdated."""
+        return self._inbox.get(timeout_s, skip_outdated=skip_outdated)
 
     def watch(self, topics: Sequence[Topic]) -> None:
         """Look out for the publishers of latched topics, those that are there already and those that come and go."""

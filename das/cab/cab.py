@@ -199,6 +199,8 @@ class Cab:
             self._localisation = Localisation(order.vehicle)
         self._trust = dataclasses.replace(self._trust, journey_refused="")
         self.learning.set_vehicle(order.vehicle)
+        if not self._reporting.may_tell(self._clock_ns):
+            return
         names = [stop.name for stop in order.stops]
         self._reporting.event(journey.time_ns, Severity.INFO, event_wording.journey(names))
         self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
@@ -208,7 +210,8 @@ class Cab:
         self.legs.end()
         text = event_wording.journey_refused(why)
         self._reporting.complain(self._clock_ns, text, Severity.ERROR)
-        self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
+        if self._reporting.may_tell(self._clock_ns):
+            self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
         """Say that something was ignored; while restrictions in force are not known, there is no advice."""

@@ -27,9 +27,9 @@ class Reporting:
         self.advices = 0
         """So many advices were given or withdrawn."""
         self._said: list[Output] = []
-        self._complaints = Moderation()
+        self._complaints, self._news = Moderation(), Moderation()
         self._shown: tuple[Mode, Cause] | None = None
-        self._rejected, self._restarts, self._rejecting = 0, 0, False
+        self._counted, self._rejecting = (0, 0), False
         self._plan: Plan | None = None
         self._plan_ns: int | None = None
         self._dropped, self._losses_ns = 0, 0
@@ -47,6 +47,10 @@ class Reporting:
     def event(self, now_ns: int, severity: Severity, text: str) -> None:
         """Something happened."""
         self.say(Event(time_ns=now_ns, severity=severity, text=text))
+
+    def may_tell(self, now_ns: int) -> bool:
+        """Whether good news that comes with messages may be told now; a flood of messages must not become one of it."""
+        return self._news.allows(now_ns)
 
     def complain(self, now_ns: int, text: str, severity: Severity = Severity.WARNING) -> None:
         """Something is not as it should be; left unsaid where there is too much of it."""
@@ -75,12 +79,13 @@ class Reporting:
 
     def rejections(self, here: Estimate) -> None:
         """Say where positions begin to be rejected, and where they are taken up anew elsewhere."""
-        if here.restarts > self._restarts:
+        rejected, restarts = self._counted
+        if here.restarts > restarts:
             self.event(here.time_ns, Severity.WARNING, event_wording.position_restarted(here.s_m))
-        rejecting = here.rejected > self._rejected
+        rejecting = here.rejected > rejected
         if rejecting and not self._rejecting and here.rejection is not None:
             self.event(here.time_ns, Severity.WARNING, event_wording.position_rejected(here.rejection))
-        self._rejected, self._restarts, self._rejecting = here.rejected, here.restarts, rejecting
+        self._counted, self._rejecting = (here.rejected, here.restarts), rejecting
 
     def clocks(self, here: Estimate) -> None:
         """Say where the time stamps of the positions and the clock begin to differ, and where they agree again."""

@@ -50,7 +50,7 @@ class Node:
     def catch_up(self) -> None:
         """Take what is already there: a node that was started anew has its journey on the bus."""
         for _ in range(CAUGHT_UP):
-            received = self.bus.receive(0.0)
+            received = self.bus.receive(0.0, skip_outdated=True)
             if received is None:
                 return
             self.take(received)
