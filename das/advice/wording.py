@@ -33,6 +33,7 @@ def withdrawal(why: Withdrawal) -> str:
         Cause.OUTSIDE_SECTION: f"position {why.position_m:.0f} m is outside the section "
         f"{why.section_m[0]:.0f} … {why.section_m[1]:.0f} m",
         Cause.MOVING_UP: "moving up to the stop",
+        Cause.TWO_NODES: f"another node advises this train as well: {why.text}",
         Cause.PAST_STOP: f"ran {why.position_m:.0f} m past the stop",
     }
     return texts.get(why.cause, why.text)

@@ -100,6 +100,8 @@ class _WithdrawalCauseEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Withd
     """the train has run past its stop"""
     CAUSE_NO_PLAN: _WithdrawalCause.ValueType  # 17
     """from this state the section cannot be finished"""
+    CAUSE_TWO_NODES: _WithdrawalCause.ValueType  # 18
+    """another node advises this train as well"""
 
 class WithdrawalCause(_WithdrawalCause, metaclass=_WithdrawalCauseEnumTypeWrapper):
     """Why there is no advice; in the order in which it is decided (das/cab/withdrawal.py)."""
@@ -140,6 +142,8 @@ CAUSE_PAST_STOP: WithdrawalCause.ValueType  # 16
 """the train has run past its stop"""
 CAUSE_NO_PLAN: WithdrawalCause.ValueType  # 17
 """from this state the section cannot be finished"""
+CAUSE_TWO_NODES: WithdrawalCause.ValueType  # 18
+"""another node advises this train as well"""
 Global___WithdrawalCause: _TypeAlias = WithdrawalCause  # noqa: Y015
 
 class _ReplanCause:

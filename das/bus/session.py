@@ -140,8 +140,11 @@ class Bus:
             self._declared.append(self._session.liveliness().declare_subscriber(tokens, noted, history=True))
 
     def presences(self) -> list[Presence]:
-        """Publishers of the topics that are watched which have come or gone since this was last asked."""
-        return self._presences.take()
+        """Publishers of the topics that are watched which have come or gone since this was last asked, but for this
+        session itself.
+        """
+        own = str(self._session.zid())
+        return [one for one in self._presences.take() if one.source != own]
 
     @property
     def dropped(self) -> int:

@@ -21,6 +21,7 @@ from das.cab.heard import (
     Heard,
     JourneyHeard,
     Kind,
+    NodeSeen,
     PositionHeard,
     PublisherSeen,
     RestrictionsHeard,
@@ -116,11 +117,14 @@ class Cab:
         """End the thread that looks for fronts."""
         self.legs.preparation.close()
 
-    def hear(self, heard: Heard | PublisherSeen) -> list[Output]:
+    def hear(self, heard: Heard | PublisherSeen | NodeSeen) -> list[Output]:
         """Act on something that was told, or say why not.
 
         Whatever else goes wrong is said as well, and the next advice is withdrawn: a cab that died could say nothing.
         """
+        if isinstance(heard, NodeSeen):
+            self._guard.see_node(heard)
+            return []
         if isinstance(heard, PublisherSeen):
             waiting = self._guard.see(heard)
             return self.hear(dataclasses.replace(waiting, heard_ns=heard.heard_ns)) if waiting is not None else []
@@ -280,6 +284,7 @@ class Cab:
             unstamped=self._guard.unstamped(now_ns),
             two_operators=self._guard.rival_operators(),
             unheeded=self._guard.unheeded,
+            two_nodes=self._guard.rival_node(),
         )
         why = decide(self.here, trust, facts)
         if leg is None:

@@ -10,6 +10,7 @@ from das.cab.heard import (
     Heard,
     JourneyHeard,
     Kind,
+    NodeSeen,
     PublisherSeen,
     RestrictionsHeard,
     StateHeard,
@@ -18,7 +19,7 @@ from das.cab.heard import (
     Unreadable,
     kind_of,
 )
-from das.cab.operators import Operators
+from das.cab.operators import MOST_RIVALS, Operators
 from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.domain.units import NS
@@ -57,6 +58,7 @@ class Guard:
         self._publishers = {kind: Publishers(settings.silent_s) for kind in (Kind.POSITION, Kind.EFFORT)}
         self._in_force: list[ToldRestriction] = []
         self._early: dict[Kind, Heard] = {}
+        self._nodes: list[str] = []
         self.unheeded: str | None = None
         """Why the restrictions told last cannot be heeded; None: they can."""
 
@@ -73,6 +75,17 @@ class Guard:
     def see(self, seen: PublisherSeen) -> Heard | None:
         """Take note of a publisher that came or went; returns the message to be taken again, for it counts now."""
         return self._operators.see(seen)
+
+    def see_node(self, seen: NodeSeen) -> None:
+        """Take note of another node of this train that came or went; of very many, the first ones are remembered."""
+        if not seen.there:
+            self._nodes = [one for one in self._nodes if one != seen.source]
+        elif seen.source not in self._nodes and len(self._nodes) < MOST_RIVALS:
+            self._nodes.append(seen.source)
+
+    def rival_node(self) -> str:
+        """Another node that advises this train as well; else nothing."""
+        return self._nodes[0] if self._nodes else ""
 
     def take_news(self) -> list[str]:
         """What has happened to the publishers since this was last asked, in words."""

@@ -149,6 +149,14 @@ class PublisherSeen:
     heard_ns: int = 0
 
 
+@dataclass(frozen=True, kw_only=True)
+class NodeSeen:
+    """Another session has begun to advise this train (`there`), or can do so no more."""
+
+    source: str
+    there: bool
+
+
 def kind_of(heard: Heard) -> Kind:
     """What something that was told is about."""
     return heard.told if isinstance(heard, Unreadable) else heard.kind

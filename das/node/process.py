@@ -9,7 +9,7 @@ from das.advice.settings import AdviceSettings
 from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
-from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
+from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.cab import Cab, CabSettings, no_stopwatch
 from das.cab.fronts import Fronts
 from das.cab.orders import Post
@@ -62,7 +62,7 @@ def serve(options: NodeOptions) -> None:
 
 def _begin(node: Node, stops_m: list[float], *, tables: bool) -> None:
     """Load the compiled code, take a journey that is on the bus already, and prepare the first section."""
-    node.bus.watch([JOURNEY, RESTRICTION, TARGET])
+    node.bus.watch([JOURNEY, RESTRICTION, TARGET, STATUS])
     node.status(NodeState.STARTING, "solving the section")
     with loading_solver():
         warm_up()
