@@ -185,6 +185,8 @@ class Cab:
             self.legs.set_delay(heard.delay_s)
         elif isinstance(heard, RestrictionsHeard):
             self.legs.set_restrictions([Restriction(**one._asdict()) for one in heard.restrictions])
+            if astray := event_wording.off_route(heard.restrictions, self._post.route.length_m):
+                self._reporting.complain(self._clock_ns, astray)
             self._trust = dataclasses.replace(self._trust, restrictions_told=True)
         elif isinstance(heard, TargetsHeard):
             self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in heard.targets])

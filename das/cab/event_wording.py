@@ -106,6 +106,17 @@ def impossible_restriction(one: ToldRestriction) -> str:
     return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m"
 
 
+def off_route(told: Sequence[ToldRestriction], length_m: float) -> str:
+    """Restrictions wholly beside a route of this length, which bind nowhere: somebody may count from elsewhere."""
+    astray = [one for one in told if one.end_m <= 0 or one.start_m >= length_m]
+    if not astray:
+        return ""
+    more = f" and {len(astray) - 1} more" if len(astray) > 1 else ""
+    return about(
+        Kind.RESTRICTION, f"{impossible_restriction(astray[0])}{more} is off the route (0 to {length_m:.0f} m)"
+    )
+
+
 # --- who says it -----------------------------------------------------------------------------------------------------
 
 
