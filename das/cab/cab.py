@@ -212,11 +212,12 @@ class Cab:
         self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
 
     def _refuse(self, time_ns: int, why: str) -> None:
+        known = self._trust.journey_refused == why
         self._trust = dataclasses.replace(self._trust, journey_refused=why)
         self.legs.end()
         text = event_wording.journey_refused(why)
         self._reporting.complain(self._clock_ns, text, Severity.ERROR)
-        if self._reporting.may_tell(self._clock_ns):
+        if not known or self._reporting.may_tell(self._clock_ns):
             self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
@@ -257,7 +258,7 @@ class Cab:
                 reporting.complain(now_ns, text)
             else:
                 reporting.event(now_ns, Severity.INFO, text)
-        if doubted := self.learning.news():
+        if doubted := self.learning.news(now_ns):
             reporting.event(now_ns, Severity.WARNING, doubted)
         reporting.changes(advice)
         reporting.rejections(self.here)

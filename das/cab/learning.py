@@ -28,6 +28,7 @@ class Learning:
         self._said_ns: int | None = None
         self._contested = False
         self._doubt_said: ForceDoubt | None = None
+        self._doubt_said_ns: int | None = None
 
     def hear(self, heard: Heard) -> None:
         """Take over a position or an effort."""
@@ -58,12 +59,15 @@ class Learning:
         found = self.calibrator.estimates
         return replace(found, usable=False, doubt=ForceDoubt.TWO_PUBLISHERS) if self._contested else found
 
-    def news(self) -> str:
-        """What is to be said once: that the measured forces are not trusted, or are again; or nothing."""
+    def news(self, now_ns: int) -> str:
+        """What is to be said once: that the measured forces are not trusted, or are again; or nothing.
+
+        The next news waits for a while, so that a sensor at the edge of a bound does not make an event a second.
+        """
         doubt = self._found.doubt if self._found is not None else None
-        before, self._doubt_said = self._doubt_said, doubt
-        if doubt is before:
+        if doubt is self._doubt_said or is_fresh(self._doubt_said_ns, now_ns, SAID_EVERY_S):
             return ""
+        self._doubt_said, self._doubt_said_ns = doubt, now_ns
         return event_wording.calibration_off(doubt) if doubt is not None else event_wording.CALIBRATION_ON
 
     def due(self, now_ns: int) -> Conditions | None:

@@ -17,7 +17,8 @@ PLAN_EVERY_S = 10.0
 LOSSES_EVERY_S = 1.0
 """Plans and losses are said no more often than this."""
 CLOCKS_DIFFER_S = 0.5
-"""Clocks that differ by less than this are not spoken of."""
+CLOCKS_EVERY_S = 10.0
+"""Clocks that differ by less than this are not spoken of, and others no more often than this."""
 
 
 class Reporting:
@@ -33,7 +34,7 @@ class Reporting:
         self._plan: Plan | None = None
         self._plan_ns: int | None = None
         self._dropped, self._losses_ns = 0, 0
-        self._clock_off_s = 0.0
+        self._clock_said: tuple[float, int | None] = (0.0, None)
 
     def take(self) -> list[Output]:
         """All that is to be said now, in order."""
@@ -89,11 +90,11 @@ class Reporting:
 
     def clocks(self, here: Estimate) -> None:
         """Say where the time stamps of the positions and the clock begin to differ, and where they agree again."""
-        off_s = here.clock_off_s
-        if abs(off_s - self._clock_off_s) < CLOCKS_DIFFER_S:
+        off_s, (said_s, said_ns) = here.clock_off_s, self._clock_said
+        if abs(off_s - said_s) < CLOCKS_DIFFER_S or is_fresh(said_ns, here.time_ns, CLOCKS_EVERY_S):
             return
         agree = abs(off_s) < CLOCKS_DIFFER_S
-        self._clock_off_s = 0.0 if agree else off_s
+        self._clock_said = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
         self.event(here.time_ns, severity, event_wording.CLOCKS_AGREE if agree else event_wording.clocks_differ(off_s))
 
