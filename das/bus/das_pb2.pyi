@@ -834,7 +834,7 @@ class Estimate(_message.Message):
     differs: _builtins.bool
     """from what the plan is made with, certainly and by enough to matter"""
     doubt: _builtins.str
-    """why the measured forces are not trusted: two-publishers, too-strong, coasting, gain (empty: they are)"""
+    """why the measured forces are not trusted: two-publishers, clocks, too-strong, coasting, gain (empty: they are)"""
     def __init__(
         self,
         *,

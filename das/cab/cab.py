@@ -244,7 +244,7 @@ class Cab:
 
     def _answer(self, now_ns: int, dropped: int) -> None:
         began = self._settings.stopwatch()
-        self.learning.contest(contested=self._guard.has_rival_efforts(now_ns))
+        self.learning.contest(now_ns, contested=self._guard.has_rival_efforts(now_ns))
         conditions = self.learning.due(now_ns)
         if conditions is not None:
             self.legs.set_conditions(conditions)

@@ -273,6 +273,7 @@ HILL_NEEDS_BRAKES: Final = "a hill would have to be taken faster than the brakes
 
 _FORCE_DOUBTS: Final = {
     ForceDoubt.TWO_PUBLISHERS: "two publishers of the efforts",
+    ForceDoubt.CLOCKS: "the clocks of efforts and positions differ",
     ForceDoubt.TOO_STRONG: "the measured forces are above those that the train has",
     ForceDoubt.COASTING: "a coasting train moves otherwise than the measured forces say",
     ForceDoubt.GAIN: "mass and resistance are off by the same factor, as a wrong gain of the force sensor makes them",

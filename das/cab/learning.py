@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 from das.cab import event_wording
-from das.cab.heard import EffortHeard, Heard, PositionHeard
+from das.cab.heard import EffortHeard, Heard, Kind, PositionHeard
 from das.cab.outputs import Estimated
 from das.domain.conditions import Conditions
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import Calibrator
+from das.estimate.calibration_settings import DEFAULT
+from das.estimate.clock_difference import ClockDifference
 from das.estimate.fix import Quality
+from das.estimate.localisation_settings import DEFAULT as LOCALISATION
 from das.estimate.ratios import Estimates, ForceDoubt
 from das.estimate.recalibration import Recalibration
 
+CLOCK = LOCALISATION.clock
 SAID_EVERY_S = 10.0
 """What was found is said so often."""
 
@@ -26,7 +30,8 @@ class Learning:
         self.calibrator = calibrator
         self._recalibration = Recalibration()
         self._said_ns: int | None = None
-        self._contested = False
+        self._mixed: ForceDoubt | None = None
+        self._clocks = {kind: ClockDifference(CLOCK) for kind in (Kind.EFFORT, Kind.POSITION)}
         self._doubt_said: ForceDoubt | None = None
         self._doubt_said_ns: int | None = None
 
@@ -35,9 +40,11 @@ class Learning:
         if self.calibrator is None:
             return
         if isinstance(heard, EffortHeard):
+            self._clocks[Kind.EFFORT].hear(heard.effort.time_ns, heard.heard_ns)
             self.calibrator.set_effort(heard.effort)
         elif isinstance(heard, PositionHeard):
             fix = heard.fix
+            self._clocks[Kind.POSITION].hear(fix.time_ns, heard.heard_ns)
             good = fix.quality in (Quality.UNKNOWN, Quality.GOOD)
             self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=good)
 
@@ -46,18 +53,31 @@ class Learning:
         if self.calibrator is not None and not self.calibrator.is_of(vehicle):
             self.calibrator, self._recalibration = self.calibrator.anew(vehicle), Recalibration()
 
-    def contest(self, *, contested: bool) -> None:
-        """Take note of whether two publishers measure the forces; what was learned from either is forgotten then."""
-        if contested and not self._contested and self.calibrator is not None:
+    def contest(self, now_ns: int, *, contested: bool) -> None:
+        """Take note of the time, and of whether two publishers measure the forces.
+
+        What was learned from two publishers, or from clocks that differ, is forgotten.
+        """
+        if self.calibrator is None:
+            return
+        for clock in self._clocks.values():
+            clock.tick(now_ns)
+        doubt = ForceDoubt.TWO_PUBLISHERS if contested else ForceDoubt.CLOCKS if self._clocks_differ else None
+        if doubt is not None and self._mixed is None:
             self.calibrator = self.calibrator.afresh()
-        self._contested = contested
+        self._mixed = doubt
+
+    @property
+    def _clocks_differ(self) -> bool:
+        effort, position = self._clocks[Kind.EFFORT].seconds, self._clocks[Kind.POSITION].seconds
+        return abs(effort - position) > DEFAULT.force.clocks_differ_s
 
     @property
     def _found(self) -> Estimates | None:
         if self.calibrator is None:
             return None
         found = self.calibrator.estimates
-        return replace(found, usable=False, doubt=ForceDoubt.TWO_PUBLISHERS) if self._contested else found
+        return replace(found, usable=False, doubt=self._mixed) if self._mixed is not None else found
 
     def news(self, now_ns: int) -> str:
         """What is to be said once: that the measured forces are not trusted, or are again; or nothing.

@@ -92,6 +92,8 @@ class BeliefSettings:
 class ForceSettings:
     """When the force sensor is not trusted."""
 
+    clocks_differ_s: float = 0.3
+    """Forces whose time stamps are off by more than this from those of the positions belong to other moments."""
     too_strong_ratio: float = 1.06
     """A force above the train's largest one at its speed times this is more than noise of 2 % makes of it."""
     too_strong_samples: int = 5

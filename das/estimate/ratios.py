@@ -20,6 +20,8 @@ class ForceDoubt(StrEnum):
 
     TWO_PUBLISHERS = "two-publishers"
     """Two publishers measure the forces of one train."""
+    CLOCKS = "clocks"
+    """Forces and positions are measured by clocks that differ, so that they do not belong together."""
     TOO_STRONG = "too-strong"
     """The forces are above those that the motors and brakes of the train have."""
     COASTING = "coasting"

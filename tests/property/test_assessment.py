@@ -22,7 +22,7 @@ from das.domain.errors import DasError
 from tests.support.assessed_day import AssessedDay, Drawn, Operators, Seen, draw, write_files
 from tests.support.raw_witness import Allowed, Place, RawLine, RawTrain
 
-DAYS = int(os.environ.get("DAS_ASSESSMENT_DAYS", "12"))
+DAYS = int(os.environ.get("DAS_ASSESSMENT_DAYS", "24"))
 FIRST = int(os.environ.get("DAS_ASSESSMENT_FIRST", "0"))
 LINES = 6
 """So many lines and trains; fronts of the free line are found once for each."""

@@ -38,6 +38,7 @@ class RawTrain:
     brake_n: float
     brake_w: float
     friction_n: float
+    most_mps2: float
 
     @classmethod
     def read(cls, path: Path) -> RawTrain:
@@ -54,6 +55,7 @@ class RawTrain:
             brake_n=1000.0 * brake["max_force_kn"],
             brake_w=1000.0 * brake["max_power_kw"],
             friction_n=1000.0 * data["friction_brake"]["max_force_kn"] if blended else 0.0,
+            most_mps2=vehicle.get("max_deceleration_mps2", math.inf),
         )
 
     def braking_mps2(self, speed_mps: float, uphill_ratio: float) -> float:
@@ -61,7 +63,7 @@ class RawTrain:
         c0, c1, c2 = self.resistance
         brakes_n = min(self.brake_n, self.brake_w / max(speed_mps, 0.1)) + self.friction_n
         held_n = c0 + c1 * speed_mps + c2 * speed_mps**2 + self.mass_kg * GRAVITY_MPS2 * uphill_ratio
-        return (brakes_n + held_n) / (self.mass_kg * (1.0 + self.rotating_ratio))
+        return min((brakes_n + held_n) / (self.mass_kg * (1.0 + self.rotating_ratio)), self.most_mps2)
 
 
 class RawLine:

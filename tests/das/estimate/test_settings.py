@@ -94,6 +94,7 @@ def test_the_defaults_of_the_calibration_are_those_documented() -> None:
             "usable_sd": (0.02, 0.08),
         },
         "force": {
+            "clocks_differ_s": 0.3,
             "too_strong_ratio": 1.06,
             "too_strong_samples": 5,
             "idle_ratio": 0.005,

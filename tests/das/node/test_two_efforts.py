@@ -35,3 +35,13 @@ def test_one_publisher_of_the_effort_is_not_doubted() -> None:
         driven.tell(EFFORT, effort(second, 20e3), source="sensor-a")
         driven.tick(second)
     assert "calibration off" not in driven.sink.events()
+
+
+def test_efforts_by_another_clock_than_the_positions_switch_calibration_off() -> None:
+    """Forces of 1 s ago, set against the acceleration of now, make a train of another mass."""
+    driven = DrivenNode(CabSettings(calibrate=True))
+    for second in range(1, 31):
+        driven.tell(EFFORT, effort(second - 1, 20e3), source="sensor-a")
+        assert driven.tick(second).mode != 0
+    assert "calibration off: the clocks of efforts and positions differ" in driven.sink.events()
+    assert driven.sink.of(ESTIMATE)[-1].doubt == "clocks"
