@@ -47,6 +47,8 @@ class Cause(IntEnum):
     """The train has run past its stop."""
     NO_PLAN = 17
     """From this state the section cannot be finished."""
+    TWO_NODES = 18
+    """Another node advises this train as well."""
 
     @property
     def label(self) -> str:

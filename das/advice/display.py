@@ -13,7 +13,7 @@ from das.advice.cause import Withdrawal
 from das.advice.coach.coaching import Coaching
 from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.passing import PassingTarget, time_at
-from das.advice.plan import Place, Plan
+from das.advice.plan import Floats, Place, Plan
 from das.advice.planner import Goal, Planner, TrainState
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
@@ -107,6 +107,9 @@ class Display:
         allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
         seconds = np.arange(1, self._settings.display.horizon_s + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
+        # What is allowed where the train is by then, and on the way there: it is nowhere told to speed up again.
+        way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
+        there = np.minimum.accumulate([planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m])
         return Advice(
             time_ns=state.now_ns,
             position_time_ns=here.fix_time_ns,
@@ -120,8 +123,8 @@ class Display:
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
             advised_force_ratio=-most_n / available_n,
-            horizon_speed_mps=tuple(np.minimum(speeds, allowed).tolist()),
-            horizon_force_n=tuple(np.where(speeds > allowed, -most_n, 0.0).tolist()),
+            horizon_speed_mps=tuple(np.minimum(speeds, np.minimum(there, allowed)).tolist()),
+            horizon_force_n=tuple(np.where(speeds > np.minimum(there, allowed), -most_n, 0.0).tolist()),
             next_mode=Mode.STOP,
             source=Source.FALLBACK,
             reason=reason,
@@ -145,6 +148,8 @@ class Display:
         advised = min(place.speed_mps, allowed)
         horizon_s = self._settings.display.horizon_s
         speeds, forces = plan.horizon(place.time_s, planner.section, planner.envelope_w, horizon_s)
+        if too_fast:
+            speeds = _kept_behind(speeds, advised, state, plan.ahead_m(place.time_s, horizon_s), planner)
         arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         deviation_s = (arrival_ns - goal.arrival_ns) * NS
         return Advice(
@@ -273,6 +278,21 @@ class Display:
             return wording.wait_for_point(point, state.now_ns)
         missed_s = _missed_s(point, plan)
         return wording.point_missed(point, missed_s) if missed_s >= self._settings.display.missed_named_s else ""
+
+
+def _kept_behind(
+    speeds_mps: Floats, advised_mps: float, state: TrainState, planned_m: Floats, planner: Planner
+) -> Floats:
+    """The horizon of a train that is too fast: nowhere above what is allowed between where it leads and the plan.
+
+    The plan brakes from the train's speed, and its samples are cut to what is allowed. Who keeps to the samples is
+    therefore behind the plan (m), and may still be under a limit that the plan has left.
+    """
+    kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
+    for i, to_m in enumerate(planned_m.tolist()):
+        kept[i] = min(kept[i], planner.lowest_allowed_mps(at_m, max(at_m, to_m)))
+        at_m, before = at_m + 0.5 * (before + kept[i]), kept[i]
+    return kept
 
 
 def _top_speed_mps(scene: Scene) -> float:

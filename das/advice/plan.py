@@ -85,6 +85,11 @@ class Plan:
         part = (run.s_m[interval + 1] - s_m) / (run.s_m[interval + 1] - run.s_m[interval])
         return float(self.energy_j[interval] * part + self.energy_after_j[interval])
 
+    def ahead_m(self, here_s: float, count: int) -> Floats:
+        """Where the plan is at the next seconds (m)."""
+        run = self.solution.trajectory
+        return np.asarray(np.interp(here_s + np.arange(1.0, count + 1.0), run.t_s, run.s_m))
+
     def horizon(self, here_s: float, section: Section, envelope_w: Floats, count: int) -> tuple[Floats, Floats]:
         """Speed and force at the next seconds, never above what limits and the stop allow there."""
         run, speeds, forces = self.solution.trajectory, np.empty(count), np.empty(count)

@@ -116,6 +116,14 @@ class Planner:
         section = self.section
         return float(plan_kernels.allowed(section.node_m, self.envelope_w, section.limit_mps, s_m))
 
+    def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
+        """The least of what is allowed (m/s) on the way between two positions (m); 0 from the end of the section on."""
+        if to_m >= self.section.end_m:
+            return 0.0
+        nodes = self.section.node_m
+        between = nodes[(nodes > from_m) & (nodes < to_m)]
+        return min(self.allowed_mps(float(s_m)) for s_m in (from_m, *between, to_m))
+
     def limit_mps(self, s_m: float) -> float:
         """The speed limit (m/s) over the train."""
         return float(self.section.limit_mps[plan_kernels.interval(self.section.node_m, s_m)])

@@ -13,13 +13,18 @@ RESTRICTIONS_UNTOLD: Final = (
     "no list of restrictions has been heard yet (a site that has none says so: das-node --no-restrictions)"
 )
 
+UNSTAMPED: Final = (
+    "positions come without their sender's time stamp, or with one ahead of the clock: nobody can tell whether one or "
+    "two send them"
+)
+
 
 def withdrawal(why: Withdrawal) -> str:
     """Why there is no advice."""
     if why.problem is not None:
         return problem(why.problem)
     texts = {
-        Cause.TWO_PUBLISHERS: f"two publishers of the position: {why.text}",
+        Cause.TWO_PUBLISHERS: f"two publishers of the position: {why.text}" if why.text else UNSTAMPED,
         Cause.TWO_OPERATORS: f"two publishers of restrictions say different things: {why.text}",
         Cause.RESTRICTIONS_UNHEEDED: f"restrictions that cannot be heeded: {why.text}",
         Cause.RESTRICTIONS_UNTOLD: RESTRICTIONS_UNTOLD,
@@ -28,6 +33,7 @@ def withdrawal(why: Withdrawal) -> str:
         Cause.OUTSIDE_SECTION: f"position {why.position_m:.0f} m is outside the section "
         f"{why.section_m[0]:.0f} … {why.section_m[1]:.0f} m",
         Cause.MOVING_UP: "moving up to the stop",
+        Cause.TWO_NODES: f"another node advises this train as well: {why.text}",
         Cause.PAST_STOP: f"ran {why.position_m:.0f} m past the stop",
     }
     return texts.get(why.cause, why.text)

@@ -100,6 +100,8 @@ class _WithdrawalCauseEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Withd
     """the train has run past its stop"""
     CAUSE_NO_PLAN: _WithdrawalCause.ValueType  # 17
     """from this state the section cannot be finished"""
+    CAUSE_TWO_NODES: _WithdrawalCause.ValueType  # 18
+    """another node advises this train as well"""
 
 class WithdrawalCause(_WithdrawalCause, metaclass=_WithdrawalCauseEnumTypeWrapper):
     """Why there is no advice; in the order in which it is decided (das/cab/withdrawal.py)."""
@@ -140,6 +142,8 @@ CAUSE_PAST_STOP: WithdrawalCause.ValueType  # 16
 """the train has run past its stop"""
 CAUSE_NO_PLAN: WithdrawalCause.ValueType  # 17
 """from this state the section cannot be finished"""
+CAUSE_TWO_NODES: WithdrawalCause.ValueType  # 18
+"""another node advises this train as well"""
 Global___WithdrawalCause: _TypeAlias = WithdrawalCause  # noqa: Y015
 
 class _ReplanCause:
@@ -815,6 +819,7 @@ class Estimate(_message.Message):
     SAMPLES_FIELD_NUMBER: _builtins.int
     USABLE_FIELD_NUMBER: _builtins.int
     DIFFERS_FIELD_NUMBER: _builtins.int
+    DOUBT_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     mass_ratio: _builtins.float
     mass_sd_ratio: _builtins.float
@@ -828,6 +833,8 @@ class Estimate(_message.Message):
     """known well enough to plan with"""
     differs: _builtins.bool
     """from what the plan is made with, certainly and by enough to matter"""
+    doubt: _builtins.str
+    """why the measured forces are not trusted: two-publishers, clocks, too-strong, coasting, gain (empty: they are)"""
     def __init__(
         self,
         *,
@@ -839,10 +846,11 @@ class Estimate(_message.Message):
         samples: _builtins.int = ...,
         usable: _builtins.bool = ...,
         differs: _builtins.bool = ...,
+        doubt: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["differs", b"differs", "mass_ratio", b"mass_ratio", "mass_sd_ratio", b"mass_sd_ratio", "resistance_ratio", b"resistance_ratio", "resistance_sd_ratio", b"resistance_sd_ratio", "samples", b"samples", "time_ns", b"time_ns", "usable", b"usable"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["differs", b"differs", "doubt", b"doubt", "mass_ratio", b"mass_ratio", "mass_sd_ratio", b"mass_sd_ratio", "resistance_ratio", b"resistance_ratio", "resistance_sd_ratio", b"resistance_sd_ratio", "samples", b"samples", "time_ns", b"time_ns", "usable", b"usable"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -15,6 +15,8 @@ BYTES_EACH = 8_000
 """On average a message may have so many; a few large ones still fit."""
 CONTROL_FACTOR = 10
 """Where nothing may be dropped for it, a control may wait beyond the capacity, up to this many times."""
+MOST_SENDERS = 100
+"""The newest state of at most so many senders is known by name."""
 
 
 class Inbox:
@@ -32,6 +34,7 @@ class Inbox:
         self._bytes = 0
         self._outdated: deque[int] = deque()
         self._latched: dict[str, int] = {}
+        self._newest: dict[tuple[str, str], int] = {}
         self._number = 0
         self._news = threading.Condition()
 
@@ -52,23 +55,41 @@ class Inbox:
             self._bytes += received.size
             if received.topic.latched:
                 self._latched[received.topic.name] = self._number
+                self._newest[received.topic.name, received.source] = self._number
+                if len(self._newest) > MOST_SENDERS:
+                    del self._newest[next(iter(self._newest))]
             elif received.topic is not CONTROL:
                 self._outdated.append(self._number)
             self._news.notify()
 
-    def get(self, timeout_s: float) -> Received | None:
-        """The oldest message, or None after `timeout_s`."""
+    def get(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
+        """The oldest message, or None after `timeout_s`.
+
+        `skip_outdated` leaves out what its sender has outdated: a journey, restrictions or targets that are followed
+        by others which are not older. To act on each of a flood of them would take longer than the flood lasts.
+        """
         deadline = time.monotonic() + timeout_s
         with self._news:
-            while not self._waiting:
-                left_s = deadline - time.monotonic()
-                if left_s <= 0:
-                    return None
-                self._news.wait(left_s)
-            number = next(iter(self._waiting))
-            if self._outdated and self._outdated[0] == number:
-                self._outdated.popleft()
-            return self._removed(number)
+            while True:
+                while not self._waiting:
+                    left_s = deadline - time.monotonic()
+                    if left_s <= 0:
+                        return None
+                    self._news.wait(left_s)
+                number = next(iter(self._waiting))
+                if self._outdated and self._outdated[0] == number:
+                    self._outdated.popleft()
+                received = self._removed(number)
+                if not (skip_outdated and self._is_outdated(received)):
+                    return received
+
+    def _is_outdated(self, received: Received) -> bool:
+        """Whether a later message of the same sender waits that says the same kind of thing anew."""
+        if not received.topic.latched or received.message is None:
+            return False
+        later = self._waiting.get(self._newest.get((received.topic.name, received.source), 0))
+        is_newer = later is not None and later.message is not None
+        return is_newer and bool(later.message.time_ns >= received.message.time_ns)  # type: ignore[union-attr]
 
     def _is_full(self) -> bool:
         return len(self._waiting) >= self.capacity or self._bytes >= BYTES_EACH * self.capacity

@@ -23,6 +23,7 @@ from das.bus.inbox import CAPACITY, Inbox
 from das.bus.presence import TOKENS, Presence, Presences
 from das.bus.received import Received, decoded
 from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
+from das.cab.heard import UNSTAMPED
 from das.domain.errors import DasError
 
 HEARTBEAT_S = 1.0
@@ -124,9 +125,9 @@ class Bus:
             publisher = self._publishers[topic.name] = self._declare(topic)
         publisher.put(message.SerializeToString())
 
-    def receive(self, timeout_s: float) -> Received | None:
-        """The next message, or None after `timeout_s`."""
-        return self._inbox.get(timeout_s)
+    def receive(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
+        """The next message, or None after `timeout_s`; `skip_outdated`: without states that their sender outdated."""
+        return self._inbox.get(timeout_s, skip_outdated=skip_outdated)
 
     def watch(self, topics: Sequence[Topic]) -> None:
         """Look out for the publishers of latched topics, those that are there already and those that come and go."""
@@ -139,8 +140,11 @@ class Bus:
             self._declared.append(self._session.liveliness().declare_subscriber(tokens, noted, history=True))
 
     def presences(self) -> list[Presence]:
-        """Publishers of the topics that are watched which have come or gone since this was last asked."""
-        return self._presences.take()
+        """Publishers of the topics that are watched which have come or gone since this was last asked, but for this
+        session itself.
+        """
+        own = str(self._session.zid())
+        return [one for one in self._presences.take() if one.source != own]
 
     @property
     def dropped(self) -> int:
@@ -170,12 +174,24 @@ class Bus:
         if topic is not None and not topic.latched:
             self._on_sample(sample)
 
+    def _source(self, sample: zenoh.Sample, topic: Topic) -> str:
+        """The session that said something; `UNSTAMPED` where its stamp is missing, or is ahead of our clock by 0.5 s.
+
+        Zenoh puts our own stamp on such a message. What the node keeps of a latched topic is looked at by who publishes
+        it (`watch`), so that there the own stamp stays.
+        """
+        stamp = sample.timestamp
+        if stamp is None:
+            return UNSTAMPED
+        source = str(stamp.get_id())
+        return UNSTAMPED if source == str(self._session.zid()) and not topic.latched else source
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         topic = topic_of(key)
         if topic is None or topic.name not in self._hear:
             return
-        source = str(sample.timestamp.get_id()) if sample.timestamp is not None else ""
+        source = self._source(sample, topic)
         if key == topic.key(self.train) and sample.kind == zenoh.SampleKind.PUT:
             self._inbox.put(decoded(topic, key, sample.payload.to_bytes(), source))
         else:  # to many trains at once, or a deletion: none of our senders does that

@@ -21,6 +21,7 @@ from das.cab.heard import (
     Heard,
     JourneyHeard,
     Kind,
+    NodeSeen,
     PositionHeard,
     PublisherSeen,
     RestrictionsHeard,
@@ -116,11 +117,14 @@ class Cab:
         """End the thread that looks for fronts."""
         self.legs.preparation.close()
 
-    def hear(self, heard: Heard | PublisherSeen) -> list[Output]:
+    def hear(self, heard: Heard | PublisherSeen | NodeSeen) -> list[Output]:
         """Act on something that was told, or say why not.
 
         Whatever else goes wrong is said as well, and the next advice is withdrawn: a cab that died could say nothing.
         """
+        if isinstance(heard, NodeSeen):
+            self._guard.see_node(heard)
+            return []
         if isinstance(heard, PublisherSeen):
             waiting = self._guard.see(heard)
             return self.hear(dataclasses.replace(waiting, heard_ns=heard.heard_ns)) if waiting is not None else []
@@ -175,12 +179,14 @@ class Cab:
         if isinstance(heard, JourneyHeard):
             self._begin(heard)
         elif isinstance(heard, PositionHeard):
-            self._localisation.take(heard.fix)
+            self._localisation.take(heard.fix, heard.heard_ns)
             self.legs.place(self._localisation.moment)
         elif isinstance(heard, DelayHeard):
             self.legs.set_delay(heard.delay_s)
         elif isinstance(heard, RestrictionsHeard):
             self.legs.set_restrictions([Restriction(**one._asdict()) for one in heard.restrictions])
+            if astray := event_wording.off_route(heard.restrictions, self._post.route.length_m):
+                self._reporting.complain(self._clock_ns, astray)
             self._trust = dataclasses.replace(self._trust, restrictions_told=True)
         elif isinstance(heard, TargetsHeard):
             self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in heard.targets])
@@ -199,16 +205,20 @@ class Cab:
             self._localisation = Localisation(order.vehicle)
         self._trust = dataclasses.replace(self._trust, journey_refused="")
         self.learning.set_vehicle(order.vehicle)
+        if not self._reporting.may_tell(self._clock_ns):
+            return
         names = [stop.name for stop in order.stops]
         self._reporting.event(journey.time_ns, Severity.INFO, event_wording.journey(names))
         self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
 
     def _refuse(self, time_ns: int, why: str) -> None:
+        known = self._trust.journey_refused == why
         self._trust = dataclasses.replace(self._trust, journey_refused=why)
         self.legs.end()
         text = event_wording.journey_refused(why)
         self._reporting.complain(self._clock_ns, text, Severity.ERROR)
-        self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
+        if not known or self._reporting.may_tell(self._clock_ns):
+            self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
         """Say that something was ignored; while restrictions in force are not known, there is no advice."""
@@ -234,6 +244,7 @@ class Cab:
 
     def _answer(self, now_ns: int, dropped: int) -> None:
         began = self._settings.stopwatch()
+        self.learning.contest(now_ns, contested=self._guard.has_rival_efforts(now_ns))
         conditions = self.learning.due(now_ns)
         if conditions is not None:
             self.legs.set_conditions(conditions)
@@ -247,8 +258,11 @@ class Cab:
                 reporting.complain(now_ns, text)
             else:
                 reporting.event(now_ns, Severity.INFO, text)
+        if doubted := self.learning.news(now_ns):
+            reporting.event(now_ns, Severity.WARNING, doubted)
         reporting.changes(advice)
         reporting.rejections(self.here)
+        reporting.clocks(self.here)
         leg = self.legs.current
         reporting.plan(leg.planner.plan if leg is not None else None, now_ns)
         estimated = self.learning.say(now_ns)
@@ -270,8 +284,10 @@ class Cab:
         trust = dataclasses.replace(
             self._trust,
             two_publishers=self._guard.rivals(now_ns),
+            unstamped=self._guard.unstamped(now_ns),
             two_operators=self._guard.rival_operators(),
             unheeded=self._guard.unheeded,
+            two_nodes=self._guard.rival_node(),
         )
         why = decide(self.here, trust, facts)
         if leg is None:

@@ -18,6 +18,7 @@ from das.domain.conditions import Conditions
 from das.domain.losses import Level
 from das.domain.units import KM, NS
 from das.estimate.problems import Problem
+from das.estimate.ratios import ForceDoubt
 
 MOST_NAMED = 3
 """So many of the targets that are agreed to are named."""
@@ -105,7 +106,21 @@ def impossible_restriction(one: ToldRestriction) -> str:
     return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m"
 
 
+def off_route(told: Sequence[ToldRestriction], length_m: float) -> str:
+    """Restrictions wholly beside a route of this length, which bind nowhere: somebody may count from elsewhere."""
+    astray = [one for one in told if one.end_m <= 0 or one.start_m >= length_m]
+    if not astray:
+        return ""
+    more = f" and {len(astray) - 1} more" if len(astray) > 1 else ""
+    return about(
+        Kind.RESTRICTION, f"{impossible_restriction(astray[0])}{more} is off the route (0 to {length_m:.0f} m)"
+    )
+
+
 # --- who says it -----------------------------------------------------------------------------------------------------
+
+
+NOT_STAMPED: Final = "one without its sender's time stamp, or with one that is ahead of the clock,"
 
 
 def second_publisher(source: str) -> str:
@@ -254,6 +269,25 @@ def other_conditions(found: Conditions) -> str:
     return f"mass × {found.mass_ratio:.2f} and resistance × {found.resistance_ratio:.2f} of the plan's"
 
 
+HILL_NEEDS_BRAKES: Final = "a hill would have to be taken faster than the brakes of the train as planned allow"
+
+_FORCE_DOUBTS: Final = {
+    ForceDoubt.TWO_PUBLISHERS: "two publishers of the efforts",
+    ForceDoubt.CLOCKS: "the clocks of efforts and positions differ",
+    ForceDoubt.TOO_STRONG: "the measured forces are above those that the train has",
+    ForceDoubt.COASTING: "a coasting train moves otherwise than the measured forces say",
+    ForceDoubt.GAIN: "mass and resistance are off by the same factor, as a wrong gain of the force sensor makes them",
+}
+
+
+def calibration_off(doubt: ForceDoubt) -> str:
+    """Measured forces that are not trusted: nothing is planned with them."""
+    return f"calibration off: {_FORCE_DOUBTS[doubt]}"
+
+
+CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measured forces any more"
+
+
 def calibration_ignored(error: Exception) -> str:
     """Mass and resistance that were found, but with which the train could not drive."""
     return f"calibration ignored: {error}"
@@ -316,6 +350,15 @@ def shown(mode: Mode, reason: str) -> str:
 def position_restarted(s_m: float) -> str:
     """A position that was rejected for so long that the train is taken to be there."""
     return f"position: taken up anew at {s_m:.0f} m"
+
+
+def clocks_differ(off_s: float) -> str:
+    """Time stamps of positions that are not those of the clock here (> 0: they are behind, or heard late)."""
+    what = "are heard late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
+    return f"position: its time stamps {what} {abs(off_s):.1f} s; the train may be anywhere on the way of that time"
+
+
+CLOCKS_AGREE: Final = "position: its time stamps agree with the clock again"
 
 
 def position_rejected(what: Problem) -> str:

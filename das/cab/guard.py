@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 from das.cab import event_wording
 from das.cab.heard import (
+    UNSTAMPED,
     Heard,
     JourneyHeard,
     Kind,
+    NodeSeen,
     PublisherSeen,
     RestrictionsHeard,
     StateHeard,
@@ -17,7 +19,7 @@ from das.cab.heard import (
     Unreadable,
     kind_of,
 )
-from das.cab.operators import Operators
+from das.cab.operators import MOST_RIVALS, Operators
 from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.domain.units import NS
@@ -52,9 +54,11 @@ class Guard:
     def __init__(self, settings: GuardSettings = DEFAULT) -> None:
         self._settings = settings
         self._newest_ns: dict[Kind, int] = {}
-        self._publishers, self._operators = Publishers(settings.silent_s), Operators()
+        self._operators = Operators()
+        self._publishers = {kind: Publishers(settings.silent_s) for kind in (Kind.POSITION, Kind.EFFORT)}
         self._in_force: list[ToldRestriction] = []
         self._early: dict[Kind, Heard] = {}
+        self._nodes: list[str] = []
         self.unheeded: str | None = None
         """Why the restrictions told last cannot be heeded; None: they can."""
 
@@ -72,6 +76,17 @@ class Guard:
         """Take note of a publisher that came or went; returns the message to be taken again, for it counts now."""
         return self._operators.see(seen)
 
+    def see_node(self, seen: NodeSeen) -> None:
+        """Take note of another node of this train that came or went; of very many, the first ones are remembered."""
+        if not seen.there:
+            self._nodes = [one for one in self._nodes if one != seen.source]
+        elif seen.source not in self._nodes and len(self._nodes) < MOST_RIVALS:
+            self._nodes.append(seen.source)
+
+    def rival_node(self) -> str:
+        """Another node that advises this train as well; else nothing."""
+        return self._nodes[0] if self._nodes else ""
+
     def take_news(self) -> list[str]:
         """What has happened to the publishers since this was last asked, in words."""
         return self._operators.take_news()
@@ -82,8 +97,10 @@ class Guard:
         if kind is Kind.RESTRICTION:
             return self._problem_of_restrictions(heard)
         found = self._problem_by_itself(heard)
-        if not found and kind is Kind.POSITION and not self._publishers.is_heard(heard.source, now_ns):
-            found = event_wording.second_publisher(heard.source)
+        measured = self._publishers.get(kind)
+        if not found and measured is not None and not measured.is_heard(heard.source, now_ns):
+            unstamped = heard.source == UNSTAMPED
+            found = event_wording.NOT_STAMPED if unstamped else event_wording.second_publisher(heard.source)
         if not found and isinstance(heard, StateHeard):
             found = self._replayed(heard)
         return event_wording.ignored(kind, found) if found else ""
@@ -104,7 +121,16 @@ class Guard:
 
     def rivals(self, now_ns: int) -> str:
         """The two publishers that both say where the train is, so that one of them is wrong; else nothing."""
-        return self._publishers.contested(now_ns)
+        return self._publishers[Kind.POSITION].contested(now_ns)
+
+    def unstamped(self, now_ns: int) -> bool:
+        """Whether positions come without their sender's time stamp, so that two senders could not be told apart."""
+        return self._publishers[Kind.POSITION].unstamped(now_ns)
+
+    def has_rival_efforts(self, now_ns: int) -> bool:
+        """Whether two publishers both say what the wheel forces are, or might: then one of them may be wrong."""
+        efforts = self._publishers[Kind.EFFORT]
+        return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
 
     def rival_operators(self) -> str:
         """The two publishers that say different restrictions; else nothing."""
@@ -180,16 +206,25 @@ class Guard:
 
 
 class Publishers:
-    """The one publisher of positions that the cab heeds: a session, known by its name in Zenoh's time stamps."""
+    """The one publisher of a measurement that the cab heeds: a session, known by its name in Zenoh's time stamps."""
 
     def __init__(self, silent_s: float = DEFAULT.silent_s) -> None:
         self._silent_s = silent_s
         self._source: str | None = None
         self._heard_ns = 0
         self._rival, self._rival_ns = "", 0
+        self._unstamped_ns: int | None = None
 
     def is_heard(self, source: str, now_ns: int) -> bool:
-        """Whether this publisher's position counts; another one's does when the one before has gone silent."""
+        """Whether this publisher's measurement counts; another one's does when the one before has gone silent.
+
+        What is not stamped never counts: two senders of it could not be told apart.
+        """
+        if source == UNSTAMPED:
+            self._unstamped_ns = now_ns
+            if self._source is not None:
+                self._rival, self._rival_ns = source, now_ns
+            return False
         if self._source is None or not self._within(now_ns, self._heard_ns):
             self._source, self._rival = source, ""
         if source != self._source:
@@ -199,10 +234,14 @@ class Publishers:
         return True
 
     def contested(self, now_ns: int) -> str:
-        """The two publishers that both say where the train is now, so that no position can be trusted; or nothing."""
+        """The two publishers that both measure now, so that neither can be trusted; or nothing."""
         if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._heard_ns):
             return event_wording.two_publishers(self._source, self._rival)
         return ""
+
+    def unstamped(self, now_ns: int) -> bool:
+        """Whether measurements come without their sender's time stamp now."""
+        return self._unstamped_ns is not None and self._within(now_ns, self._unstamped_ns)
 
     def _within(self, now_ns: int, then_ns: int) -> bool:
         return abs(now_ns - then_ns) * NS <= self._silent_s

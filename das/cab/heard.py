@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
+
+UNSTAMPED: Final = "a sender without time stamps"
+"""The source of a measurement that its sender did not stamp: nobody can tell whether two senders are behind it."""
 
 
 class Kind(StrEnum):
@@ -144,6 +147,14 @@ class PublisherSeen:
     source: str
     there: bool
     heard_ns: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeSeen:
+    """Another session has begun to advise this train (`there`), or can do so no more."""
+
+    source: str
+    there: bool
 
 
 def kind_of(heard: Heard) -> Kind:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from das.cab.heard import EffortHeard, Heard, PositionHeard
+from dataclasses import replace
+
+from das.cab import event_wording
+from das.cab.heard import EffortHeard, Heard, Kind, PositionHeard
 from das.cab.outputs import Estimated
 from das.domain.conditions import Conditions
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import Calibrator
+from das.estimate.calibration_settings import DEFAULT
+from das.estimate.clock_difference import ClockDifference
 from das.estimate.fix import Quality
+from das.estimate.localisation_settings import DEFAULT as LOCALISATION
+from das.estimate.ratios import Estimates, ForceDoubt
 from das.estimate.recalibration import Recalibration
 
+CLOCK = LOCALISATION.clock
 SAID_EVERY_S = 10.0
 """What was found is said so often."""
 
@@ -22,15 +30,21 @@ class Learning:
         self.calibrator = calibrator
         self._recalibration = Recalibration()
         self._said_ns: int | None = None
+        self._mixed: ForceDoubt | None = None
+        self._clocks = {kind: ClockDifference(CLOCK) for kind in (Kind.EFFORT, Kind.POSITION)}
+        self._doubt_said: ForceDoubt | None = None
+        self._doubt_said_ns: int | None = None
 
     def hear(self, heard: Heard) -> None:
         """Take over a position or an effort."""
         if self.calibrator is None:
             return
         if isinstance(heard, EffortHeard):
+            self._clocks[Kind.EFFORT].hear(heard.effort.time_ns, heard.heard_ns)
             self.calibrator.set_effort(heard.effort)
         elif isinstance(heard, PositionHeard):
             fix = heard.fix
+            self._clocks[Kind.POSITION].hear(fix.time_ns, heard.heard_ns)
             good = fix.quality in (Quality.UNKNOWN, Quality.GOOD)
             self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=good)
 
@@ -39,17 +53,54 @@ class Learning:
         if self.calibrator is not None and not self.calibrator.is_of(vehicle):
             self.calibrator, self._recalibration = self.calibrator.anew(vehicle), Recalibration()
 
-    def due(self, now_ns: int) -> Conditions | None:
-        """Mass and resistance to plan with from now on, where they differ enough from what is planned with."""
+    def contest(self, now_ns: int, *, contested: bool) -> None:
+        """Take note of the time, and of whether two publishers measure the forces.
+
+        What was learned from two publishers, or from clocks that differ, is forgotten.
+        """
+        if self.calibrator is None:
+            return
+        for clock in self._clocks.values():
+            clock.tick(now_ns)
+        doubt = ForceDoubt.TWO_PUBLISHERS if contested else ForceDoubt.CLOCKS if self._clocks_differ else None
+        if doubt is not None and self._mixed is None:
+            self.calibrator = self.calibrator.afresh()
+        self._mixed = doubt
+
+    @property
+    def _clocks_differ(self) -> bool:
+        effort, position = self._clocks[Kind.EFFORT].seconds, self._clocks[Kind.POSITION].seconds
+        return abs(effort - position) > DEFAULT.force.clocks_differ_s
+
+    @property
+    def _found(self) -> Estimates | None:
         if self.calibrator is None:
             return None
-        return self._recalibration.due(self.calibrator.estimates, now_ns)
+        found = self.calibrator.estimates
+        return replace(found, usable=False, doubt=self._mixed) if self._mixed is not None else found
+
+    def news(self, now_ns: int) -> str:
+        """What is to be said once: that the measured forces are not trusted, or are again; or nothing.
+
+        The next news waits for a while, so that a sensor at the edge of a bound does not make an event a second.
+        """
+        doubt = self._found.doubt if self._found is not None else None
+        if doubt is self._doubt_said or is_fresh(self._doubt_said_ns, now_ns, SAID_EVERY_S):
+            return ""
+        self._doubt_said, self._doubt_said_ns = doubt, now_ns
+        return event_wording.calibration_off(doubt) if doubt is not None else event_wording.CALIBRATION_ON
+
+    def due(self, now_ns: int) -> Conditions | None:
+        """Mass and resistance to plan with from now on, where they differ enough from what is planned with."""
+        found = self._found
+        return self._recalibration.due(found, now_ns) if found is not None else None
 
     def say(self, now_ns: int) -> Estimated | None:
         """What was found, every while (at once when the clock jumped)."""
-        if self.calibrator is None or is_fresh(self._said_ns, now_ns, SAID_EVERY_S):
+        found = self._found
+        if found is None or is_fresh(self._said_ns, now_ns, SAID_EVERY_S):
             return None
-        self._said_ns, found = now_ns, self.calibrator.estimates
+        self._said_ns = now_ns
         return Estimated(
             time_ns=now_ns,
             mass_ratio=found.mass_ratio,
@@ -59,6 +110,7 @@ class Learning:
             samples=found.samples,
             usable=found.usable,
             differs=found.differs(self._recalibration.conditions),
+            doubt=found.doubt.value if found.doubt is not None else "",
         )
 
 

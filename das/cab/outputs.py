@@ -67,6 +67,8 @@ class Estimated:
     samples: int
     usable: bool
     differs: bool
+    doubt: str = ""
+    """Why the measured forces are not trusted; nothing: they are."""
 
 
 Output = Advice | Status | Plan | Estimated | Event

@@ -16,6 +16,9 @@ from das.estimate.estimate import Estimate
 PLAN_EVERY_S = 10.0
 LOSSES_EVERY_S = 1.0
 """Plans and losses are said no more often than this."""
+CLOCKS_DIFFER_S = 0.5
+CLOCKS_EVERY_S = 10.0
+"""Clocks that differ by less than this are not spoken of, and others no more often than this."""
 
 
 class Reporting:
@@ -25,12 +28,13 @@ class Reporting:
         self.advices = 0
         """So many advices were given or withdrawn."""
         self._said: list[Output] = []
-        self._complaints = Moderation()
+        self._complaints, self._news = Moderation(), Moderation()
         self._shown: tuple[Mode, Cause] | None = None
-        self._rejected, self._restarts, self._rejecting = 0, 0, False
+        self._counted, self._rejecting = (0, 0), False
         self._plan: Plan | None = None
         self._plan_ns: int | None = None
         self._dropped, self._losses_ns = 0, 0
+        self._clock_said: tuple[float, int | None] = (0.0, None)
 
     def take(self) -> list[Output]:
         """All that is to be said now, in order."""
@@ -44,6 +48,10 @@ class Reporting:
     def event(self, now_ns: int, severity: Severity, text: str) -> None:
         """Something happened."""
         self.say(Event(time_ns=now_ns, severity=severity, text=text))
+
+    def may_tell(self, now_ns: int) -> bool:
+        """Whether good news that comes with messages may be told now; a flood of messages must not become one of it."""
+        return self._news.allows(now_ns)
 
     def complain(self, now_ns: int, text: str, severity: Severity = Severity.WARNING) -> None:
         """Something is not as it should be; left unsaid where there is too much of it."""
@@ -72,12 +80,23 @@ class Reporting:
 
     def rejections(self, here: Estimate) -> None:
         """Say where positions begin to be rejected, and where they are taken up anew elsewhere."""
-        if here.restarts > self._restarts:
+        rejected, restarts = self._counted
+        if here.restarts > restarts:
             self.event(here.time_ns, Severity.WARNING, event_wording.position_restarted(here.s_m))
-        rejecting = here.rejected > self._rejected
+        rejecting = here.rejected > rejected
         if rejecting and not self._rejecting and here.rejection is not None:
             self.event(here.time_ns, Severity.WARNING, event_wording.position_rejected(here.rejection))
-        self._rejected, self._restarts, self._rejecting = here.rejected, here.restarts, rejecting
+        self._counted, self._rejecting = (here.rejected, here.restarts), rejecting
+
+    def clocks(self, here: Estimate) -> None:
+        """Say where the time stamps of the positions and the clock begin to differ, and where they agree again."""
+        off_s, (said_s, said_ns) = here.clock_off_s, self._clock_said
+        if abs(off_s - said_s) < CLOCKS_DIFFER_S or is_fresh(said_ns, here.time_ns, CLOCKS_EVERY_S):
+            return
+        agree = abs(off_s) < CLOCKS_DIFFER_S
+        self._clock_said = (0.0 if agree else off_s), here.time_ns
+        severity = Severity.INFO if agree else Severity.WARNING
+        self.event(here.time_ns, severity, event_wording.CLOCKS_AGREE if agree else event_wording.clocks_differ(off_s))
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:
         """Say the plan, when there is a new one and the last was said a while ago (or the clock jumped)."""

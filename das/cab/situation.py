@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from das.cab import event_wording
 from das.domain.conditions import Conditions
+from das.domain.errors import DasError
 from das.domain.losses import Level
 from das.domain.route import Restriction, Route
 from das.domain.vehicle import Vehicle
+from das.solver.fastest import capped
 from das.solver.section import Section, SectionOptions, build_section
 
 AS_PLANNED = Conditions()
+SAME_W = 1e-6
+"""Squares of speeds (m²/s²) nearer to each other than this are the same."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,10 +50,30 @@ class Situation:
         )
 
     def section(self, start_m: float, end_m: float) -> Section:
-        """A section in this situation; raises as `build_section` does."""
+        """A section in this situation; raises as `build_section` does.
+
+        What was found of mass and resistance while driving may make braking curves lower, never higher: forces measured
+        too small make a train look light and its brakes good.
+        """
+        section = self._section(self.conditions, start_m, end_m)
+        careful = replace(
+            self.conditions,
+            mass_ratio=max(self.conditions.mass_ratio, AS_PLANNED.mass_ratio),
+            resistance_ratio=min(self.conditions.resistance_ratio, AS_PLANNED.resistance_ratio),
+        )
+        if careful == self.conditions:
+            return section
+        braked = self._section(careful, start_m, end_m)
+        lower_w = np.interp(section.node_m, braked.node_m, braked.envelope_mps**2)
+        bounded = capped(section, np.sqrt(lower_w))
+        if np.any(bounded.envelope_mps**2 > lower_w + SAME_W):
+            raise DasError(event_wording.HILL_NEEDS_BRAKES)
+        return bounded
+
+    def _section(self, conditions: Conditions, start_m: float, end_m: float) -> Section:
         return build_section(
-            self.conditions.line(self.route.with_restrictions(self.restrictions)),
-            self.conditions.train(self.vehicle),
+            conditions.line(self.route.with_restrictions(self.restrictions)),
+            conditions.train(self.vehicle),
             level=self.level,
             start_m=start_m,
             end_m=end_m,

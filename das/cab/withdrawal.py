@@ -16,10 +16,14 @@ class Trust:
 
     two_publishers: str = ""
     """The two publishers that both say where the train is."""
+    unstamped: bool = False
+    """Whether positions come without their sender's time stamp, so that two senders could not be told apart."""
     two_operators: str = ""
     """The two publishers that say different restrictions."""
     unheeded: str | None = None
     """Why the restrictions told last cannot be heeded."""
+    two_nodes: str = ""
+    """The other node that advises this train."""
     restrictions_told: bool = True
     """Whether a list of restrictions was heard, possibly an empty one."""
     journey_refused: str = ""
@@ -47,11 +51,12 @@ def decide(
 ) -> Withdrawal | None:
     """Why there is no advice, or None: advice is given. The first of these that holds decides:
 
-    1. two publishers of the position; 2. two operators that say different restrictions; 3. restrictions that cannot be
-    heeded; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list of restrictions heard; 8. the
-    section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock or uncertain; 10. the train is
-    outside the section; 11. it moves up to the stop before its departure; 12. it has run past its stop; 13. no plan
-    finishes the section from its state (`no_plan`: the planner's words). The numbers of `Cause` rise in this order.
+    1. two publishers of the position, or one that might be two; 2. two operators that say different restrictions;
+    3. restrictions that cannot be heeded; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list
+    of restrictions heard; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock
+    or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it has run
+    past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words); 14. another node
+    advises the train as well. The numbers of `Cause` rise in this order.
     """
     distrust = _distrust(trust)
     if distrust is not None:
@@ -60,11 +65,16 @@ def decide(
         return Withdrawal(Cause.NO_JOURNEY)
     if not trust.restrictions_told:
         return Withdrawal(Cause.RESTRICTIONS_UNTOLD)
-    return _of_leg(here, leg, stop) or (Withdrawal(Cause.NO_PLAN, no_plan) if no_plan else None)
+    found = _of_leg(here, leg, stop)
+    if found is not None:
+        return found
+    if no_plan:
+        return Withdrawal(Cause.NO_PLAN, no_plan)
+    return Withdrawal(Cause.TWO_NODES, trust.two_nodes) if trust.two_nodes else None
 
 
 def _distrust(trust: Trust) -> Withdrawal | None:
-    if trust.two_publishers:
+    if trust.two_publishers or trust.unstamped:
         return Withdrawal(Cause.TWO_PUBLISHERS, trust.two_publishers)
     if trust.two_operators:
         return Withdrawal(Cause.TWO_OPERATORS, trust.two_operators)

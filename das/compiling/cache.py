@@ -7,6 +7,7 @@ our kernels take to load, and more where Python keeps no bytecode.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from numba.core.caching import FunctionCache
@@ -26,3 +27,8 @@ class KeptKernels(_NumbaCache):  # type: ignore[misc]
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function; where the disk is full or taken away, the next start compiles it anew."""
+        with suppress(OSError):
+            super().save_overload(sig, data)

@@ -11,9 +11,10 @@ from das.domain.formulary import adhesion_coefficient
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration_settings import DEFAULT, CalibrationSettings
+from das.estimate.checked_learner import CheckedLearner
 from das.estimate.effort import Effort
 from das.estimate.pairing import Pairing
-from das.estimate.ratios import Estimates, RatioLearner
+from das.estimate.ratios import Estimates
 from das.estimate.standstill import STANDSTILL_MPS
 from das.estimate.window import LineIntegral, Sample
 
@@ -34,9 +35,10 @@ class Calibrator:
     ) -> None:
         self._route, self._vehicle, self._point_mass, self._settings = route, vehicle, point_mass, settings
         train_length_m = 0.0 if point_mass else vehicle.train_length_m
-        self._line = LineIntegral(route, vehicle, train_length_m, settings.window)
+        idle_n = settings.force.idle_ratio * vehicle.traction.max_force_n
+        self._line = LineIntegral(route, vehicle, train_length_m, settings.window, idle_n)
         self._pairing = Pairing(vehicle, route.length_m, settings.sample)
-        self._learner = RatioLearner(vehicle, settings)
+        self._learner = CheckedLearner(vehicle, settings)
         self._window: list[Sample] = []
         self._stands_since_s: float | None = None
         self._load_changed = False
@@ -48,6 +50,10 @@ class Calibrator:
     def anew(self, vehicle: Vehicle) -> Calibrator:
         """Return a calibrator of another train on the same line, which knows nothing of that train yet."""
         return Calibrator(self._route, vehicle, point_mass=self._point_mass, settings=self._settings)
+
+    def afresh(self) -> Calibrator:
+        """Return a calibrator of the same train that knows nothing of it yet."""
+        return self.anew(self._vehicle)
 
     @property
     def estimates(self) -> Estimates:
@@ -84,7 +90,10 @@ class Calibrator:
                 self._window.clear()
         if sample.speed_mps < tuning.slowest_mps or self._may_slip(sample):
             self._window.clear()
+            if sample.speed_mps >= tuning.slowest_mps:
+                self._learner.take(sample)
             return
+        self._learner.take(sample)
         self._window.append(sample)
         if len(self._window) == self._settings.window.samples:
             window = self._line.window(self._window)

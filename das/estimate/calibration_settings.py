@@ -89,6 +89,28 @@ class BeliefSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ForceSettings:
+    """When the force sensor is not trusted."""
+
+    clocks_differ_s: float = 0.3
+    """Forces whose time stamps are off by more than this from those of the positions belong to other moments."""
+    too_strong_ratio: float = 1.06
+    """A force above the train's largest one at its speed times this is more than noise of 2 % makes of it."""
+    too_strong_samples: int = 5
+    """This many samples in a row with such forces show that the sensor states too much."""
+    idle_ratio: float = 0.005
+    """Forces below this share of the train's starting force are those of a coasting train."""
+    coasting_windows: int = 4
+    """This many windows of coasting are compared with what was found under forces."""
+    coasting_sds: float = 3.0
+    """Coasting contradicts the forces where those windows differ by this many standard deviations in the mean."""
+    gain_step: float = 0.03
+    """A mass ratio nearer to 1 than this would not change the plan, so that no gain needs to be looked for."""
+    gain_sds: float = 3.0
+    """Mass and resistance ratio nearer to each other than this many standard deviations may both be the gain."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LoadSettings:
     """How the load may change at a stop."""
 
@@ -120,6 +142,7 @@ class CalibrationSettings:
     sample: SampleSettings = field(default_factory=SampleSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
     belief: BeliefSettings = field(default_factory=BeliefSettings)
+    force: ForceSettings = field(default_factory=ForceSettings)
     load: LoadSettings = field(default_factory=LoadSettings)
     replan: ReplanSettings = field(default_factory=ReplanSettings)
 

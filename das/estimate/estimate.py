@@ -31,6 +31,8 @@ class Estimate:
     """Why the last rejected fix was rejected; None where no fix was."""
     restarts: int = 0
     """How many times rejected fixes that agreed with each other made the estimate begin anew where they are."""
+    clock_off_s: float = 0.0
+    """The clock here less the time stamps of the fixes, as far as it is known (> 0: they are behind, or heard late)."""
 
     @property
     def usable(self) -> bool:

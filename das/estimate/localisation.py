@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
+from das.estimate.clock_difference import ClockDifference
 from das.estimate.doubts import Doubts
 from das.estimate.estimate import NOTHING_HEARD, Estimate
 from das.estimate.fix import PositionFix, deviations
@@ -45,6 +46,7 @@ class Localisation:
         self._settings = settings
         self._motion = TrainMotion(vehicle, settings)
         self._tally = _Tally()
+        self._clock = ClockDifference(settings.clock)
         self._forget()
 
     def _forget(self) -> None:
@@ -66,9 +68,13 @@ class Localisation:
         unmeasured = math.isnan(first.speed_mps) and self._track.v <= self._settings.standstill.expected_slow_mps
         return self._track.s, self._standstill.stands or unmeasured
 
-    def take(self, fix: PositionFix) -> None:
-        """Accept a fix or reject it. A fix that is not newer than the last accepted one changes nothing."""
+    def take(self, fix: PositionFix, heard_ns: int = 0) -> None:
+        """Accept a fix or reject it; it was heard at a time of the clock (ns since 1970; 0: not known).
+
+        A fix that is not newer than the last accepted one changes nothing.
+        """
         self.heard = True
+        self._clock.hear(fix.time_ns, heard_ns)
         x, span_s = self._track, (fix.time_ns - self._time_ns) * NS
         if x is not None and span_s <= 0:
             return
@@ -93,12 +99,15 @@ class Localisation:
         A state that is too far ahead of that time is forgotten afterwards, because the fixes of the present would
         never be newer than it.
         """
+        self._clock.tick(now_ns)
         x = self._track
         if x is None:
             return self._counted(now_ns, self._problem or NOTHING_HEARD)
         age_s = (now_ns - self._time_ns) * NS
         if not self._standstill.stands:
             x = self._motion.carried_on(x, min(max(age_s, 0.0), self._settings.restart.silence_s))
+        if self._clock.seconds:
+            x = x._replace(ss=x.ss + (x.v * self._clock.seconds) ** 2)
         found = self._estimate(now_ns, x, self._usability.judge(x, age_s, self._problem))
         if self._usability.is_ahead(age_s):
             self._forget()
@@ -113,6 +122,7 @@ class Localisation:
             rejected=tally.rejected,
             rejection=tally.rejection,
             restarts=tally.restarts,
+            clock_off_s=self._clock.seconds,
         )
 
     def _estimate(self, now_ns: int, x: Track, problem: Problem | None) -> Estimate:

@@ -135,6 +135,18 @@ class UseSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ClockSettings:
+    """How the difference between the clock of the positions and ours is estimated."""
+
+    most_fixes: int = 15
+    """The difference is the median over this many fixes, so that single ones that were held up do not count."""
+    memory_s: float = 30.0
+    """Fixes heard longer ago than this say nothing of the clocks of now."""
+    largest_s: float = 10.0
+    """A larger difference is that of a message that was held up or replayed; it is rejected as too old or ahead."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LocalisationSettings:
     """All the tuning of the localisation."""
 
@@ -146,6 +158,7 @@ class LocalisationSettings:
     frozen: FrozenSettings = field(default_factory=FrozenSettings)
     restart: RestartSettings = field(default_factory=RestartSettings)
     use: UseSettings = field(default_factory=UseSettings)
+    clock: ClockSettings = field(default_factory=ClockSettings)
 
 
 DEFAULT: Final = LocalisationSettings()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -12,6 +13,21 @@ from das.domain.vehicle import Vehicle
 from das.estimate.belief import Belief, Floats
 from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ReplanSettings
 from das.estimate.window import MeasuredWindow
+
+
+class ForceDoubt(StrEnum):
+    """Why the measured forces are not trusted, so that nothing is planned with what they say."""
+
+    TWO_PUBLISHERS = "two-publishers"
+    """Two publishers measure the forces of one train."""
+    CLOCKS = "clocks"
+    """Forces and positions are measured by clocks that differ, so that they do not belong together."""
+    TOO_STRONG = "too-strong"
+    """The forces are above those that the motors and brakes of the train have."""
+    COASTING = "coasting"
+    """Without any force, on known gradients, the train moves otherwise than the forces say."""
+    GAIN = "gain"
+    """Mass and resistance are off by the same factor, which a gain of the sensor would explain as well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,20 +45,27 @@ class Estimates:
     samples: int
     """How many windows counted."""
     usable: bool
-    """Whether both ratios are known well enough and lie within their bounds."""
+    """Whether both ratios are known well enough and lie within their bounds, and the forces behind them are trusted."""
+    doubt: ForceDoubt | None = None
+    """Why the forces are not trusted."""
 
     def differs(self, conditions: Conditions, settings: ReplanSettings = DEFAULT.replan) -> bool:
         """Whether the train certainly differs from one under these conditions, and by enough to plan anew."""
-        mass = abs(self.mass_ratio - conditions.mass_ratio)
+        mass = abs(self.planned_mass_ratio - conditions.mass_ratio)
         resistance = abs(self.resistance_ratio - conditions.resistance_ratio)
         return self.usable and (
             mass >= max(settings.mass_step, settings.certain_sds * self.mass_sd)
             or resistance >= max(settings.resistance_step, settings.certain_sds * self.resistance_sd)
         )
 
+    @property
+    def planned_mass_ratio(self) -> float:
+        """The mass ratio to plan with: never below 1, because the brakes of a lighter train would be better."""
+        return max(self.mass_ratio, 1.0)
+
     def applied(self, conditions: Conditions) -> Conditions:
-        """Return the conditions with mass and resistance as estimated."""
-        return replace(conditions, mass_ratio=self.mass_ratio, resistance_ratio=self.resistance_ratio)
+        """Return the conditions with mass and resistance as they are to be planned with."""
+        return replace(conditions, mass_ratio=self.planned_mass_ratio, resistance_ratio=self.resistance_ratio)
 
 
 class RatioLearner:
@@ -55,8 +78,13 @@ class RatioLearner:
         self._samples, self._surprises = 0, 0
 
     @property
+    def belief(self) -> Belief:
+        """The two ratios and their covariance."""
+        return self._belief
+
+    @property
     def estimates(self) -> Estimates:
-        """What is known by now."""
+        """What is known by now, whatever speaks against the forces."""
         tuning, theta = self._settings.belief, self._belief.theta
         sd = np.hypot(np.sqrt(np.diag(self._belief.covariance)), tuning.model_sd)
         inside = bool(((theta > tuning.least) & (theta < tuning.most)).all())
@@ -97,6 +125,11 @@ class RatioLearner:
             learned = belief.updated(row, residual, variance)
         self._belief = learned._replace(theta=np.clip(learned.theta, tuning.least, tuning.most))
         self._samples += 1
+
+    def distance_sds(self, window: MeasuredWindow) -> float:
+        """Return how far a window is from what the ratios say, in standard deviations of both."""
+        row, residual, variance = self._observation(window)
+        return residual / float(np.sqrt(row @ self._belief.covariance @ row + variance))
 
     def _observation(self, window: MeasuredWindow) -> tuple[Floats, float, float]:
         """Return the row, the residual (N) and the variance (N²) of a window."""

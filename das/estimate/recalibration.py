@@ -12,7 +12,7 @@ class Recalibration:
     """Holds the conditions that the plan is made with, and says when the estimates call for others."""
 
     def __init__(self, conditions: Conditions | None = None, settings: ReplanSettings = DEFAULT.replan) -> None:
-        self.conditions = conditions or Conditions()
+        self._planned = self.conditions = conditions or Conditions()
         """The conditions that the plan is made with."""
         self._settings = settings
         self._changed_ns: int | None = None
@@ -20,8 +20,12 @@ class Recalibration:
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
         """Return other conditions to plan with from now on; None where those of the plan are near enough.
 
-        The conditions change at most once in `every_s` of the settings.
+        The conditions change at most once in `every_s` of the settings, except that doubted forces bring back those of
+        the start at once.
         """
+        if estimates.doubt is not None and self.conditions != self._planned:
+            self.conditions = self._planned
+            return self.conditions
         if not estimates.differs(self.conditions, self._settings):
             return None
         if self._changed_ns is not None and abs(now_ns - self._changed_ns) * NS < self._settings.every_s:

@@ -42,13 +42,18 @@ class MeasuredWindow(NamedTuple):
     """The additional resistance in tunnels, q·v²."""
     acceleration_variance: float
     force_variance: float
+    coasts: bool = False
+    """Whether no force was measured in the whole window."""
 
 
 class LineIntegral:
     """The forces of the line on a train, integrated along the way, so that a mean over any way is a difference."""
 
-    def __init__(self, route: Route, vehicle: Vehicle, train_length_m: float, settings: WindowSettings) -> None:
-        self._settings = settings
+    def __init__(
+        self, route: Route, vehicle: Vehicle, train_length_m: float, settings: WindowSettings, idle_n: float = 0.0
+    ) -> None:
+        """Integrate the line under a train; forces up to `idle_n` (N) count as none."""
+        self._settings, self._idle_n = settings, idle_n
         self._resistance = vehicle.resistance
         breaks = route.breakpoints_m()
         grid = np.arange(0.0, route.length_m + train_length_m, settings.grid_m)
@@ -93,6 +98,7 @@ class LineIntegral:
             tunnel_n=float(share @ (self._mean(self._tunnel, middle, way) * speed**2)),
             acceleration_variance=max(_noise_mps(v), tuning.speed_sd_mps) ** 2 / scatter,
             force_variance=float(between + noise),
+            coasts=bool((np.abs(force) <= self._idle_n).all() and (np.abs(friction) <= self._idle_n).all()),
         )
 
     def _mean(self, integral: Floats, middle_m: Floats, way_m: Floats) -> Floats:

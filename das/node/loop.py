@@ -43,7 +43,8 @@ def run(
     by_wall = node.clock.is_wall
     while not stop.stopped and not node.finished:
         longest_s = settings.search_look_s if node.cab.urgent or node.cab.searching else settings.look_s
-        received = node.bus.receive(min(max(due - time.monotonic(), 0.0), longest_s) if by_wall else settings.look_s)
+        wait_s = min(max(due - time.monotonic(), 0.0), longest_s) if by_wall else settings.look_s
+        received = node.bus.receive(wait_s, skip_outdated=True)
         node.look_around()
         if received is not None:
             node.take(received)

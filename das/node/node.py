@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from das.bus import codec
 from das.bus.received import Received
 from das.bus.session import Bus
+from das.bus.topics import STATUS
 from das.cab.cab import Cab
-from das.cab.heard import Kind, PublisherSeen
+from das.cab.heard import Kind, NodeSeen, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Severity, Status
 from das.command_line.printing import say
 from das.node.clock import Clock
@@ -41,16 +42,19 @@ class Node:
             self.tick(control.time_ns, control.tick)
 
     def look_around(self) -> None:
-        """Take note of publishers that came or went."""
+        """Take note of publishers that came or went, among them other nodes of this train."""
         now_ns = self.clock.judged_at_ns()
         for one in self.bus.presences():
+            if one.topic is STATUS:
+                self.publish(self.cab.hear(NodeSeen(source=one.source, there=one.there)))
+                continue
             seen = PublisherSeen(kind=Kind(one.topic.name), source=one.source, there=one.there, heard_ns=now_ns)
             self.publish(self.cab.hear(seen))
 
     def catch_up(self) -> None:
         """Take what is already there: a node that was started anew has its journey on the bus."""
         for _ in range(CAUGHT_UP):
-            received = self.bus.receive(0.0)
+            received = self.bus.receive(0.0, skip_outdated=True)
             if received is None:
                 return
             self.take(received)

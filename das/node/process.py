@@ -7,7 +7,7 @@ import contextlib
 from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
-from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
+from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.outputs import NodeState
 from das.cab.warm_up import warm_up
 from das.command_line.compiling import loading_solver
@@ -44,7 +44,7 @@ def serve(options: NodeOptions) -> None:
 
 def _begin(node: Node, stops_m: list[float], *, tables: bool) -> None:
     """Load the compiled code, take a journey that is on the bus already, and prepare the first section."""
-    node.bus.watch([JOURNEY, RESTRICTION, TARGET])
+    node.bus.watch([JOURNEY, RESTRICTION, TARGET, STATUS])
     node.status(NodeState.STARTING, "solving the section")
     with loading_solver():
         warm_up()

@@ -93,10 +93,8 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
-    _check_in_process(in_process, out, bus)
+    _check_outputs(in_process, out, bus)
     factor = speed_factor(speed)
-    if out is not None:
-        check_writable(out)
     with loading_solver():
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
@@ -126,12 +124,14 @@ def run(
         print_result(found)
 
 
-def _check_in_process(in_process: bool, out: Path | None, bus: Path | None) -> None:
-    """DasError where options that need the bus are given for a run without one."""
+def _check_outputs(in_process: bool, out: Path | None, bus: Path | None) -> None:
+    """DasError where options that need the bus are given for a run without one, or nothing can be written."""
     if in_process and out is not None:
         raise DasError("--out: a run --in-process records nothing")
     if in_process and bus is not None:
         raise DasError("--bus: a run --in-process has no bus")
+    if out is not None:
+        check_writable(out)
 
 
 def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:

@@ -73,6 +73,14 @@ class DrivenNode:
     def tell(self, topic: Topic, message: Message, source: str = "") -> None:
         self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), source))
 
+    def tell_time(self, second: float) -> None:
+        """Ask for the advice of a moment."""
+        self.tell(CONTROL, das_pb2.Control(time_ns=START_NS + round(second * S), tick=round(second)))
+
+    def last_advice(self) -> Any:
+        """The newest advice."""
+        return self.sink.of(ADVICE)[-1]
+
     def tick(self, second: float, s_m: float | None = None) -> Any:
         """The one advice for a moment."""
         now_ns = START_NS + round(second * S)

@@ -35,6 +35,7 @@ FACTS: dict[Cause, dict[str, Any]] = {
     Cause.MOVING_UP: {"here": {"s_m": -20.0}, "leg": {"departure_ns": 200}},
     Cause.PAST_STOP: {"here": {"s_m": 1060.0}},
     Cause.NO_PLAN: {"no_plan": "the train stalls"},
+    Cause.TWO_NODES: {"trust": {"two_nodes": "b"}},
 }
 """The facts that lead to each cause when nothing else is wrong."""
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import compileall
+import errno
 from pathlib import Path
 
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
-from das.compiling.kernels import FOLDER, KEPT_VERSIONS
+from das.compiling.kernels import FOLDER, KEPT_VERSIONS, kernel
 from das.compiling.sources import SourcesMissingError, code_sha256, sources_of
 from tests.support.copies import copy_of, edit, run_copy
 from tests.support.making import REPOSITORY
@@ -237,3 +239,23 @@ def test_every_kernel_of_ours_is_compiled_by_the_one_decorator() -> None:
         if "import njit" in path.read_text(encoding="utf-8") or "numba.njit(" in path.read_text(encoding="utf-8")
     ]
     assert own == ["das/compiling/kernels.py", "precompute/bench/roofline.py"]
+
+
+@kernel
+def doubled(x):  # type: ignore[no-untyped-def]
+    return x + x
+
+
+def test_a_full_disk_costs_only_the_kept_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a full folder of caches the first kernel that was compiled anew ended the program."""
+    tried = []
+
+    def full(*_: object) -> None:
+        tried.append(True)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(IndexDataCacheFile, "save", full)
+    monkeypatch.setattr(IndexDataCacheFile, "load", lambda *_: None)
+    assert doubled(3) == 6
+    assert doubled(1.5) == 3.0
+    assert tried

@@ -56,6 +56,7 @@ def test_the_defaults_of_the_localisation_are_those_documented() -> None:
             "largest_speed_sd_mps": 2.0,
             "recovered_ratio": 0.7,
         },
+        "clock": {"most_fixes": 15, "memory_s": 30.0, "largest_s": 10.0},
     }
 
 
@@ -91,6 +92,16 @@ def test_the_defaults_of_the_calibration_are_those_documented() -> None:
             "surprises": 3,
             "model_sd": (0.005, 0.015),
             "usable_sd": (0.02, 0.08),
+        },
+        "force": {
+            "clocks_differ_s": 0.3,
+            "too_strong_ratio": 1.06,
+            "too_strong_samples": 5,
+            "idle_ratio": 0.005,
+            "coasting_windows": 4,
+            "coasting_sds": 3.0,
+            "gain_step": 0.03,
+            "gain_sds": 3.0,
         },
         "load": {"stands_for_s": 20.0, "mass_sd": 0.05},
         "replan": {"mass_step": 0.03, "resistance_step": 0.05, "certain_sds": 3.0, "every_s": 120.0},
@@ -214,7 +225,8 @@ def heard_as_usual() -> list[Estimate]:
     return heard_with(LocalisationSettings())
 
 
-@pytest.mark.parametrize("path", paths(LocalisationSettings()))
+# Those of the clock need times of hearing: tests/das/node/test_clock_difference.py.
+@pytest.mark.parametrize("path", [path for path in paths(LocalisationSettings()) if not path.startswith("clock.")])
 def test_every_setting_of_the_localisation_is_used(path: str) -> None:
     """A figure that is a tenth of the usual, or ten times as large, changes some estimate."""
     settings = LocalisationSettings()

@@ -1,0 +1,104 @@
+"""Positions without their sender's time stamp: two senders of them could not be told apart, so there is no advice."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import pytest
+import zenoh
+
+from das.advice.cause import Cause
+from das.bus import das_pb2
+from das.bus.session import Bus, endpoint, free_ports
+from das.bus.topics import EFFORT, ESTIMATE, POSITION, Topic
+from das.cab.cab import CabSettings
+from das.cab.heard import UNSTAMPED
+from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S
+
+PLAIN = {"mode": "peer", "listen/endpoints": [], "scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
+TIMEOUT_S = 30.0
+
+
+@contextmanager
+def plain_sender(place: str, *, stamps: bool) -> Iterator[zenoh.Session]:
+    """A localisation that somebody wrote with Zenoh alone."""
+    config = zenoh.Config()
+    for key, value in {**PLAIN, "connect/endpoints": [place], "timestamping/enabled": stamps}.items():
+        config.insert_json5(key, json.dumps(value))
+    with zenoh.open(config) as session:
+        yield session
+
+
+def sources(bus: Bus, senders: list[zenoh.Session]) -> set[str]:
+    """The sources of the positions that come from each of the senders."""
+    found: dict[float, str] = {}
+    ends = time.monotonic() + TIMEOUT_S
+    while len(found) < len(senders) and time.monotonic() < ends:
+        for number, sender in enumerate(senders):
+            sender.put(POSITION.key(TRAIN), das_pb2.Position(time_ns=1, s_m=number).SerializeToString())
+        received = bus.receive(0.2)
+        if received is not None:
+            found[received.message.s_m] = received.source
+    assert len(found) == len(senders)
+    return set(found.values())
+
+
+@pytest.mark.processes
+def test_the_bus_tells_senders_without_time_stamps_from_those_that_stamp() -> None:
+    place = endpoint(*free_ports(1))
+    with Bus(TRAIN, listen=place, hear=[POSITION]) as bus, ExitStack() as stack:
+        unstamped = [stack.enter_context(plain_sender(place, stamps=False)) for _ in range(2)]
+        assert sources(bus, unstamped) == {UNSTAMPED}
+        stamping = stack.enter_context(plain_sender(place, stamps=True))
+        while (received := bus.receive(0.5)) is not None:
+            assert received.source == UNSTAMPED
+        assert sources(bus, [stamping]) == {str(stamping.zid())}
+
+
+def tell(driven: DrivenNode, topic: Topic, second: float, source: str, s_m: float | None = None) -> None:
+    now_ns = START_NS + round(second * S)
+    if topic is POSITION:
+        message = das_pb2.Position(time_ns=now_ns, s_m=20.0 * second if s_m is None else s_m, speed_mps=20.0)
+        driven.tell(topic, message, source)
+    else:
+        driven.tell(topic, das_pb2.Effort(time_ns=now_ns, force_el_n=10e3), source)
+
+
+def test_two_localisations_without_stamps_withdraw_the_advice() -> None:
+    """Two of them, 25 m apart, were averaged before."""
+    driven = DrivenNode()
+    driven.tell_time(0)
+    for second in range(1, 6):
+        tell(driven, POSITION, second, UNSTAMPED)
+        tell(driven, POSITION, second, UNSTAMPED, 20.0 * second + 25.0)
+        driven.tell_time(second)
+        advice = driven.last_advice()
+        assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.TWO_PUBLISHERS)
+        assert "time stamp" in advice.reason
+    assert "without its sender's time stamp" in driven.sink.events()
+
+
+def test_one_without_stamps_beside_one_that_stamps_is_a_second_publisher() -> None:
+    driven = DrivenNode()
+    driven.tell_time(0)
+    for second in range(1, 6):
+        tell(driven, POSITION, second, "a")
+        tell(driven, POSITION, second, UNSTAMPED, 20.0 * second + 25.0)
+        driven.tell_time(second)
+        advice = driven.last_advice()
+        assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.TWO_PUBLISHERS)
+    for second in range(6, 12):  # It falls silent.
+        tell(driven, POSITION, second, "a")
+        driven.tell_time(second)
+    assert driven.last_advice().mode != das_pb2.MODE_NONE
+
+
+def test_efforts_without_stamps_switch_calibration_off() -> None:
+    driven = DrivenNode(CabSettings(calibrate=True))
+    for second in range(1, 16):
+        tell(driven, EFFORT, second, UNSTAMPED)
+        assert driven.tick(second).mode != das_pb2.MODE_NONE
+    assert driven.sink.of(ESTIMATE)[-1].doubt == "two-publishers"

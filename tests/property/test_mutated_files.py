@@ -1,0 +1,252 @@
+"""Vehicles, routes, journeys, plans of tables, scenarios and manifests with mutations: refused in one line, or used.
+
+A few hundred; `DAS_MUTATED_FILES=100000 pytest tests/property/test_mutated_files.py` reads more (`DAS_MUTATED_FIRST`:
+the number of the first). No mutation may lead to another error than one for the user, take longer than 10 s, or more
+than 2 GB of memory.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import resource
+import signal
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import NamedTuple
+
+import pytest
+
+from das.cab.situation import Situation
+from das.domain.errors import DasError
+from das.domain.files.load import load_journey, load_route, load_vehicle
+from das.solver.section import Section, build_section
+from das.table.format import MANIFEST
+from das.table.reading import Table, read_front
+from precompute.tables.plan import read_plan
+from precompute.tables.writing import make_table, write_table
+from sim.world.scenario import read_scenario
+from tests.support.making import REPOSITORY
+from tests.support.small_tables import SETTINGS, line, seal_anew, train
+
+MUTATIONS = int(os.environ.get("DAS_MUTATED_FILES", "400"))
+FIRST = int(os.environ.get("DAS_MUTATED_FIRST", "0"))
+LONGEST_S = 10
+MOST_BYTES = 2_000_000_000
+CATALOGUE = REPOSITORY / "das" / "domain" / "catalogue"
+ROUTE, VEHICLE = load_route("zurich-luzern"), load_vehicle("re460-ic")
+VALUES = (
+    *("0", "-1", "1e300", "-1e300", "nan", "inf", "-inf", "1e-300", "9" * 400, "0x7fffffffffffffff", "-0.0", "1e12"),
+    *("true", '""', '"x"', '"\\u001b[31m"', '"[/red]"', "[]", "[[]]", "{}", "[nan, 1]", "1979-05-27", "07:32:00"),
+    *('"' + "y" * 5000 + '"', "[" * 200 + "]" * 200, "[0.0, 1e9]", "[[0.0, 1.0], [0.0, 1.0]]", "1_000_000", "'\\'"),
+)
+NUMBER = re.compile(r"(?<![\w.\"])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.])")
+LINE = re.compile(r"^(\s*\"?[\w.-]+\"?\s*[=:]\s*)(.+?)(,?)$", re.MULTILINE)
+
+
+class Kind(NamedTuple):
+    """A kind of file: an example, and what is done with a mutated one."""
+
+    name: str
+    example: Path
+    use: Callable[[Path], object]
+
+
+class Wrong(NamedTuple):
+    """A mutation that is not refused in one line."""
+
+    number: int
+    kind: str
+    error: str
+
+
+def _vehicle(path: Path) -> None:
+    vehicle = load_vehicle(path)
+    if vehicle.mass_kg < 1e7:
+        Situation(route=ROUTE, vehicle=vehicle).section(0.0, 12e3)
+
+
+def _route(path: Path) -> None:
+    route = load_route(path)
+    stops = route.stops
+    if stops[1].position_m - stops[0].position_m < 50e3:
+        build_section(route, VEHICLE, start_m=stops[0].position_m, end_m=stops[1].position_m)
+
+
+def _kinds(folder: Path, section: Section) -> list[Kind]:
+    plan = folder / "plan.toml"
+    plan.write_text(
+        'schema_version = 1\n[[routes]]\nroute = "zurich-luzern"\nreverse = "both"\n[[trains]]\nvehicle = "re460-ic"\n'
+    )
+    table = folder / "table"
+    write_table(table, make_table(section, SETTINGS))
+
+    def manifest(path: Path) -> None:
+        (table / MANIFEST).write_bytes(path.read_bytes())
+        Table.open(table)
+        read_front(table, section)
+
+    sealed = folder / "manifest.json"
+    sealed.write_bytes((table / MANIFEST).read_bytes())
+    return [
+        Kind("vehicle", CATALOGUE / "vehicles" / "re460-ic.toml", _vehicle),
+        Kind("route", CATALOGUE / "routes" / "flat-6km.toml", _route),
+        Kind("long route", CATALOGUE / "routes" / "zurich-luzern.toml", _route),
+        Kind("journey", CATALOGUE / "journeys" / "zurich-luzern.toml", lambda path: load_journey(path, ROUTE)),
+        Kind("plan", plan, read_plan),
+        Kind("scenario", REPOSITORY / "sim" / "world" / "scenarios" / "train-ahead.toml", read_scenario),
+        Kind("manifest", sealed, manifest),
+        Kind("resealed manifest", sealed, lambda path: _resealed(path, table, sealed, section)),
+    ]
+
+
+def _resealed(path: Path, table: Path, sealed: Path, section: Section) -> None:
+    """Use a manifest whose values were changed by somebody who knows how it is sealed."""
+    chance = random.Random(path.read_bytes())
+    (table / MANIFEST).write_bytes(sealed.read_bytes())
+
+    def change(facts: object) -> None:
+        for _ in range(chance.randrange(1, 3)):
+            _change_somewhere(facts, chance)
+
+    seal_anew(table, change)
+    Table.open(table)
+    read_front(table, section)
+
+
+def _change_somewhere(facts: object, chance: random.Random) -> None:
+    """Replace, remove or add something anywhere in nested facts."""
+    nonsense = (None, -1, 0, 1e300, 10**30, "x", [], {}, True, "../../etc/passwd", [[1]], 2**31)
+    at: object = facts
+    while True:
+        keys = list(at) if isinstance(at, dict) else list(range(len(at))) if isinstance(at, list) else []
+        if not keys:
+            return
+        key = chance.choice(keys)
+        inner = at[key]  # type: ignore[index]
+        if isinstance(inner, dict | list) and inner and chance.random() < 0.7:
+            at = inner
+            continue
+        if chance.random() < 0.2:
+            del at[key]  # type: ignore[attr-defined]
+        else:
+            at[key] = chance.choice(nonsense)  # type: ignore[index]
+        return
+
+
+def mutated(text: str, chance: random.Random) -> bytes:
+    """A text with one to three mutations."""
+    content = text
+    for _ in range(chance.choice((1, 1, 1, 2, 3))):
+        content = chance.choice((_number, _value, _line_moved, _cut, _key))(content, chance)
+    raw = content.encode("utf-8", errors="replace")
+    if chance.random() < 0.15 and raw:
+        changed = bytearray(raw)
+        for _ in range(chance.randrange(1, 5)):
+            changed[chance.randrange(len(changed))] = chance.choice((0, 0x1B, 0xFF, chance.randrange(256)))
+        raw = bytes(changed)
+    return raw
+
+
+def _replaced(content: str, match: re.Match[str] | None, group: int, by: str) -> str:
+    return content if match is None else content[: match.start(group)] + by + content[match.end(group) :]
+
+
+def _number(content: str, chance: random.Random) -> str:
+    found = list(NUMBER.finditer(content))
+    scaled = chance.choice((None, 1e-6, 1e-3, 0.5, 2.0, 1e3, 1e6, -1.0))
+    match = chance.choice(found) if found else None
+    if match is not None and scaled is not None:
+        return _replaced(content, match, 0, repr(float(match[0]) * scaled))
+    return _replaced(content, match, 0, chance.choice(VALUES))
+
+
+def _value(content: str, chance: random.Random) -> str:
+    found = list(LINE.finditer(content))
+    return _replaced(content, chance.choice(found) if found else None, 2, chance.choice(VALUES))
+
+
+def _line_moved(content: str, chance: random.Random) -> str:
+    lines = content.splitlines(keepends=True)
+    if not lines:
+        return content
+    one = lines.pop(chance.randrange(len(lines)))
+    for _ in range(chance.choice((0, 1, 1, 2, 30))):
+        lines.insert(chance.randrange(len(lines) + 1), one)
+    return "".join(lines)
+
+
+def _cut(content: str, chance: random.Random) -> str:
+    first, last = sorted(chance.randrange(len(content) + 1) for _ in range(2))
+    return content[:first] + content[min(last, first + 300) :] if chance.random() < 0.8 else content[:last]
+
+
+def _key(content: str, chance: random.Random) -> str:
+    words = list(re.finditer(r"[a-z_]{3,}", content))
+    by = chance.choice(("", "x", "_mps", "\N{NULL}", "[/red]", "\x1b[31m", "mass_kg", "é" * 300))
+    return _replaced(content, chance.choice(words) if words else None, 0, by)
+
+
+class TooLongError(Exception):
+    """What is done with a file takes too long."""
+
+
+@contextmanager
+def bounded() -> Iterator[None]:
+    """Bound time and memory."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        raise TooLongError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(LONGEST_S)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _peak_bytes() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory: pytest.TempPathFactory) -> list[Kind]:
+    return _kinds(tmp_path_factory.mktemp("files"), build_section(line(), train()))
+
+
+@pytest.mark.slow
+def test_mutated_files_are_refused_in_one_line_or_used(kinds: list[Kind], tmp_path: Path) -> None:
+    counts: Counter[str] = Counter()
+    wrong: list[Wrong] = []
+    for kind in kinds:
+        with suppress(DasError):  # of a manifest sealed anew
+            kind.use(kind.example)
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    resource.setrlimit(resource.RLIMIT_DATA, (_peak_bytes() + MOST_BYTES, hard))
+    try:
+        for number in range(FIRST, FIRST + MUTATIONS):
+            kind, chance = kinds[number % len(kinds)], random.Random(number)
+            path = tmp_path / f"mutated{kind.example.suffix}"
+            path.write_bytes(mutated(kind.example.read_text(encoding="utf-8"), chance))
+            try:
+                with bounded():
+                    kind.use(path)
+                counts[f"{kind.name}: used"] += 1
+            except DasError as error:
+                counts[f"{kind.name}: refused"] += 1
+                said = str(error)
+                if not said or "\n" in said or "\x1b" in said or len(said) > 3000:
+                    wrong.append(Wrong(number, kind.name, repr(said[:200])))
+            except Exception as error:  # Whatever is not for the user.
+                wrong.append(Wrong(number, kind.name, f"{type(error).__name__}: {error}"[:300]))
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    print(dict(counts))
+    assert not wrong, "\n".join(map(str, wrong[:20]))
+    assert all(counts[f"{kind.name}: refused"] for kind in kinds)
