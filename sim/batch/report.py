@@ -81,7 +81,7 @@ SPLIT_LEGEND: Final = {
     "times": "because other running times have another optimum",
     "blend": "by less friction where the motors could brake",
     "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
-    "track": "by keeping to that profile (–: no perfect driver in this batch)",
+    "track": "by keeping to that profile (–: no perfect driver in this batch, or none who follows this advice)",
 }
 """What is said below the table of savings."""
 

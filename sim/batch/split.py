@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import FOLLOWED_EXACTLY, DriverKind, Presentation
 
 Row = Mapping[str, Any]
 NORMAL_95 = 1.96
@@ -19,8 +19,8 @@ class SplitSaving:
     """What a presentation saves against no advice, in kWh: means over the seeds that both have.
 
     `time_shift`: the optimum of the baseline's times is higher. `blending`: less friction where the motors could brake.
-    `profile`: a better speed profile, as it was driven; where a perfect driver drove the same days with the same
-    advice, it is the profile of the advice alone, and `tracking` (mostly < 0) is what the driver lost by not keeping to
+    `profile`: a better speed profile, as it was driven; where a perfect driver, who follows vector and coach, drove the
+    same days, it is the profile of the advice alone, and `tracking` (mostly < 0) is what the driver lost by not keeping to
     it. The parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (normal).
     """
 
@@ -71,7 +71,8 @@ def _saving(
     saved = less("energy_kwh")
     spread = float(saved.std(ddof=1)) if len(seeds) > 1 else float("nan")
     profile, tracking = float(less("energy_profile_kwh").mean()), None
-    if driver != DriverKind.PERFECT and all((scenario, DriverKind.PERFECT, advice, seed) in good for seed in seeds):
+    followed = driver != DriverKind.PERFECT and advice in FOLLOWED_EXACTLY
+    if followed and all((scenario, DriverKind.PERFECT, advice, seed) in good for seed in seeds):
         lost = column("energy_profile_kwh", driver, advice) - column("energy_profile_kwh", DriverKind.PERFECT, advice)
         tracking = -float(lost.mean())
         profile -= tracking

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Final
 
 
 class DriverKind(StrEnum):
@@ -38,3 +39,7 @@ class FrictionPolicy(StrEnum):
     """Friction only where the motors cannot give what is asked."""
     BY_ADVICE = "by-advice"
     """As measured, but electric first while the driver follows advice on effort: advice changes the habit."""
+
+
+FOLLOWED_EXACTLY: Final = (Presentation.VECTOR, Presentation.COACH)
+"""What the perfect driver follows; under any other presentation it keeps time as it can."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from das.advice.modes import Mode
 from sim.drivers.cab import AdviceView, CabView, Presentation
+from sim.drivers.kinds import FOLLOWED_EXACTLY
 from sim.drivers.knowledge import LineKnowledge, Outlook
 from sim.drivers.rule_settings import FOLLOWING, RULE, TRACKING
 from sim.drivers.rules import FastDriver, TimetableDriver
@@ -22,7 +23,7 @@ class PerfectDriver:
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
-        if view is None or view.presentation not in (Presentation.VECTOR, Presentation.COACH):
+        if view is None or view.presentation not in FOLLOWED_EXACTLY:
             return self._alone.command(cab)
         if (cab.restrictions or cab.signal_m < cab.stop_m) and self._must_mind(cab):
             return self._minding.command(cab)
