@@ -20,8 +20,8 @@ class SplitSaving:
 
     `time_shift`: the optimum of the baseline's times is higher. `blending`: less friction where the motors could brake.
     `profile`: a better speed profile, as it was driven; where a perfect driver, who follows vector and coach, drove the
-    same days, it is the profile of the advice alone, and `tracking` (mostly < 0) is what the driver lost by not keeping to
-    it. The parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (normal).
+    same days, it is the profile of the advice alone, and `tracking` (mostly < 0) is what the driver lost by not keeping
+    to it. The parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (normal).
     """
 
     scenario: str
