@@ -10,7 +10,7 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverName, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.loop import Counts, Run
@@ -195,7 +195,7 @@ class DayResult:
     """
 
     outcome: DayOutcome
-    driver: DriverKind
+    driver: DriverName
     advice: Presentation
     happens: str
     drawn: Mapping[str, Any]
