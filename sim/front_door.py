@@ -15,7 +15,7 @@ from das.domain.losses import Level
 from das.domain.trajectory import Ledger
 from das.front_door import chosen
 from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind
+from sim.drivers.kinds import DriverKind, OwnClass, named_driver
 from sim.plant.plant import PlantState
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
@@ -58,9 +58,10 @@ def run_day(
     """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
 
     `scenario` is a bundled scenario's name or a TOML file. `seed` draws what happens on the day and how the driver is;
-    the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable" or "human"),
-    `advice` what the display shows ("none", "rms", "four-mode", "vector" or "coach"), `level` how losses are modelled
-    (the default is the vehicle's own). Nothing is recorded: `das-sim run` does that.
+    the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable", "human", or a class
+    of your own as "package.module:Class"), `advice` what the display shows ("none", "rms", "four-mode", "vector" or
+    "coach"), `level` how losses are modelled (the default is the vehicle's own). Nothing is recorded: `das-sim run`
+    does that.
 
     Raises InputError for a word that there is not, DasError for a scenario that is unusable or a train that does not
     arrive.
@@ -74,7 +75,7 @@ def run_day(
         ...
         das.domain.errors.InputError: run_day: driver = 'nobody': expected one of perfect, fast, rms, timetable, human
     """
-    kind, shown = chosen(DriverKind, "run_day", "driver", driver), chosen(Presentation, "run_day", "advice", advice)
+    kind, shown = _who(driver), chosen(Presentation, "run_day", "advice", advice)
     losses = None if level is None else chosen(Level, "run_day", "level", level)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise InputError("run_day", "seed", seed, "a whole number >= 0")
@@ -88,3 +89,9 @@ def run_day(
     return SimulatedDay(
         states=states, outcome=outcome(day, run).as_dict(), ledger=day.plant.ledger(run.legs[0][0], run.legs[-1][1])
     )
+
+
+def _who(driver: DriverKind | str) -> DriverKind | OwnClass:
+    """The driver of a word, or of a class's name; InputError for anything else."""
+    named = named_driver("run_day: driver", driver) if isinstance(driver, str) and ":" in driver else None
+    return named if isinstance(named, OwnClass) else chosen(DriverKind, "run_day", "driver", driver)

@@ -19,6 +19,7 @@ class Role(StrEnum):
     NODE = "node"
     RECORDER = "recorder"
     CAB = "cab"
+    DRIVER = "driver"
 
 
 HEARING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
@@ -33,7 +34,7 @@ def common_name(role: Role, train: str) -> str:
 
 def keys_of(role: Role, train: str) -> list[str]:
     """Keys a role publishes. The simulator stands for all of the world: localisation, operator, the train itself."""
-    said_by_us = (Role.NODE, Role.RECORDER)
+    said_by_us = (Role.NODE, Role.RECORDER, Role.DRIVER)
     own = [
         topic
         for topic in TOPICS

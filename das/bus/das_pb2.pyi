@@ -1022,7 +1022,9 @@ Global___Restrictions: _TypeAlias = Restrictions  # noqa: Y015
 
 @_typing.final
 class Cab(_message.Message):
-    """What the driver sees and does (sim/<train>/cab). NaN: not shown, none."""
+    """What the driver sees and does (sim/<train>/cab). NaN: not shown, none. Times in s are those of the cab's clock, which
+    shows 0 at the timetable's first departure.
+    """
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1045,6 +1047,28 @@ class Cab(_message.Message):
     PRESENTATION_VECTOR: Cab.Presentation.ValueType  # 3
     PRESENTATION_COACH: Cab.Presentation.ValueType  # 4
 
+    @_typing.final
+    class LimitAhead(_message.Message):
+        """A speed limit that begins ahead, for the train's head: where it rises, the whole train has left the lower one."""
+
+        DESCRIPTOR: _descriptor.Descriptor
+
+        S_M_FIELD_NUMBER: _builtins.int
+        LIMIT_MPS_FIELD_NUMBER: _builtins.int
+        s_m: _builtins.float
+        limit_mps: _builtins.float
+        def __init__(
+            self,
+            *,
+            s_m: _builtins.float = ...,
+            limit_mps: _builtins.float = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["limit_mps", b"limit_mps", "s_m", b"s_m"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
     TIME_NS_FIELD_NUMBER: _builtins.int
     PRESENTATION_FIELD_NUMBER: _builtins.int
     MODE_FIELD_NUMBER: _builtins.int
@@ -1057,6 +1081,24 @@ class Cab(_message.Message):
     LEVER_RATIO_FIELD_NUMBER: _builtins.int
     REASON_FIELD_NUMBER: _builtins.int
     DISPLAY_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    LOOK_FIELD_NUMBER: _builtins.int
+    CLOCK_S_FIELD_NUMBER: _builtins.int
+    S_M_FIELD_NUMBER: _builtins.int
+    SPEED_MPS_FIELD_NUMBER: _builtins.int
+    STOP_M_FIELD_NUMBER: _builtins.int
+    DEPARTURE_S_FIELD_NUMBER: _builtins.int
+    ARRIVAL_S_FIELD_NUMBER: _builtins.int
+    MAY_DEPART_FIELD_NUMBER: _builtins.int
+    RESTRICTIONS_FIELD_NUMBER: _builtins.int
+    ADVICE_S_FIELD_NUMBER: _builtins.int
+    VALID_UNTIL_S_FIELD_NUMBER: _builtins.int
+    ADVISED_FORCE_N_FIELD_NUMBER: _builtins.int
+    DUE_S_FIELD_NUMBER: _builtins.int
+    TARGET_WAY_M_FIELD_NUMBER: _builtins.int
+    FRICTION_RATIO_FIELD_NUMBER: _builtins.int
+    HORIZON_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    HORIZON_FORCE_N_FIELD_NUMBER: _builtins.int
+    LIMITS_AHEAD_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     presentation: Global___Cab.Presentation.ValueType
     """of the advice shown now; NONE: nothing is shown"""
@@ -1075,6 +1117,47 @@ class Cab(_message.Message):
     """why, in the words of the coach"""
     display_speed_mps: _builtins.float
     """the speed that is shown, in whole km/h; NaN: none is"""
+    look: _builtins.int
+    """number of the driver's look, from 1; Controls name it. 0: no external driver is asked"""
+    clock_s: _builtins.float
+    s_m: _builtins.float
+    """by the line's marks; not the estimate of the node"""
+    speed_mps: _builtins.float
+    """on the speedometer"""
+    stop_m: _builtins.float
+    """the next timetabled stop"""
+    departure_s: _builtins.float
+    """not to leave the last stop before"""
+    arrival_s: _builtins.float
+    """of the timetable, at the next stop"""
+    may_depart: _builtins.bool
+    """doors are closed and the signal is clear"""
+    advice_s: _builtins.float
+    """when the advice shown was made"""
+    valid_until_s: _builtins.float
+    advised_force_n: _builtins.float
+    due_s: _builtins.float
+    """time until the speed of the coach is due"""
+    target_way_m: _builtins.float
+    """way to where it is reached"""
+    friction_ratio: _builtins.float
+    """share of the braking that the controller asks of the friction brake"""
+    @_builtins.property
+    def restrictions(self) -> _containers.RepeatedCompositeFieldContainer[Global___Restrictions.Restriction]:
+        """temporary ones that the driver knows of"""
+
+    @_builtins.property
+    def horizon_speed_mps(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """Only where an external driver is asked:
+        as in the Advice
+        """
+
+    @_builtins.property
+    def horizon_force_n(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]: ...
+    @_builtins.property
+    def limits_ahead(self) -> _containers.RepeatedCompositeFieldContainer[Global___Cab.LimitAhead]:
+        """of the line, up to the next stop"""
+
     def __init__(
         self,
         *,
@@ -1090,14 +1173,119 @@ class Cab(_message.Message):
         lever_ratio: _builtins.float = ...,
         reason: _builtins.str = ...,
         display_speed_mps: _builtins.float = ...,
+        look: _builtins.int = ...,
+        clock_s: _builtins.float = ...,
+        s_m: _builtins.float = ...,
+        speed_mps: _builtins.float = ...,
+        stop_m: _builtins.float = ...,
+        departure_s: _builtins.float = ...,
+        arrival_s: _builtins.float = ...,
+        may_depart: _builtins.bool = ...,
+        restrictions: _abc.Iterable[Global___Restrictions.Restriction] | None = ...,
+        advice_s: _builtins.float = ...,
+        valid_until_s: _builtins.float = ...,
+        advised_force_n: _builtins.float = ...,
+        due_s: _builtins.float = ...,
+        target_way_m: _builtins.float = ...,
+        friction_ratio: _builtins.float = ...,
+        horizon_speed_mps: _abc.Iterable[_builtins.float] | None = ...,
+        horizon_force_n: _abc.Iterable[_builtins.float] | None = ...,
+        limits_ahead: _abc.Iterable[Global___Cab.LimitAhead] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "display_speed_mps", b"display_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "signal_m", b"signal_m", "time_ns", b"time_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "clock_s", b"clock_s", "departure_s", b"departure_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "friction_ratio", b"friction_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Cab: _TypeAlias = Cab  # noqa: Y015
+
+@_typing.final
+class Controls(_message.Message):
+    """What an external driver sets the controller to (sim/<train>/controls), in answer to each Cab with a look."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    @_typing.final
+    class HeldSpeed(_message.Message):
+        """A speed to hold, changing at a rate, with a force known beforehand and a correction of the speed's error."""
+
+        DESCRIPTOR: _descriptor.Descriptor
+
+        SPEED_MPS_FIELD_NUMBER: _builtins.int
+        RATE_MPS2_FIELD_NUMBER: _builtins.int
+        FORCE_N_FIELD_NUMBER: _builtins.int
+        GAIN_PER_S_FIELD_NUMBER: _builtins.int
+        LOW_N_FIELD_NUMBER: _builtins.int
+        HIGH_N_FIELD_NUMBER: _builtins.int
+        speed_mps: _builtins.float
+        rate_mps2: _builtins.float
+        force_n: _builtins.float
+        gain_per_s: _builtins.float
+        """0.5 if it is not said"""
+        low_n: _builtins.float
+        """the least and the largest force; no limits if they are not said"""
+        high_n: _builtins.float
+        def __init__(
+            self,
+            *,
+            speed_mps: _builtins.float = ...,
+            rate_mps2: _builtins.float = ...,
+            force_n: _builtins.float = ...,
+            gain_per_s: _builtins.float | None = ...,
+            low_n: _builtins.float | None = ...,
+            high_n: _builtins.float | None = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _typing.Literal["_gain_per_s", b"_gain_per_s", "_high_n", b"_high_n", "_low_n", b"_low_n", "gain_per_s", b"gain_per_s", "high_n", b"high_n", "low_n", b"low_n"]  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["_gain_per_s", b"_gain_per_s", "_high_n", b"_high_n", "_low_n", b"_low_n", "force_n", b"force_n", "gain_per_s", b"gain_per_s", "high_n", b"high_n", "low_n", b"low_n", "rate_mps2", b"rate_mps2", "speed_mps", b"speed_mps"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        _WhichOneofReturnType__gain_per_s: _TypeAlias = _typing.Literal["gain_per_s"]  # noqa: Y015
+        _WhichOneofArgType__gain_per_s: _TypeAlias = _typing.Literal["_gain_per_s", b"_gain_per_s"]  # noqa: Y015
+        _WhichOneofReturnType__high_n: _TypeAlias = _typing.Literal["high_n"]  # noqa: Y015
+        _WhichOneofArgType__high_n: _TypeAlias = _typing.Literal["_high_n", b"_high_n"]  # noqa: Y015
+        _WhichOneofReturnType__low_n: _TypeAlias = _typing.Literal["low_n"]  # noqa: Y015
+        _WhichOneofArgType__low_n: _TypeAlias = _typing.Literal["_low_n", b"_low_n"]  # noqa: Y015
+        @_typing.overload
+        def WhichOneof(self, oneof_group: _WhichOneofArgType__gain_per_s) -> _WhichOneofReturnType__gain_per_s | None: ...
+        @_typing.overload
+        def WhichOneof(self, oneof_group: _WhichOneofArgType__high_n) -> _WhichOneofReturnType__high_n | None: ...
+        @_typing.overload
+        def WhichOneof(self, oneof_group: _WhichOneofArgType__low_n) -> _WhichOneofReturnType__low_n | None: ...
+
+    LOOK_FIELD_NUMBER: _builtins.int
+    LEVER_RATIO_FIELD_NUMBER: _builtins.int
+    FORCE_N_FIELD_NUMBER: _builtins.int
+    HELD_SPEED_FIELD_NUMBER: _builtins.int
+    FRICTION_RATIO_FIELD_NUMBER: _builtins.int
+    look: _builtins.int
+    """of the Cab answered; 0: the driver is there, and waits for the first Cab"""
+    lever_ratio: _builtins.float
+    """1: full traction; -1: both brakes fully"""
+    force_n: _builtins.float
+    """a wheel force"""
+    friction_ratio: _builtins.float
+    """share of the braking asked of the friction brake though the motors could give it"""
+    @_builtins.property
+    def held_speed(self) -> Global___Controls.HeldSpeed: ...
+    def __init__(
+        self,
+        *,
+        look: _builtins.int = ...,
+        lever_ratio: _builtins.float = ...,
+        force_n: _builtins.float = ...,
+        held_speed: Global___Controls.HeldSpeed | None = ...,
+        friction_ratio: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["force_n", b"force_n", "held_speed", b"held_speed", "lever_ratio", b"lever_ratio", "set", b"set"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["force_n", b"force_n", "friction_ratio", b"friction_ratio", "held_speed", b"held_speed", "lever_ratio", b"lever_ratio", "look", b"look", "set", b"set"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType_set: _TypeAlias = _typing.Literal["lever_ratio", "force_n", "held_speed"]  # noqa: Y015
+    _WhichOneofArgType_set: _TypeAlias = _typing.Literal["set", b"set"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType_set) -> _WhichOneofReturnType_set | None: ...
+
+Global___Controls: _TypeAlias = Controls  # noqa: Y015
 
 @_typing.final
 class Measures(_message.Message):

@@ -53,6 +53,7 @@ EVENT: Final = Topic(name="event", root="das", message=Log, publisher="node")
 TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, publisher="simulator")
 LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, publisher="simulator")
 CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simulator")
+CONTROLS: Final = Topic(name="controls", root="sim", message=das_pb2.Controls, publisher="driver", recorded=False)
 MEASURES: Final = Topic(name="measures", root="sim", message=das_pb2.Measures, publisher="simulator")
 LOG: Final = Topic(name="log", root="sim", message=Log, publisher="simulator")
 RECORDER: Final = Topic(
@@ -75,6 +76,7 @@ TOPICS: Final = (
     TRUTH,
     LOCATION,
     CAB,
+    CONTROLS,
     MEASURES,
     LOG,
     RECORDER,

@@ -21,9 +21,9 @@ from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy
 from das.command_line.running import interrupt_on_termination, signals_held
 from das.domain.errors import DasError
-from sim.cli.options import FrictionOption
+from sim.cli.options import DriversOption, FrictionOption
 from sim.cli.shared import Kind, chosen, progress_bar
-from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
 
 if TYPE_CHECKING:
     from sim.batch.journal import Journal
@@ -38,9 +38,7 @@ def batch(
     ],
     out: OutFolder,
     seeds: Annotated[str, typer.Option(metavar="LIST", help="Seeds, like 0-99 or 1,5,10-19.")] = "0-9",
-    drivers: Annotated[
-        str, typer.Option(metavar="LIST", help="Who drives, with commas between (das-sim drivers lists them).")
-    ] = "human",
+    drivers: DriversOption = "human",
     advice: Annotated[
         str, typer.Option(metavar="LIST", help="What the display shows, with commas between (see das-sim run -h).")
     ] = "vector",
@@ -66,7 +64,7 @@ def batch(
         require_pyarrow()
         asked = Batch(
             scenarios=scenarios,
-            drivers=_each(DriverKind, "--drivers", drivers),
+            drivers=_drivers(drivers),
             advice=_each(Presentation, "--advice", advice),
             seeds=parse_seeds(seeds),
             friction=friction,
@@ -128,6 +126,17 @@ def _good(journal: Journal, job: BatchJob) -> bool:
 
 def _each(kind: type[Kind], option: str, text: str) -> list[Kind]:
     return list(dict.fromkeys(chosen(kind, option, part.strip()) for part in text.split(",")))
+
+
+def _drivers(text: str) -> list[DriverKind | OwnClass]:
+    """The drivers of a list; DasError for a name that there is not, and for a driver that is a process of its own."""
+    found: dict[DriverKind | OwnClass, None] = {}
+    for part in text.split(","):
+        driver = named_driver("--drivers", part.strip())
+        if not isinstance(driver, DriverKind | OwnClass):
+            raise DasError(f"--drivers {driver}: a batch has no place for a process of its own; expected das-sim run")
+        found[driver] = None
+    return list(found)
 
 
 def _make_folders(out: Path, record: bool) -> None:

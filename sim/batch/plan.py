@@ -19,7 +19,8 @@ from das.command_line.loading import warn_unusual
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation
-from sim.drivers.kinds import DriverKind, FrictionPolicy
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
+from sim.drivers.own_class import driver_versions
 from sim.recording.inputs import sha256
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out, scenario_files
@@ -41,7 +42,7 @@ class BatchJob:
     scenario: Path
     scenario_id: str
     seed: int
-    driver: DriverKind
+    driver: DriverKind | OwnClass
     friction: FrictionPolicy
     advice: Presentation
     level: Level | None
@@ -61,7 +62,7 @@ class Batch:
     """What the user asked for: every scenario with every driver, presentation and seed."""
 
     scenarios: Sequence[str]
-    drivers: Sequence[DriverKind]
+    drivers: Sequence[DriverKind | OwnClass]
     advice: Sequence[Presentation]
     seeds: Sequence[int]
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
@@ -73,6 +74,7 @@ class Batch:
         """The runs in the order of the table; raises DasError for scenarios that cannot be run or share a name."""
         read = [load_scenario(name) for name in self.scenarios]
         ids = [scenario.id for scenario in read]
+        who = {driver: driver_versions(driver) for driver in self.drivers}
         if len(set(ids)) < len(ids):
             raise DasError(f"scenarios {', '.join(ids)}: two have the same id")
         for scenario in read:
@@ -81,7 +83,7 @@ class Batch:
             versions = {"version": __version__, "code_sha256": code_sha256()}
             versions |= {f"{name}_sha256": sha256(path) for name, path in scenario_files(scenario).items()}
             for driver, advice, seed in product(self.drivers, self.advice, self.seeds):
-                name = f"{scenario.id}-{driver}-{advice}-{seed}"
+                name = f"{scenario.id}-{str(driver).replace(':', '.')}-{advice}-{seed}"
                 yield BatchJob(
                     name=name,
                     scenario=scenario.source,
@@ -91,7 +93,7 @@ class Batch:
                     friction=self.friction,
                     advice=advice,
                     level=self.level,
-                    versions=tuple(versions.items()),
+                    versions=tuple((versions | who[driver]).items()),
                     record=self.folder / "recordings" / f"{name}.mcap" if self.record else None,
                 )
 

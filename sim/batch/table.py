@@ -16,7 +16,7 @@ from sim.world.outcome import SHARES
 TEXTS = (
     *("scenario", "driver", "friction_policy", "advice", "level", "error", "happens", "drawn", "recording", "version"),
     *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
-    *("true_vehicle_sha256", "true_loss_map_sha256", "inputs_sha256"),
+    *("true_vehicle_sha256", "true_loss_map_sha256", "driver_sha256", "inputs_sha256"),
 )
 COUNTS = (
     "advices_given",

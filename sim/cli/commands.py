@@ -28,6 +28,12 @@ ENTRIES: Final = (
         examples=("das-sim run departure-delay --driver human --advice vector --seed 3",),
     ),
     Entry(
+        name="drive",
+        where="sim.outside.command:drive",
+        summary="Drive a run from a process of its own, over the bus.",
+        examples=("das-sim drive clear-day --driver human --seed 3",),
+    ),
+    Entry(
         name="batch",
         where="sim.batch.command:batch",
         summary="Simulate many days on all cores, into one table.",

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
-from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.kinds import FrictionPolicy, Presentation
+
+DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
+"""Where a run listens for an external driver."""
 
 TripArgument = Annotated[
     Path, typer.Argument(metavar="TRIP", help="Recorded trip: CSV, GPX, or a recording (.mcap) of das-sim.")
@@ -30,7 +33,15 @@ RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING", help="Re
 SpeedOption = Annotated[
     str, typer.Option("--speed", metavar="TIMES", help="How many times real time; or real, or max (no waiting).")
 ]
-DriverOption = Annotated[DriverKind, typer.Option("--driver", help="Who drives (das-sim drivers explains them).")]
+DriverOption = Annotated[
+    str,
+    typer.Option(
+        "--driver",
+        metavar="DRIVER",
+        help="Who drives: perfect, fast, rms, timetable, human, a class of your own (package.module:Class), or "
+        "external, a process of its own (das-sim drivers explains them).",
+    ),
+]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
 FrictionOption = Annotated[
     FrictionPolicy,
@@ -39,4 +50,43 @@ FrictionOption = Annotated[
         help="How a human driver brakes where the motors could: with a share of friction (as-measured), with the "
         "motors (electric-first), or as measured unless he follows advice on effort (by-advice).",
     ),
+]
+DriverAtOption = Annotated[
+    str | None,
+    typer.Option(
+        "--driver-at",
+        metavar="ENDPOINT",
+        help=f"Where the run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
+        show_default=False,
+    ),
+]
+DriverHereOption = Annotated[
+    str,
+    typer.Option(
+        "--driver", metavar="DRIVER", help="Who drives: a name, or a class of your own (package.module:Class)."
+    ),
+]
+RunAtOption = Annotated[
+    str | None,
+    typer.Option(
+        "--connect",
+        metavar="ENDPOINT",
+        help=f"Where the run listens [default: {DEFAULT_DRIVER_AT}].",
+        show_default=False,
+    ),
+]
+DriversOption = Annotated[
+    str,
+    typer.Option(
+        "--drivers",
+        metavar="LIST",
+        help="Who drives, with commas between: names (das-sim drivers lists them) or classes of your own "
+        "(package.module:Class).",
+    ),
+]
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim scenarios lists them) or TOML file.")
+]
+InProcessOption = Annotated[
+    bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
 ]

@@ -16,6 +16,11 @@ DRIVERS: Final = {
     "human": "reacts, errs, refuses and learns, by the parameters below",
 }
 """What each driver does."""
+OUTSIDE: Final = {
+    "package.module:Class": "a class of your own, in this process",
+    "external": "a process of its own, over the bus",
+}
+"""Drivers that users bring (docs/how-to/bring-your-own-driver.md)."""
 
 
 def drivers(as_json: JsonOption = False) -> None:
@@ -28,10 +33,10 @@ def drivers(as_json: JsonOption = False) -> None:
 
     if as_json:
         parameters = {f.name: {"default": f.default, **f.metadata} for f in fields(HumanParameters)}
-        print(json.dumps({"drivers": DRIVERS, "human": parameters}))
+        print(json.dumps({"drivers": DRIVERS, "outside": OUTSIDE, "human": parameters}))
         return
     who = Table(title="drivers", title_justify="left", show_header=False)
-    for name, meaning in DRIVERS.items():
+    for name, meaning in (DRIVERS | OUTSIDE).items():
         who.add_row(name, meaning)
     print_table(who)
     table = Table(title="human", title_justify="left")

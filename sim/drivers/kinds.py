@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
+
+from das.domain.errors import DasError
 
 
 class DriverKind(StrEnum):
@@ -14,6 +18,42 @@ class DriverKind(StrEnum):
     RMS = "rms"
     TIMETABLE = "timetable"
     HUMAN = "human"
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnClass:
+    """A driver of the user's own: a class `name` in a module that Python can import."""
+
+    module: str
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.module}:{self.name}"
+
+
+class External(StrEnum):
+    """A driver that is a process of its own and drives over the bus."""
+
+    EXTERNAL = "external"
+
+
+EXTERNAL: Final = External.EXTERNAL
+DriverName = DriverKind | OwnClass | External
+"""Whoever can be named as the driver of a run."""
+_OWN_CLASS = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
+
+
+def named_driver(option: str, text: str) -> DriverName:
+    """The driver that a text names; `option` begins the message of the DasError for any other text."""
+    if text in list(DriverKind):
+        return DriverKind(text)
+    if text == EXTERNAL:
+        return EXTERNAL
+    match = _OWN_CLASS.fullmatch(text)
+    if match is None:
+        known = ", ".join([*DriverKind, EXTERNAL])
+        raise DasError(f"{option} {text}: expected one of {known}, or a class of your own as package.module:Class")
+    return OwnClass(module=match[1], name=match[2])
 
 
 class Presentation(StrEnum):

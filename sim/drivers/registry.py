@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from sim.drivers.cab import Driver
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import DriverKind, FrictionPolicy
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.own_class import OwnDriver
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.perfect import PerfectDriver
 from sim.drivers.rules import FastDriver, RmsDriver, TimetableDriver
@@ -14,7 +15,7 @@ __all__ = ["DriverKind", "make_driver"]
 
 
 def make_driver(
-    kind: DriverKind,
+    kind: DriverKind | OwnClass,
     line: LineKnowledge,
     *,
     parameters: HumanParameters | None = None,
@@ -24,8 +25,11 @@ def make_driver(
 ) -> Driver:
     """Make a driver for a line.
 
-    Parameters, friction policy, seed and stream (one per driver of a seed) concern the human alone.
+    Parameters, friction policy and stream (one per driver of a seed) concern the human alone, the seed also a class of
+    the user's. Raises DasError for a class that cannot be used.
     """
+    if isinstance(kind, OwnClass):
+        return OwnDriver(kind, line, seed)
     if kind is DriverKind.HUMAN:
         return HumanDriver(line, parameters, friction=friction, seed=seed, stream=stream)
     if kind is DriverKind.PERFECT:

@@ -1,10 +1,10 @@
-"""What node and recorder said last."""
+"""What node, recorder and an external driver said last."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from das.bus.topics import ADVICE, RECORDER, STATUS, Topic
+from das.bus.topics import ADVICE, CONTROLS, RECORDER, STATUS, Topic
 from das.cab.outputs import NodeState
 
 
@@ -17,7 +17,7 @@ class Written(NamedTuple):
 
 
 class Answers:
-    """Keeps the last word of node and recorder."""
+    """Keeps the last word of node, recorder and external driver."""
 
     def __init__(self) -> None:
         self.node_state: int = NodeState.STARTING
@@ -28,6 +28,8 @@ class Answers:
         """How far the recorder has got."""
         self.advice: Any | None = None
         """The last advice (the bus's message); None before the first."""
+        self.controls: Any | None = None
+        """What an external driver answered last (the bus's message); None before it said anything."""
 
     def take(self, topic: Topic, message: Any | None) -> None:
         """Take note of a message; None, one that cannot be read, is left out."""
@@ -35,6 +37,8 @@ class Answers:
             return
         if topic is ADVICE:
             self.advice = message
+        elif topic is CONTROLS:
+            self.controls = message
         elif topic is STATUS:
             self.node_state, self.reason = message.state, message.reason
         elif topic is RECORDER:
@@ -43,3 +47,7 @@ class Answers:
     def advised(self, tick: int) -> bool:
         """Whether the node has answered a tick."""
         return self.advice is not None and self.advice.tick == tick
+
+    def answered(self, look: int) -> bool:
+        """Whether an external driver has answered a look."""
+        return self.controls is not None and self.controls.look == look

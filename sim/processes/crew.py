@@ -10,7 +10,7 @@ from pathlib import Path
 from das.bus.acl import Role
 from das.bus.config import BusFolder
 from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import ADVICE, RECORDER, STATUS
+from das.bus.topics import ADVICE, CONTROLS, RECORDER, STATUS
 from sim.processes.process import Process
 
 NODE_ARGUMENTS = "node_arguments"
@@ -19,7 +19,11 @@ NODE_ARGUMENTS = "node_arguments"
 
 @dataclass(frozen=True, kw_only=True)
 class Crew:
-    """How node and recorder of a run are started."""
+    """How node and recorder of a run are started.
+
+    `driver_at` is the endpoint where an external driver finds the simulator; None where there is no such driver. With a
+    bus folder the bus file says where, and any text will do.
+    """
 
     train: str
     node_arguments: tuple[str, ...]
@@ -28,6 +32,7 @@ class Crew:
     start_ns: int
     attachments: tuple[Path, ...] = ()
     bus: BusFolder | None = None
+    driver_at: str | None = None
 
 
 class Stations:
@@ -36,10 +41,13 @@ class Stations:
     def __init__(self, crew: Crew) -> None:
         self._crew = crew
         self._ports = [endpoint(port) for port in free_ports(3)]
+        if crew.driver_at is not None:
+            self._ports[0] = crew.driver_at
 
     def open_bus(self) -> Bus:
-        """Open the simulator's own session, which hears what node and recorder say."""
-        hear, files = (ADVICE, STATUS, RECORDER), self._crew.bus
+        """Open the simulator's own session, which hears what node, recorder and an external driver say."""
+        driver = () if self._crew.driver_at is None else (CONTROLS,)
+        hear, files = (ADVICE, STATUS, RECORDER, *driver), self._crew.bus
         if files is not None:
             return Bus(self._crew.train, hear=hear, file=files.file(Role.SIMULATOR))
         return Bus(self._crew.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)

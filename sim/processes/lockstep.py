@@ -30,6 +30,8 @@ from sim.processes.crew import Crew, Stations
 START_TIMEOUT_S = 120.0
 """The node compiles its solver the first time on a machine."""
 ANSWER_TIMEOUT_S = 10.0
+HEARD_EVERY_S = 0.2
+"""While nothing is said, node and recorder are looked after this often."""
 RECORDER_WINDOW = 50
 """The recorder may be this many ticks behind before the simulation waits for it."""
 
@@ -58,7 +60,7 @@ class Lockstep:
 
     def __init__(self, crew: Crew) -> None:
         self.crew, self.traffic = crew, Traffic()
-        self._stations, self._answers = Stations(crew), Answers()
+        self._stations, self.answers = Stations(crew), Answers()
         self._stack = ExitStack()
         self._asked_tick = 0
         self._told_ns = {RESTRICTION.name: 0, TARGET.name: 0}
@@ -82,7 +84,7 @@ class Lockstep:
     def begin(self, journey: JourneyHeard) -> None:
         """Wait for both, and until the node has taken the journey."""
         began = time.perf_counter()
-        answers, waiting = self._answers, (NodeState.WAITING, NodeState.READY)
+        answers, waiting = self.answers, (NodeState.WAITING, NodeState.READY)
         self._until(
             lambda: answers.node_state in waiting and answers.written.node_state in waiting,
             START_TIMEOUT_S,
@@ -98,7 +100,7 @@ class Lockstep:
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
         self._node.__exit__(None, None, None)
-        self._answers.node_state = NodeState.STARTING
+        self.answers.node_state = NodeState.STARTING
         self._node = self._stations.start_node()
         self._until_taken()
 
@@ -115,7 +117,7 @@ class Lockstep:
 
     def ask(self, now_ns: int, tick: int) -> Any:
         """The node's advice for a tick."""
-        answers, self._asked_tick = self._answers, tick
+        answers, self._asked_tick = self.answers, tick
         answers.advice = None
         self._ask(now_ns, tick)
         self._until(lambda: answers.advised(tick), ANSWER_TIMEOUT_S, f"the node's advice for second {tick}")
@@ -126,7 +128,7 @@ class Lockstep:
     def finish(self, now_ns: int) -> None:
         """Tell both that the run is over, wait until everything is written, and stop them."""
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last tick")
-        answers, last = self._answers, self._asked_tick + 1
+        answers, last = self.answers, self._asked_tick + 1
         self._ask(now_ns, last, finish=True)
         self._until(
             lambda: answers.written.tick == last and answers.written.node_state == NodeState.STOPPING,
@@ -151,12 +153,12 @@ class Lockstep:
         self.send(*asked)
 
     def _all_written(self) -> bool:
-        written = self._answers.written
+        written = self.answers.written
         return written.tick >= self._asked_tick and written.advice_tick >= self._asked_tick
 
     def _until_taken(self) -> None:
         """Until the node is ready, and the recorder has heard it say so."""
-        answers, ready, refused = self._answers, NodeState.READY, NodeState.WITHDRAWN
+        answers, ready, refused = self.answers, NodeState.READY, NodeState.WITHDRAWN
         self._until(
             lambda: answers.node_state == refused or answers.node_state == answers.written.node_state == ready,
             START_TIMEOUT_S,
@@ -173,19 +175,25 @@ class Lockstep:
         self.traffic.advices_given += 1
         self.traffic.above_limit += advice.advised_speed_mps > advice.limit_mps + 1e-6
 
-    def _until(self, done: Callable[[], bool], timeout_s: float, what: str, *, watch_node: bool = True) -> None:
-        """Take messages until a condition holds; DasError when a process ended or it takes too long."""
+    def hear(self, done: Callable[[], bool], timeout_s: float, *, watch_node: bool = True) -> bool:
+        """Take messages until a condition holds; returns whether it does, DasError when a process ended."""
         deadline = time.monotonic() + timeout_s
         while not done():
-            received = self.bus.receive(0.2)
-            if received is None:
-                if watch_node:
-                    self._node.check()
-                self._recorder.check()
-                if time.monotonic() > deadline:
-                    raise DasError(f"waited {timeout_s:.0f} s for {what}")
+            received = self.bus.receive(min(max(deadline - time.monotonic(), 0.0), HEARD_EVERY_S))
+            if received is not None:
+                self.answers.take(received.topic, received.message)
                 continue
-            self._answers.take(received.topic, received.message)
+            if watch_node:
+                self._node.check()
+            self._recorder.check()
+            if time.monotonic() >= deadline:
+                return False
+        return True
+
+    def _until(self, done: Callable[[], bool], timeout_s: float, what: str, *, watch_node: bool = True) -> None:
+        """Take messages until a condition holds; DasError when a process ended or it takes too long."""
+        if not self.hear(done, timeout_s, watch_node=watch_node):
+            raise DasError(f"waited {timeout_s:.0f} s for {what}")
 
 
 def sleep_until(moment: float) -> None:

@@ -5,31 +5,26 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from das.bus import das_pb2, topics
+from das.bus import topics
 from das.bus.recording import Recording
 from sim.drivers.cab import AdviceView
-from sim.drivers.kinds import Presentation
 from sim.drivers.shown import Shown
+from sim.outside.messages import SHOWN
 from sim.world.restlessness import Restlessness, ShownWatch
 
-PRESENTATIONS: Final = {
-    das_pb2.Cab.PRESENTATION_RMS: Presentation.RMS,
-    das_pb2.Cab.PRESENTATION_FOUR_MODE: Presentation.FOUR_MODE,
-    das_pb2.Cab.PRESENTATION_VECTOR: Presentation.VECTOR,
-    das_pb2.Cab.PRESENTATION_COACH: Presentation.COACH,
-}
 A_SECOND_NS: Final = 1_000_000_000
 
 
 def recorded_restlessness(recording: Recording) -> Restlessness:
     """The measures of a recorded run, by its messages `cab` and, for whether the train moved, `truth`.
 
-    Without those messages nothing was shown. In a recording without the shown speed, the advised one is rounded.
+    Without those messages nothing was shown. In a recording without the shown speed, the advised one is rounded. Of the
+    looks of an external driver, one a second counts, as of every other driver.
     """
     truth = recording.columns(topics.TRUTH, "time_ns", "speed_mps")
     speeds_mps = dict(zip(truth["time_ns"].tolist(), truth["speed_mps"].tolist(), strict=True))
     watch, messages = ShownWatch(), [entry.message for entry in recording.of(topics.CAB)]
-    for cab in messages:
+    for cab in (one for one in messages if not one.look or one.time_ns in speeds_mps):
         since_s = (cab.time_ns - messages[0].time_ns) / A_SECOND_NS
         watch.look(since_s, speeds_mps.get(cab.time_ns, 0.0), _shown(cab))
     return watch.found
@@ -37,7 +32,7 @@ def recorded_restlessness(recording: Recording) -> Restlessness:
 
 def _shown(cab: Any) -> Shown | None:
     """What a message says that the driver read; None for nothing, or for a presentation that is not known."""
-    presentation = PRESENTATIONS.get(cab.presentation)
+    presentation = SHOWN.get(cab.presentation)
     if presentation is None:
         return None
     view = AdviceView(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from das.command_line.compiling import loading_solver
 from das.command_line.options import (
@@ -23,17 +22,36 @@ from das.command_line.options import (
     SeedOption,
     TrainOption,
 )
-from das.command_line.printing import busy, print_table, tell
+from das.command_line.printing import busy, one_line, print_table, tell, typed
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.units import KM
-from sim.cli.options import AdviceOption, DriverOption, FrictionOption, SpeedOption
+from sim.cli.options import (
+    DEFAULT_DRIVER_AT,
+    AdviceOption,
+    DriverAtOption,
+    DriverOption,
+    FrictionOption,
+    InProcessOption,
+    ScenarioArgument,
+    SpeedOption,
+)
 from sim.cli.shared import new_recording, progress_bar, removed_if_unused, speed_factor, typed_command
-from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.kinds import (
+    EXTERNAL,
+    DriverKind,
+    DriverName,
+    External,
+    FrictionPolicy,
+    Presentation,
+    named_driver,
+)
 
 if TYPE_CHECKING:
     from das.bus.config import BusFolder
+    from sim.drivers.cab import Driver
+    from sim.outside.external import ExternalDriver
     from sim.world.day import Day
     from sim.world.loop import Run
     from sim.world.outcome import DayResult, RecordedFigures
@@ -64,48 +82,49 @@ def scenarios(as_json: JsonOption = False) -> None:
 class _Asked:
     """What the user asked for, checked."""
 
-    driver: DriverKind
+    driver: DriverName
     friction: FrictionPolicy
     advice: Presentation
     speed: float | None
     out: Path | None
     train: str
     bus: BusFolder | None
+    driver_at: str | None
 
 
 def run(
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim scenarios lists them) or TOML file.")
-    ],
+    scenario: ScenarioArgument,
     driver: DriverOption = DriverKind.HUMAN,
     advice: AdviceOption = Presentation.VECTOR,
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
     seed: SeedOption = 0,
     speed: SpeedOption = "max",
     out: OutRecordingOption = None,
-    in_process: Annotated[
-        bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
-    ] = False,
+    in_process: InProcessOption = False,
     level: LevelOption = None,
     train: TrainOption = DEFAULT_TRAIN,
     bus: BusFolderOption = None,
     insecure_bus: InsecureBusOption = False,
+    driver_at: DriverAtOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
     _check_outputs(in_process, out, bus)
+    who = named_driver("--driver", driver)
+    listens = _driver_at(who, in_process, bus, driver_at)
     factor = speed_factor(speed)
     with loading_solver():
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
         from das.cab.warm_up import warm_up
         from das.command_line.loading import warn_unusual
+        from sim.drivers.own_class import driver_versions
         from sim.world.day import make_day
-        from sim.world.report import print_result
         from sim.world.scenario import load_scenario
         from sim.world.service import prepare_service
 
         check_train_name(train)
+        driver_versions(who)
         files = bus_folder(bus, insecure_bus, train)
         read = load_scenario(scenario)
         _check_not_an_input(out, read)
@@ -114,10 +133,18 @@ def run(
         day = make_day(prepare_service(read, level=level), seed)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     reserved = new_recording("run") if out is None and not in_process else None
-    out = out or reserved
-    asked = _Asked(driver=driver, friction=friction, advice=advice, speed=factor, out=out, train=train, bus=files)
+    asked = _Asked(
+        driver=who, friction=friction, advice=advice, speed=factor, out=out or reserved, train=train, bus=files,
+        driver_at=listens,
+    )  # fmt: skip
     with removed_if_unused(reserved):
-        found = _drive(day, asked)
+        _tell(_drive(day, asked), as_json)
+
+
+def _tell(found: DayResult, as_json: bool) -> None:
+    """Print what a run came to."""
+    from sim.world.report import print_result
+
     if as_json:
         print(json.dumps(found.as_dict()))
     else:
@@ -132,6 +159,19 @@ def _check_outputs(in_process: bool, out: Path | None, bus: Path | None) -> None
         raise DasError("--bus: a run --in-process has no bus")
     if out is not None:
         check_writable(out)
+
+
+def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
+    """Where the run listens for an external driver, None if it has none; DasError for options that contradict it."""
+    if driver is not EXTERNAL:
+        if endpoint is not None:
+            raise DasError(f"--driver-at {endpoint}: expected with --driver external")
+        return None
+    if in_process:
+        raise DasError("--driver external: a run --in-process has no bus")
+    if bus is not None and endpoint is not None:
+        raise DasError(f"--driver-at {endpoint}: with --bus the bus file says where the run listens")
+    return endpoint or DEFAULT_DRIVER_AT
 
 
 def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
@@ -181,7 +221,10 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
     from sim.world.outcome import RecordedFigures
     from sim.world.over_bus import How, make_crew, run_over_bus
 
-    driver = day.driver(options.driver, options.friction)
+    if isinstance(options.driver, External):
+        driver: Driver = _external(day, options)
+    else:
+        driver = day.driver(options.driver, options.friction)
     if options.out is None:
         return World(
             day, driver, options.advice, InProcess(day.service, coach=options.advice is Presentation.COACH)
@@ -193,6 +236,7 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
         train=options.train,
         command=typed_command(),
         bus=options.bus,
+        driver_at=options.driver_at,
     )
     run, traffic = run_over_bus(day, driver, options.advice, make_crew(day, how, options.out), tick)
     return run, RecordedFigures(
@@ -202,6 +246,17 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
         messages_lost=traffic.lost,
         start_s=traffic.start_s,
     )
+
+
+def _external(day: Day, options: _Asked) -> ExternalDriver:
+    """The driver that is a process of its own; says where it is waited for."""
+    from sim.outside.external import ExternalDriver
+
+    where = f"--bus {options.bus.path}" if options.bus is not None else f"--connect {options.driver_at}"
+    scenario = shlex.quote(str(day.service.scenario.source))
+    command = f"{typed('das-sim')} drive {scenario} --train {options.train} {where}"
+    print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
+    return ExternalDriver(day, times_real=options.speed)
 
 
 class _Pace:

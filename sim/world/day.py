@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 
 from das.domain.conditions import Conditions
 from sim.drivers.cab import Driver
-from sim.drivers.kinds import FrictionPolicy
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.registry import DriverKind, make_driver
+from sim.drivers.registry import make_driver
 from sim.plant.plant import Patch, Plant
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
 from sim.world.service import Service
@@ -38,8 +38,11 @@ class Day:
     human: HumanParameters
     drawn: Mapping[str, Any]
 
-    def driver(self, kind: DriverKind, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
-        """Make a driver of a kind for this day; the friction policy concerns a human."""
+    def driver(self, kind: DriverKind | OwnClass, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
+        """Make a driver of a kind, or of a class of the user's, for this day; DasError where it cannot be made.
+
+        The friction policy concerns a human.
+        """
         return make_driver(kind, self.service.line, parameters=self.human, friction=friction, seed=self.seed)
 
     def of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
-from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.hindsight import fronts_of_own_braking, hindsight, true_fronts
@@ -122,7 +122,7 @@ class DayOutcome:
         }
 
 
-def outcome(day: Day, run: Run, driver: DriverKind | None = None) -> DayOutcome:
+def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     """What a run of a day came to; for a human driver also against the optimum under his own braking."""
     service = day.service
     whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
@@ -210,7 +210,7 @@ class DayResult:
     """
 
     outcome: DayOutcome
-    driver: DriverKind
+    driver: DriverName
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
     advice: Presentation
     happens: str

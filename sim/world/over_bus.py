@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,9 +15,11 @@ from das.bus.config import BusFolder
 from das.bus.topics import CAB, LOCATION, LOG, MEASURES, TRUTH
 from das.cab.heard import PositionHeard
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, Driver, Presentation, lever_ratio
-from sim.drivers.kinds import DriverKind, FrictionPolicy
-from sim.plant.kernels import demanded
+from sim.drivers.cab import Driver, Presentation
+from sim.drivers.kinds import DriverName, FrictionPolicy
+from sim.drivers.own_class import driver_versions
+from sim.outside.external import ExternalDriver
+from sim.outside.messages import CabLook, cab_message
 from sim.processes.crew import Crew
 from sim.processes.lockstep import Lockstep, Traffic
 from sim.processes.messages import happened, location
@@ -30,19 +31,15 @@ from sim.world.loop import BEFORE_S, Progress, Run, World
 from sim.world.restlessness import Restlessness
 from sim.world.service import Service, scenario_files
 
-PRESENTATIONS = {
-    Presentation.RMS: das_pb2.Cab.PRESENTATION_RMS,
-    Presentation.FOUR_MODE: das_pb2.Cab.PRESENTATION_FOUR_MODE,
-    Presentation.VECTOR: das_pb2.Cab.PRESENTATION_VECTOR,
-    Presentation.COACH: das_pb2.Cab.PRESENTATION_COACH,
-}
-
 
 class OverBus:
-    """Speaks with a node, and to a recorder, that are in lockstep."""
+    """Speaks with a node, and to a recorder, that are in lockstep.
 
-    def __init__(self, day: Day, lockstep: Lockstep) -> None:
-        self._day, self._lockstep = day, lockstep
+    `shows_cab` is False where an external driver drives: it is asked with every cab that it sees.
+    """
+
+    def __init__(self, day: Day, lockstep: Lockstep, *, shows_cab: bool = True) -> None:
+        self._day, self._lockstep, self._shows_cab = day, lockstep, shows_cab
 
     def exchange(self, tick: Tick) -> Any:
         """Send what is told at a tick and wait for the node's advice."""
@@ -61,7 +58,9 @@ class OverBus:
     def tell(self, now_ns: int, told: Told) -> None:
         """Send what is recorded beside."""
         self._lockstep.send(TRUTH, _truth(self._day, now_ns, told))
-        self._lockstep.send(CAB, _cab(self._day, now_ns, told))
+        if self._shows_cab:
+            look = CabLook(now_ns, told.cab, told.command)
+            self._lockstep.send(CAB, cab_message(look, self._day.service.line))
         for text in told.events:
             self._lockstep.send(LOG, happened(now_ns, text))
 
@@ -83,7 +82,10 @@ def run_over_bus(
     """Drive a day with node and recorder as processes; DasError where one fails or the train does not get there."""
     with Lockstep(crew) as lockstep:
         lockstep.begin(day.service.journey(crew.train, day.service.moment_ns(-BEFORE_S)))
-        run = World(day, driver, presentation, OverBus(day, lockstep)).run(progress)
+        outside = isinstance(driver, ExternalDriver)
+        if isinstance(driver, ExternalDriver):
+            driver.begin(lockstep)
+        run = World(day, driver, presentation, OverBus(day, lockstep, shows_cab=not outside)).run(progress)
         end_ns = day.service.moment_ns(run.states[-1].time_s)
         lockstep.send(MEASURES, _measures(end_ns, run.restlessness))
         lockstep.finish(end_ns)
@@ -94,12 +96,13 @@ def run_over_bus(
 class How:
     """How a day is driven, as the recording says."""
 
-    driver: DriverKind
+    driver: DriverName
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
     advice: Presentation
     train: str
     command: str
     bus: BusFolder | None = None
+    driver_at: str | None = None
 
 
 def make_crew(day: Day, how: How, out: Path) -> Crew:
@@ -115,6 +118,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         "seed": str(day.seed),
         "driver": str(how.driver),
         "friction_policy": str(how.friction),
+        **driver_versions(how.driver),
         "advice": str(how.advice),
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
@@ -131,6 +135,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         start_ns=service.moment_ns(-BEFORE_S),
         attachments=tuple(files.values()),
         bus=how.bus,
+        driver_at=how.driver_at,
     )
 
 
@@ -174,34 +179,6 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
         comfort_j=state.comfort_j,
         blending_j=state.blending_j,
     )
-
-
-def _cab(day: Day, now_ns: int, told: Told) -> Message:
-    cab, train = told.cab, day.service.line.train
-    return das_pb2.Cab(
-        time_ns=now_ns,
-        limit_mps=cab.limit_mps,
-        signal_m=cab.signal_m if math.isfinite(cab.signal_m) else math.nan,
-        # The controller's setting that asks what the last command asks.
-        lever_ratio=lever_ratio(demanded(told.command, 0.0, cab.speed_mps, train), cab.speed_mps, train),
-        **_shown(cab.shown),
-    )
-
-
-def _shown(view: AdviceView | None) -> dict[str, Any]:
-    if view is None:
-        hidden = ("advised_speed_mps", "advised_lever_ratio", "next_change_s", "display_speed_mps")
-        return dict.fromkeys(hidden, math.nan)
-    return {
-        "presentation": PRESENTATIONS[view.presentation],
-        "mode": view.mode,
-        "advised_speed_mps": view.speed_mps,
-        "advised_lever_ratio": view.lever_ratio,
-        "next_mode": view.next_mode,
-        "next_change_s": view.next_change_s,
-        "reason": view.reason,
-        "display_speed_mps": view.display_speed_mps,
-    }
 
 
 def _measures(now_ns: int, found: Restlessness) -> Message:

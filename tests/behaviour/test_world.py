@@ -362,7 +362,7 @@ def test_the_list_of_scenarios(folder: Path) -> None:
         (["nothing"], "nothing: not a bundled scenario"),
         (
             ["clear-day", "--driver", "nobody"],
-            "Invalid value for '--driver': Value error, 'nobody' is not one of 'perfect', 'fast', 'rms'",
+            "--driver nobody: expected one of perfect, fast, rms, timetable, human, external, or a class of your own",
         ),
         (
             ["clear-day", "--advice", "all"],

@@ -156,6 +156,7 @@ def test_every_topic_has_one_role_that_may_say_it() -> None:
         may = [role for role in Role if topic.key("T1") in keys_of(role, "T1")]
         assert len(may) == 1, topic.name
     assert keys_of(Role.CAB, "T1") == []
+    assert keys_of(Role.DRIVER, "T1") == ["sim/T1/controls"]
     assert keys_of(Role.NODE, "T1") == [
         f"das/T1/{name}" for name in ("advice", "plan", "estimate", "status", "status/@adv/**", "event")
     ]

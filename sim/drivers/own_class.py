@@ -1,0 +1,144 @@
+"""A driver of the user's own: a class named `package.module:Class`, found, made, and checked at every answer."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import os
+import sys
+import sysconfig
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from das.domain.errors import DasError
+from sim.drivers.cab import CabView
+from sim.drivers.checked import checked
+from sim.drivers.kinds import DriverName, OwnClass
+from sim.drivers.knowledge import LineKnowledge
+from sim.plant.plant import Command
+
+EXPECTED = "expected a class with a method command(self, cab) that returns a Command"
+
+
+class OwnDriver:
+    """Drives as a class of the user's does. An exception in it and an answer that no train understands are a DasError.
+
+    The class is made with the line (`LineKnowledge`) and `seed=…`, with one of them, or with nothing, as it takes them.
+    """
+
+    def __init__(self, own: OwnClass, line: LineKnowledge, seed: int) -> None:
+        self._own = own
+        self._driver = _made(own, load_class(own), line, seed)
+
+    def command(self, cab: CabView) -> Command:
+        """What the user's class answers, checked."""
+        try:
+            answer = self._driver.command(cab)
+        except (Exception, SystemExit) as error:
+            raise _raised(self._own, error, f" at {cab.time_s:.1f} s") from error
+        return checked(answer, f"--driver {self._own}", cab.time_s)
+
+
+def load_class(own: OwnClass) -> type:
+    """The class that the user named; raises DasError where it is not there or is no driver.
+
+    Modules are looked for among the installed packages and in the current folder.
+    """
+    found = getattr(_module(own), own.name, None)
+    if found is None:
+        raise DasError(f"--driver {own}: {source_of(own)} has no class {own.name}")
+    if not inspect.isclass(found):
+        raise DasError(f"--driver {own}: {own.name} is a {type(found).__name__}; {EXPECTED}")
+    method = getattr(found, "command", None)
+    if not callable(method):
+        raise DasError(f"--driver {own}: {own.name} has no method command; {EXPECTED}")
+    if not _takes(method, object(), object()):
+        raise DasError(f"--driver {own}: command{inspect.signature(method)}: {EXPECTED}")
+    return found
+
+
+def driver_versions(driver: DriverName) -> dict[str, str]:
+    """The hash of the source file of a user's class, as `driver_sha256`; nothing for others.
+
+    Raises DasError where the class is not there or is no driver.
+    """
+    if not isinstance(driver, OwnClass):
+        return {}
+    load_class(driver)
+    return {"driver_sha256": hashlib.sha256(source_of(driver).read_bytes()).hexdigest()}
+
+
+def source_of(own: OwnClass) -> Path:
+    """The file of the module that has the class; DasError where there is none."""
+    module = _module(own)
+    if not getattr(module, "__file__", None):
+        raise DasError(f"--driver {own}: {own.module} is not a module with a file")
+    return Path(str(module.__file__))
+
+
+def _module(own: OwnClass) -> ModuleType:
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.append(here)  # last, so that no file beside the user hides an installed package
+    try:
+        return importlib.import_module(own.module)
+    except ModuleNotFoundError as error:
+        if error.name is not None and f"{own.module}.".startswith(f"{error.name}."):
+            raise DasError(
+                f"--driver {own}: no module {error.name} among the installed packages or in {here}"
+            ) from error
+        raise _raised(own, error) from error
+    except SyntaxError as error:
+        raise DasError(f"--driver {own}: {error.filename}, line {error.lineno}: {error.msg}") from error
+    except (Exception, SystemExit) as error:
+        raise _raised(own, error) from error
+
+
+def _made(own: OwnClass, driver: type, line: LineKnowledge, seed: int) -> Any:
+    """An object of the class, made with as much of line and seed as it takes."""
+    ways: tuple[tuple[tuple[Any, ...], dict[str, Any]], ...] = (
+        ((line,), {"seed": seed}),
+        ((line,), {}),
+        ((), {"seed": seed}),
+        ((), {}),
+    )
+    for arguments, named in ways:
+        if _takes(driver, *arguments, **named):
+            try:
+                return driver(*arguments, **named)
+            except (Exception, SystemExit) as error:
+                raise _raised(own, error) from error
+    raise DasError(f"--driver {own}: expected to make a {own.name} with (line, seed=…), (line), (seed=…) or nothing")
+
+
+def _takes(called: Any, *arguments: Any, **named: Any) -> bool:
+    """Whether something can be called with these arguments."""
+    try:
+        inspect.signature(called).bind(*arguments, **named)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def _raised(own: OwnClass, error: BaseException, when: str = "") -> DasError:
+    """What the user's code raised, with the place in it."""
+    words = " ".join(str(error).split())
+    said = f"{type(error).__name__}: {words}" if words else type(error).__name__
+    return DasError(f"--driver {own}: {_place(error)}raised{when}: {said}")
+
+
+def _place(error: BaseException) -> str:
+    """File and line of the user's code that is nearest to where an exception was raised."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith("<")]
+    own = [frame for frame in frames if not _of_others(Path(frame.filename))] or frames[-1:]
+    return f"{own[-1].filename}, line {own[-1].lineno}, " if own else ""
+
+
+def _of_others(file: Path) -> bool:
+    """Whether a file is this program's, Python's, or an installed package's."""
+    ours = [Path(__file__).parents[2] / package for package in ("das", "precompute", "sim")]
+    installed = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+    return any(file.is_relative_to(folder) for folder in (*ours, *installed))
