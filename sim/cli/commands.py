@@ -40,6 +40,18 @@ ENTRIES: Final = (
         examples=("das-sim view recordings/run.mcap --plot run.png",),
     ),
     Entry(
+        name="events",
+        where="sim.events.command:events",
+        summary="List what happened on a recorded drive, when, where and why.",
+        examples=("das-sim events run.mcap --kind withdrawal --kind overspeed",),
+    ),
+    Entry(
+        name="note",
+        where="sim.events.command:note",
+        summary="Add a note to a recording, or list its notes.",
+        examples=('das-sim note run.mcap --at 12:34 "braked late for the limit" --tag braking',),
+    ),
+    Entry(
         name="scenarios",
         where="sim.world.command:scenarios",
         summary="List the bundled scenarios and where their files are.",

@@ -14,7 +14,7 @@ from sim.review.happenings import Happening, Span, where_and_when
 from sim.review.series import STYLES, DrivenCourse, Floats, Times
 
 BACKGROUND, INK, GRID, BAND = "#0d1011", "#cad8de", "#2b3236", "#8a9499"
-KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND}
+KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND, "note": "#6fd0c5"}
 """Colours of marks by kind of happening."""
 
 WIDTH_IN, DPI = 11.0, 160
@@ -120,7 +120,7 @@ def marks(axis: Any, along: Along, happened: Sequence[Happening]) -> None:
     numbered = sorted((float((x - low) / (high - low)), number) for number, x in enumerate(places, start=1))
     for middle, numbers in joined_labels(numbered):
         kinds = [happened[number - 1].kind for number in numbers]
-        color = KINDS[next((kind for kind in ("warning", "silence") if kind in kinds), "log")]
+        color = KINDS[next((kind for kind in ("note", "warning", "silence") if kind in kinds), "log")]
         axis.text(
             low + middle * (high - low), 0.955, _numbers(numbers), transform=transform, ha="center", va="center",
             fontsize=SMALL - 1.0, color=BACKGROUND,

@@ -11,8 +11,9 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from matplotlib import colormaps
 
 from das.bus import topics
-from das.bus.recording import Stamped
+from das.bus.recording import Recording, Stamped
 from das.domain.units import KMH, NS
+from sim.events.notes import read_notes
 from sim.review.distance_picture import Picture, draw
 from sim.review.lanes import Lane
 from sim.review.series import STYLES, DrivenCourse, Floats, MapTrack, Times
@@ -35,7 +36,7 @@ def send(out: rr.RecordingStream, story: Story, way: MapTrack | None) -> None:
     for lane in story.lanes:
         _lane(out, trip, lane)
     _marks(out, story)
-    _events(out, trip, recording.of(topics.EVENT) + recording.of(topics.LOG))
+    _events(out, trip, recording.of(topics.EVENT) + recording.of(topics.LOG) + _notes(recording))
     if way is not None:
         _location(out, trip, way)
     _distance(out, trip, draw(story))
@@ -93,6 +94,16 @@ def _events(out: rr.RecordingStream, trip: DrivenCourse, messages: tuple[Stamped
             level=[LEVELS.get(m.message.level, "TRACE") for m in messages],
         )
         out.send_columns("events", _index(trip, time_ns), columns)
+
+
+def _notes(recording: Recording) -> tuple[Stamped, ...]:
+    """The notes of people as texts among the events."""
+    found = []
+    for note in read_notes(recording.path):
+        log = Log(level=Log.INFO, message=note.text, name=" ".join(("note", *note.tags)))
+        log.timestamp.FromNanoseconds(note.time_ns)
+        found.append(Stamped(note.time_ns, log))
+    return tuple(found)
 
 
 def _event_text(event: Log, early_s: float) -> str:

@@ -14,6 +14,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS
+from sim.events.notes import read_notes
 from sim.review.series import DrivenCourse
 
 HEARD_NS: Final = 3_000_000_000
@@ -48,7 +49,7 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Happening:
-    """Something to be marked: when it happened, its kind (log, warning, silence), and a text."""
+    """Something to be marked: when it happened, its kind (log, warning, silence, note), and a text."""
 
     time_ns: int
     kind: str
@@ -129,7 +130,7 @@ def _asked(target: Any, start_ns: int) -> str:
 
 
 def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> tuple[Happening, ...]:
-    """What is to be marked, in order of time: the simulator's log, silences, and other warnings of the node."""
+    """What is to be marked, in order of time: the simulator's log, silences, other warnings of the node, and notes."""
     start_ns, end_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found = [_happening(entry.message, "log") for entry in recording.of(topics.LOG)]
     for span in silent:
@@ -141,6 +142,8 @@ def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...
         # A node that is still there after the last position warns of its age.
         if event.level >= Log.WARNING and one.time_ns <= end_ns and not any(x.text in one.text for x in silent):
             found.append(one)
+    for note in read_notes(recording.path):
+        found.append(Happening(time_ns=note.time_ns, kind="note", text=f"note: {note.text}"))
     found = [_from_the_start(one, start_ns) for one in found]
     return tuple(sorted(found, key=lambda one: one.time_ns))
 
