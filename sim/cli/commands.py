@@ -46,6 +46,12 @@ ENTRIES: Final = (
         examples=("das-sim events run.mcap --kind withdrawal --kind overspeed",),
     ),
     Entry(
+        name="energy",
+        where="sim.accounts.command:energy",
+        summary="Say where the energy of a recorded drive went, by cause and by place.",
+        examples=("das-sim energy run.mcap --json",),
+    ),
+    Entry(
         name="note",
         where="sim.events.command:note",
         summary="Add a note to a recording, or list its notes.",
