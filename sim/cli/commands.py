@@ -52,6 +52,12 @@ ENTRIES: Final = (
         examples=("das-sim energy run.mcap --json",),
     ),
     Entry(
+        name="compare",
+        where="sim.compare.command:compare",
+        summary="Compare recorded drives at the same places of the line.",
+        examples=("das-sim compare before.mcap after.mcap --plot both.png",),
+    ),
+    Entry(
         name="note",
         where="sim.events.command:note",
         summary="Add a note to a recording, or list its notes.",
