@@ -52,6 +52,12 @@ ENTRIES: Final = (
         examples=("das-sim energy run.mcap --json",),
     ),
     Entry(
+        name="report",
+        where="sim.report.command:report",
+        summary="Write one page about recorded drives, for the screen and for paper.",
+        examples=("das-sim report run.mcap -o report.html",),
+    ),
+    Entry(
         name="compare",
         where="sim.compare.command:compare",
         summary="Compare recorded drives at the same places of the line.",

@@ -15,7 +15,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
 from sim.drivers.cab import AT_STOP_M
-from sim.events.calls import NEAR_M, RecordedCall, arrival_ns, departure_ns, stands
+from sim.events.calls import NEAR_M, STANDING_MPS, RecordedCall, arrival_ns, departure_ns, stands
 from sim.events.event import DriveEvent, EventKind
 from sim.review.limits import limit_in_force
 from sim.review.series import DrivenCourse
@@ -24,6 +24,8 @@ OVER_MPS: Final = 1.0 / 3.6
 """A train this much (m/s) above the limit is too fast: less is within the error of a speedometer."""
 LEVER_RATIO: Final = 0.03
 """A controller set to less than this share of the effort is at neutral."""
+LEAST_STOOD: Final = 5
+"""Advice that stood for fewer seconds than this need not be followed: drivers take some seconds to react."""
 LONGEST_ANSWER_S: Final = 30.0
 """An answer later than this (s) is none."""
 LATE_ANSWER_S: Final = 10.0
@@ -123,7 +125,10 @@ def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
         wanted = WANTED.get(Mode(int(mode[first]))) if int(mode[first]) in set(Mode) else None
         if wanted is None or not shown[first] or does[first] == wanted:
             continue
-        yield _answer(trip, at[first:end], does[first:end] == wanted, Mode(int(mode[first])))
+        answers = does[first:end] == wanted
+        standing = bool((trip.at(at[first:end], trip.speed_mps) < STANDING_MPS).all())
+        if answers.any() or (end - first >= LEAST_STOOD and not standing):  # else there was no time, or no leave
+            yield _answer(trip, at[first:end], answers, Mode(int(mode[first])))
 
 
 def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], mode: Mode) -> DriveEvent:

@@ -73,9 +73,10 @@ def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     before_s = 0.0
     for time_ns, delay_s in zip(delay["time_ns"].tolist(), delay["delay_s"].tolist(), strict=True):
         if abs(delay_s - before_s) >= DELAY_STEP_S:
-            word = "late" if delay_s > 0 else "early"
+            word = f"{abs(delay_s):.0f} s {'late' if delay_s > 0 else 'early'}"
+            text = f"the operator says {word if abs(delay_s) >= 0.5 else 'on time'}"
             yield DriveEvent(
-                time_ns=time_ns, kind=EventKind.DELAY, text=f"the operator says {abs(delay_s):.0f} s {word}",
+                time_ns=time_ns, kind=EventKind.DELAY, text=text,
                 s_m=_where(trip, time_ns), facts={"delay_s": delay_s},
             )  # fmt: skip
             before_s = delay_s
