@@ -34,7 +34,10 @@ Row = dict[str, Any]
 
 def paragraph(subject: ReviewedDrive) -> str:
     """The figures of a drive in a few sentences."""
-    return " ".join([*_ran(subject), *_took(subject), *_kept(subject)])
+    cut = (
+        [] if subject.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
+    )
+    return " ".join([*cut, *_ran(subject), *_took(subject), *_kept(subject)])
 
 
 def _ran(subject: ReviewedDrive) -> list[str]:
@@ -47,6 +50,7 @@ def _ran(subject: ReviewedDrive) -> list[str]:
         lasted = minutes(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
         return [f"The recording of {subject.recording.train} on {day} covers {km:.1f} km in {lasted}."]
     first, last = served[0], served[-1]
+    km = (last.s_m - first.s_m) / KM
     ran = minutes((last.arrived_ns - first.departed_ns) * NS)
     told = [
         f"On {day}, {subject.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran} min.",

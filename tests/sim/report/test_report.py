@@ -89,6 +89,13 @@ def test_without_line_and_train_the_page_says_why_there_is_no_energy(tmp_path: P
     assert "Where the energy went cannot be said: its route" in page([found], None, "")
 
 
+def test_a_recording_that_was_cut_off_is_said_to_be(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "drive.mcap", seconds=120)
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+    assert "The recording was cut off" in words.paragraph(subject_of(path))
+
+
 def test_drives_of_other_lines_are_not_compared_and_it_is_said(tmp_path: Path) -> None:
     paths = [write_recording(tmp_path / f"{name}.mcap", seconds=120) for name in "ab"]
     subjects = [subject_of(path) for path in paths]
