@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from das.bus.recording import Recording
 from das.solver.solution import Fit, Solution
 from sim.accounts.causes import EnergyCause
-from sim.accounts.committed import Committed, committed
+from sim.accounts.committed import Committed, committed, spacing
 from sim.accounts.energies import LegEnergies, leg_energies
 from sim.accounts.inputs import DriveInputs, inputs_of
-from sim.accounts.knowledge import Epoch, Knowledge, epochs_of
+from sim.accounts.knowledge import Knowledge, epochs_of
 from sim.accounts.motion import DrivenLeg, legs_of, motion_of
 from sim.accounts.places import Places, even_edges, limit_edges, places_between
 from sim.accounts.shown import ShownAdvice
@@ -125,19 +125,14 @@ def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Accou
     inputs = inputs_of(recording) if inputs is None else inputs
     motion = motion_of(recording)
     epochs, shown, seen = epochs_of(recording), ShownAdvice.of(recording), signals(recording)
-    legs = tuple(_leg_account(inputs, leg, epochs, shown, seen) for leg in legs_of(recording, motion))
+    driven = legs_of(recording, motion)
+    every = spacing(driven)
+    legs = tuple(_leg_account(Knowledge(inputs, leg, epochs), shown, seen, every) for leg in driven)
     return Account(inputs=inputs, legs=legs, measured=motion.input_j is not None, advice_shown=shown.any_shown)
 
 
-def _leg_account(
-    inputs: DriveInputs,
-    leg: DrivenLeg,
-    epochs: tuple[Epoch, ...],
-    shown: ShownAdvice,
-    seen: tuple[Signal, ...],
-) -> LegAccount:
-    knowledge = Knowledge(inputs, leg, epochs)
-    front = knowledge.front()
+def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, ...], every: int) -> LegAccount:
+    leg, front = knowledge.leg, knowledge.front()
     section, optimum = front.section, front.trajectory(leg.trip_s)
     energies = leg_energies(section, leg)
     least_s = optimum.least_time_s
@@ -149,7 +144,7 @@ def _leg_account(
         leg=leg,
         optimum=optimum,
         energies=energies,
-        committed=committed(knowledge, leg, energies, shown, seen),
+        committed=committed(knowledge, energies, shown, seen, every),
         timetable_j=least_j(leg.timetable_s),
         left_j=least_j(leg.left_s),
         even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),

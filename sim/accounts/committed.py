@@ -26,8 +26,8 @@ from sim.review.happenings import Signal
 
 Floats = NDArray[np.float64]
 
-MOST_CUTS = 1500
-"""Most moments of a leg at which the best run from there is found; legs of up to 25 min have one a second."""
+MOST_CUTS = 4000
+"""Most moments of a drive at which the best run from there is found: one a second in up to an hour, then fewer."""
 
 
 MISSED_S = 10.0
@@ -81,13 +81,14 @@ def together(causes: Sequence[EnergyCause]) -> EnergyCause:
 
 def committed(
     knowledge: Knowledge,
-    leg: DrivenLeg,
     energies: LegEnergies,
     shown: ShownAdvice,
     signals: Sequence[Signal],
+    every: int = 1,
 ) -> Committed:
-    """The committed energy of a driven leg, with the cause of every rise."""
-    motion, samples, vehicle = leg.motion, _cuts(len(leg.motion.s_m)), knowledge.inputs.vehicle
+    """The committed energy of a driven leg at every so many samples, with the cause of every rise."""
+    leg = knowledge.leg
+    motion, samples, vehicle = leg.motion, _cuts(len(leg.motion.s_m), every), knowledge.inputs.vehicle
     energy_j, news_j = np.full(len(samples), math.nan), np.zeros(len(samples) - 1)
     causes: list[EnergyCause] = []
     judge, told = Judge(), knowledge.nothing_told
@@ -114,9 +115,14 @@ def committed(
     return Committed(sample=samples, energy_j=energy_j, causes=tuple(causes), news_j=news_j)
 
 
-def _cuts(samples: int) -> NDArray[np.intp]:
-    """The samples at which the best run from there is found: all of them, or evenly spaced ones of a long leg."""
-    return np.unique(np.linspace(0, samples - 1, min(samples, MOST_CUTS)).round().astype(np.intp))
+def _cuts(samples: int, every: int) -> NDArray[np.intp]:
+    """The samples at which the best run from there is found: the first, every so many, and the last."""
+    return np.unique(np.append(np.arange(0, samples, every), samples - 1)).astype(np.intp)
+
+
+def spacing(legs: Sequence[DrivenLeg]) -> int:
+    """Every how many samples the best run is found, so that a long drive has no more than `MOST_CUTS` of them."""
+    return max(math.ceil(sum(len(leg.motion.s_m) for leg in legs) / MOST_CUTS), 1)
 
 
 def _moment(energies: LegEnergies, since_s: float, best: Remaining, vehicle: Vehicle) -> Moment:
