@@ -30,6 +30,8 @@ class DriveClock:
     """
 
     zero_ns: int
+    zero_is: str = "the timetable's departure"
+    """What happens at zero, in words."""
 
     @classmethod
     def of(cls, recording: Recording, first_ns: int) -> DriveClock:
@@ -39,7 +41,7 @@ class DriveClock:
                 near = abs(stop.departure_ns - first_ns) * NS < DAY_S
                 if stop.departure_ns and near:
                     return cls(zero_ns=int(stop.departure_ns))
-        return cls(zero_ns=first_ns)
+        return cls(zero_ns=first_ns, zero_is="the first position")
 
     def since_s(self, time_ns: int) -> float:
         """What the clock shows at a moment (s)."""
@@ -68,6 +70,15 @@ class DriveClock:
         # The moment nearest to the zero: a drive may pass midnight.
         away = round((zero - at) / timedelta(days=1))
         return round((at + timedelta(days=away)).timestamp() / NS)
+
+
+def spell(time_s: float) -> str:
+    """A duration (s) in words: "41 min 38 s", "2 h 3 min"."""
+    whole = round(time_s)
+    hours, rest = divmod(whole, HOUR_S)
+    if hours:
+        return f"{hours} h {rest // MINUTE_S} min"
+    return f"{rest // MINUTE_S} min {rest % MINUTE_S} s" if rest >= MINUTE_S else f"{rest} s"
 
 
 def minutes(time_s: float) -> str:

@@ -71,9 +71,7 @@ def _print(found: tuple[DriveEvent, ...], chronicle: Chronicle) -> None:
     for one in found:
         shown = (clock.shown(one.time_ns), clock.of_day(one.time_ns), place_text(one.s_m), str(one.kind))
         table.add_row(*shown, visible(one.text))
-    print_table(
-        table, {"time": f"minutes and seconds since {clock.of_day(clock.zero_ns)} UTC, the timetable's departure"}
-    )
+    print_table(table, {"time": f"minutes and seconds since {clock.of_day(clock.zero_ns)} UTC, {clock.zero_is}"})
 
 
 def note(

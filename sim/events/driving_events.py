@@ -104,7 +104,7 @@ def overspeed_events(recording: Recording, trip: DrivenCourse) -> Iterator[Drive
         worst = first + int(np.argmax((speed_mps - limit_mps)[first:end]))
         over_kmh = kmh(float(speed_mps[worst] - limit_mps[worst]))
         limit_kmh = kmh(float(limit_mps[worst]))
-        lasted_s = float(at[end - 1] - at[first]) * NS
+        lasted_s = float(at[min(end, len(at) - 1)] - at[first]) * NS
         yield DriveEvent(
             time_ns=int(at[first]), end_ns=int(at[end - 1]), kind=EventKind.OVERSPEED, s_m=float(s_m[first]),
             text=f"up to {over_kmh:.0f} km/h above the limit of {limit_kmh:.0f} km/h for {lasted_s:.0f} s",
@@ -117,7 +117,7 @@ def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
 
     A change that asks for what the controller does already needs no answer. What the driver thought is not recorded.
     """
-    cab = recording.columns(topics.CAB, "time_ns", "presentation", "mode", "lever_ratio")
+    cab = recording.columns(topics.CAB, "time_ns", "presentation", "mode", "lever_ratio", "signal_m")
     at, mode, shown = cab["time_ns"], cab["mode"], cab["presentation"] > 0
     does = np.where(np.abs(cab["lever_ratio"]) < LEVER_RATIO, COASTS, np.sign(np.nan_to_num(cab["lever_ratio"])))
     changes = [*np.flatnonzero(np.diff(mode, prepend=-1)), len(mode)] if len(mode) else []
@@ -127,7 +127,9 @@ def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
             continue
         answers = does[first:end] == wanted
         standing = bool((trip.at(at[first:end], trip.speed_mps) < STANDING_MPS).all())
-        if answers.any() or (end - first >= LEAST_STOOD and not standing):  # else there was no time, or no leave
+        minds_signal = bool((cab["signal_m"][first:end] > 0).any())
+        excused = end - first < LEAST_STOOD or standing or minds_signal  # no time, no leave, or a reason
+        if answers.any() or not excused:
             yield _answer(trip, at[first:end], answers, Mode(int(mode[first])))
 
 

@@ -24,7 +24,7 @@ def told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent
     """Everything that was told, in no order."""
     yield from _restrictions(recording, trip)
     for point in points(recording, trip):
-        text = f"traffic management: {point.text} at km {point.s_m / KM:.1f} (from the first position)"
+        text = f"traffic management: {point.text} at km {point.s_m / KM:.1f}"
         yield DriveEvent(time_ns=point.told_ns, kind=EventKind.TARGET, text=text, s_m=_where(trip, point.told_ns))
     for index, entry in enumerate(recording.of(topics.JOURNEY)):
         if index:

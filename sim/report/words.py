@@ -15,7 +15,7 @@ from sim.accounts.causes import EnergyCause
 from sim.accounts.judging import OVER_MPS
 from sim.accounts.rows import seconds_by_cause, worst_places
 from sim.events.advice_events import place_text
-from sim.events.clock import minutes
+from sim.events.clock import minutes, spell
 from sim.events.event import DriveEvent, EventKind, Filter
 from sim.report.subject import ReviewedDrive
 from sim.review.summary import readable
@@ -47,13 +47,13 @@ def _ran(subject: ReviewedDrive) -> list[str]:
     day = f"{datetime.fromtimestamp(clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
     km = (float(trip.s_m[-1]) - float(trip.s_m[0])) / KM
     if len(served) < 2 or not served[0].departed_ns or not served[-1].arrived_ns:
-        lasted = minutes(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
+        lasted = spell(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
         return [f"The recording of {subject.recording.train} on {day} covers {km:.1f} km in {lasted}."]
     first, last = served[0], served[-1]
     km = (last.s_m - first.s_m) / KM
-    ran = minutes((last.arrived_ns - first.departed_ns) * NS)
+    ran = spell((last.arrived_ns - first.departed_ns) * NS)
     told = [
-        f"On {day}, {subject.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran} min.",
+        f"On {day}, {subject.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
         f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
         f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
     ]

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from sim.events.clock import DriveClock
 from sim.review.happenings import Happening, Span, where_and_when
 from sim.review.series import STYLES, DrivenCourse, Floats, Times
 
@@ -153,14 +154,14 @@ def _numbers(numbers: Sequence[int]) -> str:
     return " ".join(map(str, numbers))
 
 
-def listed(figure: Figure, trip: DrivenCourse, happened: Sequence[Happening]) -> None:
+def listed(figure: Figure, trip: DrivenCourse, clock: DriveClock, happened: Sequence[Happening]) -> None:
     """Draw the list of what happened in two columns at the bottom of the figure."""
     height_in = figure.get_figheight()
     rows = _list_rows(happened)
     for index, one in enumerate(happened[:LISTED]):
         column, row = divmod(index, rows)
         x, y = (LEFT_IN + column * 0.5 * (WIDTH_IN - LEFT_IN)) / WIDTH_IN, ROW_IN * (rows - row - 0.2) / height_in
-        text = where_and_when(one, trip)
+        text = where_and_when(one, trip, clock)
         text = text if len(text) <= LETTERS else f"{text[: LETTERS - 1]}…"
         figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=KINDS[one.kind], fontsize=SMALL, ha="right")
         figure.text(x, y, text, color=KINDS[one.kind] if one.kind == "warning" else INK, fontsize=SMALL)

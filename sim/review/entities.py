@@ -20,8 +20,8 @@ from sim.review.series import STYLES, DrivenCourse, Floats, MapTrack, Times
 from sim.review.story import Story
 from sim.review.summary import summary
 
-TRIP_TIME, POSITION = "trip_time", "position_m"
-"""Names of the timelines: time since the first position of the trip, and the train's position on the route (m)."""
+TRIP_TIME, TIME_OF_DAY, POSITION = "trip_time", "time_of_day", "position_m"
+"""Names of the timelines: time since the first position of the trip, time of day (UTC), position on the route (m)."""
 TRACK_PIECES: Final = 300
 WHITE: Final = 0xFFFFFFFF
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
@@ -44,10 +44,11 @@ def send(out: rr.RecordingStream, story: Story, way: MapTrack | None) -> None:
 
 
 def _index(trip: DrivenCourse, time_ns: Times) -> list[rr.TimeColumn]:
-    """Columns of both timelines for messages of these times."""
+    """Columns of all timelines for messages of these times."""
     position_m = np.maximum(np.rint(trip.at(time_ns, trip.s_m)), 0.0)
     return [
         rr.TimeColumn(TRIP_TIME, duration=trip.trip_ns(time_ns).astype("timedelta64[ns]")),
+        rr.TimeColumn(TIME_OF_DAY, timestamp=np.asarray(time_ns).astype("datetime64[ns]")),
         rr.TimeColumn(POSITION, sequence=position_m.astype(np.int64)),
     ]
 
