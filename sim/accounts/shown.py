@@ -19,8 +19,8 @@ Times = NDArray[np.int64]
 
 VALID_NS = 3_000_000_000
 """A message about the cab counts for this long (ns)."""
-TOP_SPEED = 1
-"""The presentation (its number on the bus) that shows a top speed and nothing else."""
+TOP_SPEED, VECTOR = 1, 3
+"""Presentations by their numbers on the bus: a top speed and nothing else; speed and effort of this moment."""
 
 
 class Seen(NamedTuple):
@@ -38,7 +38,10 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShownAdvice:
-    """The advice shown over a drive, arrays of shape (messages,); `shown` is False where nothing was."""
+    """The advice shown over a drive, arrays of shape (messages,); `shown` is False where nothing was.
+
+    `speed_now` tells whether the speed is the one to have at this moment, and not one to reach later.
+    """
 
     time_ns: Times
     shown: NDArray[np.bool_]
@@ -47,6 +50,7 @@ class ShownAdvice:
     advised_ratio: Floats
     lever_ratio: Floats
     top_only: NDArray[np.bool_]
+    speed_now: NDArray[np.bool_]
 
     @classmethod
     def of(cls, recording: Recording) -> ShownAdvice:
@@ -65,6 +69,7 @@ class ShownAdvice:
                 advised_ratio=cab["advised_lever_ratio"],
                 lever_ratio=cab["lever_ratio"],
                 top_only=cab["presentation"] == TOP_SPEED,
+                speed_now=(cab["presentation"] == VECTOR) | (cab["mode"] == Mode.CRUISE),
             )
         said = ("source", "mode", "advised_speed_mps", "advised_force_ratio")
         advice = recording.columns(topics.ADVICE, "time_ns", *said)
@@ -78,6 +83,7 @@ class ShownAdvice:
             advised_ratio=advice["advised_force_ratio"],
             lever_ratio=nothing,
             top_only=np.zeros(len(nothing), dtype=bool),
+            speed_now=np.ones(len(nothing), dtype=bool),
         )
 
     def at(self, time_ns: int) -> Seen | None:
@@ -93,6 +99,11 @@ class ShownAdvice:
             lever_ratio=float(self.lever_ratio[last]),
             top_only=bool(self.top_only[last]),
         )
+
+    @property
+    def comparable(self) -> NDArray[np.bool_]:
+        """Where a speed was shown that the driven speed can be compared with: to have now, or not to exceed."""
+        return self.shown & (self.speed_mps > 0) & (self.speed_now | self.top_only)
 
     @property
     def any_shown(self) -> bool:

@@ -176,7 +176,7 @@ def punctuality_figure(subject: ReviewedDrive) -> Figure:
 def compliance_figure(subject: ReviewedDrive) -> Figure | None:
     """Driven less shown speed over distance; None where no speed was shown."""
     shown, trip = subject.shown, subject.chronicle.trip
-    given = shown.shown & (shown.speed_mps > 0)
+    given = shown.comparable
     if not given.any():
         return None
     figure, (axis,) = light_figure((1.6,))

@@ -123,10 +123,10 @@ def _times(count: int) -> str:
 
 
 def compliance(subject: ReviewedDrive) -> float | None:
-    """Share of the time with a shown speed in which the train was within 2 km/h of it (of a top speed: or below)."""
+    """Share of the time with a shown speed to keep in which the train was within 2 km/h of it, or below a top speed."""
     shown, trip = subject.shown, subject.chronicle.trip
     speed_mps = trip.at(shown.time_ns, trip.speed_mps)
-    given = shown.shown & (shown.speed_mps > 0) & (speed_mps > 1.0)
+    given = shown.comparable & (speed_mps > 1.0)
     if not given.any():
         return None
     apart_mps = (speed_mps - shown.speed_mps)[given]

@@ -251,7 +251,7 @@ def test_the_whole_picture_has_every_panel() -> None:
     from sim.review import time_panels, whole_picture
 
     full, least = time_panels.panels(Story.of(day())), time_panels.panels(Story.of(recorded()))
-    assert list(full) == ["speed", "lanes", "energy", "lever", "deviation", "buffer", "estimate", "calibration"]
+    assert list(full) == ["speed", "lanes", "lever", "deviation", "buffer", "estimate", "calibration"]
     assert list(least) == ["speed"]
     assert len(whole_picture.picture_of(day()).axes) == 3 + len(full)
 
