@@ -134,6 +134,9 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "zero_ns": chronicle.clock.zero_ns,
         "within_shown_speed_ratio": words.compliance(subject),
         "stops": words.stop_rows(subject),
+        "likely_above_optimum_kwh": None
+        if subject.likely is None
+        else [kwh(subject.likely.low_j), kwh(subject.likely.high_j)],
         "energy": None if subject.account is None else energy_dict(subject.account),
         "no_energy_because": subject.why_not or None,
         "events": chronicle.as_rows(chronicle.events),

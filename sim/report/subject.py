@@ -8,18 +8,24 @@ from pathlib import Path
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
 from sim.accounts.account import Account, account_of
+from sim.accounts.likely import LikelyRange, likely_range
 from sim.accounts.shown import ShownAdvice
 from sim.events.chronicle import Chronicle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReviewedDrive:
-    """What a report is about. `account` is None where the energy cannot be accounted for; `why_not` says why."""
+    """What a report is about. `account` is None where the energy cannot be accounted for; `why_not` says why.
+
+    `likely` is the range of the energy above the optimum where it is estimated; None where it was measured, or was not
+    asked for a drive of many legs.
+    """
 
     recording: Recording
     chronicle: Chronicle
     account: Account | None
     why_not: str
+    likely: LikelyRange | None
     shown: ShownAdvice
 
     @property
@@ -41,5 +47,6 @@ def subject_of(path: Path) -> ReviewedDrive:
         chronicle=Chronicle.of(recording),
         account=account,
         why_not=why_not,
+        likely=None if account is None else likely_range(account),
         shown=ShownAdvice.of(recording),
     )

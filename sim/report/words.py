@@ -83,6 +83,11 @@ def _took(subject: ReviewedDrive) -> list[str]:
         f"{how} {driven:.1f} kWh at the current collector, {above} the best possible drive with the same departures "
         f"and arrivals, which knew of no signal and no temporary restriction."
     ]
+    if subject.likely is not None:
+        low, high = kwh(subject.likely.low_j), kwh(subject.likely.high_j)
+        told.append(f"Mass, resistance and wind are not known; likely it was {low:.0f} to {high:.0f} kWh more.")
+        if not math.isnan(subject.likely.by_friction_j):
+            told.append(f"If the train braked by friction alone, it was {kwh(subject.likely.by_friction_j):.0f} kWh.")
     named = sorted(account.by_cause.items(), key=lambda one: -one[1])[:MAIN_CAUSES]
     words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
     if words:
@@ -149,6 +154,9 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
         if recovered:
             rows.append(("price of late departures, in the optimum", f"{kwh(sum(recovered)):+.1f} kWh"))
             rows.append(("price of early arrivals, in the optimum", f"{kwh(sum(early)):+.1f} kWh"))
+    for one in () if subject.likely is None else subject.likely.unknowns:
+        spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
+        rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     followed = compliance(subject)
     if followed is not None:
         rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))

@@ -47,6 +47,7 @@ def subject(driver: Driver, name: str) -> ReviewedDrive:
         chronicle=Chronicle.of(recording),
         account=account_of(recording, inputs_of_day(day())),
         why_not="",
+        likely=None,
         shown=ShownAdvice.of(recording),
     )
 
@@ -112,6 +113,8 @@ def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_
     energy = drive["energy"]
     assert energy["measured"] is False
     assert sum(energy["by_cause_kwh"].values()) == pytest.approx(energy["above_optimum_kwh"], abs=1e-6)
+    low, high = drive["likely_above_optimum_kwh"]
+    assert low < energy["above_optimum_kwh"] < high
     assert "By its positions it drew about" in drive["in_words"]
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
