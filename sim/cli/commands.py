@@ -70,6 +70,36 @@ ENTRIES: Final = (
         examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
     ),
     Entry(
+        name="events",
+        where="sim.events.command:events",
+        summary="List what happened on a recorded drive, when, where and why.",
+        examples=("das-sim events run.mcap --kind withdrawal --kind overspeed",),
+    ),
+    Entry(
+        name="energy",
+        where="sim.accounts.command:energy",
+        summary="Say where the energy of a recorded drive went, by cause and by place.",
+        examples=("das-sim energy run.mcap --json",),
+    ),
+    Entry(
+        name="report",
+        where="sim.report.command:report",
+        summary="Write one page about recorded drives, for the screen and for paper.",
+        examples=("das-sim report run.mcap -o report.html",),
+    ),
+    Entry(
+        name="compare",
+        where="sim.compare.command:compare",
+        summary="Compare recorded drives at the same places of the line.",
+        examples=("das-sim compare before.mcap after.mcap --plot both.png",),
+    ),
+    Entry(
+        name="note",
+        where="sim.events.command:note",
+        summary="Add a note to a recording, or list its notes.",
+        examples=('das-sim note run.mcap --at 12:34 "braked late for the limit" --tag braking',),
+    ),
+    Entry(
         name="scenarios",
         where="sim.world.command:scenarios",
         summary="List the bundled scenarios and where their files are.",

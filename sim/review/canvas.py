@@ -10,11 +10,12 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from sim.events.clock import DriveClock
 from sim.review.happenings import Happening, Span, where_and_when
 from sim.review.series import STYLES, DrivenCourse, Floats, Times
 
 BACKGROUND, INK, GRID, BAND = "#0d1011", "#cad8de", "#2b3236", "#8a9499"
-KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND}
+KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND, "note": "#6fd0c5"}
 """Colours of marks by kind of happening."""
 
 WIDTH_IN, DPI = 11.0, 160
@@ -120,7 +121,7 @@ def marks(axis: Any, along: Along, happened: Sequence[Happening]) -> None:
     numbered = sorted((float((x - low) / (high - low)), number) for number, x in enumerate(places, start=1))
     for middle, numbers in joined_labels(numbered):
         kinds = [happened[number - 1].kind for number in numbers]
-        color = KINDS[next((kind for kind in ("warning", "silence") if kind in kinds), "log")]
+        color = KINDS[next((kind for kind in ("note", "warning", "silence") if kind in kinds), "log")]
         axis.text(
             low + middle * (high - low), 0.955, _numbers(numbers), transform=transform, ha="center", va="center",
             fontsize=SMALL - 1.0, color=BACKGROUND,
@@ -153,14 +154,14 @@ def _numbers(numbers: Sequence[int]) -> str:
     return " ".join(map(str, numbers))
 
 
-def listed(figure: Figure, trip: DrivenCourse, happened: Sequence[Happening]) -> None:
+def listed(figure: Figure, trip: DrivenCourse, clock: DriveClock, happened: Sequence[Happening]) -> None:
     """Draw the list of what happened in two columns at the bottom of the figure."""
     height_in = figure.get_figheight()
     rows = _list_rows(happened)
     for index, one in enumerate(happened[:LISTED]):
         column, row = divmod(index, rows)
         x, y = (LEFT_IN + column * 0.5 * (WIDTH_IN - LEFT_IN)) / WIDTH_IN, ROW_IN * (rows - row - 0.2) / height_in
-        text = where_and_when(one, trip)
+        text = where_and_when(one, trip, clock)
         text = text if len(text) <= LETTERS else f"{text[: LETTERS - 1]}…"
         figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=KINDS[one.kind], fontsize=SMALL, ha="right")
         figure.text(x, y, text, color=KINDS[one.kind] if one.kind == "warning" else INK, fontsize=SMALL)

@@ -35,7 +35,7 @@ def draw(story: Story) -> Picture:
     """Draw the trip over distance: what was driven, advised and allowed, and what happened where."""
     figure, axes = figure_of(PANELS, AXIS_IN + list_height_in(story.happenings))
     over_distance(axes, story)
-    listed(figure, story.trip, story.happenings)
+    listed(figure, story.trip, story.clock, story.happenings)
     png = io.BytesIO()
     figure.savefig(png, format="png", facecolor=BACKGROUND)
     height, speed = figure.bbox.height, axes[0]

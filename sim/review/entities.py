@@ -11,16 +11,17 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from matplotlib import colormaps
 
 from das.bus import topics
-from das.bus.recording import Stamped
+from das.bus.recording import Recording, Stamped
 from das.domain.units import KMH, NS
+from sim.events.notes import read_notes
 from sim.review.distance_picture import Picture, draw
 from sim.review.lanes import Lane
 from sim.review.series import STYLES, DrivenCourse, Floats, MapTrack, Times
 from sim.review.story import Story
 from sim.review.summary import summary
 
-TRIP_TIME, POSITION = "trip_time", "position_m"
-"""Names of the timelines: time since the first position of the trip, and the train's position on the route (m)."""
+TRIP_TIME, TIME_OF_DAY, POSITION = "trip_time", "time_of_day", "position_m"
+"""Names of the timelines: time since the first position of the trip, time of day (UTC), position on the route (m)."""
 TRACK_PIECES: Final = 300
 WHITE: Final = 0xFFFFFFFF
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
@@ -35,7 +36,7 @@ def send(out: rr.RecordingStream, story: Story, way: MapTrack | None) -> None:
     for lane in story.lanes:
         _lane(out, trip, lane)
     _marks(out, story)
-    _events(out, trip, recording.of(topics.EVENT) + recording.of(topics.LOG))
+    _events(out, trip, recording.of(topics.EVENT) + recording.of(topics.LOG) + _notes(recording))
     if way is not None:
         _location(out, trip, way)
     _distance(out, trip, draw(story))
@@ -43,10 +44,11 @@ def send(out: rr.RecordingStream, story: Story, way: MapTrack | None) -> None:
 
 
 def _index(trip: DrivenCourse, time_ns: Times) -> list[rr.TimeColumn]:
-    """Columns of both timelines for messages of these times."""
+    """Columns of all timelines for messages of these times."""
     position_m = np.maximum(np.rint(trip.at(time_ns, trip.s_m)), 0.0)
     return [
         rr.TimeColumn(TRIP_TIME, duration=trip.trip_ns(time_ns).astype("timedelta64[ns]")),
+        rr.TimeColumn(TIME_OF_DAY, timestamp=np.asarray(time_ns).astype("datetime64[ns]")),
         rr.TimeColumn(POSITION, sequence=position_m.astype(np.int64)),
     ]
 
@@ -93,6 +95,16 @@ def _events(out: rr.RecordingStream, trip: DrivenCourse, messages: tuple[Stamped
             level=[LEVELS.get(m.message.level, "TRACE") for m in messages],
         )
         out.send_columns("events", _index(trip, time_ns), columns)
+
+
+def _notes(recording: Recording) -> tuple[Stamped, ...]:
+    """The notes of people as texts among the events."""
+    found = []
+    for note in read_notes(recording.path):
+        log = Log(level=Log.INFO, message=note.text, name=" ".join(("note", *note.tags)))
+        log.timestamp.FromNanoseconds(note.time_ns)
+        found.append(Stamped(note.time_ns, log))
+    return tuple(found)
 
 
 def _event_text(event: Log, early_s: float) -> str:

@@ -14,6 +14,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS
+from sim.events.clock import DriveClock
+from sim.events.notes import read_notes
 from sim.review.series import DrivenCourse
 
 HEARD_NS: Final = 3_000_000_000
@@ -48,7 +50,7 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Happening:
-    """Something to be marked: when it happened, its kind (log, warning, silence), and a text."""
+    """Something to be marked: when it happened, its kind (log, warning, silence, note), and a text."""
 
     time_ns: int
     kind: str
@@ -115,21 +117,22 @@ def points(recording: Recording, trip: DrivenCourse) -> tuple[Point, ...]:
     """The targets that the node was told about, each once."""
     stops = {stop.name: stop.s_m for entry in recording.of(topics.JOURNEY) for stop in entry.message.stops}
     found: dict[tuple[float, str], Point] = {}
+    clock = DriveClock.of(recording, int(trip.time_ns[0]))
     for entry in recording.of(topics.TARGET):
         for target in entry.message.targets:
             s_m = stops.get(target.stop, target.s_m)
-            text = _asked(target, int(trip.time_ns[0]))
+            text = _asked(target, clock)
             found.setdefault((s_m, text), Point(s_m, entry.message.time_ns, text))
     return tuple(found.values())
 
 
-def _asked(target: Any, start_ns: int) -> str:
+def _asked(target: Any, clock: DriveClock) -> str:
     words = (("arrival", target.arrival_ns), ("not before", target.earliest_ns), ("not after", target.latest_ns))
-    return ", ".join(f"{word} {(at_ns - start_ns) * NS:+.0f} s" for word, at_ns in words if at_ns)
+    return ", ".join(f"{word} {clock.shown(at_ns)}" for word, at_ns in words if at_ns)
 
 
 def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> tuple[Happening, ...]:
-    """What is to be marked, in order of time: the simulator's log, silences, and other warnings of the node."""
+    """What is to be marked, in order of time: the simulator's log, silences, other warnings of the node, and notes."""
     start_ns, end_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found = [_happening(entry.message, "log") for entry in recording.of(topics.LOG)]
     for span in silent:
@@ -141,6 +144,8 @@ def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...
         # A node that is still there after the last position warns of its age.
         if event.level >= Log.WARNING and one.time_ns <= end_ns and not any(x.text in one.text for x in silent):
             found.append(one)
+    for note in read_notes(recording.path):
+        found.append(Happening(time_ns=note.time_ns, kind="note", text=f"note: {note.text}"))
     found = [_from_the_start(one, start_ns) for one in found]
     return tuple(sorted(found, key=lambda one: one.time_ns))
 
@@ -157,7 +162,7 @@ def _from_the_start(one: Happening, start_ns: int) -> Happening:
     return replace(one, time_ns=start_ns, text=f"({early_s:.0f} s before) {one.text}")
 
 
-def where_and_when(one: Happening, trip: DrivenCourse) -> str:
-    """A happening in one line, with its time since the first position and its place."""
+def where_and_when(one: Happening, trip: DrivenCourse, clock: DriveClock) -> str:
+    """A happening in one line, with its time on the drive's clock and its place."""
     at = np.array([one.time_ns])
-    return f"{trip.trip_ns(at)[0] * NS:+.0f} s, km {trip.at(at, trip.s_m)[0] / KM:.1f}: {one.text}"
+    return f"{clock.shown(one.time_ns)}, km {trip.at(at, trip.s_m)[0] / KM:.1f}: {one.text}"

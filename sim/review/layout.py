@@ -35,6 +35,7 @@ ROWS: Final = (
     Row("Speed (km/h)", "speed", 3.0, "LeftBottom"),
     Row("Modes advised and shown, state of the node, no advice, signals", "mode", 0.55),
     Row("Force at the wheels (kN)", "force", 1.6, "LeftBottom"),
+    Row("Energy at the current collector (kWh)", "energy", 0.9),
     Row("Controller: share of the largest effort (%)", "lever", 1.2, "LeftBottom"),
     Row("Gradient (permille)", "gradient", 0.9),
     Row("Deviation from the timetable, late > 0 (s)", "deviation", 1.2, "RightTop"),

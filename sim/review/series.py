@@ -12,7 +12,7 @@ from das.advice.advice import Source
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE
+from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -37,6 +37,7 @@ STYLES: Final = {
     "speed/driven": Style("driven, km/h", 0x4AA3FFFF),
     "force/advised": Style("advised, kN", 0xFFA028FF, width=3.0),
     "force/driven": Style("driven, kN", 0x4AA3FFFF),
+    "energy/driven": Style("driven, kWh", 0x4AA3FFFF),
     "gradient/permille": Style("gradient, permille", 0x9AC48BFF, held=True),
     "lever/shown": Style("shown, %", 0xFFA028FF, width=3.0, held=True),
     "lever/set": Style("set by the driver, %", 0x4AA3FFFF, held=True),
@@ -178,11 +179,14 @@ def _advised(recording: Recording) -> Found:
 
 
 def _driven(recording: Recording, trip: DrivenCourse) -> Found:
-    truth = recording.columns(topics.TRUTH, "time_ns", "force_el_n", "force_friction_n", "gradient_ratio")
+    fields = ("force_el_n", "force_friction_n", "gradient_ratio", "energy_input_j")
+    truth = recording.columns(topics.TRUTH, "time_ns", *fields)
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
+    measured = slice(None if truth["energy_input_j"].any() else 0)
     return {
         "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
         "force/driven": (truth["time_ns"], (truth["force_el_n"] + truth["force_friction_n"]) / KN),
+        "energy/driven": (truth["time_ns"][measured], kwh(truth["energy_input_j"][measured])),
         "gradient/permille": (truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
         "deviation/operator": (delay["time_ns"], delay["delay_s"]),
     }

@@ -9,6 +9,7 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.units import KMH
+from sim.events.clock import DriveClock
 from sim.review.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
 from sim.review.lanes import Lane, lanes
 from sim.review.limits import TemporaryLimit, limit_in_force, temporary_limits
@@ -25,6 +26,7 @@ class Story:
 
     recording: Recording
     trip: DrivenCourse
+    clock: DriveClock
     series: Found
     lanes: tuple[Lane, ...]
     limits: tuple[TemporaryLimit, ...]
@@ -41,6 +43,7 @@ class Story:
         return cls(
             recording=recording,
             trip=trip,
+            clock=DriveClock.of(recording, int(trip.time_ns[0])),
             series={
                 "speed/limit": on_trip(trip, at, limit_mps / KMH, held=True),
                 **_broken(series(recording, trip), silent),

@@ -25,7 +25,7 @@ def summary(recording: Recording) -> str:
         lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
     lines += _table("Trip", _trip(recording))
     for name, entries in recording.metadata.items():
-        lines += _table(name.capitalize(), [_readable(key, value) for key, value in entries.items()])
+        lines += _table(name.capitalize(), [readable(key, value) for key, value in entries.items()])
     return "\n".join(lines)
 
 
@@ -71,7 +71,7 @@ def _trip(recording: Recording) -> list[tuple[str, str]]:
     return [*rows, ("attachments", ", ".join(recording.attachments) or "none")]
 
 
-def _readable(key: str, value: str) -> tuple[str, str]:
+def readable(key: str, value: str) -> tuple[str, str]:
     """An entry of the metadata, energies in kWh and hashes short."""
     if key.endswith("_j"):
         try:

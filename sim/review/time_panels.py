@@ -18,6 +18,7 @@ from sim.review.story import Story
 TITLES: Final = {
     "speed": "Speed (km/h)",
     "lanes": "",
+    "energy": "Energy (kWh)",
     "lever": "Controller (%)",
     "deviation": "Late (s)",
     "buffer": "Buffer (%)",
@@ -48,16 +49,16 @@ def over_time(axes: dict[str, Any], story: Story) -> None:
     trip = story.trip
 
     def along(time_ns: Times) -> Floats:
-        minutes: Floats = trip.trip_ns(time_ns).astype(np.float64) * (NS / MINUTE_S)
+        minutes: Floats = (np.maximum(time_ns, trip.time_ns[0]) - story.clock.zero_ns) * (NS / MINUTE_S)
         return minutes
 
     for name, (at, values) in story.series.items():
         axis = axes.get(name.split("/")[0])
         if axis is not None and not name.endswith("_sd"):
             curve(axis, name, along(at), values)
-    end = float(along(trip.time_ns[-1:])[0])
-    margin = max(0.01 * end, 1.0 / MINUTE_S)
-    share_x(list(axes.values()), (-margin, end + margin), "Time since the first position (min)")
+    start, end = along(trip.time_ns[[0, -1]]).tolist()
+    margin = max(0.01 * (end - start), 1.0 / MINUTE_S)
+    share_x(list(axes.values()), (start - margin, end + margin), f"Time since {story.clock.zero_is} (min)")
     for name, axis in axes.items():
         if name == "lanes":
             _lanes(axis, story.lanes, along, int(trip.time_ns[-1]))

@@ -57,5 +57,5 @@ def picture_of(recording: Recording) -> Figure:
     for number, line in enumerate(day):
         y = 1.0 - (TITLE_IN + (number + 0.55) * LINE_IN) / figure.get_figheight()
         figure.text(0.5, y, line, color=INK, ha="center", fontsize=SMALL)
-    listed(figure, story.trip, story.happenings)
+    listed(figure, story.trip, story.clock, story.happenings)
     return figure

@@ -143,6 +143,9 @@ class DrivenCase:
         return BrakePolicy.FRICTION if self.all_friction else section.brakes
 
 
+BRAKING = "braking"
+"""The name of the unknown that is how motors and friction brake shared the braking."""
+
 _Ends = tuple[dict[str, Any], dict[str, Any]]
 _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
     (
@@ -160,7 +163,7 @@ _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
         f"± {ESTIMATE.wind_mps:g} m/s",
         ({"head_wind_mps": -ESTIMATE.wind_mps}, {"head_wind_mps": ESTIMATE.wind_mps}),
     ),
-    ("braking", "electric first … friction alone", ({"all_friction": False}, {"all_friction": True})),
+    (BRAKING, "electric first … friction alone", ({"all_friction": False}, {"all_friction": True})),
     (
         "smoothing of the record",
         f"jerk ÷ and × {ESTIMATE.smoothing_ratio:g}",
@@ -191,15 +194,26 @@ def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange
             known[case] = energy_j(case)
         return known[case]
 
+    unknowns = one_by_one(at)
     estimate_j = at(DrivenCase())
+    assert estimate_j is not None
+    low_j, high_j = (_outermost(at, sign) for sign in (-1.0, 1.0))
+    left_out = sum(e is None for e in known.values())
+    return EnergyRange(estimate_j=estimate_j, unknowns=unknowns, low_j=low_j, high_j=high_j, left_out=left_out)
+
+
+def one_by_one(energy_j: Callable[[DrivenCase], float | None]) -> tuple[Unknown, ...]:
+    """The range of an energy (J) by each unknown on its own; None for a case that cannot have been, which is left out.
+
+    The case that is assumed must have been possible.
+    """
+    estimate_j = energy_j(DrivenCase())
     assert estimate_j is not None
     unknowns = []
     for name, assumed, ends in _UNKNOWNS:
-        found = [e for e in (estimate_j, *(at(DrivenCase(**end)) for end in ends)) if e is not None]
+        found = [e for e in (estimate_j, *(energy_j(DrivenCase(**end)) for end in ends)) if e is not None]
         unknowns.append(Unknown(name=name, assumed=assumed, low_j=min(found), high_j=max(found)))
-    low_j, high_j = (_outermost(at, sign) for sign in (-1.0, 1.0))
-    left_out = sum(e is None for e in known.values())
-    return EnergyRange(estimate_j=estimate_j, unknowns=tuple(unknowns), low_j=low_j, high_j=high_j, left_out=left_out)
+    return tuple(unknowns)
 
 
 def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float) -> float:

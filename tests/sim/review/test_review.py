@@ -27,7 +27,7 @@ def rows_by_entity(rrd: Path) -> dict[str, int]:
     found: dict[str, int] = {}
     for piece in reader.stream(store=reader.recordings()[0]).to_chunks():
         rows = 0 if piece.is_static else piece.num_rows
-        assert piece.is_static or set(piece.timeline_names) == {"trip_time", "position_m"}
+        assert piece.is_static or set(piece.timeline_names) == {"trip_time", "time_of_day", "position_m"}
         found[piece.entity_path] = found.get(piece.entity_path, 0) + rows
     return found
 
@@ -39,7 +39,15 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     found = rows_by_entity(rrd)
     every_second = (
         *("speed/limit", "speed/advised", "speed/driven", "force/advised", "force/driven", "gradient/permille"),
-        *("deviation/predicted", "buffer/percent", "map/train", "track/train", "distance/train", "distance/here"),
+        *(
+            "energy/driven",
+            "deviation/predicted",
+            "buffer/percent",
+            "map/train",
+            "track/train",
+            "distance/train",
+            "distance/here",
+        ),
     )
     for name in every_second:
         assert found[f"/{name}"] == SECONDS, name

@@ -147,7 +147,7 @@ def test_targets_say_what_they_ask() -> None:
         (topics.TARGET, das_pb2.Targets(time_ns=at_ns(30), targets=[window, later])),
     )
     found = [(x.s_m, x.text) for x in points(recording, DrivenCourse.of(recording))]
-    assert found == [(800.0, "not before +50 s, not after +70 s"), (1900.0, "arrival +120 s")]
+    assert found == [(800.0, "not before 0:50, not after 1:10"), (1900.0, "arrival 2:00")]
 
 
 def test_what_happened_is_told_once_and_in_order() -> None:

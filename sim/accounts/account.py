@@ -1,0 +1,152 @@
+"""The account of a recorded drive: how much energy each leg took above the optimum for its times, and by what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.bus.recording import Recording
+from das.solver.solution import Fit, Solution
+from sim.accounts.causes import EnergyCause
+from sim.accounts.committed import Committed, committed, spacing
+from sim.accounts.energies import LegEnergies, leg_energies
+from sim.accounts.inputs import DriveInputs, inputs_of
+from sim.accounts.knowledge import Knowledge, epochs_of
+from sim.accounts.motion import DrivenLeg, legs_of, motion_of
+from sim.accounts.places import Places, even_edges, limit_edges, places_between
+from sim.accounts.shown import ShownAdvice
+from sim.review.happenings import Signal, signals
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegAccount:
+    """The account of one leg.
+
+    `optimum` is the best run of the plan's train in the time as driven, on the line without temporary restrictions.
+    `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
+    departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
+    """
+
+    leg: DrivenLeg
+    optimum: Solution
+    energies: LegEnergies
+    committed: Committed
+    timetable_j: float | None
+    left_j: float | None
+    even: Places
+    by_limit: Places
+
+    @property
+    def driven_j(self) -> float:
+        """Energy at the current collector as driven (J)."""
+        return float(self.energies.ledger_j[-1])
+
+    @property
+    def optimum_j(self) -> float:
+        """Energy of the optimum for the same time (J)."""
+        return self.optimum.ledger.input
+
+    @property
+    def too_fast_for_plan(self) -> bool:
+        """Whether the leg took less time than the plan's train can: its optimum is the fastest run."""
+        return self.optimum.fit is Fit.LATE
+
+    @property
+    def by_cause(self) -> dict[EnergyCause, float]:
+        """The energy above the optimum for the same time by cause (J); the parts sum to the whole difference."""
+        energies, parts = self.energies, self.committed.by_cause()
+        friction_j = float(energies.blended_j[-1] - energies.motors_j[-1])
+        train_j = float(energies.ledger_j[-1] - energies.blended_j[-1])
+        rest_j = float(self.committed.energy_j[0]) - self.optimum_j
+        for cause, energy_j in (
+            (EnergyCause.FRICTION, friction_j),
+            (EnergyCause.TRAIN, train_j),
+            (EnergyCause.REST, rest_j),
+        ):
+            parts[cause] = parts.get(cause, 0.0) + energy_j
+        return parts
+
+    @property
+    def recovered_j(self) -> float | None:
+        """What a late departure cost: the least energy for the time left, less that for the timetable's time (J)."""
+        return None if self.timetable_j is None or self.left_j is None else self.left_j - self.timetable_j
+
+    @property
+    def early_j(self) -> float | None:
+        """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
+        return None if self.left_j is None else self.optimum_j - self.left_j
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Account:
+    """The accounts of all legs of a drive; the properties are their sums."""
+
+    inputs: DriveInputs
+    legs: tuple[LegAccount, ...]
+    measured: bool
+    advice_shown: bool
+
+    @property
+    def driven_j(self) -> float:
+        """Energy at the current collector as driven, from departures to arrivals (J)."""
+        return sum(leg.driven_j for leg in self.legs)
+
+    @property
+    def optimum_j(self) -> float:
+        """Energy of the optimum for the same times (J)."""
+        return sum(leg.optimum_j for leg in self.legs)
+
+    @property
+    def difference_j(self) -> float:
+        """By how much more energy than the optimum for the same times was driven (J)."""
+        return self.driven_j - self.optimum_j
+
+    @property
+    def by_cause(self) -> Mapping[EnergyCause, float]:
+        """The difference by cause (J), in the order of the causes; all causes that any leg has."""
+        parts = [leg.by_cause for leg in self.legs]
+        return {
+            cause: sum(one.get(cause, 0.0) for one in parts)
+            for cause in EnergyCause
+            if any(cause in one for one in parts)
+        }
+
+
+def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Account:
+    """The account of a recorded drive; `inputs` are given where the recording does not hold them.
+
+    Raises DasError for a recording that has no journey, no positions, or whose line and train are not known.
+    """
+    inputs = inputs_of(recording) if inputs is None else inputs
+    motion = motion_of(recording)
+    epochs, shown, seen = epochs_of(recording), ShownAdvice.of(recording), signals(recording)
+    driven = legs_of(recording, motion)
+    every = spacing(driven)
+    legs = tuple(_leg_account(Knowledge(inputs, leg, epochs), shown, seen, every) for leg in driven)
+    return Account(inputs=inputs, legs=legs, measured=motion.input_j is not None, advice_shown=shown.any_shown)
+
+
+def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, ...], every: int) -> LegAccount:
+    leg, front = knowledge.leg, knowledge.front()
+    section, optimum = front.section, front.trajectory(leg.trip_s)
+    energies = leg_energies(section, leg)
+    least_s = optimum.least_time_s
+
+    def least_j(time_s: float | None) -> float | None:
+        return None if time_s is None else front.trajectory(max(time_s, least_s)).ledger.input
+
+    return LegAccount(
+        leg=leg,
+        optimum=optimum,
+        energies=energies,
+        committed=committed(knowledge, energies, shown, seen, every),
+        timetable_j=least_j(leg.timetable_s),
+        left_j=least_j(leg.left_s),
+        even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),
+        by_limit=places_between(limit_edges(section), leg, energies, optimum),
+    )

@@ -1,0 +1,60 @@
+"""The causes among which the energy above the optimum is divided, in plain words."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class EnergyCause(StrEnum):
+    """Why a drive took more energy than the optimum for the same times (docs/explanation/where-the-energy-went.md)."""
+
+    TOO_FAST = "too-fast"
+    LATE_COASTING = "late-coasting"
+    TOO_SLOW = "too-slow"
+    AGAINST_ADVICE = "against-advice"
+    AS_ADVISED = "as-advised"
+    LATENESS = "lateness"
+    FRICTION = "friction"
+    SIGNAL = "signal"
+    RESTRICTION = "restriction"
+    TRAIN = "train"
+    REST = "rest"
+
+    @property
+    def label(self) -> str:
+        """The cause in a few words."""
+        return LABELS[self]
+
+    @property
+    def meaning(self) -> str:
+        """One sentence about what is counted under the cause."""
+        return MEANINGS[self]
+
+
+LABELS = {
+    EnergyCause.TOO_FAST: "too fast early",
+    EnergyCause.LATE_COASTING: "coasting begun late",
+    EnergyCause.TOO_SLOW: "too slow, made up later",
+    EnergyCause.AGAINST_ADVICE: "against the advice",
+    EnergyCause.AS_ADVISED: "driven as advised",
+    EnergyCause.LATENESS: "hurried, and yet late",
+    EnergyCause.FRICTION: "friction brake for motors",
+    EnergyCause.SIGNAL: "signal at danger",
+    EnergyCause.RESTRICTION: "temporary restriction",
+    EnergyCause.TRAIN: "train, wind, rail",
+    EnergyCause.REST: "rest, not told apart",
+}
+
+MEANINGS = {
+    EnergyCause.TOO_FAST: "No advice was shown, and the driver gave more effort than the best continuation would have.",
+    EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
+    EnergyCause.TOO_SLOW: "No advice was shown, and the driver gave less effort or braked sooner than best.",
+    EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
+    EnergyCause.AS_ADVISED: "The advice was followed about as well as drivers can, or it was not the best.",
+    EnergyCause.LATENESS: "The train was driven for an arrival that it missed by more than 10 s.",
+    EnergyCause.FRICTION: "The friction brake did what the motors could have done.",
+    EnergyCause.SIGNAL: "A signal at danger was in sight.",
+    EnergyCause.RESTRICTION: "Restrictions that the optimum does not know were told or lifted.",
+    EnergyCause.TRAIN: "Train, wind or rail were not as planned; what samples of 1 s blur is in it as well.",
+    EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
+}

@@ -1,0 +1,1 @@
+"""Recorded drives of one line beside each other, aligned on track position."""

@@ -1,0 +1,1 @@
+"""One page about a recorded drive: figures in words, pictures, where the energy went, and what happened."""

@@ -1,0 +1,203 @@
+"""The pictures of a report: dark on white, with units, for people with any colour vision."""
+
+from __future__ import annotations
+
+import base64
+import io
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from das.domain.units import KM, KMH, KN, kmh, kwh
+from sim.accounts.judging import OVER_MPS
+from sim.report.subject import ReviewedDrive
+from sim.review.light import COLORS, INK, LIMIT, legend, light_figure, named, stops
+from sim.review.limits import limit_in_force
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DRIVEN, ADVISED, OPTIMUM = COLORS[0], COLORS[1], COLORS[2]
+EFFICIENCIES: Final = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
+"""Levels of the efficiency map."""
+SHADES: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
+"""Shades between the levels: light, so that the points stand out."""
+GRID_POINTS: Final = 90
+BAR_IN: Final = 0.28
+
+
+def as_image(figure: Figure) -> str:
+    """A figure as the address of an image that a page holds itself (SVG)."""
+    content = io.BytesIO()
+    figure.savefig(content, format="svg", metadata={"Date": None})
+    return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
+
+
+def speed_figure(subject: ReviewedDrive) -> Figure:
+    """Speed over distance: limit in force, what was advised, the optimum for the same times, and what was driven."""
+    figure, (axis,) = light_figure((3.2,))
+    trip = subject.chronicle.trip
+    at, limit_mps = limit_in_force(subject.recording, trip)
+    if len(at):
+        axis.step(trip.at(at, trip.s_m) / KM, kmh(limit_mps), where="post", color=LIMIT, linewidth=1.0, label="limit")
+    shown = subject.shown
+    if len(shown.time_ns):
+        advised = np.where(shown.shown & (shown.speed_mps > 0), kmh(shown.speed_mps), np.nan)
+        axis.plot(
+            trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.8, label="advised"
+        )
+    for number, leg in enumerate(subject.account.legs if subject.account else ()):
+        run = leg.optimum.trajectory
+        label = "optimum for the same times" if number == 0 else None
+        axis.plot(run.s_m / KM, kmh(run.v_mps), color=OPTIMUM, linewidth=1.1, linestyle="--", label=label)
+    axis.plot(trip.s_m / KM, kmh(trip.speed_mps), color=DRIVEN, linewidth=1.2, label="driven")
+    axis.set_ylim(
+        0.0, 1.1 * max(float(np.nanmax(kmh(limit_mps))) if len(at) else 0.0, kmh(float(trip.speed_mps.max())))
+    )
+    stops(axis, _stops(subject))
+    named(axis, x="Position (km)", y="Speed (km/h)")
+    legend(axis)
+    return figure
+
+
+def cause_figure(subject: ReviewedDrive) -> Figure:
+    """The energy above the optimum by cause, as bars."""
+    assert subject.account is not None
+    parts = sorted(subject.account.by_cause.items(), key=lambda one: one[1])
+    figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
+    values = np.array([kwh(energy_j) for _, energy_j in parts])
+    axis.barh([cause.label for cause, _ in parts], values, color=DRIVEN, height=0.7)
+    reach = max(float(np.abs(values).max(initial=0.0)), 0.1)
+    for row, value in enumerate(values):
+        axis.text(max(value, 0.0) + 0.01 * reach, row, f"{value:+.1f}", va="center", color=INK, fontsize=8.0)
+    axis.set_xlim(min(1.15 * float(values.min(initial=0.0)), 0.0), 1.12 * reach)
+    axis.grid(visible=False, axis="y")
+    named(axis, x="Energy above the optimum for the same times (kWh)")
+    return figure
+
+
+def place_figure(subject: ReviewedDrive) -> Figure:
+    """The energy above the optimum by place: per 100 m, and summed from the start."""
+    assert subject.account is not None
+    figure, (bars, total) = light_figure((1.5, 1.4))
+    before_j = 0.0
+    for leg in subject.account.legs:
+        places = leg.even
+        per_km = kwh(places.lost_more_j) / ((places.end_m - places.start_m) / KM)
+        middle = 0.5 * (places.start_m + places.end_m) / KM
+        wide = (places.end_m - places.start_m) / KM
+        bars.bar(middle, per_km, width=wide, color=np.where(per_km > 0, ADVISED, DRIVEN).tolist(), linewidth=0.0)
+        upto = before_j + np.concatenate(([0.0], np.cumsum(places.lost_more_j)))
+        total.plot(np.concatenate((places.start_m, places.end_m[-1:])) / KM, kwh(upto), color=INK, linewidth=1.2)
+        before_j = float(upto[-1])
+    bars.axhline(0.0, color=INK, linewidth=0.7)
+    for axis in (bars, total):
+        stops(axis, _stops(subject), written=axis is bars)
+    named(bars, y="Lost above the\noptimum (kWh/km)")
+    named(total, x="Position (km)", y="Sum from the\nstart (kWh)")
+    return figure
+
+
+def efficiency_figure(subject: ReviewedDrive) -> Figure:
+    """Wheel force of the motors over speed, on the efficiency of the train's traction chain."""
+    assert subject.account is not None
+    leg = subject.account.legs[0]
+    section, vehicle = leg.optimum.section, subject.account.inputs.vehicle
+    figure, (axis,) = light_figure((3.4,))
+    top_mps = min(
+        vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in subject.account.legs)
+    )
+    speeds = np.linspace(0.5, top_mps, GRID_POINTS)
+    pulls, brakes = vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)
+    shares = np.linspace(0.02, 1.0, GRID_POINTS // 2)
+    for envelope in (pulls, brakes):
+        force_n, speed_mps = shares[:, None] * envelope[None, :], np.broadcast_to(speeds, (len(shares), len(speeds)))
+        if np.abs(envelope).max() > 0:
+            _shade(axis, section, force_n, speed_mps)
+        axis.plot(kmh(speeds), envelope / KN, color=INK, linewidth=1.0)
+    for number, one in enumerate(subject.account.legs):
+        for run, color, label in (
+            (one.optimum.trajectory, OPTIMUM, "optimum for the same times"),
+            (one.energies.trajectory, DRIVEN, "driven"),
+        ):
+            axis.plot(
+                kmh(run.mean_speed_mps()), run.force_el_n / KN, ".", color=color, markersize=3.0, alpha=0.7,
+                label=label if number == 0 else None, rasterized=True,
+            )  # fmt: skip
+    axis.axhline(0.0, color=INK, linewidth=0.7)
+    named(axis, x="Speed (km/h)", y="Force of the motors at the wheels (kN)")
+    legend(axis)
+    for handle in axis.get_legend().legend_handles:
+        handle.set_markersize(8.0)
+    return figure
+
+
+def _shade(axis: Any, section: Any, force_n: Any, speed_mps: Any) -> None:
+    """Shade the efficiency of the chain: what reaches the wheels when pulling, or the collector when braking."""
+    mechanical_w = np.abs(force_n) * speed_mps
+    loss_w = section.loss.loss_w(force_n, np.ascontiguousarray(speed_mps))
+    pulling = force_n[0, 0] > 0
+    efficiency = mechanical_w / (mechanical_w + loss_w) if pulling else (mechanical_w - loss_w) / mechanical_w
+    filled = axis.contourf(
+        kmh(speed_mps), force_n / KN, np.clip(efficiency, 0.0, 1.0), levels=(0.0, *EFFICIENCIES, 1.0), colors=SHADES
+    )
+    if pulling:
+        bar = axis.figure.colorbar(filled, ax=axis, pad=0.01, fraction=0.04)
+        bar.set_label("Efficiency", color=INK, fontsize=8.5)
+        bar.ax.tick_params(labelsize=8.0)
+
+
+def punctuality_figure(subject: ReviewedDrive) -> Figure:
+    """How late the train arrived at and left each stop."""
+    made = [call for call in subject.chronicle.calls if call.reached]
+    figure, (axis,) = light_figure((1.6,))
+    rows = np.arange(len(made))
+    for shift, name, values, color in (
+        (-0.18, "arrival", [call.arrived_late_s for call in made], DRIVEN),
+        (0.18, "departure", [call.departed_late_s for call in made], ADVISED),
+    ):
+        late = np.array(values, dtype=float)
+        axis.bar(rows + shift, late, width=0.34, color=color, label=name)
+        for row, value in enumerate(late):
+            if np.isfinite(value):
+                axis.text(
+                    row + shift, value, f"{value:+.0f}", ha="center", va="bottom" if value >= 0 else "top",
+                    color=INK, fontsize=8.0,
+                )  # fmt: skip
+    axis.axhline(0.0, color=INK, linewidth=0.8)
+    axis.set_xticks(rows, [call.name for call in made])
+    axis.grid(visible=False, axis="x")
+    axis.margins(y=0.25)
+    named(axis, y="Late (s)")
+    legend(axis)
+    return figure
+
+
+def compliance_figure(subject: ReviewedDrive) -> Figure | None:
+    """Driven less shown speed over distance; None where no speed was shown."""
+    shown, trip = subject.shown, subject.chronicle.trip
+    given = shown.comparable
+    if not given.any():
+        return None
+    figure, (axis,) = light_figure((1.6,))
+    at = shown.time_ns
+    apart = np.where(given, kmh(trip.at(at, trip.speed_mps) - shown.speed_mps), np.nan)
+    over = OVER_MPS / KMH
+    axis.axhspan(-over, over, color=COLORS[4], alpha=0.25, linewidth=0.0, label=f"within {over:.0f} km/h")
+    axis.plot(trip.at(at, trip.s_m) / KM, apart, color=DRIVEN, linewidth=1.0, label="driven less shown")
+    axis.set_ylim(*_usual(apart[np.isfinite(apart)]))
+    stops(axis, _stops(subject), written=False)
+    named(axis, x="Position (km)", y="Driven less\nshown (km/h)")
+    legend(axis)
+    return figure
+
+
+def _usual(values: Any) -> tuple[float, float]:
+    """An axis that holds nearly all values: a few seconds around stops are far away."""
+    low, high = np.percentile(values, (1.0, 99.0)) if len(values) else (0.0, 0.0)
+    reach = max(abs(float(low)), abs(float(high)), 4.0)
+    return -1.1 * reach, 1.1 * reach
+
+
+def _stops(subject: ReviewedDrive) -> list[tuple[str, float]]:
+    return [(call.name, call.s_m) for call in subject.chronicle.calls if call.reached]

@@ -1,0 +1,52 @@
+"""A recorded drive with everything that is found out about it once, for the page and for programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from das.bus.recording import Recording, read_recording
+from das.domain.errors import DasError
+from sim.accounts.account import Account, account_of
+from sim.accounts.likely import LikelyRange, likely_range
+from sim.accounts.shown import ShownAdvice
+from sim.events.chronicle import Chronicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReviewedDrive:
+    """What a report is about. `account` is None where the energy cannot be accounted for; `why_not` says why.
+
+    `likely` is the range of the energy above the optimum where it is estimated; None where it was measured, or was not
+    asked for a drive of many legs.
+    """
+
+    recording: Recording
+    chronicle: Chronicle
+    account: Account | None
+    why_not: str
+    likely: LikelyRange | None
+    shown: ShownAdvice
+
+    @property
+    def name(self) -> str:
+        """What the drive is called on the page."""
+        return self.recording.path.stem
+
+
+def subject_of(path: Path) -> ReviewedDrive:
+    """Read a recording and find out about its drive; DasError for one that has no positions."""
+    recording = read_recording(path)
+    account, why_not = None, ""
+    try:
+        account = account_of(recording)
+    except DasError as error:
+        why_not = str(error).removeprefix(f"{path}: ")
+    return ReviewedDrive(
+        recording=recording,
+        chronicle=Chronicle.of(recording),
+        account=account,
+        why_not=why_not,
+        likely=None if account is None else likely_range(account),
+        shown=ShownAdvice.of(recording),
+    )

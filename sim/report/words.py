@@ -1,0 +1,286 @@
+"""The drive in plain words and in tables: what the page says besides its pictures."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import numpy as np
+
+from das.bus import topics
+from das.domain.units import KM, NS, kmh, kwh
+from sim.accounts.account import Account
+from sim.accounts.causes import EnergyCause
+from sim.accounts.judging import OVER_MPS
+from sim.accounts.rows import seconds_by_cause, worst_places
+from sim.events.advice_events import place_text
+from sim.events.clock import minutes, spell
+from sim.events.event import DriveEvent, EventKind, Filter
+from sim.report.subject import ReviewedDrive
+from sim.review.summary import readable
+
+MAIN_CAUSES: Final = 3
+"""Causes that the paragraph names."""
+NAMED_KWH: Final = 0.1
+"""A cause of less than this is not named in the paragraph."""
+TOLD: Final = tuple(
+    kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
+)
+"""The kinds of events that the page lists; it counts the others."""
+
+Row = dict[str, Any]
+
+
+def paragraph(subject: ReviewedDrive) -> str:
+    """The figures of a drive in a few sentences."""
+    cut = (
+        [] if subject.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
+    )
+    return " ".join([*cut, *_ran(subject), *_took(subject), *_kept(subject)])
+
+
+def _ran(subject: ReviewedDrive) -> list[str]:
+    """When the train ran from where to where, and how late it was."""
+    chronicle, trip = subject.chronicle, subject.chronicle.trip
+    clock, served = chronicle.clock, [call for call in chronicle.calls if call.stand is not None]
+    day = f"{datetime.fromtimestamp(clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
+    km = (float(trip.s_m[-1]) - float(trip.s_m[0])) / KM
+    if len(served) < 2 or not served[0].departed_ns or not served[-1].arrived_ns:
+        lasted = spell(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
+        return [f"The recording of {subject.recording.train} on {day} covers {km:.1f} km in {lasted}."]
+    first, last = served[0], served[-1]
+    km = (last.s_m - first.s_m) / KM
+    ran = spell((last.arrived_ns - first.departed_ns) * NS)
+    told = [
+        f"On {day}, {subject.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
+        f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
+        f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
+    ]
+    missed = [call.name for call in chronicle.calls if call.stand is None and call.reached]
+    return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else [])]
+
+
+def _late(late_s: float) -> str:
+    if math.isnan(late_s):
+        return ""
+    return " (on time)" if abs(late_s) < 0.5 else f" ({abs(late_s):.0f} s {'late' if late_s > 0 else 'early'})"
+
+
+def _took(subject: ReviewedDrive) -> list[str]:
+    """How much energy the drive took, how much more than the best, and why."""
+    account = subject.account
+    if account is None:
+        return [f"Where its energy went cannot be said: {subject.why_not}."]
+    driven, more = kwh(account.driven_j), kwh(account.difference_j)
+    how = "It drew" if account.measured else "By its positions it drew about"
+    above = (
+        f"{abs(more):.1f} kWh ({abs(more / driven):.0%}) {'more' if more >= 0 else 'less'} than"
+        if driven
+        else "against"
+    )
+    told = [
+        f"{how} {driven:.1f} kWh at the current collector, {above} the best possible drive with the same departures "
+        f"and arrivals, which knew of no signal and no temporary restriction."
+    ]
+    if subject.likely is not None:
+        low, high = kwh(subject.likely.low_j), kwh(subject.likely.high_j)
+        told.append(f"Mass, resistance and wind are not known; likely it was {low:.0f} to {high:.0f} kWh more.")
+        if not math.isnan(subject.likely.by_friction_j):
+            told.append(f"If the train braked by friction alone, it was {kwh(subject.likely.by_friction_j):.0f} kWh.")
+    named = sorted(account.by_cause.items(), key=lambda one: -one[1])[:MAIN_CAUSES]
+    words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
+    if words:
+        told.append(f"Most of that is: {', '.join(words)}.")
+    worst = worst_places(account, 1)
+    if worst and kwh(worst[0][2]) >= NAMED_KWH:
+        told.append(f"The most was lost between {worst[0][0]}: {kwh(worst[0][2]):.1f} kWh.")
+    return told
+
+
+def _kept(subject: ReviewedDrive) -> list[str]:
+    """How limits and advice were kept."""
+    events = subject.chronicle.events
+    over = [one for one in events if one.kind is EventKind.OVERSPEED]
+    told = []
+    if over:
+        worst = max(one.facts["over_kmh"] for one in over)
+        lasted = sum(one.facts["lasted_s"] for one in over)
+        told.append(
+            f"The train was above the limit {_times(len(over))}, for {lasted:.0f} s in all, by up to {worst:.0f} km/h."
+        )
+    else:
+        told.append("It kept every limit.")
+    followed = compliance(subject)
+    if followed is not None:
+        told.append(
+            f"While a speed was shown, it drove within {kmh(OVER_MPS):.0f} km/h of it {followed:.0%} of the time."
+        )
+    gone = [one for one in events if one.kind is EventKind.WITHDRAWAL]
+    if gone:
+        lasted = sum(one.facts["lasted_s"] for one in gone)
+        told.append(f"Advice was withdrawn {_times(len(gone))}, for {lasted:.0f} s in all.")
+    return told
+
+
+def _times(count: int) -> str:
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def compliance(subject: ReviewedDrive) -> float | None:
+    """Share of the time with a shown speed to keep in which the train was within 2 km/h of it, or below a top speed."""
+    shown, trip = subject.shown, subject.chronicle.trip
+    speed_mps = trip.at(shown.time_ns, trip.speed_mps)
+    given = shown.comparable & (speed_mps > 1.0)
+    if not given.any():
+        return None
+    apart_mps = (speed_mps - shown.speed_mps)[given]
+    apart_mps = np.where(shown.top_only[given], np.maximum(apart_mps, 0.0), apart_mps)
+    return float((np.abs(apart_mps) <= OVER_MPS).mean())
+
+
+def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
+    """The figures of a drive, by name."""
+    account, events = subject.account, subject.chronicle.events
+    rows: list[tuple[str, str]] = []
+    if account is not None:
+        recovered = [leg.recovered_j for leg in account.legs if leg.recovered_j is not None]
+        early = [leg.early_j for leg in account.legs if leg.early_j is not None]
+        rows += [
+            ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
+            ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
+            ("above that optimum", f"{kwh(account.difference_j):+.1f} kWh"),
+        ]
+        if recovered:
+            rows.append(("price of late departures, in the optimum", f"{kwh(sum(recovered)):+.1f} kWh"))
+            rows.append(("price of early arrivals, in the optimum", f"{kwh(sum(early)):+.1f} kWh"))
+    for one in () if subject.likely is None else subject.likely.unknowns:
+        spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
+        rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
+    followed = compliance(subject)
+    if followed is not None:
+        rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))
+    answers = [one.facts for one in events if one.kind is EventKind.DRIVER]
+    if answers:
+        seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
+        rows.append(("changes of advice that were followed", f"{len(seconds)} of {len(answers)}"))
+        if seconds:
+            rows.append(("median answer", f"{float(np.median(seconds)):.0f} s"))
+    return rows
+
+
+def stop_rows(subject: ReviewedDrive) -> list[Row]:
+    """How every stop was kept."""
+    clock = subject.chronicle.clock
+
+    def at(time_ns: int) -> str:
+        return clock.of_day(time_ns) if time_ns else ""
+
+    def late(late_s: float) -> str:
+        return "" if math.isnan(late_s) else f"{late_s:+.0f} s"
+
+    return [
+        {
+            "name": call.name,
+            "place": place_text(call.s_m),
+            "due": at(call.due_arrival_ns),
+            "arrived": at(call.arrived_ns) if index else "",
+            "arrived_late": late(call.arrived_late_s),
+            "leaves": at(call.due_departure_ns),
+            "departed": at(call.departed_ns) if index < len(subject.chronicle.calls) - 1 else "",
+            "departed_late": late(call.departed_late_s),
+            "remark": "" if call.stand else ("passed without stopping" if call.reached else "not reached"),
+        }
+        for index, call in enumerate(subject.chronicle.calls)
+    ]
+
+
+def cause_rows(account: Account) -> list[Row]:
+    """Every cause with its energy, its share, how long it went on and what it means."""
+    lasted, whole_j = seconds_by_cause(account), account.difference_j
+    always = (EnergyCause.FRICTION, EnergyCause.TRAIN)
+    return [
+        {
+            "label": cause.label,
+            "kwh": f"{kwh(energy_j):+.1f}",
+            "share": f"{energy_j / whole_j:.0%}" if kwh(abs(whole_j)) >= 1.0 else "",
+            "time": "" if cause in always else minutes(lasted.get(cause, 0.0)),
+            "meaning": cause.meaning,
+        }
+        for cause, energy_j in sorted(account.by_cause.items(), key=lambda one: -one[1])
+    ]
+
+
+def leg_rows(account: Account) -> list[Row]:
+    """Every leg with its times and energies."""
+    return [
+        {
+            "name": f"{leg.leg.start.name} – {leg.leg.end.name}",
+            "time": minutes(leg.leg.trip_s),
+            "timetable": "" if leg.leg.timetable_s is None else minutes(leg.leg.timetable_s),
+            "driven": f"{kwh(leg.driven_j):.1f}",
+            "optimum": f"{kwh(leg.optimum_j):.1f}",
+            "more": f"{kwh(leg.driven_j - leg.optimum_j):+.1f}",
+            "late": "" if leg.recovered_j is None else f"{kwh(leg.recovered_j):+.1f}",
+            "early": "" if leg.early_j is None else f"{kwh(leg.early_j):+.1f}",
+        }
+        for leg in account.legs
+    ]
+
+
+def event_rows(subject: ReviewedDrive) -> list[Row]:
+    """What happened: everything but the single changes of the advice, and answers that were as they should be."""
+    told = Filter(kinds=TOLD).choose(subject.chronicle.events)
+    unanswered = [one for one in subject.chronicle.events if one.kind is EventKind.DRIVER and not one.facts["followed"]]
+    clock = subject.chronicle.clock
+    found = sorted([*told, *unanswered], key=lambda one: one.time_ns)
+    return [
+        {
+            "time": clock.shown(one.time_ns),
+            "utc": clock.of_day(one.time_ns),
+            "place": place_text(one.s_m),
+            "kind": str(one.kind),
+            "text": one.text,
+        }
+        for one in found
+    ]
+
+
+def left_out(subject: ReviewedDrive) -> str:
+    """How many events the page does not list, in words."""
+    counts = {
+        kind: sum(one.kind is kind for one in subject.chronicle.events) for kind in (EventKind.ADVICE, EventKind.REPLAN)
+    }
+    return f"{counts[EventKind.ADVICE]} changes of the advice and {counts[EventKind.REPLAN]} new plans"
+
+
+def notes(subject: ReviewedDrive) -> list[DriveEvent]:
+    """The notes of people."""
+    return [one for one in subject.chronicle.events if one.kind is EventKind.NOTE]
+
+
+def health_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
+    """How far the recording can be trusted, as far as the recording itself says."""
+    recording = subject.recording
+    counts = {topic: len(recording.of(topic)) for topic in recording.topics}
+    status = recording.of(topics.STATUS)
+    return [
+        ("complete", "yes" if recording.complete else "no: it was cut off, and holds what was written before"),
+        ("messages", ", ".join(f"{topic} {count}" for topic, count in counts.items())),
+        ("energies", "measured" if subject.account and subject.account.measured else "estimated from positions"),
+        *([("node", f"version {status[-1].message.version}")] if status else []),
+        *([("also recorded", ", ".join(recording.trains[1:]))] if len(recording.trains) > 1 else []),
+    ]
+
+
+def input_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
+    """What the drive was made from: metadata, hashes and files."""
+    rows = [
+        readable(key, value)
+        for entries in subject.recording.metadata.values()
+        for key, value in entries.items()
+        if key != "drawn"
+    ]
+    if subject.account is not None:
+        rows.append(("line and train of this page", subject.account.inputs.source))
+    return [*rows, ("attached files", ", ".join(subject.recording.attachments) or "none")]

@@ -1,0 +1,96 @@
+"""Pictures for paper: dark on white, colours that colour-blind people tell apart, units on every axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from das.domain.units import KM, kmh, kwh
+
+if TYPE_CHECKING:
+    from sim.compare.aligned import AlignedDrives
+
+COLORS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+"""Colours of Okabe and Ito, which people with any colour vision tell apart; lines differ in style as well."""
+LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
+INK, GRID, LIMIT = "#222222", "#d9d9d9", "#8c1d18"
+WIDTH_IN: Final = 9.0
+TEXT_POINTS: Final = 8.5
+
+
+def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
+    """A figure with axes of these heights (in) under each other, which share their horizontal axis."""
+    figure = Figure(figsize=(WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    ratios = list(heights_in)
+    axes = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0].tolist()
+    for axis in axes:
+        plain(axis)
+    return figure, axes
+
+
+def plain(axis: Any) -> None:
+    """Make an axis dark on white, with a light grid behind everything."""
+    axis.grid(color=GRID, linewidth=0.6)
+    axis.set_axisbelow(True)
+    axis.tick_params(colors=INK, labelsize=TEXT_POINTS)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+
+
+def named(axis: Any, *, x: str = "", y: str = "") -> None:
+    """Name the axes of a picture, with their units."""
+    if x:
+        axis.set_xlabel(x, color=INK, fontsize=TEXT_POINTS)
+    if y:
+        axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
+
+
+def legend(axis: Any, columns: int = 4) -> None:
+    """Draw the legend above the axis, where no curve lies under it."""
+    handles = axis.get_legend_handles_labels()[0]
+    if handles:
+        axis.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False, fontsize=TEXT_POINTS,
+            labelcolor=INK, borderaxespad=0.2, handlelength=2.4,
+        )  # fmt: skip
+
+
+def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = True) -> None:
+    """Mark stops (name, position in m), with their names at the top of the axis if they are to be written."""
+    for name, s_m in places:
+        axis.axvline(s_m / KM, color=INK, linewidth=0.6, alpha=0.4)
+        if written:
+            axis.text(
+                s_m / KM, 0.99, f" {name}", transform=axis.get_xaxis_transform(), rotation=90, ha="right", va="top",
+                color=INK, fontsize=TEXT_POINTS - 1.5,
+            )  # fmt: skip
+
+
+def comparison_figure(aligned: AlignedDrives) -> Figure:
+    """Drives beside each other over the track: speeds, and time and energy more than the first drive."""
+    figure, (speed, time, energy) = light_figure((2.6, 1.5, 1.5))
+    at_km = aligned.s_m / KM
+    speed.plot(at_km, kmh(aligned.limit_mps), color=LIMIT, linewidth=1.0, label="limit")
+    for i, drive in enumerate(aligned.drives):
+        style = {"color": COLORS[i % len(COLORS)], "linestyle": LINES[i % len(LINES)], "linewidth": 1.3}
+        speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)
+        if i:
+            time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)
+            energy.plot(at_km, kwh(aligned.lost_j[i] - aligned.lost_j[0]), **style)
+    for axis in (time, energy):
+        axis.axhline(0.0, color=COLORS[0], linewidth=1.0)
+    legs = aligned.drives[0].legs
+    places = [(legs[0].start.name, legs[0].start.s_m), *((leg.end.name, leg.end.s_m) for leg in legs)]
+    for axis in (speed, time, energy):
+        stops(axis, places, written=axis is time)
+    speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
+    named(speed, y="Speed (km/h)")
+    named(time, y="Later than\nthe first (s)")
+    named(energy, y="Lost more than\nthe first (kWh)", x="Position (km)")
+    legend(speed)
+    return figure

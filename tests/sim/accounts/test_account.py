@@ -1,0 +1,134 @@
+"""Where the energy went: the parts sum to the ledger's difference, and planted faults are found."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from sim.accounts.account import Account, account_of
+from sim.accounts.causes import LABELS, MEANINGS, EnergyCause
+from sim.accounts.rows import as_dict, worst_places
+from sim.drivers.cab import Driver
+from sim.drivers.perfect import PerfectDriver
+from sim.world.day import Day, make_day
+from sim.world.scenario import load_scenario, read_scenario
+from sim.world.service import prepare_service
+from tests.support.recorded_days import BrakesByFriction, CoastsLate, DrivesFaster, inputs_of_day, recorded_day
+
+FIVE_KMH = 5.0 / 3.6
+SCENARIO = """
+schema_version = 1
+[scenario]
+id = "short"
+title = "Short"
+route = "flat-6km"
+vehicle = "re460-ic"
+[timetable]
+buffer_percent = 10
+{more}
+"""
+
+
+@cache
+def clear_day() -> Day:
+    return make_day(prepare_service(load_scenario("clear-day")), 1)
+
+
+@cache
+def faultless() -> Account:
+    return account(clear_day(), PerfectDriver(clear_day().service.line))
+
+
+def account(day: Day, driver: Driver) -> Account:
+    return account_of(recorded_day(day, driver), inputs_of_day(day))
+
+
+def short_day(folder: Path, more: str = "") -> Day:
+    path = folder / "short.toml"
+    path.write_text(SCENARIO.format(more=more), encoding="utf-8")
+    return make_day(prepare_service(read_scenario(path)), 1)
+
+
+def check_sums(found: Account) -> None:
+    for leg in found.legs:
+        difference_j = leg.driven_j - leg.optimum_j
+        allowed_j = 1e-3 * abs(leg.driven_j)
+        assert sum(leg.by_cause.values()) == pytest.approx(difference_j, abs=1e-6 * allowed_j + 1.0)
+        for places in (leg.even, leg.by_limit):
+            assert float(places.lost_more_j.sum()) == pytest.approx(difference_j, abs=1.0)
+            assert float(places.driven_j.sum()) == pytest.approx(leg.driven_j, abs=1.0)
+            assert float(places.driven_s.sum()) == pytest.approx(leg.leg.trip_s)
+            np.testing.assert_array_equal(places.start_m[1:], places.end_m[:-1])
+
+
+@pytest.mark.slow
+def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
+    found = faultless()
+    check_sums(found)
+    assert abs(found.difference_j) < 1e-3 * found.driven_j
+    assert all(abs(energy_j) < 1e-3 * found.driven_j for energy_j in found.by_cause.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        (lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
+        (BrakesByFriction, EnergyCause.FRICTION),
+        (lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE),
+    ],
+    ids=["coasts-late", "friction", "faster"],
+)
+def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault: type, cause: EnergyCause) -> None:
+    found = account(clear_day(), fault(PerfectDriver(clear_day().service.line)))
+    check_sums(found)
+    assert found.by_cause[cause] >= 0.9 * found.difference_j
+    # And by as much more than without the fault, within what the figures hold.
+    more_j = found.difference_j - faultless().difference_j
+    assert found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) == pytest.approx(more_j, rel=0.12)
+
+
+def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
+    signal = "[[disturbances]]\nkind = 'signal-stop'\nat_m = 3000\nseen_m = 900\nclears_after_s = 90\n"
+    day = short_day(tmp_path, signal)
+    found = account(day, PerfectDriver(day.service.line))
+    check_sums(found)
+    parts = found.by_cause
+    assert parts[EnergyCause.SIGNAL] > 0.3 * found.difference_j
+    blamed = parts.get(EnergyCause.AGAINST_ADVICE, 0.0) + parts.get(EnergyCause.LATE_COASTING, 0.0)
+    assert blamed < 0.1 * found.difference_j
+
+
+def test_a_train_that_is_heavier_than_planned_is_told_apart(tmp_path: Path) -> None:
+    day = short_day(tmp_path, "[truth]\nmass_ratio = 1.1\n")
+    heavier = account(day, PerfectDriver(day.service.line))
+    check_sums(heavier)
+    assert heavier.by_cause[EnergyCause.TRAIN] > 0.4 * heavier.difference_j
+
+
+def test_the_rows_for_programs_have_every_place_and_cause(tmp_path: Path) -> None:
+    day = short_day(tmp_path)
+    found = account(day, DrivesFaster(PerfectDriver(day.service.line), FIVE_KMH))
+    rows = as_dict(found)
+    (leg,) = rows["legs"]
+    assert sum(leg["by_cause_kwh"].values()) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
+    assert len(leg["per_100_m"]) == 60
+    assert sum(row["lost_more_kwh"] for row in leg["per_100_m"]) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
+    assert worst_places(found)[0][2] > 0
+
+
+def test_every_cause_has_its_words() -> None:
+    assert set(LABELS) == set(MEANINGS) == set(EnergyCause)
+
+
+def test_a_recording_without_a_journey_is_refused() -> None:
+    nothing = Recording(
+        path=Path("x.mcap"), train="t", trains=("t",), messages={}, metadata={}, attachments=(), complete=True
+    )
+    with pytest.raises(DasError, match="holds no journey"):
+        account_of(nothing)

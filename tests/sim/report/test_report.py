@@ -1,0 +1,141 @@
+"""A report is one page that holds everything itself; it says what the drive was, and why where it cannot."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pytest
+
+from das.domain.errors import DasError
+from sim.accounts.account import account_of
+from sim.accounts.shown import ShownAdvice
+from sim.drivers.cab import Driver
+from sim.drivers.perfect import PerfectDriver
+from sim.events.chronicle import Chronicle
+from sim.report import words
+from sim.report.page import as_dict, compared, page
+from sim.report.printing import write_pdf
+from sim.report.subject import ReviewedDrive, subject_of
+from sim.world.day import Day, make_day
+from sim.world.scenario import read_scenario
+from sim.world.service import prepare_service
+from tests.support.flat_days import FLAT
+from tests.support.making import das_sim
+from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
+from tests.support.recordings import write_recording
+
+BUNDLED = Path(__file__).parents[3] / "recordings" / "zurich-zug-late.mcap"
+
+
+@cache
+def day() -> Day:
+    path = Path(mkdtemp()) / "flat.toml"
+    path.write_text(FLAT, encoding="utf-8")
+    return make_day(prepare_service(read_scenario(path)), 1)
+
+
+def subject(driver: Driver, name: str) -> ReviewedDrive:
+    recording = replace(recorded_day(day(), driver), path=Path(f"{name}.mcap"))
+    return ReviewedDrive(
+        recording=recording,
+        chronicle=Chronicle.of(recording),
+        account=account_of(recording, inputs_of_day(day())),
+        why_not="",
+        likely=None,
+        shown=ShownAdvice.of(recording),
+    )
+
+
+@cache
+def fast() -> ReviewedDrive:
+    return subject(DrivesFaster(PerfectDriver(day().service.line), 3.0), "fast")
+
+
+def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
+    text = words.paragraph(fast())
+    account = fast().account
+    assert account is not None
+    assert "ran the 6.0 km from" in text
+    assert f"It drew {account.driven_j / 3.6e6:.1f} kWh" in text
+    assert "against the advice" in text
+    assert "kept every limit" in text
+
+
+def test_the_page_needs_nothing_besides_itself() -> None:
+    html = page([fast()], None, "")
+    assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)
+    assert not re.findall(r"url\(|@import|<script|http://|https://", html)
+    assert html.count("<figure>") == 6
+    for part in ("Punctuality", "Where the energy went", "What happened", "Notes", "Health", "What it was made from"):
+        assert part in html
+
+
+def test_what_people_wrote_cannot_become_markup(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "drive.mcap", seconds=120)
+    das_sim("note", path.name, "--at", "0:20", "<script>alert(1)</script>", cwd=tmp_path)
+    html = page([subject_of(path)], None, "")
+    assert "<script>" not in html
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+
+
+def test_without_line_and_train_the_page_says_why_there_is_no_energy(tmp_path: Path) -> None:
+    found = subject_of(write_recording(tmp_path / "drive.mcap", seconds=120))
+    assert found.account is None
+    assert "Where the energy went cannot be said: its route" in page([found], None, "")
+
+
+def test_a_recording_that_was_cut_off_is_said_to_be(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "drive.mcap", seconds=120)
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+    assert "The recording was cut off" in words.paragraph(subject_of(path))
+
+
+def test_drives_of_other_lines_are_not_compared_and_it_is_said(tmp_path: Path) -> None:
+    paths = [write_recording(tmp_path / f"{name}.mcap", seconds=120) for name in "ab"]
+    subjects = [subject_of(path) for path in paths]
+    aligned, why_not = compared(subjects)
+    assert aligned is None
+    assert "The drives are not compared" in page(subjects, aligned, why_not)
+    assert as_dict(subjects, aligned, why_not)["not_compared"] == why_not
+
+
+def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_path: Path) -> None:
+    done = das_sim("report", str(BUNDLED), "-o", "report.html", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (drive,) = json.loads(done.stdout)["drives"]
+    energy = drive["energy"]
+    assert energy["measured"] is False
+    assert sum(energy["by_cause_kwh"].values()) == pytest.approx(energy["above_optimum_kwh"], abs=1e-6)
+    low, high = drive["likely_above_optimum_kwh"]
+    assert low < energy["above_optimum_kwh"] < high
+    assert "By its positions it drew about" in drive["in_words"]
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("-o", "report.txt"), "ends in .html"),
+        (("--pdf", "report.html"), "ends in .pdf"),
+        (("-o", "none/report.html"), "no such folder"),
+    ],
+)
+def test_outputs_that_cannot_be_are_refused_before_the_work(
+    tmp_path: Path, args: tuple[str, ...], message: str
+) -> None:
+    done = das_sim("report", str(BUNDLED), *args, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+def test_without_a_browser_there_is_no_pdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(DasError, match="none is installed"):
+        write_pdf("<p>page</p>", tmp_path / "page.pdf")

@@ -1,0 +1,122 @@
+"""Days driven in the test's own process and kept as a recording in memory, and drivers with one planted fault each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from das.advice.modes import Mode
+from das.bus import codec
+from das.bus.recording import Recording, Stamped
+from das.bus.topics import CAB, LOG, TRUTH
+from das.cab.heard import Heard
+from sim.accounts.inputs import DriveInputs
+from sim.drivers.cab import AdviceView, CabView, Driver, Presentation
+from sim.plant.plant import Command, speed
+from sim.processes.messages import happened
+from sim.world.day import Day
+from sim.world.in_process import TRAIN, InProcess
+from sim.world.link import Tick, Told
+from sim.world.loop import BEFORE_S, World
+from sim.world.over_bus import _cab, _truth
+
+
+class KeptInProcess(InProcess):
+    """The advice without a bus, with everything kept that a recorder would write."""
+
+    def __init__(self, day: Day, *, coach: bool = False) -> None:
+        self.day = day
+        self.messages: dict[str, list[Stamped]] = {}
+        super().__init__(day.service, coach=coach)
+        self._keep(
+            *codec.told(day.service.journey(TRAIN, day.service.moment_ns(-BEFORE_S))), day.service.moment_ns(-BEFORE_S)
+        )
+
+    def exchange(self, tick: Tick) -> Any:
+        for heard in tick.told:
+            self._keep_told(heard, tick.now_ns)
+        advice = super().exchange(tick)
+        for output in (*self.said, advice):
+            self._keep(*codec.said(output, tick.number), tick.now_ns)
+        return advice
+
+    def tell(self, now_ns: int, told: Told) -> None:
+        self._keep(TRUTH, _truth(self.day, now_ns, told), now_ns)
+        self._keep(CAB, _cab(self.day, now_ns, told), now_ns)
+        for text in told.events:
+            self._keep(LOG, happened(now_ns, text), now_ns)
+
+    def _keep_told(self, heard: Heard, now_ns: int) -> None:
+        self._keep(*codec.told(heard), now_ns)
+
+    def _keep(self, topic: Any, message: Any, now_ns: int) -> None:
+        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
+
+
+def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presentation.VECTOR) -> Recording:
+    """Drive a day and return what a recorder would have written, without the attached files."""
+    link = KeptInProcess(day, coach=presentation is Presentation.COACH)
+    World(day, driver, presentation, link).run()
+    return Recording(
+        path=Path("day.mcap"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,
+        messages={name: tuple(entries) for name, entries in link.messages.items()},
+        metadata={"run": {"kind": "run", "level": str(day.service.level)}},
+    )  # fmt: skip
+
+
+def inputs_of_day(day: Day) -> DriveInputs:
+    """Line and train of a day, which a recording in memory does not hold."""
+    service = day.service
+    return DriveInputs(route=service.route, vehicle=service.vehicle, level=service.level, source="the day's")
+
+
+class CoastsLate:
+    """Follows as another driver does, but holds the speed for a while when coasting is first advised."""
+
+    def __init__(self, follower: Driver, late_s: float) -> None:
+        self._follower, self._late_s = follower, late_s
+        self._since_s: float | None = None
+        self._held_mps = 0.0
+
+    def command(self, cab: CabView) -> Command:
+        wanted = self._follower.command(cab)
+        view = cab.shown
+        if view is None or view.mode not in (Mode.COAST, Mode.REDUCED_BRAKE):
+            self._since_s = None
+            return wanted
+        if self._since_s is None:
+            self._since_s = cab.time_s if view.mode == Mode.COAST else -1e9
+            self._held_mps = cab.speed_mps
+        late = cab.time_s - self._since_s < self._late_s and view.mode == Mode.COAST
+        return speed(min(self._held_mps, cab.limit_mps)) if late else wanted
+
+
+class BrakesByFriction:
+    """Follows as another driver does, and lets the friction brake do all the braking."""
+
+    def __init__(self, follower: Driver) -> None:
+        self._follower = follower
+
+    def command(self, cab: CabView) -> Command:
+        return self._follower.command(cab)._replace(friction_ratio=1.0)
+
+
+class DrivesFaster:
+    """Follows as another driver does, but above the advised speed where that is one to hold or to reach."""
+
+    def __init__(self, follower: Driver, over_mps: float, from_mps: float = 15.0) -> None:
+        self._follower, self._over_mps, self._from_mps = follower, over_mps, from_mps
+
+    def command(self, cab: CabView) -> Command:
+        view = cab.shown
+        if view is None or view.mode not in (Mode.CRUISE, Mode.REDUCED_TRACTION) or view.speed_mps < self._from_mps:
+            return self._follower.command(cab)
+        return self._follower.command(cab._replace(advice=self._raised(view)))
+
+    def _raised(self, view: AdviceView) -> AdviceView:
+        raised: Callable[[float], float] = lambda v: v + self._over_mps  # noqa: E731
+        return replace(
+            view, speed_mps=raised(view.speed_mps), horizon_speed_mps=tuple(map(raised, view.horizon_speed_mps))
+        )
