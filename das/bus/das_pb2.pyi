@@ -1288,6 +1288,81 @@ class Controls(_message.Message):
 Global___Controls: _TypeAlias = Controls  # noqa: Y015
 
 @_typing.final
+class Decision(_message.Message):
+    """What a simulated human driver did or decided, once for each (sim/<train>/decision); sent at the next second."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    class _Kind:
+        ValueType = _typing.NewType("ValueType", _builtins.int)
+        V: _TypeAlias = ValueType  # noqa: Y015
+
+    class _KindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[Decision._Kind.ValueType], _builtins.type):
+        DESCRIPTOR: _descriptor.EnumDescriptor
+        KIND_UNSPECIFIED: Decision._Kind.ValueType  # 0
+        KIND_GLANCE: Decision._Kind.ValueType  # 1
+        """looked at the display; value: the mode that it shows, 0 for none"""
+        KIND_NOTICED: Decision._Kind.ValueType  # 2
+        """saw that the advice is new; value: its mode, 0 where advice has gone"""
+        KIND_REACTION: Decision._Kind.ValueType  # 3
+        """value: how long the reaction takes that begins now, s"""
+        KIND_FOLLOWED: Decision._Kind.ValueType  # 4
+        """decided to follow what was noticed; value: its mode"""
+        KIND_REFUSED: Decision._Kind.ValueType  # 5
+        """decided not to; value: its mode"""
+        KIND_ACTED: Decision._Kind.ValueType  # 6
+        """took the decision up; value: 1 follows the advice, 0 drives by himself"""
+        KIND_LAPSE: Decision._Kind.ValueType  # 7
+        """attention went away; value: for how long, s, if no warning ends it"""
+        KIND_LEVER: Decision._Kind.ValueType  # 8
+        """began to move a controller that had stood still; value: the setting that is meant, -1 to 1"""
+        KIND_CHANGED: Decision._Kind.ValueType  # 9
+        """noticed other advice before he had acted on the one before; value: the mode that was given up"""
+
+    class Kind(_Kind, metaclass=_KindEnumTypeWrapper): ...
+    KIND_UNSPECIFIED: Decision.Kind.ValueType  # 0
+    KIND_GLANCE: Decision.Kind.ValueType  # 1
+    """looked at the display; value: the mode that it shows, 0 for none"""
+    KIND_NOTICED: Decision.Kind.ValueType  # 2
+    """saw that the advice is new; value: its mode, 0 where advice has gone"""
+    KIND_REACTION: Decision.Kind.ValueType  # 3
+    """value: how long the reaction takes that begins now, s"""
+    KIND_FOLLOWED: Decision.Kind.ValueType  # 4
+    """decided to follow what was noticed; value: its mode"""
+    KIND_REFUSED: Decision.Kind.ValueType  # 5
+    """decided not to; value: its mode"""
+    KIND_ACTED: Decision.Kind.ValueType  # 6
+    """took the decision up; value: 1 follows the advice, 0 drives by himself"""
+    KIND_LAPSE: Decision.Kind.ValueType  # 7
+    """attention went away; value: for how long, s, if no warning ends it"""
+    KIND_LEVER: Decision.Kind.ValueType  # 8
+    """began to move a controller that had stood still; value: the setting that is meant, -1 to 1"""
+    KIND_CHANGED: Decision.Kind.ValueType  # 9
+    """noticed other advice before he had acted on the one before; value: the mode that was given up"""
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    KIND_FIELD_NUMBER: _builtins.int
+    VALUE_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    """when it happened"""
+    kind: Global___Decision.Kind.ValueType
+    value: _builtins.float
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        kind: Global___Decision.Kind.ValueType = ...,
+        value: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["kind", b"kind", "time_ns", b"time_ns", "value", b"value"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Decision: _TypeAlias = Decision  # noqa: Y015
+
+@_typing.final
 class Measures(_message.Message):
     """How restless the advice was that the driver of a run was shown, once at its end (sim/<train>/measures);
     docs/reference/batch-table.md defines the measures.

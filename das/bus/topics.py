@@ -54,6 +54,7 @@ TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, publisher=
 LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, publisher="simulator")
 CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simulator")
 CONTROLS: Final = Topic(name="controls", root="sim", message=das_pb2.Controls, publisher="driver", recorded=False)
+DECISION: Final = Topic(name="decision", root="sim", message=das_pb2.Decision, publisher="simulator")
 MEASURES: Final = Topic(name="measures", root="sim", message=das_pb2.Measures, publisher="simulator")
 LOG: Final = Topic(name="log", root="sim", message=Log, publisher="simulator")
 RECORDER: Final = Topic(
@@ -77,6 +78,7 @@ TOPICS: Final = (
     LOCATION,
     CAB,
     CONTROLS,
+    DECISION,
     MEASURES,
     LOG,
     RECORDER,

@@ -60,6 +60,7 @@ def write_table(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 SCHEMA_NAMES = (
     *("seed", *TEXTS, *COUNTS, *FIGURES, *TRUTHS, "stops"),
     *(f"stop_{name}" for name in STOP_COLUMNS),
+    *("decision_time_s", "decision_what", "decision_value"),
 )
 
 
@@ -74,5 +75,7 @@ def _schema() -> Any:
         **dict.fromkeys(TRUTHS, pa.bool_()),
         "stops": pa.list_(pa.string()),
         **{f"stop_{name}": pa.list_(pa.float64()) for name in STOP_COLUMNS},
+        **dict.fromkeys(("decision_time_s", "decision_value"), pa.list_(pa.float64())),
+        "decision_what": pa.list_(pa.string()),
     }
     return pa.schema([(name, types[name]) for name in SCHEMA_NAMES])

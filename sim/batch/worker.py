@@ -16,6 +16,7 @@ from das.command_line.entry import STOP_SIGNALS
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.batch.plan import BatchJob
+from sim.drivers.diary import DriverEvent
 from sim.drivers.kinds import Presentation
 from sim.world.day import Day, make_day
 from sim.world.disturbances import described
@@ -70,7 +71,8 @@ def work(job: BatchJob) -> dict[str, Any]:
 
 def _run(job: BatchJob) -> dict[str, Any]:
     day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed)
-    figures = outcome(day, _driven(day, job), job.driver).as_dict()
+    run = _driven(day, job)
+    figures = outcome(day, run, job.driver).as_dict()
     stops = figures.pop("stops")
     return {
         **figures,
@@ -78,6 +80,7 @@ def _run(job: BatchJob) -> dict[str, Any]:
         "drawn": json.dumps(day.drawn),
         "stops": [stop["name"] for stop in stops],
         **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
+        **{f"decision_{name}": [getattr(one, name) for one in run.decisions] for name in DriverEvent._fields},
     }
 
 

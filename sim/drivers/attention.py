@@ -88,6 +88,7 @@ class DisplayReading:
         self._seen: AdviceView | None = None
         self._judged: tuple[object, ...] | None = None
         self._pending: bool | None = None
+        self._noticed = 0
         self.heeded = Heeded()
         """What he goes by now."""
 
@@ -114,6 +115,7 @@ class DisplayReading:
         if cab.time_s >= self._glance_s:
             self._glance(cab, speed_error_mps)
         if self._pending is not None and cab.time_s >= self._act_s:
+            self._diary.note(self._act_s, "acted", float(self._pending))
             self.heeded, self._pending = self.heeded._replace(follows=self._pending), None
             self._heed(cab, speed_error_mps)
 
@@ -123,6 +125,7 @@ class DisplayReading:
         beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
         self._seen = view = cab.shown
+        self._diary.note(now_s, "glance", 0 if view is None else view.mode)
         item = None if view is None else _item(view)
         if item != self._judged:
             self._judged = item
@@ -134,6 +137,10 @@ class DisplayReading:
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
         """Decide on new advice, and when to act on it; advice that has gone is given up after a reaction as well."""
         kind = None if view is None else advice_kind(view)
+        if self._pending is not None:
+            self._diary.note(now_s, "changed", self._noticed)
+        self._noticed = 0 if view is None or kind is None else view.mode
+        self._diary.note(now_s, "noticed", self._noticed)
         if view is None or kind is None:
             self._pending, self._act_s = False, now_s + self._times.draw(now_s) if self.heeded.follows else now_s
             return

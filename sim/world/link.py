@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol
 
 from das.cab.heard import Heard
 from sim.drivers.cab import CabView
+from sim.drivers.diary import DriverEvent
 from sim.plant.plant import Command, PlantState
 
 
@@ -24,13 +25,15 @@ class Tick(NamedTuple):
 class Told(NamedTuple):
     """What is recorded although the on-board system does not hear it.
 
-    That is the truth, the cab with what it shows, what the driver last asked for, and what happened.
+    That is the truth, the cab with what it shows, what the driver last asked for, what happened, and what the driver
+    did or decided since the tick before.
     """
 
     state: PlantState
     cab: CabView
     command: Command
     events: tuple[str, ...]
+    decisions: tuple[DriverEvent, ...] = ()
 
 
 class Link(Protocol):

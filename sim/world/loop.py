@@ -9,6 +9,7 @@ from typing import Any
 from das.advice.modes import Mode
 from das.domain.errors import DasError
 from sim.drivers.cab import AdviceView, Driver, Presentation, present
+from sim.drivers.diary import DriverEvent, kept_by
 from sim.drivers.shown import Shown
 from sim.plant.plant import COAST, Command, PlantState
 from sim.world.calls import KeptCall
@@ -62,6 +63,7 @@ class Run:
     counts: Counts
     violations: Violations
     restlessness: Restlessness
+    decisions: tuple[DriverEvent, ...] = ()
 
     @property
     def late_s(self) -> float:
@@ -79,6 +81,7 @@ class World:
         self._view: AdviceView | None = None
         self._command: Command = COAST
         self._counts, self._watch = Counts(), ShownWatch()
+        self._told = 0
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError where the train does not get there."""
@@ -105,6 +108,7 @@ class World:
             counts=self._counts,
             violations=self._around.violations,
             restlessness=self._watch.found,
+            decisions=tuple(kept_by(self.driver)),
         )
 
     def _second(self, tick: int, state: PlantState) -> PlantState:
@@ -116,13 +120,19 @@ class World:
         cab = around.cab(state, self._view)
         view = cab.shown
         self._watch.look(state.time_s, state.speed_mps, None if view is None else Shown.of(view))
-        self.link.tell(now_ns, Told(state, cab, self._command, events))
+        self.link.tell(now_ns, Told(state, cab, self._command, events, self._decided()))
         for _ in range(round(TICK_S / LOOK_S)):
             self._command = self.driver.command(around.cab(state, self._view))
             after = self.day.plant.advance(state, self._command, LOOK_S)
             self._events += around.follow(state, after, LOOK_S)
             state = after
         return state
+
+    def _decided(self) -> tuple[DriverEvent, ...]:
+        """What the driver did or decided since this was last asked for."""
+        told, kept = self._told, kept_by(self.driver)
+        self._told = len(kept)
+        return tuple(kept[told:])
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> None:
         """Ask for advice and show it, where there is a node to ask."""

@@ -12,10 +12,11 @@ from google.protobuf.message import Message
 from das import __version__
 from das.bus import das_pb2
 from das.bus.config import BusFolder
-from das.bus.topics import CAB, LOCATION, LOG, MEASURES, TRUTH
+from das.bus.topics import CAB, DECISION, LOCATION, LOG, MEASURES, TRUTH
 from das.cab.heard import PositionHeard
 from das.domain.units import KMH
 from sim.drivers.cab import Driver, Presentation
+from sim.drivers.diary import KINDS, DriverEvent
 from sim.drivers.kinds import DriverName, FrictionPolicy
 from sim.drivers.own_class import driver_versions
 from sim.outside.external import ExternalDriver
@@ -63,6 +64,8 @@ class OverBus:
             self._lockstep.send(CAB, cab_message(look, self._day.service.line))
         for text in told.events:
             self._lockstep.send(LOG, happened(now_ns, text))
+        for event in told.decisions:
+            self._lockstep.send(DECISION, _decision(self._day, event))
 
     def restart(self) -> None:
         """Kill the node and start it anew."""
@@ -154,6 +157,11 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
     if scenario.coach.below_limit_mps > 0:
         arguments += ["--below-limit", repr(round(scenario.coach.below_limit_mps / KMH, 9))]
     return tuple(arguments)
+
+
+def _decision(day: Day, event: DriverEvent) -> Message:
+    kind = das_pb2.Decision.Kind.ValueType(KINDS.index(event.what) + 1)
+    return das_pb2.Decision(time_ns=day.service.moment_ns(event.time_s), kind=kind, value=event.value)
 
 
 def _truth(day: Day, now_ns: int, told: Told) -> Message:

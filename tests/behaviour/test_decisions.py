@@ -1,0 +1,71 @@
+"""What a driver did and decided can be read from the recording and from the batch's table alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.bus.das_pb2 import Decision
+from das.bus.recording import read_recording
+from das.domain.units import NS
+from sim.batch.plan import Batch
+from sim.batch.worker import work
+from sim.drivers.diary import KINDS
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.day import make_day
+from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.scenario import read_scenario
+from sim.world.service import prepare_service
+
+LOOK_S = 0.2
+"""A driver looks five times a second; what he notes at a look is exact to the clock of the run."""
+
+
+@pytest.mark.processes
+def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path], tmp_path: Path) -> None:
+    service = prepare_service(read_scenario(flat("[human]\nlapses_per_h = 20")))
+    day, out = make_day(service, 3), tmp_path / "run.mcap"
+    driver = day.driver(DriverKind.HUMAN)
+    assert isinstance(driver, HumanDriver)
+    how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
+    run, traffic = run_over_bus(day, driver, Presentation.VECTOR, make_crew(day, how, out))
+    assert traffic.lost == 0
+    kept = [one.message for one in read_recording(out).of("decision")]
+    found = [(KINDS[one.kind - 1], one.value) for one in kept]
+    last_s = run.states[-1].time_s
+    made = [one for one in driver.events if one.time_s < last_s - 1.0]
+    assert len(found) >= len(made) > 30
+    assert found[: len(made)] == [(one.what, one.value) for one in made]
+    times_s = [service.clock_s(one.time_ns) for one in kept[: len(made)]]
+    assert times_s == pytest.approx([one.time_s for one in made], abs=10 * NS)
+    kinds = {what for what, _ in found}
+    assert kinds >= {"glance", "noticed", "reaction", "followed", "acted", "lever"}
+    assert list(Decision.Kind.keys())[1:] == [f"KIND_{name.upper()}" for name in KINDS]
+
+
+def test_the_table_of_a_batch_gives_back_reactions_and_compliance(flat: Callable[[str], Path], tmp_path: Path) -> None:
+    """A driver who acts at once on what he sees often enough for statistics: 12 days of the 6 km line."""
+    path = flat("[human]\nglance_mean_s = 0.5\nglance_least_s = 0.2\nreaction_median_s = 1.0\nlapses_per_h = 0")
+    batch = Batch(
+        scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.VECTOR], seeds=list(range(12)),
+        level=None, record=False, folder=tmp_path,
+    )  # fmt: skip
+    rows = [work(job) for job in batch.jobs()]
+    assert all("error" not in row for row in rows)
+    what = np.concatenate([row["decision_what"] for row in rows])
+    value = np.concatenate([row["decision_value"] for row in rows])
+    reactions, times = value[what == "reaction"], len(value[what == "reaction"])
+    assert times > 60
+    # Standard error of a lognormal's median: 1.25 σ / √n of itself.
+    assert np.median(reactions) == pytest.approx(1.0, rel=3 * 1.25 * 0.4 / times**0.5)
+    followed, refused = (int((what == name).sum()) for name in ("followed", "refused"))
+    ratio = followed / (followed + refused)
+    assert ratio == pytest.approx(0.89, abs=3 * (0.89 * 0.11 / (followed + refused)) ** 0.5)
+    for row in rows:
+        decided = np.array(row["decision_time_s"])[np.isin(row["decision_what"], ("followed", "refused"))]
+        acted = np.array(row["decision_time_s"])[np.array(row["decision_what"]) == "acted"]
+        assert len(acted) <= len(decided) + sum(one == "noticed" for one in row["decision_what"])
