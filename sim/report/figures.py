@@ -47,8 +47,8 @@ def speed_figure(subject: ReviewedDrive) -> Figure:
     if len(shown.time_ns):
         given = (shown.shown if shown.any_shown else True) & (shown.speed_mps > 0)
         advised = np.where(given, kmh(shown.speed_mps), np.nan)
-        label = "advised" if shown.any_shown else "advised, but not shown to the driver"
-        axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.8, label=label)
+        said = "advised" if shown.any_shown else "advised, but not shown to the driver"
+        axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.8, label=said)
     for number, leg in enumerate(subject.account.legs if subject.account else ()):
         run = leg.optimum.trajectory
         label = "optimum for the same times" if number == 0 else None
