@@ -10,7 +10,8 @@ from das.domain.errors import DasError
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from sim.accounts.account import Account, LegAccount
-from sim.trips.estimate import BRAKING, DrivenCase, Unknown, estimate_run, one_by_one
+from sim.accounts.energies import leg_energies
+from sim.trips.estimate import BRAKING, DrivenCase, Unknown, one_by_one
 from sim.trips.saving import section_in
 
 MOST_LEGS: Final = 3
@@ -23,7 +24,7 @@ class LikelyRange:
 
     Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
     no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
-    and in its optimum; NaN where such a train could not have driven so.
+    and in its optimum; NaN where such a train could not have driven so, or where forces were measured.
     """
 
     low_j: float
@@ -49,7 +50,8 @@ def likely_range(account: Account) -> LikelyRange | None:
     spread = [one for one in unknowns if one.name != BRAKING]
     low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
     high_j = math.hypot(*(max(one.high_j - middle_j, 0.0) for one in spread))
-    friction_j = above_j(DrivenCase(all_friction=True))
+    known = any(leg.leg.motion.friction_j is not None for leg in account.legs)
+    friction_j = None if known else above_j(DrivenCase(all_friction=True))
     return LikelyRange(
         low_j=middle_j - low_j,
         high_j=middle_j + high_j,
@@ -61,13 +63,16 @@ def likely_range(account: Account) -> LikelyRange | None:
 def _above_j(leg: LegAccount, case: DrivenCase) -> float | None:
     """The energy above the optimum (J) of a leg in a case; None where such a train could not have driven so."""
     section, motion = leg.optimum.section, leg.leg.motion
-    if replace(case, jerk_psd_m2ps5=DrivenCase().jerk_psd_m2ps5) == DrivenCase():
-        return leg.driven_j - leg.optimum_j  # the motion is already smooth
+    case = replace(case, jerk_psd_m2ps5=DrivenCase().jerk_psd_m2ps5)  # the motion is already smooth
+    if motion.friction_j is not None:
+        case = replace(case, all_friction=False)  # how the train braked was measured
+    if case == DrivenCase():
+        return leg.driven_j - leg.optimum_j
     try:
-        best = solve_front(section_in(section, case)).trajectory(leg.leg.trip_s)
+        other = section_in(section, case)
+        best = solve_front(other).trajectory(leg.leg.trip_s)
     except DasError:
         return None
     if best.fit is Fit.LATE:
         return None
-    other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
-    return estimate_run(other, leg.leg.time_s, motion.s_m, motion.speed_mps).ledger.input - best.ledger.input
+    return float(leg_energies(other, leg.leg).ledger_j[-1]) - best.ledger.input

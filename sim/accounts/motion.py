@@ -83,7 +83,7 @@ class DrivenLeg:
 
 
 def motion_of(recording: Recording) -> DrivenMotion:
-    """The motion of a recorded drive: the truth of a simulation, else smoothed positions.
+    """The motion of a recorded drive: the truth of a simulation, else smoothed positions and measured brake forces.
 
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
     DasError where the recording has no positions that can be used.
@@ -102,8 +102,20 @@ def motion_of(recording: Recording) -> DrivenMotion:
     with TemporaryDirectory(prefix="das-trip-") as folder:
         _, trip = open_trip(recording.path, TripOptions(), Path(folder))
     run = trip.run
-    since_ns = np.rint(run.time_s / NS).astype(np.int64)
-    return DrivenMotion(time_ns=run.start_time_ns + since_ns, s_m=run.s_m, speed_mps=run.speed_mps)
+    time_ns = run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64)
+    friction_j = _friction_j(recording, time_ns, run.speed_mps)
+    return DrivenMotion(time_ns=time_ns, s_m=run.s_m, speed_mps=run.speed_mps, friction_j=friction_j)
+
+
+def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floats | None:
+    """Energy of the friction brake since the start (J), from the forces that the train measured; None without them."""
+    effort = recording.columns(topics.EFFORT, "time_ns", "force_friction_n")
+    if len(effort["time_ns"]) < 2:
+        return None
+    force_n = np.minimum(effort["force_friction_n"], 0.0)
+    power_w = -np.interp(time_ns, effort["time_ns"], force_n, left=0.0, right=0.0) * speed_mps
+    step_j = 0.5 * (power_w[:-1] + power_w[1:]) * np.diff(time_ns) * NS
+    return np.concatenate(([0.0], np.cumsum(step_j)))
 
 
 def legs_of(recording: Recording, motion: DrivenMotion) -> tuple[DrivenLeg, ...]:

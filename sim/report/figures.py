@@ -11,6 +11,7 @@ import numpy as np
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from sim.accounts.judging import OVER_MPS
 from sim.report.subject import ReviewedDrive
+from sim.report.words import told_causes
 from sim.review.light import COLORS, INK, LIMIT, legend, light_figure, named, stops
 from sim.review.limits import limit_in_force
 
@@ -23,6 +24,8 @@ EFFICIENCIES: Final = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
 SHADES: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
 """Shades between the levels: light, so that the points stand out."""
 GRID_POINTS: Final = 90
+LEAST_LATE_S: Final = 5.0
+"""The axis of punctuality reaches at least this far (s), so that fractions of a second do not look large."""
 BAR_IN: Final = 0.28
 
 
@@ -42,10 +45,10 @@ def speed_figure(subject: ReviewedDrive) -> Figure:
         axis.step(trip.at(at, trip.s_m) / KM, kmh(limit_mps), where="post", color=LIMIT, linewidth=1.0, label="limit")
     shown = subject.shown
     if len(shown.time_ns):
-        advised = np.where(shown.shown & (shown.speed_mps > 0), kmh(shown.speed_mps), np.nan)
-        axis.plot(
-            trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.8, label="advised"
-        )
+        given = (shown.shown if shown.any_shown else True) & (shown.speed_mps > 0)
+        advised = np.where(given, kmh(shown.speed_mps), np.nan)
+        said = "advised" if shown.any_shown else "advised, but not shown to the driver"
+        axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.8, label=said)
     for number, leg in enumerate(subject.account.legs if subject.account else ()):
         run = leg.optimum.trajectory
         label = "optimum for the same times" if number == 0 else None
@@ -63,7 +66,7 @@ def speed_figure(subject: ReviewedDrive) -> Figure:
 def cause_figure(subject: ReviewedDrive) -> Figure:
     """The energy above the optimum by cause, as bars."""
     assert subject.account is not None
-    parts = sorted(subject.account.by_cause.items(), key=lambda one: one[1])
+    parts = told_causes(subject.account)[::-1]
     figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
     values = np.array([kwh(energy_j) for _, energy_j in parts])
     axis.barh([cause.label for cause, _ in parts], values, color=DRIVEN, height=0.7)
@@ -167,7 +170,8 @@ def punctuality_figure(subject: ReviewedDrive) -> Figure:
     axis.axhline(0.0, color=INK, linewidth=0.8)
     axis.set_xticks(rows, [call.name for call in made])
     axis.grid(visible=False, axis="x")
-    axis.margins(y=0.25)
+    low, high = axis.get_ylim()
+    axis.set_ylim(min(1.25 * low, -LEAST_LATE_S), max(1.25 * high, LEAST_LATE_S))
     named(axis, y="Late (s)")
     legend(axis)
     return figure

@@ -85,16 +85,18 @@ def _took(subject: ReviewedDrive) -> list[str]:
     ]
     if subject.likely is not None:
         low, high = kwh(subject.likely.low_j), kwh(subject.likely.high_j)
-        told.append(f"Mass, resistance and wind are not known; likely it was {low:.0f} to {high:.0f} kWh more.")
+        told.append(
+            f"Mass, resistance and wind are not known; by these alone it is likely {low:.1f} to {high:.1f} kWh."
+        )
         if not math.isnan(subject.likely.by_friction_j):
-            told.append(f"If the train braked by friction alone, it was {kwh(subject.likely.by_friction_j):.0f} kWh.")
-    named = sorted(account.by_cause.items(), key=lambda one: -one[1])[:MAIN_CAUSES]
+            told.append(f"If the train braked by friction alone, it is {kwh(subject.likely.by_friction_j):.0f} kWh.")
+    named = told_causes(account)[:MAIN_CAUSES]
     words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
     if words:
         told.append(f"Most of that is: {', '.join(words)}.")
     worst = worst_places(account, 1)
     if worst and kwh(worst[0][2]) >= NAMED_KWH:
-        told.append(f"The most was lost between {worst[0][0]}: {kwh(worst[0][2]):.1f} kWh.")
+        told.append(f"The most was lost from {worst[0][0]}: {kwh(worst[0][2]):.1f} kWh.")
     return told
 
 
@@ -207,8 +209,14 @@ def cause_rows(account: Account) -> list[Row]:
             "time": "" if cause in always else minutes(lasted.get(cause, 0.0)),
             "meaning": cause.meaning,
         }
-        for cause, energy_j in sorted(account.by_cause.items(), key=lambda one: -one[1])
+        for cause, energy_j in told_causes(account)
     ]
+
+
+def told_causes(account: Account) -> list[tuple[EnergyCause, float]]:
+    """The causes with their energies (J), the largest first; without those that nobody could measure."""
+    parts = [one for one in account.by_cause.items() if one[1] or account.measured]
+    return sorted(parts, key=lambda one: -one[1])
 
 
 def leg_rows(account: Account) -> list[Row]:

@@ -182,10 +182,13 @@ def _driven(recording: Recording, trip: DrivenCourse) -> Found:
     fields = ("force_el_n", "force_friction_n", "gradient_ratio", "energy_input_j")
     truth = recording.columns(topics.TRUTH, "time_ns", *fields)
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
+    # Without a simulator, the train's own control may have measured its forces.
+    effort = recording.columns(topics.EFFORT, "time_ns", "force_el_n", "force_friction_n")
+    forces = truth if len(truth["time_ns"]) else effort
     measured = slice(None if truth["energy_input_j"].any() else 0)
     return {
         "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
-        "force/driven": (truth["time_ns"], (truth["force_el_n"] + truth["force_friction_n"]) / KN),
+        "force/driven": (forces["time_ns"], (forces["force_el_n"] + forces["force_friction_n"]) / KN),
         "energy/driven": (truth["time_ns"][measured], kwh(truth["energy_input_j"][measured])),
         "gradient/permille": (truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
         "deviation/operator": (delay["time_ns"], delay["delay_s"]),
