@@ -32,6 +32,11 @@ def advice_kind(view: AdviceView) -> str | None:
     return "hold" if view.presentation is Presentation.RMS else _KINDS.get(view.mode)
 
 
+def _shown_mode(view: AdviceView) -> int:
+    """The mode that an advice asks for: a reduced maximum speed asks to hold it."""
+    return int(Mode.CRUISE) if view.presentation is Presentation.RMS else view.mode
+
+
 class Lapses:
     """Times at which the driver's attention is away; lapses begin at random and the train's warning ends them."""
 
@@ -139,13 +144,13 @@ class DisplayReading:
         kind = None if view is None else advice_kind(view)
         if self._pending is not None:
             self._diary.note(now_s, "changed", self._noticed)
-        self._noticed = 0 if view is None or kind is None else view.mode
+        self._noticed = 0 if view is None or kind is None else _shown_mode(view)
         self._diary.note(now_s, "noticed", self._noticed)
         if view is None or kind is None:
             self._pending, self._act_s = False, now_s + self._times.draw(now_s) if self.heeded.follows else now_s
             return
         follow = bool(self._chance.choices.random() < getattr(self._human, f"comply_{kind}_ratio"))
-        self._diary.note(now_s, "followed" if follow else "refused", view.mode)
+        self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
         self._pending, self._act_s = follow, now_s + self._times.draw(now_s)
 
     def _heed(self, cab: CabView, speed_error_mps: float) -> None:

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from sim.events.advice_events import advice_events, replan_events, withdrawal_events
 from sim.events.calls import RecordedCall, calls
 from sim.events.clock import DriveClock
+from sim.events.decision_events import decision_events
 from sim.events.driving_events import call_events, driver_events, overspeed_events, pause_events, stand_events
 from sim.events.event import DriveEvent, EventKind
 from sim.events.notes import read_notes
@@ -45,7 +47,7 @@ class Chronicle:
             *replan_events(recording, trip),
             *withdrawal_events(recording, trip, silent),
             *overspeed_events(recording, trip),
-            *driver_events(recording, trip),
+            *(decision_events(recording, trip) if recording.of(topics.DECISION) else driver_events(recording, trip)),
             *pause_events(recording, trip),
             *_notes(recording, trip),
         )

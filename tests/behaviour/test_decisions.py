@@ -16,6 +16,8 @@ from sim.batch.worker import work
 from sim.drivers.diary import KINDS
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.events.chronicle import Chronicle
+from sim.events.event import EventKind
 from sim.world.day import make_day
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import read_scenario
@@ -44,6 +46,16 @@ def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path
     assert times_s == pytest.approx([one.time_s for one in made], abs=10 * NS)
     kinds = {what for what, _ in found}
     assert kinds >= {"glance", "noticed", "reaction", "followed", "acted", "lever"}
+    told = [one for one in Chronicle.read(out).events if one.kind is EventKind.DRIVER]
+    decided = [what for what, _ in found if what in ("followed", "refused")]
+    assert [one.facts["followed"] for one in told if "followed" in one.facts] == [
+        what == "followed" for what in decided
+    ]
+    assert sum("away_s" in one.facts for one in told) == sum(what == "lapse" for what, _ in found)
+    drawn = [value for what, value in found if what == "reaction"]
+    assert {round(one.facts["reaction_s"], 9) for one in told if "reaction_s" in one.facts} <= {
+        round(x, 9) for x in drawn
+    }
     assert list(Decision.Kind.keys())[1:] == [f"KIND_{name.upper()}" for name in KINDS]
 
 
