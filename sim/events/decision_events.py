@@ -9,13 +9,13 @@ import numpy as np
 
 from das.advice.modes import Mode, mode_name
 from das.bus import topics
-from das.bus.das_pb2 import Decision
 from das.bus.recording import Recording
 from das.domain.units import NS
+from sim.drivers.diary import KINDS
 from sim.events.event import DriveEvent, EventKind
 from sim.review.series import DrivenCourse
 
-DECIDED = {Decision.KIND_FOLLOWED: True, Decision.KIND_REFUSED: False}
+DECIDED = {"followed": True, "refused": False}
 
 
 def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
@@ -23,18 +23,18 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
 
     Nothing where no decisions were recorded: of a real drive, or with a driver who keeps no diary.
     """
-    kept = [one.message for one in recording.of(topics.DECISION)]
-    for one, after in pairwise([*kept, Decision()]):
+    kept = [(KINDS[one.message.kind - 1], one.message) for one in recording.of(topics.DECISION)]
+    for (kind, one), (after, reaction) in pairwise([*kept, ("", None)]):
         s_m = float(trip.at(np.array([one.time_ns]), trip.s_m)[0])
-        if one.kind in DECIDED:
-            follows = DECIDED[one.kind]
+        if kind in DECIDED:
+            follows = DECIDED[kind]
             advice = mode_name(Mode(int(one.value)))
             text, facts = f"{advice} is refused", {"mode": advice, "followed": follows}
-            if after.kind == Decision.KIND_REACTION:  # A decision is noted with the reaction that begins with it.
-                facts |= {"reaction_s": after.value}
-                text = f"{advice} is followed after a reaction of {after.value:.1f} s" if follows else text
+            if after == "reaction":  # A decision is noted with the reaction that begins with it.
+                facts |= {"reaction_s": reaction.value}
+                text = f"{advice} is followed after a reaction of {reaction.value:.1f} s" if follows else text
             yield DriveEvent(time_ns=one.time_ns, kind=EventKind.DRIVER, text=text, s_m=s_m, facts=facts)
-        elif one.kind == Decision.KIND_LAPSE:
+        elif kind == "lapse":
             yield DriveEvent(
                 time_ns=one.time_ns, end_ns=one.time_ns + round(one.value / NS), kind=EventKind.DRIVER, s_m=s_m,
                 text=f"attention is away for {one.value:.0f} s, unless the train warns", facts={"away_s": one.value},
