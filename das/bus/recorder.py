@@ -31,6 +31,8 @@ from das.domain.files.writing import umask
 FLUSH_EVERY_S = 0.5
 """What was heard is on the disk after this time (s), and after the 0.1 s for which the recorder listens at a time: so a
 kill loses at most 1.0 s, also where a write takes a while."""
+CHUNK_BYTES = 1 << 18
+"""A chunk is written at the latest when it has so many bytes before it is packed: of a damaged one, no more is lost."""
 LIBRARY = f"driver-advisory-system {__version__}"
 REPORT_EVERY_S = 1.0
 """The recorder says at least this often how far it is, also while there are no ticks."""
@@ -48,7 +50,9 @@ class RecordingFile:
         self._clocks = clocks
         self._file, beside = _begin(path)
         try:
-            self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+            self._writer: Any = McapWriter(
+                self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+            )
             self._writer.start(profile="", library=LIBRARY)
             self._schemas: dict[str, int] = {}
             self._channels: dict[str, int] = {}
