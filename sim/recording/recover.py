@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import tempfile
 from collections.abc import Callable
@@ -99,6 +100,11 @@ def _write_whole(out: Path, write: Callable[[IO[bytes]], None]) -> None:
     """Write a file beside its place, and put it there when it is whole."""
     place = out.resolve()
     try:
+        if place.exists() and not place.is_file():  # a device or a pipe is written to, not replaced
+            content = io.BytesIO()
+            write(content)
+            place.write_bytes(content.getvalue())
+            return
         handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
         try:
             with os.fdopen(handle, "wb") as file:
