@@ -19,7 +19,7 @@ from mcap_protobuf.schema import register_schema
 
 from das import __version__
 from das.bus import das_pb2
-from das.bus.contents import CHANNELS
+from das.bus.contents import CHANNELS, NUMBERED
 from das.bus.received import Received
 from das.bus.sealing import sealed
 from das.bus.session import Bus
@@ -109,7 +109,9 @@ class RecordingFile:
             schema = self._schemas[name] = register_schema(self._writer, topic.message)
         channel = int(self._writer.register_channel(key, "protobuf", schema))
         # The chunk that describes the channel may be lost; the messages in later ones must not be lost with it.
-        self.add_metadata(f"{CHANNELS}{channel}", {"topic": key, "schema": name, "schema_id": str(schema)})
+        self.add_metadata(
+            f"{CHANNELS}{channel}", {"topic": key, "schema": name, "schema_id": str(schema), NUMBERED: "yes"}
+        )
         return channel
 
 

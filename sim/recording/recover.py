@@ -14,7 +14,7 @@ from mcap import records
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from das.bus.contents import CHANNELS, RECOVERED, Raw, read_raw
+from das.bus.contents import CHANNELS, NUMBERED, RECOVERED, Raw, read_raw
 from das.bus.damage import Health
 from das.bus.recorder import CHUNK_BYTES, LIBRARY
 from das.bus.sealing import UNCHECKED, sealed
@@ -170,6 +170,7 @@ class _Channels:
         number = 0 if schema is None else self._schema(schema, channel.topic)
         new = self._writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
         described = {"topic": channel.topic, "schema": schema.name if schema else "", "schema_id": str(number)}
+        described |= {NUMBERED: "yes"} if self._raw.numbered else {}
         name = f"{CHANNELS}{new}"
         if topic_of(channel.topic) is not None:
             self._writer.add_metadata(name, sealed(name, described))

@@ -21,6 +21,7 @@ def summary(recording: Recording) -> str:
     lines = [f"### Train {recording.train}", ""]
     if not recording.complete:
         lines += ["**This recording was cut off; it holds what was written before.**", ""]
+    lines += [f"**Damaged: {one}.**\n" for one in recording.health.damage]
     if len(recording.trains) > 1:
         lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
     lines += _table("Trip", _trip(recording))
