@@ -20,6 +20,8 @@ CHANNELS: Final = "channel "
 """The recorder says again, in metadata of this name and the channel's number, what a channel holds: the chunk that
 says so may be lost, and with it all later messages of the channel."""
 
+NUMBERED: Final = "numbered"
+"""The entry of such metadata by which the recorder says that it numbers all messages through the file."""
 RECOVERED: Final = "recovered"
 """The metadata record by which `das-sim recover` says where a recording comes from and what was lost."""
 
@@ -71,8 +73,8 @@ class Raw:
     metadata: list[tuple[records.Metadata, bool | None]] = field(default_factory=list)
     library: str = ""
     loose: list[FoundRecord] = field(default_factory=list)
-    unproven: bool = False
-    """Whether something was handed out that no checksum covers."""
+    numbered: bool = False
+    """Whether the recorder wrote the file: it numbers the messages through the file, each once."""
 
     def take(self, found: FoundRecord) -> None:
         """Sort a record in."""
@@ -99,10 +101,15 @@ class Raw:
 
     def _take_metadata(self, record: records.Metadata) -> None:
         entries, right = unsealed(record.name, record.metadata)
-        if right and record.name.startswith(CHANNELS) and record.name[len(CHANNELS) :].isdecimal():
-            number, schema = int(record.name[len(CHANNELS) :]), int(entries.get("schema_id", "0"))
-            self.channels.setdefault(number, records.Channel(number, entries["topic"], "protobuf", {}, schema))
-            self.schemas.setdefault(schema, records.Schema(schema, b"", "protobuf", entries["schema"]))
+        number, schema = record.name.removeprefix(CHANNELS), entries.get("schema_id", "")
+        described = record.name.startswith(CHANNELS) and number.isdecimal() and schema.isdecimal()
+        if right and described and {"topic", "schema"} <= entries.keys():
+            self.numbered |= NUMBERED in entries
+            channel = records.Channel(int(number), entries["topic"], "protobuf", {}, int(schema))
+            self.channels.setdefault(channel.id, channel)
+            self.schemas.setdefault(
+                channel.schema_id, records.Schema(channel.schema_id, b"", "protobuf", entries["schema"])
+            )
         else:
             self.metadata.append((records.Metadata(name=record.name, metadata=entries), right))
 
@@ -128,6 +135,9 @@ def _read(file: IO[bytes]) -> tuple[Raw, Health]:
     for found in scan.walk():
         raw.take(found)
     unchecked, damage = _judge_loose(raw, scan), scan.damage
+    twice = _take_out_repeated(raw)
+    if twice:
+        damage = [*damage, Damage(start_byte=0, end_byte=0, what=f"{twice} messages that are in the file twice")]
     wrong = [record.name for record, right in raw.metadata if right is False]
     if wrong:
         damage = [one for one in damage if one.what != SOMEWHERE]
@@ -163,6 +173,17 @@ def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
         return []
     unchecked = [f"metadata {name!r}" for name in dict.fromkeys(unproven)]
     return [*unchecked, *(["messages outside of chunks"] if data and trusted else [])]
+
+
+def _take_out_repeated(raw: Raw) -> int:
+    """Take out messages whose running number has come before, and count them; only where the recorder numbered them."""
+    if not raw.numbered:
+        return 0
+    once = {message.sequence: message for message in reversed(raw.messages)}
+    repeated = len(raw.messages) - len(once)
+    if repeated:
+        raw.messages = [one for one in raw.messages if once[one.sequence] is one]
+    return repeated
 
 
 def _missing(messages: list[records.Message]) -> int | None:

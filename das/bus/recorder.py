@@ -1,18 +1,14 @@
 """The recorder: everything said on the bus into one MCAP file, on disk within a second.
 
-Runs as a process of its own: python -m das.bus.recorder --train T --listen E --connect E --out F.
+The process around it is das-record (`das/recorder`).
 Log time is the run's clock (the last Control message, else the wall clock), publish time the message's own.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import os
-import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,30 +19,25 @@ from mcap_protobuf.schema import register_schema
 
 from das import __version__
 from das.bus import das_pb2
-from das.bus.config import BusFile, bus_options
-from das.bus.contents import CHANNELS
+from das.bus.contents import CHANNELS, NUMBERED
 from das.bus.received import Received
-from das.bus.refusals import Refusals
-from das.bus.scanning import begun
 from das.bus.sealing import sealed
-from das.bus.session import Bus, check_endpoint
-from das.bus.topics import ADVICE, CONTROL, RECORDED, RECORDER, STATUS, Topic
-from das.command_line.printing import say
-from das.command_line.running import StopFlag, run_command
+from das.bus.session import Bus
+from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Topic
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
-from das.domain.files.writing import new_file, umask
+from das.domain.files.writing import umask
 
 FLUSH_EVERY_S = 0.5
 """What was heard is on the disk after this time (s), and after the 0.1 s for which the recorder listens at a time: so a
 kill loses at most 1.0 s, also where a write takes a while."""
+CHUNK_BYTES = 1 << 18
+"""A chunk is written at the latest when it has so many bytes before it is packed: of a damaged one, no more is lost."""
 LIBRARY = f"driver-advisory-system {__version__}"
 REPORT_EVERY_S = 1.0
 """The recorder says at least this often how far it is, also while there are no ticks."""
 LAST_NS = 2**63 - 1
 """The file holds times from 1970 on; those that a message may state beyond it are in the message alone."""
-MOST_WAITING = 20_000
-"""Messages that may wait while the disk is slow; beyond that the oldest are lost, and counted."""
 
 
 class RecordingFile:
@@ -59,7 +50,9 @@ class RecordingFile:
         self._clocks = clocks
         self._file, beside = _begin(path)
         try:
-            self._writer: Any = McapWriter(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+            self._writer: Any = McapWriter(
+                self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+            )
             self._writer.start(profile="", library=LIBRARY)
             self._schemas: dict[str, int] = {}
             self._channels: dict[str, int] = {}
@@ -116,7 +109,9 @@ class RecordingFile:
             schema = self._schemas[name] = register_schema(self._writer, topic.message)
         channel = int(self._writer.register_channel(key, "protobuf", schema))
         # The chunk that describes the channel may be lost; the messages in later ones must not be lost with it.
-        self.add_metadata(f"{CHANNELS}{channel}", {"topic": key, "schema": name, "schema_id": str(schema)})
+        self.add_metadata(
+            f"{CHANNELS}{channel}", {"topic": key, "schema": name, "schema_id": str(schema), NUMBERED: "yes"}
+        )
         return channel
 
 
@@ -189,103 +184,3 @@ class Recorder:
         if self._clocks.seconds() - self._reported_s > REPORT_EVERY_S:
             self.report()
             self._reported_s = self._clocks.seconds()
-
-
-def record(arguments: argparse.Namespace) -> None:
-    """Record until told to stop."""
-    bus_file = bus_options(arguments.bus, arguments.insecure_bus, arguments.listen, arguments.connect)
-    if bus_file is None and arguments.listen is None:
-        raise DasError("--listen or --bus: expected one of them")
-    try:
-        _record(arguments, bus_file, StopFlag(with_parent=arguments.with_parent))
-    except OSError as error:
-        raise DasError(f"{arguments.out}: cannot be written ({error.strerror})") from error
-
-
-def _record(arguments: argparse.Namespace, bus_file: BusFile | None, stop: StopFlag) -> None:
-    made = Bus(
-        arguments.train,
-        listen=arguments.listen,
-        connect=arguments.connect,
-        hear=RECORDED,
-        file=bus_file,
-        waiting=MOST_WAITING,
-    )
-    attachments = [(path, _content(path)) for path in arguments.attach]
-    metadata = _texts(arguments.metadata) if arguments.metadata else {}
-    file = RecordingFile(_place(Path(arguments.out), overwrite=arguments.overwrite))
-    try:
-        for path, content in attachments:
-            file.add_attachment(path.name, "application/octet-stream", content)
-        if metadata:
-            file.add_metadata("run", metadata)
-        file.flush()
-        if bus_file is not None:
-            Refusals().listen()
-        with made as bus:
-            recorder = Recorder(bus, file, arguments.start_ns)
-            while not stop.stopped:
-                received = bus.receive(0.1)
-                if received is not None:
-                    recorder.take(received)
-                file.flush_if_due()
-                recorder.report_if_due()
-            while (received := bus.receive(0)) is not None:
-                recorder.take(received)
-            if bus.dropped:
-                file.add_metadata(RECORDER.name, {"dropped": str(bus.dropped)})
-                print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
-    finally:
-        file.close()
-
-
-def _place(path: Path, *, overwrite: bool) -> Path:
-    """Where to record: a recorder that is started anew on a file keeps what was recorded before."""
-    if overwrite or (path.exists() and not path.is_file()):
-        return path
-    free = new_file(path, begun(LIBRARY))
-    if free != path:
-        say(f"{path} is there already: recording to {free}")
-    return free
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
-
-
-def _texts(metadata: str) -> dict[str, str]:
-    try:
-        found = json.loads(metadata)
-    except ValueError as error:
-        raise DasError(f"--metadata: not valid JSON ({error})") from error
-    if not isinstance(found, dict) or not all(isinstance(value, str) for value in found.values()):
-        raise DasError("--metadata: expected a JSON object of texts")
-    return found
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point of the recorder process."""
-    parser = argparse.ArgumentParser(prog="das.bus.recorder", description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--train", required=True, help="train name, the second part of every key")
-    parser.add_argument("--listen", type=check_endpoint, help="own endpoint, tcp/127.0.0.1:PORT")
-    parser.add_argument(
-        "--connect", type=check_endpoint, action="append", default=[], help="endpoint of another process"
-    )
-    parser.add_argument("--bus", type=Path, help="Zenoh configuration (JSON5) in place of --listen and --connect")
-    parser.add_argument("--insecure-bus", action="store_true", help="let --bus open the bus without mutual TLS")
-    parser.add_argument(
-        "--out", required=True, help="MCAP file to write; where it is there already, a new one beside it"
-    )
-    parser.add_argument("--overwrite", action="store_true", help="write to --out even if it is there already")
-    parser.add_argument("--start-ns", type=int, help="the run's clock before its first Control message [default: wall]")
-    parser.add_argument("--with-parent", type=int, help="end with the process of this id, which started it")
-    parser.add_argument("--metadata", help="JSON object of texts, stored as metadata record 'run'")
-    parser.add_argument("--attach", type=Path, action="append", default=[], help="file to attach")
-    run_command(lambda: record(parser.parse_args(arguments)))
-
-
-if __name__ == "__main__":
-    main()

@@ -220,6 +220,8 @@ def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
     """The train to read; DasError where there is none, or several and none is named."""
     path = found.path
     if not trains:
+        if found.health.damage:
+            raise DasError(f"{path}: damaged: {found.health.damage[0]}; no message of a train is left")
         before = " before it was cut off" if not found.health.complete else ""
         raise DasError(f"{path}: holds no messages of a train{before}")
     if train is not None and train not in trains:

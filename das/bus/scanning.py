@@ -36,7 +36,6 @@ SIMPLE: Final[dict[int, Any]] = {
     Opcode.HEADER: records.Header,
     Opcode.SCHEMA: records.Schema,
     Opcode.CHANNEL: records.Channel,
-    Opcode.MESSAGE_INDEX: records.MessageIndex,
     Opcode.CHUNK_INDEX: records.ChunkIndex,
     Opcode.ATTACHMENT_INDEX: records.AttachmentIndex,
     Opcode.STATISTICS: records.Statistics,
@@ -47,7 +46,7 @@ SIMPLE: Final[dict[int, Any]] = {
     Opcode.FOOTER: records.Footer,
 }
 SOMEWHERE: Final = "wrong checksum of the data, whose messages are whole"
-OTHERS: Final = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE)
+OTHERS: Final = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 
 
 def begun(library: str) -> bytes:
@@ -144,6 +143,10 @@ class Scan:
             raise ChunkError("wrong kind of a record")
         if kind == Opcode.ATTACHMENT:
             return [self._attachment(at, content)]
+        if kind == Opcode.MESSAGE_INDEX:  # there are many; nobody reads them, but one may be a damaged chunk
+            if len(content) < 6 or int.from_bytes(content[2:6], "little") != len(content) - 6 or len(content) % 16 != 6:
+                raise ChunkError("a record (MessageIndex) that cannot be read")
+            return []
         if kind == Opcode.MESSAGE:
             return [FoundRecord(message_of(content), at, False)]
         if kind >= PRIVATE:

@@ -36,7 +36,8 @@ def by_time(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
 def by_position(tables: Mapping[str, DataTable], zero_ns: int, step_m: float = STEP_M) -> DataTable | None:
     """One row every `step_m` along the way as driven; None where the train did not move.
 
-    The time is when the train was first there, so that a stand counts where it begins.
+    The time is when the train was first there, so that a stand counts where it begins. Where nothing is recorded of the
+    train for longer than `LONGEST_S`, there are no rows.
     """
     base = _base(tables)
     if base is None:
@@ -45,9 +46,12 @@ def by_position(tables: Mapping[str, DataTable], zero_ns: int, step_m: float = S
     if len(s_m) < 2:
         return None
     places = np.arange(np.ceil(s_m[0] / step_m), np.floor(s_m[-1] / step_m) + 1) * step_m
+    if len(places):
+        at_ns = time_ns[0] + np.rint(np.interp(places, s_m, (time_ns - time_ns[0]).astype(np.float64))).astype(np.int64)
+        there = _between_neighbours(np.sort(_times(base)), at_ns)
+        places, at_ns = places[there], at_ns[there]
     if not len(places):
         return None
-    at_ns = time_ns[0] + np.rint(np.interp(places, s_m, (time_ns - time_ns[0]).astype(np.float64))).astype(np.int64)
     lasts = [*(np.diff(at_ns) * NS).tolist(), None]
     columns = [
         Column(name="s_m", kind="float", values=places.tolist(), meaning="position of the train's head on the route"),
@@ -100,6 +104,7 @@ def _at(table: DataTable, at_ns: NDArray[np.int64]) -> list[Column]:
     last = np.searchsorted(time_ns, at_ns, side="right") - 1
     age_s = (at_ns - time_ns[np.maximum(last, 0)]) * NS
     known = (last >= 0) & ((age_s <= LONGEST_S) | (table.name in LASTING))
+    near = known & _between_neighbours(time_ns, at_ns)
     columns = []
     for one in table.columns[3:]:  # behind the times
         if one.kind not in KINDS:
@@ -107,9 +112,17 @@ def _at(table: DataTable, at_ns: NDArray[np.int64]) -> list[Column]:
         ordered = [one.values[i] for i in order]
         values = _steady(ordered, time_ns, at_ns) if table.name in MOVING and one.kind == "float" else None
         held: Sequence[Any] = values if values is not None else [ordered[i] for i in np.maximum(last, 0)]
-        kept = [value if there else None for value, there in zip(held, known, strict=True)]
+        kept = [x if there else None for x, there in zip(held, known if values is None else near, strict=True)]
         columns.append(Column(name=f"{table.name}_{one.name}", kind=one.kind, values=kept, meaning=one.meaning))
     return columns
+
+
+def _between_neighbours(time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether moments lie on a message or between two that are not far from each other: elsewhere a piece is lost."""
+    last = np.maximum(np.searchsorted(time_ns, at_ns, side="right") - 1, 0)
+    following = np.minimum(last + 1, len(time_ns) - 1)
+    near: NDArray[np.bool_] = (time_ns[last] == at_ns) | ((time_ns[following] - time_ns[last]) * NS <= LONGEST_S)
+    return near
 
 
 def _steady(values: list[Any], time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) -> list[float]:

@@ -66,7 +66,7 @@ class Stations:
         arguments += ["--start-ns", str(crew.start_ns)]
         for path in crew.attachments:
             arguments += ["--attach", str(path)]
-        return Process("recorder", "das.bus.recorder", arguments)
+        return Process("recorder", "das.recorder", arguments)
 
     def start_node(self) -> Process:
         """Start a node that goes by the simulation's clock."""

@@ -214,4 +214,5 @@ def versions(recording: Recording) -> dict[str, str]:
     nodes = sorted({one.message.version for one in recording.of(topics.STATUS) if one.message.version})
     found = {"node" if len(nodes) == 1 else f"node {i}": version for i, version in enumerate(nodes, 1)}
     run = recording.metadata.get("run", {})
-    return {**({"simulator": run["version"]} if "version" in run else {}), **found}
+    who = "recorder" if run.get("kind") == "session" else "simulator"
+    return {**({who: run["version"]} if "version" in run else {}), **found}

@@ -30,3 +30,8 @@ def open_contents(path: Path) -> Contents:
             _warned.add(line)
             warn(line)
     return contents
+
+
+def forget_warnings() -> None:
+    """Say again what was said before in this process."""
+    _warned.clear()

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any
 
 from mcap import records
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from das import __version__
-from das.bus.contents import CHANNELS, RECOVERED, Raw, read_raw
+from das.bus.contents import CHANNELS, NUMBERED, RECOVERED, Raw, read_raw
 from das.bus.damage import Health
+from das.bus.recorder import CHUNK_BYTES, LIBRARY
 from das.bus.sealing import UNCHECKED, sealed
 from das.bus.topics import topic_of
 from das.domain.errors import DasError
 from das.domain.files.writing import umask
-
-CHUNK_BYTES: Final = 1 << 18
-"""Size of a chunk of the new file before it is packed: of a damaged one, no more than some seconds are lost."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +100,11 @@ def _write_whole(out: Path, write: Callable[[IO[bytes]], None]) -> None:
     """Write a file beside its place, and put it there when it is whole."""
     place = out.resolve()
     try:
+        if place.exists() and not place.is_file():  # a device or a pipe is written to, not replaced
+            content = io.BytesIO()
+            write(content)
+            place.write_bytes(content.getvalue())
+            return
         handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -119,7 +122,7 @@ def _write_whole(out: Path, write: Callable[[IO[bytes]], None]) -> None:
 
 def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:
     writer: Any = McapWriter(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    writer.start(profile="", library=f"driver-advisory-system {__version__}")
+    writer.start(profile="", library=LIBRARY)
     for one in raw.attachments:
         writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
     for record, right in raw.metadata:
@@ -167,6 +170,7 @@ class _Channels:
         number = 0 if schema is None else self._schema(schema, channel.topic)
         new = self._writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
         described = {"topic": channel.topic, "schema": schema.name if schema else "", "schema_id": str(number)}
+        described |= {NUMBERED: "yes"} if self._raw.numbered else {}
         name = f"{CHANNELS}{new}"
         if topic_of(channel.topic) is not None:
             self._writer.add_metadata(name, sealed(name, described))

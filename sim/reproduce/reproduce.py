@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from das.bus.contents import Contents, RecordedMessage
 from das.bus.recorder import LAST_NS, message_time_ns
 from das.bus.recording import recording_of
 from das.bus.topics import ADVICE, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, TARGET
+from das.cab.cab import no_stopwatch
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.node.building import plan_cab
+from das.node.building import CabPlan, plan_cab
 from sim.recording.opening import open_contents
 from sim.reproduce.comparison import COMPARED, Comparison, Difference, compare
 from sim.reproduce.hearing import HeardAgain, Rehearing, Said, recorded_words
@@ -28,7 +29,7 @@ CONTEXT_S = 5.0
 """So many seconds of what was heard are shown before the first difference."""
 BY_THE_WALL = (
     "the node went by the time of day and looked for its plans in the background: when it had them depended on its "
-    "machine, so that its first advices and those after a change may differ"
+    "machine, and so does every plan made after that; differences do not mean that this version advises differently"
 )
 
 
@@ -98,7 +99,7 @@ def reproduce(
         given = node_given(contents, train, Path(folder), node)
         given.words += ["--tables", str(tables)] if tables is not None else []
         options = given.options()
-        plan = plan_cab(options)
+        plan = _without_waiting(plan_cab(options))
         by_bus = by_bus_clock(options)
         hearing = Rehearing(plan.cab, by_bus, options.advice.calibrate)
         today = hearing.run(messages, progress)
@@ -113,6 +114,11 @@ def reproduce(
         notes=tuple(notes),
         context=tuple(_context(messages, found.differences[0])) if found.differences else (),
     )
+
+
+def _without_waiting(plan: CabPlan) -> CabPlan:
+    """The same cab, which looks for its plans within a tick and measures no time."""
+    return replace(plan, settings=replace(plan.settings, background=False, stopwatch=no_stopwatch))
 
 
 def _span(contents: Contents) -> tuple[int, int]:

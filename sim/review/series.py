@@ -20,6 +20,10 @@ Times = NDArray[np.int64]
 EARTH_RADIUS_M: Final = 6_371_000.0
 
 
+UNKNOWN_S: Final = 10.0
+"""What was driven is not drawn where nothing is recorded of it for longer than this (s): a piece is lost."""
+
+
 class Style(NamedTuple):
     """How a series looks: label with its unit, colour (RGBA), width, and whether a value holds until the next."""
 
@@ -187,12 +191,18 @@ def _driven(recording: Recording, trip: DrivenCourse) -> Found:
     forces = truth if len(truth["time_ns"]) else effort
     measured = slice(None if truth["energy_input_j"].any() else 0)
     return {
-        "speed/driven": (trip.time_ns, trip.speed_mps / KMH),
-        "force/driven": (forces["time_ns"], (forces["force_el_n"] + forces["force_friction_n"]) / KN),
-        "energy/driven": (truth["time_ns"][measured], kwh(truth["energy_input_j"][measured])),
-        "gradient/permille": (truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
+        "speed/driven": _broken(trip.time_ns, trip.speed_mps / KMH),
+        "force/driven": _broken(forces["time_ns"], (forces["force_el_n"] + forces["force_friction_n"]) / KN),
+        "energy/driven": _broken(truth["time_ns"][measured], kwh(truth["energy_input_j"][measured])),
+        "gradient/permille": _broken(truth["time_ns"], truth["gradient_ratio"] / PERMILLE),
         "deviation/operator": (delay["time_ns"], delay["delay_s"]),
     }
+
+
+def _broken(time_ns: Times, values: Floats) -> tuple[Times, Floats]:
+    """The series with a gap (NaN) behind each value after which nothing is recorded for longer than `UNKNOWN_S`."""
+    behind = np.nonzero(np.diff(time_ns) * NS > UNKNOWN_S)[0] + 1
+    return np.insert(time_ns, behind, time_ns[behind - 1] + 1), np.insert(values, behind, np.nan)
 
 
 def _in_the_cab(recording: Recording) -> Found:

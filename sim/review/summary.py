@@ -21,6 +21,7 @@ def summary(recording: Recording) -> str:
     lines = [f"### Train {recording.train}", ""]
     if not recording.complete:
         lines += ["**This recording was cut off; it holds what was written before.**", ""]
+    lines += [f"**Damaged: {one}.**\n" for one in recording.health.damage]
     if len(recording.trains) > 1:
         lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
     lines += _table("Trip", _trip(recording))
@@ -40,9 +41,12 @@ def headline(recording: Recording) -> str:
 
 
 def on_this_day(recording: Recording) -> list[str]:
-    """What happened by the scenario, in lines for a picture; none if nothing did or it was not recorded."""
+    """What is wrong with the recording, and what happened by the scenario, in lines for a picture; none if nothing."""
     happens = recording.metadata.get("run", {}).get("happens", NOTHING)
-    return [] if happens == NOTHING else wrap(f"on this day (times from the timetable's departure): {happens}", LETTERS)
+    lines = [f"of the recording: {text}" for text in recording.health.warnings()]
+    if happens != NOTHING:
+        lines.append(f"on this day (times from the timetable's departure): {happens}")
+    return [part for line in lines for part in wrap(line, LETTERS)]
 
 
 def _trip(recording: Recording) -> list[tuple[str, str]]:

@@ -402,7 +402,7 @@ def test_a_child_whose_parent_ended_before_it_began_ends_as_well(tmp_path: Path)
     own, other = (endpoint(port) for port in free_ports(2))
     arguments = ["--with-parent", "1", "--train", "t", "--listen", own, "--connect", other, "--out", "x.mcap"]
     done = subprocess.run(
-        [sys.executable, "-m", "das.bus.recorder", *arguments], cwd=tmp_path, capture_output=True, timeout=60,
+        [sys.executable, "-m", "das.recorder", *arguments], cwd=tmp_path, capture_output=True, timeout=60,
         check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

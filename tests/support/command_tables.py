@@ -1,4 +1,4 @@
-"""The commands and options of the three programs, as the tables of docs/reference/commands.md show them.
+"""The commands and options of the four programs, as the tables of docs/reference/commands.md show them.
 
 `python -m tests.support.command_tables` writes these tables into the page again, after an option has changed.
 """
@@ -16,6 +16,7 @@ from typer.main import get_command
 
 import das.node.command
 import das.node.tls_command
+import das.recorder.command
 import precompute.cli.program
 import sim.cli.commands
 from das.command_line.application import single_command
@@ -37,6 +38,7 @@ def commands() -> dict[str, TyperCommand]:
     (tls_init,) = get_command(das.node.tls_command.tls_app).commands.values()  # type: ignore[attr-defined]
     assert isinstance(tls_init, TyperCommand)
     found["das-node tls-init"] = tls_init
+    found["das-record"] = single_command("das-record", das.recorder.command.record, ())
     return found
 
 

@@ -105,7 +105,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         cab = stack.enter_context(Bus(TRAIN, hear=(ADVICE, POSITION), file=BusFile(folder / "cab.json5")))
         node = start("das.node", said["node"], *ROUTE, "--bus", str(folder / "node.json5"))
         out_arguments = ("--out", str(out), "--bus", str(folder / "recorder.json5"))
-        recorder = start("das.bus.recorder", said["recorder"], *out_arguments)
+        recorder = start("das.recorder", said["recorder"], *out_arguments)
         processes = {"node": node, "recorder": recorder}
         for process in processes.values():
             stack.callback(process.wait)

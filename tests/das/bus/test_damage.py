@@ -18,7 +18,7 @@ from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.bus.scanning import MAGIC, begun
-from das.bus.sealing import UNCHECKED
+from das.bus.sealing import UNCHECKED, sealed
 from das.domain.errors import DasError
 from tests.support.recordings import START_NS
 
@@ -171,6 +171,27 @@ def test_a_hole_in_the_running_numbers_is_told(tmp_path: Path) -> None:
     with pytest.raises(DasError, match="2 messages are missing"):
         read_recording(path)
     assert read_recording(path, skip_damage=True).health.missing == 2
+
+
+def test_a_piece_that_is_in_the_file_twice_counts_once(whole: Path, tmp_path: Path) -> None:
+    """A copy of a sound chunk has a right checksum; the running numbers show it."""
+    content = cut(whole, 0.8)
+    places = [i - 37 for i in range(len(content)) if content.startswith(b"\x04\x00\x00\x00zstd", i)]
+    first, second = places[10], places[11]
+    (tmp_path / "sound.mcap").write_bytes(content)
+    (tmp_path / "twice.mcap").write_bytes(content[:second] + content[first:second] + content[second:])
+    found = read_recording(tmp_path / "twice.mcap", skip_damage=True)
+    assert told(found) == told(read_recording(tmp_path / "sound.mcap"))
+    assert [len(found.of(name)) for name in found.topics] == [len(told(found)) // 2] * 2
+    assert found.health.damage[0].what == "2 messages that are in the file twice"
+
+
+def test_metadata_that_describe_no_channel_are_only_metadata(tmp_path: Path) -> None:
+    """Whoever writes them with a right checksum gets them back, and nothing else."""
+    path = tmp_path / "odd.mcap"
+    odd = {"channel 7": {"topic": "x"}, "channel x": {}, "channel 8": {"schema_id": "-1", "topic": "", "schema": ""}}
+    write_with(path, lambda writer: [writer.add_metadata(name, sealed(name, data)) for name, data in odd.items()])
+    assert read_recording(path).metadata == odd
 
 
 def write_with(path: Path, add: Any) -> None:

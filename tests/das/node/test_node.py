@@ -17,7 +17,6 @@ import pytest
 from das.advice.settings import DEFAULT
 from das.bus import das_pb2
 from das.bus.received import Received
-from das.bus.recorder import main as recorder_main
 from das.bus.recording import read_recording
 from das.bus.session import Bus, check_endpoint, endpoint, free_ports
 from das.bus.topics import (
@@ -36,6 +35,7 @@ from das.bus.topics import (
     topic_of,
 )
 from das.domain.errors import DasError
+from das.recorder.command import main as recorder_main
 from tests.support.making import REPOSITORY
 
 TRAIN = "T1"
@@ -395,7 +395,7 @@ def test_node_says_when_its_port_is_taken() -> None:
 def send_and_record(out: Path, ticks: int) -> tuple[subprocess.Popen[str], Any]:
     ours, theirs = (endpoint(port) for port in free_ports(2))
     arguments = ["--train", TRAIN, "--listen", theirs, "--connect", ours, "--out", str(out)]
-    child = subprocess.Popen([sys.executable, "-m", "das.bus.recorder", *arguments])
+    child = subprocess.Popen([sys.executable, "-m", "das.recorder", *arguments])
     with Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
         until(bus, lambda r: r.topic is RECORDER)
         for tick in range(1, ticks + 1):
@@ -444,7 +444,7 @@ def test_a_recorder_started_anew_keeps_what_was_recorded(tmp_path: Path) -> None
 @pytest.mark.processes
 def test_recorder_names_a_file_it_cannot_write() -> None:
     with process(
-        "das.bus.recorder", "--train", TRAIN, "--listen", endpoint(free_ports(1)[0]), "--out", "/nowhere/x.mcap"
+        "das.recorder", "--train", TRAIN, "--listen", endpoint(free_ports(1)[0]), "--out", "/nowhere/x.mcap"
     ) as child:
         said, _ = child.communicate(timeout=60)
         assert child.returncode == 2

@@ -86,7 +86,7 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
     with (
         Bus(TRAIN, listen=cab_at, connect=[node_at, recorder_at], hear=(ADVICE, RECORDER)) as bus,
         python(*of_node) as node,
-        python("-m", "das.bus.recorder", *of_recorder) as recorder,
+        python("-m", "das.recorder", *of_recorder) as recorder,
         python(*of_simulator) as simulator,
     ):
         bus.publish(RESTRICTION, none)
@@ -130,7 +130,7 @@ def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))  # who is started inherits it
     try:
-        recorder = Process("recorder", "das.bus.recorder", of_recorder)
+        recorder = Process("recorder", "das.recorder", of_recorder)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     with recorder, Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:

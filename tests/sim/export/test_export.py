@@ -211,3 +211,19 @@ def test_damage_is_told_in_the_export(recorded: Path, tmp_path: Path) -> None:
     assert len(about["damage"]) == 1
     assert "a chunk" in about["damage"][0]
     assert len(pd.read_csv(tmp_path / "x" / "truth.csv")) < SECONDS
+
+
+def test_nothing_is_made_up_where_a_piece_is_lost(recorded: Path, tmp_path: Path) -> None:
+    """Ten seconds are lost: there are no rows along that way, and the numbers on both sides are those of before."""
+    content = bytearray(recorded.read_bytes())
+    places = [i for i in range(len(content) // 2) if content.startswith(b"\x04\0\0\0zstd", i)]
+    for place in places[200:210]:
+        content[place + 40] ^= 0x10
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    export(tmp_path / "damaged.mcap", tmp_path / "x", CSV)
+    table = pd.read_csv(tmp_path / "x" / "by_position.csv")
+    lost = (table["s_m"] > position_m(200)) & (table["s_m"] < position_m(209))
+    assert not lost.any()
+    moments = (table["time_ns"] - START_NS) * NS
+    np.testing.assert_allclose(table["truth_speed_mps"], [speed_mps(t) for t in moments], atol=0.01)
+    assert table["to_next_s"].max() > 10

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import random
+import stat
+import threading
 from pathlib import Path
 
 import pytest
@@ -148,3 +151,16 @@ def test_nothing_is_written_where_nothing_can_be_saved(tmp_path: Path) -> None:
 def test_a_recording_never_replaces_itself(whole: Path) -> None:
     with pytest.raises(DasError, match="the file to write is one that is read"):
         recover_command(whole, whole)
+
+
+def test_a_device_is_written_to_and_not_replaced(whole: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    recover(whole, pipe)
+    reader.join()
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    (tmp_path / "read.mcap").write_bytes(read[0])
+    assert said(read_recording(tmp_path / "read.mcap")) == said(read_recording(whole))

@@ -13,7 +13,7 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2, topics
-from das.bus.recording import Recording, Stamped
+from das.bus.recording import Recording, Stamped, read_recording
 from das.domain.errors import DasError
 from das.domain.units import KM
 from sim.review.happenings import NOT_HEARD, happenings, points, signals, silences
@@ -322,3 +322,18 @@ def test_a_picture_says_what_the_scenario_let_happen() -> None:
     assert " ".join(lines).endswith(happens)
     assert len(lines) == 2
     assert max(map(len, lines)) <= LETTERS
+
+
+def test_what_is_lost_is_not_drawn_and_is_said(tmp_path: Path) -> None:
+    """Of a recording with a damaged piece: the driven speed has a gap there, and the picture says why."""
+    from sim.review.summary import on_this_day
+
+    content = bytearray(write_recording(tmp_path / "whole.mcap").read_bytes())
+    places = [i for i in range(len(content) // 2) if content.startswith(b"\x04\0\0\0zstd", i)]
+    for place in places[100:120]:  # 20 s
+        content[place + 40] ^= 0x10
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    recording = read_recording(tmp_path / "damaged.mcap", skip_damage=True)
+    _, driven = Story.of(recording).series["speed/driven"]
+    assert np.isnan(driven).sum() == 1
+    assert any("damaged: " in line for line in on_this_day(recording))

@@ -42,7 +42,7 @@ def record_and_kill(out: Path, after_s: float) -> Killed:
     """Send positions to a recorder that listens, and kill it after a while."""
     ours, theirs = (endpoint(port) for port in free_ports(2))
     arguments = ["--train", TRAIN, "--listen", theirs, "--connect", ours, "--out", str(out)]
-    child = subprocess.Popen([sys.executable, "-m", "das.bus.recorder", *arguments])
+    child = subprocess.Popen([sys.executable, "-m", "das.recorder", *arguments])
     sent_s: list[float] = []
     try:
         with Bus(TRAIN, listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
@@ -110,7 +110,7 @@ def test_a_recorder_killed_while_it_starts_leaves_no_empty_file(kill: int, tmp_p
     out = tmp_path / "run.mcap"
     arguments = ["--train", TRAIN, "--listen", endpoint(free_ports(1)[0]), "--out", str(out)]
     random.seed(100 + kill)
-    child = subprocess.Popen([sys.executable, "-m", "das.bus.recorder", *arguments])
+    child = subprocess.Popen([sys.executable, "-m", "das.recorder", *arguments])
     time.sleep(random.uniform(0.1, 1.0))
     child.kill()
     child.wait(20)

@@ -1,0 +1,12 @@
+"""Where das-record starts: `python -m das.recorder`."""
+
+from das.command_line.entry import start
+
+
+def main() -> None:
+    """Entry point of das-record."""
+    start("das.recorder.command")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,30 @@
+"""The command das-record: its options; what it does is imported only when it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from das.command_line.application import single_command
+from das.command_line.running import run_command
+from das.recorder.options import RecorderOptions
+
+EXAMPLES = (
+    "das-record --train IC1 -o ic1.mcap --connect tcp/127.0.0.1:7447 --connect tcp/127.0.0.1:7448",
+    "das-record --train IC1 -o ic1.mcap --bus bus-tls/recorder.json5",
+)
+
+
+def record(options: RecorderOptions) -> None:
+    """Record everything that is said on the bus about a train into an MCAP file, until it is stopped.
+
+    It hears those to whom it connects, by default the node. What it heard is on the disk within a second.
+    """
+    from das.recorder.process import record as run
+
+    run(options)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of das-record; `arguments` stand for the command line's."""
+    command = single_command("das-record", record, EXAMPLES)
+    run_command(lambda: command(args=arguments, standalone_mode=False, prog_name="das-record"))

@@ -1,0 +1,101 @@
+"""The process das-record: everything said on the bus about a train into one MCAP file, until it is stopped."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from das import __version__
+from das.bus.config import BusFile, bus_options
+from das.bus.recorder import LIBRARY, Recorder, RecordingFile
+from das.bus.refusals import Refusals
+from das.bus.scanning import begun
+from das.bus.session import Bus, check_endpoint
+from das.bus.topics import RECORDED, RECORDER
+from das.command_line.printing import say
+from das.command_line.running import StopFlag
+from das.domain.errors import DasError
+from das.domain.files.writing import new_file
+from das.recorder.options import NODE_ENDPOINT, OWN_ENDPOINT, FileMade, RecorderOptions
+
+MOST_WAITING = 20_000
+"""Messages that may wait while the disk is slow; beyond that the oldest are lost, and counted."""
+LISTENS_S = 0.1
+"""The recorder looks at its clock at least this often."""
+
+
+def record(options: RecorderOptions) -> None:
+    """Record until told to stop. Raises DasError for anything that cannot be used."""
+    bus = _bus(options)
+    out = options.made.out or Path(f"{options.place.train}.mcap")
+    try:
+        _record(options, bus, out, StopFlag(with_parent=options.with_parent))
+    except OSError as error:
+        raise DasError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+def _bus(options: RecorderOptions) -> Bus:
+    place = options.place
+    file: BusFile | None = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
+    listen = None if file else check_endpoint(place.listen or OWN_ENDPOINT)
+    connect = [check_endpoint(one) for one in place.connect or ([] if file or place.listen else [NODE_ENDPOINT])]
+    if file is not None:
+        Refusals().listen()
+    return Bus(place.train, listen=listen, connect=connect, hear=RECORDED, file=file, waiting=MOST_WAITING)
+
+
+def _record(options: RecorderOptions, made: Bus, out: Path, stop: StopFlag) -> None:
+    attachments = [(path, _content(path)) for path in options.made.attach or ()]
+    metadata = _metadata(options)
+    file = RecordingFile(_place(out, options.made))
+    try:
+        for path, content in attachments:
+            file.add_attachment(path.name, "application/octet-stream", content)
+        file.add_metadata("run", metadata)
+        file.flush()
+        with made as bus:
+            recorder = Recorder(bus, file, options.start_ns)
+            while not stop.stopped:
+                received = bus.receive(LISTENS_S)
+                if received is not None:
+                    recorder.take(received)
+                file.flush_if_due()
+                recorder.report_if_due()
+            while (received := bus.receive(0)) is not None:
+                recorder.take(received)
+            if bus.dropped:
+                file.add_metadata(RECORDER.name, {"dropped": str(bus.dropped)})
+                print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
+    finally:
+        file.close()
+
+
+def _place(path: Path, made: FileMade) -> Path:
+    """Where to record: a recorder that is started anew on a file keeps what was recorded before."""
+    if made.overwrite or (path.exists() and not path.is_file()):
+        return path
+    free = new_file(path, begun(LIBRARY))
+    if free != path:
+        say(f"{path} is there already: recording to {free}")
+    return free
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _metadata(options: RecorderOptions) -> dict[str, str]:
+    """What the user says about the run; else that it is a session recorded by this version."""
+    if options.made.metadata is None:
+        return {"kind": "session", "version": __version__, "train": options.place.train}
+    try:
+        found = json.loads(options.made.metadata)
+    except ValueError as error:
+        raise DasError(f"--metadata: not valid JSON ({error})") from error
+    if not isinstance(found, dict) or not all(isinstance(value, str) for value in found.values()):
+        raise DasError("--metadata: expected a JSON object of texts")
+    return found

@@ -1,0 +1,75 @@
+"""das-record as a user starts it: what it says of itself, and where it records."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from das import __version__
+from das.bus import das_pb2
+from das.bus.recording import extract_attachments, read_recording
+from das.bus.session import Bus, endpoint, free_ports
+from das.bus.topics import POSITION, RECORDER
+from das.recorder.command import main
+from tests.support.making import REPOSITORY
+from tests.support.recordings import START_NS
+
+
+@pytest.mark.processes
+def test_a_session_is_recorded_beside_what_is_there_already(tmp_path: Path) -> None:
+    """Without --out the file is named after the train; Ctrl-C ends the recording."""
+    (tmp_path / "IC1.mcap").write_bytes(b"mine")
+    (tmp_path / "route.toml").write_bytes(b"[route]")
+    ours, theirs = (endpoint(port) for port in free_ports(2))
+    arguments = ["--train", "IC1", "--listen", theirs, "--connect", ours, "--attach", "route.toml"]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "das.recorder", *arguments],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with Bus("IC1", listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
+        written = 0
+        while written == 0:
+            received = bus.receive(0.2)
+            assert child.poll() is None
+            if received is not None:
+                written = received.message.messages
+                bus.publish(POSITION, das_pb2.Position(time_ns=START_NS, s_m=1.0))
+    child.send_signal(signal.SIGINT)
+    said = child.communicate(timeout=30)[1]
+    assert child.returncode == 0
+    assert "IC1.mcap is there already: recording to IC1-2.mcap" in said
+    assert (tmp_path / "IC1.mcap").read_bytes() == b"mine"
+    recording = read_recording(tmp_path / "IC1-2.mcap")
+    assert recording.metadata == {"run": {"kind": "session", "version": __version__, "train": "IC1"}}
+    assert len(recording.of(POSITION)) >= 1
+    (tmp_path / "out").mkdir()
+    assert extract_attachments(recording.path, tmp_path / "out") == [tmp_path / "out" / "route.toml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--train", "a b"], "error: train name 'a b': expected 1 to 64 letters"),
+        (["--connect", "tcp/10.0.0.1:7"], "error: endpoint 'tcp/10.0.0.1:7': expected tcp/127.0.0.1:PORT"),
+        (["--nonsense"], "error: No such option"),
+    ],
+)
+def test_bad_arguments_end_in_one_line(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [*arguments, "--out", str(tmp_path / "run.mcap")]
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith(message)
+    assert len(said.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
