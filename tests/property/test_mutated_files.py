@@ -12,6 +12,7 @@ import random
 import re
 import resource
 import signal
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -235,7 +236,8 @@ def test_mutated_files_are_refused_in_one_line_or_used(kinds: list[Kind], tmp_pa
             path = tmp_path / f"mutated{kind.example.suffix}"
             path.write_bytes(mutated(kind.example.read_text(encoding="utf-8"), chance))
             try:
-                with bounded():
+                with bounded(), warnings.catch_warnings():
+                    warnings.simplefilter("error", RuntimeWarning)  # a computation with what is no number
                     kind.use(path)
                 counts[f"{kind.name}: used"] += 1
             except DasError as error:
@@ -249,4 +251,4 @@ def test_mutated_files_are_refused_in_one_line_or_used(kinds: list[Kind], tmp_pa
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     print(dict(counts))
     assert not wrong, "\n".join(map(str, wrong[:20]))
-    assert all(counts[f"{kind.name}: refused"] for kind in kinds)
+    assert MUTATIONS < 100 or all(counts[f"{kind.name}: refused"] for kind in kinds)

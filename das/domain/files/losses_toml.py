@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from das.domain.errors import MISSING, InputError
 from das.domain.files.loss_map_csv import check_cells, read_loss_map
 from das.domain.files.reading import Fields, in_si
@@ -40,7 +42,8 @@ def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
     chain = read_chain(fields)
     traction_n, brake_n = vehicle.traction.max_force_n, vehicle.electric_brake.max_force_n
     check_cells(fields.source, round(vehicle.max_speed_mps / KMH), round((traction_n + brake_n) / KN) + 1)
-    return chain.to_map(f"{fields.source} [losses.l3]", traction_n, brake_n, vehicle.max_speed_mps)
+    with np.errstate(all="ignore"):  # A map with a loss that is no finite number is refused.
+        return chain.to_map(f"{fields.source} [losses.l3]", traction_n, brake_n, vehicle.max_speed_mps)
 
 
 def _efficiency_loss(fields: Fields) -> EfficiencyLoss:

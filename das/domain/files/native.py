@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import MISSING
 from das.domain.files.losses_toml import read_chain, read_losses
-from das.domain.files.reading import Fields, read_toml
+from das.domain.files.reading import Fields, read_toml, train_length_m
 from das.domain.files.ttobench import check_tunnel_resistance, curvature_stretches
 from das.domain.loss_chain import LossChain
 from das.domain.losses import Level
@@ -72,7 +72,7 @@ def _lossless(fields: Fields) -> Vehicle:
         source=str(fields.source),
         mass_kg=main.quantity("mass", "mass"),
         rotating_mass_ratio=main.quantity("rotating_mass", "ratio", 0.0),
-        train_length_m=main.quantity("length", "length"),
+        train_length_m=train_length_m(main.source, main.quantity("length", "length")),
         max_speed_mps=main.quantity("max_speed", "speed"),
         resistance=_resistance(fields.table("resistance")),
         traction=_envelope(fields.table("traction")),

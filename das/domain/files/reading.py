@@ -26,6 +26,8 @@ MOST_OF_A_NAME = 200
 LARGEST = 1e12
 """Largest number in a file, in SI units: the computations with it stay finite. The largest quantity of a railway, the
 power of a network, is below it."""
+SHORTEST_TRAIN_M = 0.1
+"""Shortest length of a train (m) that is not a point: gradients are averaged over it."""
 LARGEST_TIME_S = 1e10
 """Largest time on a journey's clock, whose zero may be that of 1970."""
 LARGEST_LENGTH_M = 1e9
@@ -211,6 +213,13 @@ def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbou
     if math.isinf(result):
         raise InputError(source, key, value, "a finite number")
     raise InputError(source, key, value, f"a number of at most {largest / to_si(1.0, *unit):.4g}")
+
+
+def train_length_m(source: Path, value: float) -> float:
+    """A train's length (m), 0 for a point; InputError for one so short that a mean over it is nothing but rounding."""
+    if 0 < value < SHORTEST_TRAIN_M:
+        raise InputError(source, "vehicle.length", value, f"0 m (a point), or at least {SHORTEST_TRAIN_M:g} m")
+    return value
 
 
 def bound_of_window(source: Path, key: str, time_s: float) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from das.domain.errors import MISSING, InputError
-from das.domain.files.reading import Fields, bound_of_window, in_si, read_json
+from das.domain.files.reading import Fields, bound_of_window, in_si, read_json, train_length_m
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.plausibility import check_route, check_vehicle
@@ -41,7 +41,7 @@ def read_train(path: Path) -> Vehicle:
         source=str(path),
         mass_kg=_quantity(fields, "mass", "mass"),
         rotating_mass_ratio=_quantity(fields, "rho", "ratio", 0.0),
-        train_length_m=_quantity(fields, "length", "length", 0.0),
+        train_length_m=train_length_m(fields.source, _quantity(fields, "length", "length", 0.0)),
         max_speed_mps=_quantity(fields, "max speed", "speed"),
         resistance=Resistance(
             c0_n=_quantity(fields, "rolling resistance r0", "force"),

@@ -72,6 +72,13 @@ CASES: list[tuple[Read, str, str, str, str]] = [
     (
         read_vehicle,
         VEHICLE,
+        "length_m = 0.0",
+        "length_m = 1e-300",
+        "vehicle.length = 1e-300: expected 0 m (a point), or at least 0.1 m",
+    ),
+    (
+        read_vehicle,
+        VEHICLE,
         "max_speed_kmh = 144.0",
         "max_speed_kmh = -144",
         "max_speed_mps = -40.0: expected a finite",
