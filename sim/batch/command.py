@@ -21,13 +21,14 @@ from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy
 from das.command_line.running import interrupt_on_termination, signals_held
 from das.domain.errors import DasError
-from sim.cli.options import DriversOption
+from sim.cli.options import DriversOption, ParticipantsOption, PopulationOption
 from sim.cli.shared import Kind, chosen, progress_bar
 from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver
 
 if TYPE_CHECKING:
     from sim.batch.journal import Journal
     from sim.batch.plan import BatchJob
+    from sim.drivers.population import Participant
 
 TABLE = "runs.parquet"
 
@@ -42,6 +43,8 @@ def batch(
     advice: Annotated[
         str, typer.Option(metavar="LIST", help="What the display shows, with commas between (see das-sim run -h).")
     ] = "vector",
+    participants: ParticipantsOption = None,
+    population: PopulationOption = None,
     level: LevelOption = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", help="Number of processes [default: one a core].", min=1, max=1024)
@@ -63,7 +66,8 @@ def batch(
         require_pyarrow()
         asked = Batch(
             scenarios=scenarios,
-            drivers=_drivers(drivers),
+            drivers=(who := _drivers(drivers)),
+            participants=_participants(who, participants, population),
             advice=_each(Presentation, "--advice", advice),
             seeds=parse_seeds(seeds),
             level=level,
@@ -73,10 +77,7 @@ def batch(
         jobs = list(asked.jobs())
         _make_folders(out, record)
     found = _run_all(jobs, out, workers or os.cpu_count() or 1)
-    if as_json:
-        print(json.dumps(found))
-    else:
-        print_summary(found)
+    print(json.dumps(found)) if as_json else print_summary(found)
     if failed := sum(group["failed"] for group in found["groups"]):
         print(f"{failed} of {len(jobs)} runs failed: see the column error of {out / TABLE}", file=sys.stderr)
         raise typer.Exit(1)
@@ -123,6 +124,23 @@ def _drivers(text: str) -> list[DriverKind | OwnClass]:
             raise DasError(f"--drivers {driver}: a batch has no place for a process of its own; expected das-sim run")
         found[driver] = None
     return list(found)
+
+
+def _participants(
+    drivers: Sequence[DriverKind | OwnClass], numbers: str | None, population: str | None
+) -> list[Participant]:
+    """The participants of a list; DasError without a human driver, or for a population that cannot be used."""
+    from sim.batch.plan import parse_seeds
+    from sim.drivers.population import DEFAULT, Participant, load_population
+
+    if numbers is None:
+        if population is not None:
+            raise DasError(f"--population {population}: expected with --participants")
+        return []
+    if DriverKind.HUMAN not in drivers:
+        raise DasError(f"--participants {numbers}: expected with the driver human, who alone has parameters")
+    found = load_population(population or DEFAULT)
+    return [Participant(population=found, number=number) for number in parse_seeds(numbers, "--participants")]
 
 
 def _make_folders(out: Path, record: bool) -> None:

@@ -54,6 +54,8 @@ def work(job: BatchJob) -> dict[str, Any]:
         "scenario": job.scenario_id,
         "seed": job.seed,
         "driver": str(job.driver),
+        "participant": None if job.participant is None else job.participant.number,
+        "population": None if job.participant is None else job.participant.population.id,
         "advice": str(job.advice),
         **dict(job.versions),
         "inputs_sha256": job.inputs_sha256,
@@ -68,7 +70,7 @@ def work(job: BatchJob) -> dict[str, Any]:
 
 
 def _run(job: BatchJob) -> dict[str, Any]:
-    day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed)
+    day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed, job.participant)
     figures = outcome(day, _driven(day, job)).as_dict()
     stops = figures.pop("stops")
     return {

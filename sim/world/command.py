@@ -33,6 +33,8 @@ from sim.cli.options import (
     DriverAtOption,
     DriverOption,
     InProcessOption,
+    ParticipantOption,
+    PopulationOption,
     ScenarioArgument,
     SpeedOption,
 )
@@ -91,6 +93,8 @@ def run(
     out: OutRecordingOption = None,
     in_process: InProcessOption = False,
     level: LevelOption = None,
+    participant: ParticipantOption = None,
+    population: PopulationOption = None,
     train: TrainOption = DEFAULT_TRAIN,
     bus: BusFolderOption = None,
     insecure_bus: InsecureBusOption = False,
@@ -102,14 +106,13 @@ def run(
     who = named_driver("--driver", driver)
     listens = _driver_at(who, in_process, bus, driver_at)
     factor = speed_factor(speed)
-    if out is not None:
-        check_writable(out)
     with loading_solver():
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
         from das.cab.warm_up import warm_up
         from das.command_line.loading import warn_unusual
         from sim.drivers.own_class import driver_versions
+        from sim.drivers.population import participant_of
         from sim.world.day import make_day
         from sim.world.report import print_result
         from sim.world.scenario import load_scenario
@@ -117,29 +120,29 @@ def run(
 
         check_train_name(train)
         driver_versions(who)
+        person = participant_of(who, participant, population)
         files = bus_folder(bus, insecure_bus, train)
         read = load_scenario(scenario)
         _check_not_an_input(out, read)
         warm_up()
     with busy("solving the sections …"):
-        day = make_day(prepare_service(read, level=level), seed)
+        day = make_day(prepare_service(read, level=level), seed, person)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     if not in_process:
         out = out or new_recording("run")
     asked = _Asked(driver=who, advice=advice, speed=factor, out=out, train=train, bus=files, driver_at=listens)
     found = _drive(day, asked)
-    if as_json:
-        print(json.dumps(found.as_dict()))
-    else:
-        print_result(found)
+    print(json.dumps(found.as_dict())) if as_json else print_result(found)
 
 
 def _check_in_process(in_process: bool, out: Path | None, bus: Path | None) -> None:
-    """DasError where options that need the bus are given for a run without one."""
+    """DasError where options that need the bus are given for a run without one, or the recording cannot be written."""
     if in_process and out is not None:
         raise DasError("--out: a run --in-process records nothing")
     if in_process and bus is not None:
         raise DasError("--bus: a run --in-process has no bus")
+    if out is not None:
+        check_writable(out)
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
