@@ -45,6 +45,7 @@ class ExternalDriver:
         self._command = COAST
         self._look, self._heard_look = 0, 0
         self._due = 0.0
+        self._crowded = False
 
     def begin(self, lockstep: Lockstep) -> None:
         """Wait until the driver is there; DasError where it does not come."""
@@ -67,13 +68,23 @@ class ExternalDriver:
             told = self._dead_man.answered(standing=cab.speed_mps <= 0)
         else:
             told = self._dead_man.silent(SILENT_S if self._look_s is None else LOOK_S)
-        if told is not None:
-            self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
+        self._tell(now_ns, told)
         if self._dead_man.braking:
+            self._lockstep.answers.driver = ""  # the driver may have been started anew
             self._command = BRAKES
         elif answer is not None:
             self._command = command_of(answer, cab.time_s)
         return self._command
+
+    def _tell(self, now_ns: int, told: str | None) -> None:
+        """Record what happened, and once that another process would drive as well."""
+        assert self._lockstep is not None
+        if self._lockstep.answers.other_drivers and not self._crowded:
+            self._crowded = True
+            other = "another process answers as well; the first one drives"
+            self._lockstep.send(LOG, happened(now_ns, other, Log.WARNING))
+        if told is not None:
+            self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
 
     def _answer(self, lockstep: Lockstep, cab: CabView) -> Any | None:
         """The answer to this look, None where there is none in time; DasError where the driver is gone for good."""

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -55,6 +55,19 @@ with Bus("T1", connect=[sys.argv[1]], hear=[CAB]) as bus:
             bus.publish(CONTROLS, das_pb2.Controls(look=cab.look, held_speed=held))
 """
 """A driver that does not answer some looks."""
+SECOND = """
+import sys
+from das.bus import das_pb2
+from das.bus.session import Bus
+from das.bus.topics import CAB, CONTROLS
+
+with Bus("T1", connect=[sys.argv[1]], hear=[CAB]) as bus:
+    while True:
+        received = bus.receive(0.2)
+        if received is not None:
+            bus.publish(CONTROLS, das_pb2.Controls(look=received.message.look, lever_ratio=-1.0))
+"""
+"""A second driver: it brakes, and says nothing before the first has begun."""
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +76,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "flat.toml").write_text(FLAT)
     (folder / "eventful.toml").write_text(FLAT + HUMAN + RESTRICTED + signal_at(4000, 800))
     (folder / "silent.py").write_text(SILENT)
+    (folder / "second.py").write_text(SECOND)
     (folder / "page.py").write_text(PAGE.read_text(encoding="utf-8").split("```python\n")[2].split("```")[0])
     return folder
 
@@ -155,6 +169,23 @@ def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path
     assert at_s == pytest.approx(399 * 0.2 - 10)  # the first look that was not answered
     assert all(state.acceleration_mps2 < -0.8 for state in braked)
     assert len(braked) > 5
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
+    """The second one begins when the run has begun, and would not move the train; the states are those of the first."""
+    runs = []
+    for others in ((), ("second.py",)):
+        day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
+        with ExitStack() as stack:
+            stack.enter_context(process(folder, "silent.py", place, "0", "0"))
+            for other in others:
+                stack.enter_context(process(folder, other, place))
+            runs.append(driven(day, place, tmp_path / "two.mcap", Presentation.NONE)[0].states)
+    assert runs[0] == runs[1]
+    words = [entry.message.message for entry in read_recording(tmp_path / "two.mcap").of(LOG)]
+    assert "another process answers as well; the first one drives" in words
 
 
 @pytest.mark.processes
