@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sim
 from das.domain.errors import DasError, InputError
 from sim.drivers.kinds import DriverKind
 from sim.drivers.parameters import HumanParameters
@@ -187,6 +188,10 @@ def test_runs_of_a_participant_are_paired(tmp_path: Path) -> None:
         number = int(options[1]) if options else None
         assert person == ({} if number is None else load_population("default").draw(number))
     assert len(set(energies.values())) == 4
+    day = sim.run_day(tmp_path / "flat.toml", participant=2, advice="none")
+    assert day.outcome["energy_kwh"] == energies["--participant", "2"]
+    with pytest.raises(InputError, match="participant = -1: expected a whole number >= 0"):
+        sim.run_day(tmp_path / "flat.toml", participant=-1)
     again = json.loads(das_sim(*asked, "--participant", "1", cwd=tmp_path).stdout)
     assert again["energy_kwh"] == energies["--participant", "1"]
 
