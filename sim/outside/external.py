@@ -24,6 +24,8 @@ AWAITED_S: Final = 120.0
 """A run waits this long (s) for its driver before it starts."""
 GIVEN_UP_S: Final = 30.0
 """A train that the dead-man brake has stopped waits this long (s) for its driver; then the run ends."""
+LEAST_LISTENING: Final = 0.5
+"""At a pace, at least this share of a look is left for the driver's answer."""
 BRAKES: Final = lever(-1.0)
 
 
@@ -100,8 +102,9 @@ class ExternalDriver:
             patience_s = SILENT_S if self._look > 1 else GIVEN_UP_S  # a first answer may need code to be loaded
             lockstep.hear(lambda: answers.answered(self._look), 0.0 if self._dead_man.braking else patience_s)
         else:
+            # A run that fell behind its pace catches up, but never without listening.
             self._due += self._look_s
-            lockstep.hear(lambda: False, max(self._due - self._clock(), 0.0))
+            lockstep.hear(lambda: False, max(self._due - self._clock(), LEAST_LISTENING * self._look_s))
         controls = answers.controls
         least = self._look if self._look_s is None else self._heard_look + 1
         if controls is None or not least <= controls.look <= self._look:
