@@ -16,6 +16,7 @@ from das.domain.trajectory import Ledger
 from das.front_door import chosen
 from sim.drivers.cab import Presentation
 from sim.drivers.kinds import DriverKind, OwnClass, named_driver
+from sim.drivers.population import Participant, participant_of
 from sim.plant.plant import PlantState
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
@@ -54,14 +55,16 @@ def run_day(
     driver: DriverKind | str = DriverKind.HUMAN,
     advice: Presentation | str = Presentation.VECTOR,
     level: Level | str | None = None,
+    participant: int | None = None,
 ) -> SimulatedDay:
     """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
 
     `scenario` is a bundled scenario's name or a TOML file. `seed` draws what happens on the day and how the driver is;
     the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable", "human", or a class
     of your own as "package.module:Class"), `advice` what the display shows ("none", "rms", "four-mode", "vector" or
-    "coach"), `level` how losses are modelled (the default is the vehicle's own). Nothing is recorded: `das-sim run`
-    does that.
+    "coach"), `level` how losses are modelled (the default is the vehicle's own). `participant` is the number of a human
+    driver of the default population, who is the same on every day; the seed then draws the day alone. Nothing is
+    recorded: `das-sim run` does that.
 
     Raises InputError for a word that there is not, DasError for a scenario that is unusable or a train that does not
     arrive.
@@ -81,7 +84,8 @@ def run_day(
         raise InputError("run_day", "seed", seed, "a whole number >= 0")
     if not isinstance(scenario, str | Path):
         raise InputError("run_day", "scenario", scenario, "the name of a bundled scenario, or a path")
-    day = make_day(prepare_service(load_scenario(str(scenario)), level=losses), seed)
+    person = _person(kind, participant)
+    day = make_day(prepare_service(load_scenario(str(scenario)), level=losses), seed, person)
     run = World(day, day.driver(kind), shown, InProcess(day.service, coach=shown is Presentation.COACH)).run()
     states = {
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
@@ -89,6 +93,13 @@ def run_day(
     return SimulatedDay(
         states=states, outcome=outcome(day, run).as_dict(), ledger=day.plant.ledger(run.legs[0][0], run.legs[-1][1])
     )
+
+
+def _person(driver: DriverKind | OwnClass, number: int | None) -> Participant | None:
+    """The participant of a number; InputError for anything that is none, DasError where the driver is not human."""
+    if number is not None and (not isinstance(number, int) or isinstance(number, bool) or number < 0):
+        raise InputError("run_day", "participant", number, "a whole number >= 0")
+    return participant_of(driver, number, None)
 
 
 def _who(driver: DriverKind | str) -> DriverKind | OwnClass:

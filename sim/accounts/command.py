@@ -25,12 +25,12 @@ def energy(
 ) -> None:
     """Say where the energy of a recorded drive went, by cause and by place, against the optimum for the same times."""
     with loading_solver():
-        from das.bus.recording import read_recording
         from sim.accounts.account import account_of
         from sim.accounts.rows import as_dict
+        from sim.recording.opening import open_recording
 
     with busy(f"reading {file} and solving its sections …"):
-        account = account_of(read_recording(file))
+        account = account_of(open_recording(file))
     if as_json:
         print(json.dumps(as_dict(account)))
         return

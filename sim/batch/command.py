@@ -21,13 +21,14 @@ from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy
 from das.command_line.running import interrupt_on_termination, signals_held
 from das.domain.errors import DasError
-from sim.cli.options import DriversOption, FrictionOption
+from sim.cli.options import DriversOption, FrictionOption, ParticipantsOption, PopulationOption
 from sim.cli.shared import Kind, chosen, progress_bar
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
 
 if TYPE_CHECKING:
     from sim.batch.journal import Journal
     from sim.batch.plan import BatchJob
+    from sim.drivers.population import Participant
 
 TABLE = "runs.parquet"
 
@@ -43,6 +44,8 @@ def batch(
         str, typer.Option(metavar="LIST", help="What the display shows, with commas between (see das-sim run -h).")
     ] = "vector",
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
+    participants: ParticipantsOption = None,
+    population: PopulationOption = None,
     level: LevelOption = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", help="Number of processes [default: one a core].", min=1, max=1024)
@@ -64,7 +67,8 @@ def batch(
         require_pyarrow()
         asked = Batch(
             scenarios=scenarios,
-            drivers=_drivers(drivers),
+            drivers=(who := _drivers(drivers)),
+            participants=_participants(who, participants, population),
             advice=_each(Presentation, "--advice", advice),
             seeds=parse_seeds(seeds),
             friction=friction,
@@ -75,10 +79,8 @@ def batch(
         jobs = list(asked.jobs())
         _make_folders(out, record)
     found = _run_all(jobs, out, workers or os.cpu_count() or 1)
-    if as_json:
-        print(json.dumps({**found, "savings": [one.as_dict() for one in found["savings"]]}))
-    else:
-        print_summary(found)
+    as_text = json.dumps({**found, "savings": [one.as_dict() for one in found["savings"]]})
+    print(as_text) if as_json else print_summary(found)
     _check_all_done(found, jobs, out)
 
 
@@ -137,6 +139,23 @@ def _drivers(text: str) -> list[DriverKind | OwnClass]:
             raise DasError(f"--drivers {driver}: a batch has no place for a process of its own; expected das-sim run")
         found[driver] = None
     return list(found)
+
+
+def _participants(
+    drivers: Sequence[DriverKind | OwnClass], numbers: str | None, population: str | None
+) -> list[Participant]:
+    """The participants of a list; DasError without a human driver, or for a population that cannot be used."""
+    from sim.batch.plan import parse_seeds
+    from sim.drivers.population import DEFAULT, Participant, load_population
+
+    if numbers is None:
+        if population is not None:
+            raise DasError(f"--population {population}: expected with --participants")
+        return []
+    if DriverKind.HUMAN not in drivers:
+        raise DasError(f"--participants {numbers}: expected with the driver human, who alone has parameters")
+    found = load_population(population or DEFAULT)
+    return [Participant(population=found, number=number) for number in parse_seeds(numbers, "--participants")]
 
 
 def _make_folders(out: Path, record: bool) -> None:

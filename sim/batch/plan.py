@@ -21,6 +21,7 @@ from das.domain.losses import Level
 from sim.drivers.cab import Presentation
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.own_class import driver_versions
+from sim.drivers.population import Participant
 from sim.recording.inputs import sha256
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out, scenario_files
@@ -44,6 +45,7 @@ class BatchJob:
     seed: int
     driver: DriverKind | OwnClass
     friction: FrictionPolicy
+    participant: Participant | None
     advice: Presentation
     level: Level | None
     versions: tuple[tuple[str, str], ...]
@@ -59,10 +61,14 @@ class BatchJob:
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What the user asked for: every scenario with every driver, presentation and seed."""
+    """What the user asked for: every scenario with every driver, presentation and seed.
+
+    With `participants`, the human driver stands for each of these persons.
+    """
 
     scenarios: Sequence[str]
     drivers: Sequence[DriverKind | OwnClass]
+    participants: Sequence[Participant] = ()
     advice: Sequence[Presentation]
     seeds: Sequence[int]
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
@@ -82,8 +88,10 @@ class Batch:
             warn_unusual(route, vehicle)
             versions = {"version": __version__, "code_sha256": code_sha256()}
             versions |= {f"{name}_sha256": sha256(path) for name, path in scenario_files(scenario).items()}
-            for driver, advice, seed in product(self.drivers, self.advice, self.seeds):
+            for (driver, person), advice, seed in product(self._persons(), self.advice, self.seeds):
+                of_person = {} if person is None else {"population_sha256": sha256(person.population.source)}
                 name = f"{scenario.id}-{str(driver).replace(':', '.')}-{advice}-{seed}"
+                name += "" if person is None else f"-participant-{person.number}"
                 yield BatchJob(
                     name=name,
                     scenario=scenario.source,
@@ -91,23 +99,30 @@ class Batch:
                     seed=seed,
                     driver=driver,
                     friction=self.friction,
+                    participant=person,
                     advice=advice,
                     level=self.level,
-                    versions=tuple((versions | who[driver]).items()),
+                    versions=tuple((versions | who[driver] | of_person).items()),
                     record=self.folder / "recordings" / f"{name}.mcap" if self.record else None,
                 )
 
+    def _persons(self) -> Iterator[tuple[DriverKind | OwnClass, Participant | None]]:
+        """Who drives: the human driver once for every participant, everybody else once."""
+        for driver in self.drivers:
+            persons = self.participants if driver is DriverKind.HUMAN else ()
+            yield from ((driver, person) for person in persons or (None,))
 
-def parse_seeds(text: str) -> list[int]:
-    """Read seeds like `0-99` or `1,5,10-19`, each once; raises DasError for anything else."""
+
+def parse_seeds(text: str, option: str = "--seeds") -> list[int]:
+    """Read numbers like `0-99` or `1,5,10-19`, each once; raises DasError for anything else."""
     seeds: dict[int, None] = {}
     for part in text.replace(" ", "").split(","):
         match = _SEEDS.fullmatch(part)
         if match is None:
-            raise DasError(f"--seeds {text}: cannot read {part!r}; expected something like 0-99 or 1,5,10-19")
+            raise DasError(f"{option} {text}: cannot read {part!r}; expected something like 0-99 or 1,5,10-19")
         first, last = int(match[1]), int(match[2] or match[1])
         if not first <= last or last - first >= MOST_SEEDS:
-            raise DasError(f"--seeds {text}: {part}: expected a range that rises, of at most {MOST_SEEDS} seeds")
+            raise DasError(f"{option} {text}: {part}: expected a range that rises, of at most {MOST_SEEDS} numbers")
         seeds.update(dict.fromkeys(range(first, last + 1)))
     return list(seeds)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,45 +42,52 @@ class SplitSaving:
 
 
 def savings(rows: Sequence[Row]) -> list[SplitSaving]:
-    """The savings of every presentation over none, for each scenario and driver that has both; failed runs left out."""
-    good = {_key(row): row for row in rows if row.get("error") is None}
-    kinds = dict.fromkeys(key[:3] for key in good if key[2] != Presentation.NONE)
-    found = (_saving(good, *kind) for kind in kinds)
+    """The savings of every presentation over none, for each scenario and driver that has both; failed runs left out.
+
+    A pair is the same day with the same person (column `participant`, where there is one).
+    """
+    good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
+    for row in rows:
+        if row.get("error") is None:
+            runs = good.setdefault((row["scenario"], row["driver"], row["advice"]), {})
+            runs[_Pair(row["seed"], row.get("participant"))] = row
+    found = (_saving(good, *kind) for kind in good if kind[2] != Presentation.NONE)
     return [one for one in found if one is not None]
 
 
-def _key(row: Row) -> tuple[str, str, str, int]:
-    return row["scenario"], row["driver"], row["advice"], row["seed"]
+class _Pair(NamedTuple):
+    """What two runs that are compared have in common: the day and the person."""
+
+    seed: int
+    participant: int | None
 
 
 def _saving(
-    good: Mapping[tuple[str, str, str, int], Row], scenario: str, driver: str, advice: str
+    good: Mapping[tuple[str, str, str], Mapping[_Pair, Row]], scenario: str, driver: str, advice: str
 ) -> SplitSaving | None:
-    """The saving of one presentation; None where no seed was driven without advice as well."""
-    seeds = [key[3] for key in good if key[:3] == (scenario, driver, advice)]
-    seeds = [seed for seed in seeds if (scenario, driver, Presentation.NONE, seed) in good]
-    if not seeds:
+    """The saving of one presentation; None where no day was driven without advice as well."""
+    advised, alone = good[scenario, driver, advice], good.get((scenario, driver, Presentation.NONE), {})
+    pairs = [pair for pair in advised if pair in alone]
+    if not pairs:
         return None
 
-    def column(name: str, driver: str, advice: str) -> Any:
-        return np.array([good[scenario, driver, advice, seed][name] for seed in seeds])
-
     def less(name: str) -> Any:
-        return column(name, driver, Presentation.NONE) - column(name, driver, advice)
+        return np.array([alone[pair][name] - advised[pair][name] for pair in pairs])
 
     saved = less("energy_kwh")
-    spread = float(saved.std(ddof=1)) if len(seeds) > 1 else float("nan")
+    spread = float(saved.std(ddof=1)) if len(pairs) > 1 else float("nan")
     profile, tracking = float(less("energy_profile_kwh").mean()), None
-    followed = driver != DriverKind.PERFECT and advice in FOLLOWED_EXACTLY
-    if followed and all((scenario, DriverKind.PERFECT, advice, seed) in good for seed in seeds):
-        lost = column("energy_profile_kwh", driver, advice) - column("energy_profile_kwh", DriverKind.PERFECT, advice)
-        tracking = -float(lost.mean())
+    exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if advice in FOLLOWED_EXACTLY else {}
+    followed = {pair.seed: row for pair, row in exact.items()}
+    if driver != DriverKind.PERFECT and all(pair.seed in followed for pair in pairs):
+        lost = [advised[pair]["energy_profile_kwh"] - followed[pair.seed]["energy_profile_kwh"] for pair in pairs]
+        tracking = -float(np.mean(lost))
         profile -= tracking
     return SplitSaving(
-        scenario=scenario, driver=driver, advice=advice, pairs=len(seeds),
-        baseline_kwh=float(column("energy_kwh", driver, Presentation.NONE).mean()),
+        scenario=scenario, driver=driver, advice=advice, pairs=len(pairs),
+        baseline_kwh=float(np.mean([alone[pair]["energy_kwh"] for pair in pairs])),
         saved_kwh=float(saved.mean()),
-        interval_kwh=NORMAL_95 * spread / len(seeds) ** 0.5,
+        interval_kwh=NORMAL_95 * spread / len(pairs) ** 0.5,
         time_shift_kwh=float(less("energy_hindsight_kwh").mean()),
         blending_kwh=float(less("energy_blending_kwh").mean()),
         profile_kwh=profile, tracking_kwh=tracking,

@@ -14,11 +14,13 @@ from sim.batch.worker import STOP_COLUMNS
 from sim.world.outcome import SHARES
 
 TEXTS = (
-    *("scenario", "driver", "friction_policy", "advice", "level", "error", "happens", "drawn", "recording", "version"),
+    *("scenario", "driver", "friction_policy", "population", "advice", "level", "error", "happens", "drawn"),
+    *("recording", "version"),
     *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
-    *("true_vehicle_sha256", "true_loss_map_sha256", "driver_sha256", "inputs_sha256"),
+    *("true_vehicle_sha256", "true_loss_map_sha256", "driver_sha256", "population_sha256", "inputs_sha256"),
 )
 COUNTS = (
+    "participant",
     "advices_given",
     "advices_withdrawn",
     "advices_unheard",

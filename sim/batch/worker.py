@@ -56,6 +56,8 @@ def work(job: BatchJob) -> dict[str, Any]:
         "seed": job.seed,
         "driver": str(job.driver),
         "friction_policy": str(job.friction),
+        "participant": None if job.participant is None else job.participant.number,
+        "population": None if job.participant is None else job.participant.population.id,
         "advice": str(job.advice),
         **dict(job.versions),
         "inputs_sha256": job.inputs_sha256,
@@ -70,7 +72,7 @@ def work(job: BatchJob) -> dict[str, Any]:
 
 
 def _run(job: BatchJob) -> dict[str, Any]:
-    day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed)
+    day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed, job.participant)
     run = _driven(day, job)
     figures = outcome(day, run, job.driver).as_dict()
     stops = figures.pop("stops")

@@ -90,3 +90,31 @@ ScenarioArgument = Annotated[
 InProcessOption = Annotated[
     bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
 ]
+ParticipantOption = Annotated[
+    int | None,
+    typer.Option(
+        "--participant",
+        metavar="N",
+        min=0,
+        help="Human driver number N of the population, the same on every day [default: the seed draws the driver].",
+        show_default=False,
+    ),
+]
+ParticipantsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--participants",
+        metavar="LIST",
+        help="Human drivers of the population, like 1-30, each on every day [default: the seed draws the driver].",
+        show_default=False,
+    ),
+]
+PopulationOption = Annotated[
+    str | None,
+    typer.Option(
+        "--population",
+        metavar="FILE",
+        help="From whom participants are drawn: a TOML file [default: the bundled population].",
+        show_default=False,
+    ),
+]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Source
 from das.bus import topics
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.section import build_section
@@ -19,6 +19,7 @@ from sim.accounts.energies import leg_energies
 from sim.accounts.inputs import DriveInputs, inputs_of
 from sim.accounts.motion import DrivenLeg, DrivenMotion, legs_of, motion_of
 from sim.events.clock import DriveClock
+from sim.recording.opening import open_recording
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -74,7 +75,7 @@ def drives_on_track(paths: Sequence[Path]) -> list[DriveOnTrack]:
     """
     stems = [path.stem for path in paths]
     labels = [f"{stem} ({i})" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
-    return [on_track(read_recording(path), label) for path, label in zip(paths, labels, strict=True)]
+    return [on_track(open_recording(path), label) for path, label in zip(paths, labels, strict=True)]
 
 
 def on_track(recording: Recording, label: str, inputs: DriveInputs | None = None) -> DriveOnTrack:

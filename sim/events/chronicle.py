@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from das.bus import topics
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording
 from sim.events.advice_events import advice_events, replan_events, withdrawal_events
 from sim.events.calls import RecordedCall, calls
 from sim.events.clock import DriveClock
@@ -20,6 +20,7 @@ from sim.events.driving_events import call_events, driver_events, overspeed_even
 from sim.events.event import DriveEvent, EventKind
 from sim.events.notes import read_notes
 from sim.events.told_events import told_events
+from sim.recording.opening import open_recording
 from sim.review.happenings import silences
 from sim.review.series import DrivenCourse
 
@@ -62,7 +63,7 @@ class Chronicle:
     @classmethod
     def read(cls, path: Path) -> Chronicle:
         """The chronicle of a file; DasError where it cannot be used."""
-        return cls.of(read_recording(path))
+        return cls.of(open_recording(path))
 
     def as_rows(self, events: Iterable[DriveEvent]) -> list[dict[str, Any]]:
         """Events for programs: times in s on the clock and as UTC text, positions in m."""

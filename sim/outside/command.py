@@ -7,7 +7,14 @@ from das.command_line.options import DEFAULT_TRAIN, BusFolderOption, InsecureBus
 from das.command_line.printing import say
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
-from sim.cli.options import DEFAULT_DRIVER_AT, DriverHereOption, RunAtOption, ScenarioArgument
+from sim.cli.options import (
+    DEFAULT_DRIVER_AT,
+    DriverHereOption,
+    ParticipantOption,
+    PopulationOption,
+    RunAtOption,
+    ScenarioArgument,
+)
 from sim.drivers.kinds import DriverKind, External, named_driver
 
 
@@ -15,6 +22,8 @@ def drive(
     scenario: ScenarioArgument,
     driver: DriverHereOption = DriverKind.HUMAN,
     seed: SeedOption = 0,
+    participant: ParticipantOption = None,
+    population: PopulationOption = None,
     train: TrainOption = DEFAULT_TRAIN,
     connect: RunAtOption = None,
     bus: BusFolderOption = None,
@@ -30,6 +39,7 @@ def drive(
         from das.bus.config import BusFolder, bus_options
         from das.bus.session import Bus
         from sim.drivers.knowledge import LineKnowledge
+        from sim.drivers.population import participant_of, stream_of
         from sim.drivers.registry import make_driver
         from sim.outside.process import HEARD, answer_looks, warm_up
         from sim.world.scenario import load_scenario
@@ -38,8 +48,9 @@ def drive(
         read = load_scenario(scenario)
         route, vehicle, _ = lay_out(read)
         line = LineKnowledge(route=route, vehicle=vehicle)
-        parameters, _ = read.human.draw(seed)
-        made = make_driver(who, line, parameters=parameters, seed=seed)
+        person = participant_of(who, participant, population)
+        parameters, _ = read.human.of(seed, person, read.source)
+        made = make_driver(who, line, parameters=parameters, seed=seed, stream=stream_of(person))
         warm_up(line)
     folder = None if bus is None else BusFolder(bus, insecure_bus).file(Role.DRIVER).path
     file = bus_options(folder, insecure_bus, None, [connect] if connect else None)

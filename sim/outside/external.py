@@ -24,6 +24,8 @@ AWAITED_S: Final = 120.0
 """A run waits this long (s) for its driver before it starts."""
 GIVEN_UP_S: Final = 30.0
 """A train that the dead-man brake has stopped waits this long (s) for its driver; then the run ends."""
+LEAST_LISTENING: Final = 0.5
+"""At a pace, at least this share of a look is left for the driver's answer."""
 BRAKES: Final = lever(-1.0)
 
 
@@ -45,6 +47,7 @@ class ExternalDriver:
         self._command = COAST
         self._look, self._heard_look = 0, 0
         self._due = 0.0
+        self._crowded = False
 
     def begin(self, lockstep: Lockstep) -> None:
         """Wait until the driver is there; DasError where it does not come."""
@@ -67,13 +70,23 @@ class ExternalDriver:
             told = self._dead_man.answered(standing=cab.speed_mps <= 0)
         else:
             told = self._dead_man.silent(SILENT_S if self._look_s is None else LOOK_S)
-        if told is not None:
-            self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
+        self._tell(now_ns, told)
         if self._dead_man.braking:
+            self._lockstep.answers.driver = ""  # the driver may have been started anew
             self._command = BRAKES
         elif answer is not None:
             self._command = command_of(answer, cab.time_s)
         return self._command
+
+    def _tell(self, now_ns: int, told: str | None) -> None:
+        """Record what happened, and once that another process would drive as well."""
+        assert self._lockstep is not None
+        if self._lockstep.answers.other_drivers and not self._crowded:
+            self._crowded = True
+            other = "another process answers as well; the first one drives"
+            self._lockstep.send(LOG, happened(now_ns, other, Log.WARNING))
+        if told is not None:
+            self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
 
     def _answer(self, lockstep: Lockstep, cab: CabView) -> Any | None:
         """The answer to this look, None where there is none in time; DasError where the driver is gone for good."""
@@ -89,8 +102,9 @@ class ExternalDriver:
             patience_s = SILENT_S if self._look > 1 else GIVEN_UP_S  # a first answer may need code to be loaded
             lockstep.hear(lambda: answers.answered(self._look), 0.0 if self._dead_man.braking else patience_s)
         else:
+            # A run that fell behind its pace catches up, but never without listening.
             self._due += self._look_s
-            lockstep.hear(lambda: False, max(self._due - self._clock(), 0.0))
+            lockstep.hear(lambda: False, max(self._due - self._clock(), LEAST_LISTENING * self._look_s))
         controls = answers.controls
         least = self._look if self._look_s is None else self._heard_look + 1
         if controls is None or not least <= controls.look <= self._look:

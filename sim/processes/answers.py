@@ -30,19 +30,30 @@ class Answers:
         """The last advice (the bus's message); None before the first."""
         self.controls: Any | None = None
         """What an external driver answered last (the bus's message); None before it said anything."""
+        self.driver = ""
+        """The session of the external driver who is heeded: the first one heard; empty: whoever is heard next."""
+        self.other_drivers = 0
+        """How many messages of other sessions that would drive as well were left out."""
 
-    def take(self, topic: Topic, message: Any | None) -> None:
-        """Take note of a message; None, one that cannot be read, is left out."""
+    def take(self, topic: Topic, message: Any | None, source: str = "") -> None:
+        """Take note of a message of a session (`source`); None, one that cannot be read, is left out."""
         if message is None:
             return
         if topic is ADVICE:
             self.advice = message
         elif topic is CONTROLS:
-            self.controls = message
+            self._take_controls(message, source)
         elif topic is STATUS:
             self.node_state, self.reason = message.state, message.reason
         elif topic is RECORDER:
             self.written = Written(message.tick, message.advice_tick, message.node_state)
+
+    def _take_controls(self, message: Any, source: str) -> None:
+        self.driver = self.driver or source
+        if source == self.driver:
+            self.controls = message
+        else:
+            self.other_drivers += 1
 
     def advised(self, tick: int) -> bool:
         """Whether the node has answered a tick."""

@@ -181,7 +181,7 @@ class Lockstep:
         while not done():
             received = self.bus.receive(min(max(deadline - time.monotonic(), 0.0), HEARD_EVERY_S))
             if received is not None:
-                self.answers.take(received.topic, received.message)
+                self.answers.take(received.topic, received.message, received.source)
                 continue
             if watch_node:
                 self._node.check()

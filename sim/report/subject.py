@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording
 from das.domain.errors import DasError
 from sim.accounts.account import Account, account_of
 from sim.accounts.likely import LikelyRange, likely_range
 from sim.accounts.shown import ShownAdvice
 from sim.events.chronicle import Chronicle
+from sim.recording.opening import open_recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +37,7 @@ class ReviewedDrive:
 
 def subject_of(path: Path) -> ReviewedDrive:
     """Read a recording and find out about its drive; DasError for one that has no positions."""
-    recording = read_recording(path)
+    recording = open_recording(path)
     account, why_not = None, ""
     try:
         account = account_of(recording)

@@ -34,6 +34,8 @@ from sim.cli.options import (
     DriverOption,
     FrictionOption,
     InProcessOption,
+    ParticipantOption,
+    PopulationOption,
     ScenarioArgument,
     SpeedOption,
 )
@@ -102,6 +104,8 @@ def run(
     out: OutRecordingOption = None,
     in_process: InProcessOption = False,
     level: LevelOption = None,
+    participant: ParticipantOption = None,
+    population: PopulationOption = None,
     train: TrainOption = DEFAULT_TRAIN,
     bus: BusFolderOption = None,
     insecure_bus: InsecureBusOption = False,
@@ -119,18 +123,19 @@ def run(
         from das.cab.warm_up import warm_up
         from das.command_line.loading import warn_unusual
         from sim.drivers.own_class import driver_versions
+        from sim.drivers.population import participant_of
         from sim.world.day import make_day
         from sim.world.scenario import load_scenario
         from sim.world.service import prepare_service
 
-        check_train_name(train)
         driver_versions(who)
-        files = bus_folder(bus, insecure_bus, train)
+        person = participant_of(who, participant, population)
+        files = bus_folder(bus, insecure_bus, check_train_name(train))
         read = load_scenario(scenario)
         _check_not_an_input(out, read)
         warm_up()
     with busy("solving the sections …"):
-        day = make_day(prepare_service(read, level=level), seed)
+        day = make_day(prepare_service(read, level=level), seed, person)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     reserved = new_recording("run") if out is None and not in_process else None
     asked = _Asked(

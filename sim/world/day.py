@@ -11,8 +11,10 @@ from das.domain.conditions import Conditions
 from sim.drivers.cab import Driver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.parameters import HumanParameters
+from sim.drivers.population import Participant, stream_of
 from sim.drivers.registry import make_driver
 from sim.plant.plant import Patch, Plant
+from sim.recording.inputs import sha256
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
 from sim.world.service import Service
 
@@ -24,9 +26,9 @@ class Day:
     """Plan and truth of the day that belongs to one seed.
 
     `conditions` are those of the true train and line, without what happens on the way. `held_s` is by how much the
-    departure from each stop is held up. `human` are the parameters of the driver, if a human drives. `drawn` is
-    everything that the seed drew, in SI, for programs: the disturbances, and what the scenario says about the truth and
-    about the human.
+    departure from each stop is held up. `human` are the parameters of the driver, if a human drives, and `stream`
+    numbers the driver's own chances on this day. `drawn` is everything that was drawn, in SI, for programs: the
+    disturbances, what the scenario says about the truth, and the human.
     """
 
     service: Service
@@ -37,26 +39,29 @@ class Day:
     held_s: tuple[float, ...]
     human: HumanParameters
     drawn: Mapping[str, Any]
+    stream: int = 0
 
     def driver(self, kind: DriverKind | OwnClass, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
         """Make a driver of a kind, or of a class of the user's, for this day; DasError where it cannot be made.
 
         The friction policy concerns a human.
         """
-        return make_driver(kind, self.service.line, parameters=self.human, friction=friction, seed=self.seed)
+        human, stream = self.human, self.stream
+        return make_driver(kind, self.service.line, parameters=human, friction=friction, seed=self.seed, stream=stream)
 
     def of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
         """The day's disturbances of one kind."""
         return tuple(one for one in self.disturbances if isinstance(one, kind))
 
 
-def make_day(service: Service, seed: int) -> Day:
-    """Draw what happens on the day of a seed.
+def make_day(service: Service, seed: int, participant: Participant | None = None) -> Day:
+    """Draw what happens on the day of a seed. The human driver is the participant, or else drawn by the seed as well.
 
-    Raises DasError for what cannot happen on this line or with this train.
+    Raises DasError for what cannot happen on this line or with this train, and for a participant whom the scenario
+    would change from day to day.
     """
     disturbances = service.scenario.day(seed)
-    human, of_human = service.scenario.human.draw(seed)
+    human, of_human = service.scenario.human.of(seed, participant, service.scenario.source)
     truth = service.scenario.truth.draw(seed)
     return Day(
         service=service,
@@ -66,8 +71,22 @@ def make_day(service: Service, seed: int) -> Day:
         disturbances=disturbances,
         held_s=_held_s(service, disturbances),
         human=human,
-        drawn={"disturbances": as_figures(disturbances), "truth": asdict(truth), "human": of_human},
+        stream=stream_of(participant),
+        drawn={
+            "disturbances": as_figures(disturbances),
+            "truth": asdict(truth),
+            "human": of_human,
+            **_population(participant),
+        },
     )
+
+
+def _population(participant: Participant | None) -> dict[str, dict[str, str]]:
+    """The population of a participant by its id, and the hash of its file."""
+    if participant is None:
+        return {}
+    population = participant.population
+    return {"population": {"id": population.id, "sha256": sha256(population.source)}}
 
 
 def _plant(service: Service, conditions: Conditions, disturbances: Sequence[Disturbance]) -> Plant:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from das.domain.errors import DasError, InputError
 from das.domain.files.reading import Fields
 from sim.drivers.parameters import HumanParameters
+from sim.drivers.population import Participant
 from sim.world.drawn import Drawn, read_range
 
 STREAM = 4
@@ -34,6 +36,27 @@ class HumanRange:
         random = np.random.default_rng([seed, STREAM])
         drawn = {name: figure.draw(random) for name, figure in self.given.items()}
         return _driver(drawn), drawn
+
+    def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
+        """The driver that a participant is, or without one the driver of a seed; and the values that make him."""
+        return self.draw(seed) if who is None else self.participant(who, source)
+
+    def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
+        """The driver that a participant is, and the values that make him.
+
+        Values of the scenario (`source`) replace those of the population. Raises DasError where the scenario gives a
+        range, from which every seed would draw another driver, or where the values contradict each other.
+        """
+        for name, figure in self.given.items():
+            if figure.low != figure.high:
+                expected = "expected one value, because a participant stays the same on every day"
+                raise DasError(f"{source}: human.{name} is a range: {expected}")
+        fixed = {name: figure.low for name, figure in self.given.items()}
+        values = who.population.draw(who.number) | fixed
+        try:
+            return _driver(values), {"participant": who.number, **values}
+        except InputError as error:
+            raise DasError(f"{who.population.source}: participant {who.number}: {error}") from None
 
 
 def read_human(table: Fields) -> HumanRange:

@@ -46,3 +46,14 @@ def test_only_seeds_that_both_have_are_compared_and_failed_runs_are_left_out() -
     assert found.pairs == 1
     assert math.isnan(found.interval_kwh)
     assert savings(VECTOR) == []
+
+
+def test_a_day_is_compared_with_the_same_day_of_the_same_person() -> None:
+    """Two persons on one day; the perfect driver of the day belongs to both."""
+    persons = [
+        {**row, "participant": k, "energy_kwh": row["energy_kwh"] + 10 * k} for row in (NONE[0],) for k in (1, 2)
+    ]
+    persons += [{**VECTOR[0], "participant": k, "energy_kwh": VECTOR[0]["energy_kwh"] + 10 * k} for k in (1, 2)]
+    found = next(one for one in savings([*persons, PERFECT[0]]) if one.driver == "human")
+    assert (found.pairs, found.saved_kwh, found.interval_kwh) == pytest.approx((2, 23.0, 0.0))
+    assert found.tracking_kwh == pytest.approx(-5.0)

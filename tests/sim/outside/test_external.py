@@ -6,16 +6,17 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from das.bus import das_pb2
 from das.bus.recording import read_recording
 from das.bus.session import endpoint, free_ports
-from das.bus.topics import CAB, LOG
+from das.bus.topics import CAB, CONTROLS, LOG, Topic
 from das.domain.errors import DasError
 from sim.drivers.cab import AdviceView, CabView, PostedRestriction, Presentation
 from sim.drivers.kinds import EXTERNAL, DriverKind
@@ -23,6 +24,7 @@ from sim.outside.dead_man import SILENT_S, DeadMan
 from sim.outside.external import ExternalDriver
 from sim.outside.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.plant import COAST, force, lever, speed
+from sim.processes.answers import Answers
 from sim.review.restlessness import recorded_restlessness
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
@@ -55,6 +57,19 @@ with Bus("T1", connect=[sys.argv[1]], hear=[CAB]) as bus:
             bus.publish(CONTROLS, das_pb2.Controls(look=cab.look, held_speed=held))
 """
 """A driver that does not answer some looks."""
+SECOND = """
+import sys
+from das.bus import das_pb2
+from das.bus.session import Bus
+from das.bus.topics import CAB, CONTROLS
+
+with Bus("T1", connect=[sys.argv[1]], hear=[CAB]) as bus:
+    while True:
+        received = bus.receive(0.2)
+        if received is not None:
+            bus.publish(CONTROLS, das_pb2.Controls(look=received.message.look, lever_ratio=-1.0))
+"""
+"""A second driver: it brakes, and says nothing before the first has begun."""
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +78,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "flat.toml").write_text(FLAT)
     (folder / "eventful.toml").write_text(FLAT + HUMAN + RESTRICTED + signal_at(4000, 800))
     (folder / "silent.py").write_text(SILENT)
+    (folder / "second.py").write_text(SECOND)
     (folder / "page.py").write_text(PAGE.read_text(encoding="utf-8").split("```python\n")[2].split("```")[0])
     return folder
 
@@ -86,9 +102,9 @@ def day_of(folder: Path, name: str, seed: int = 3) -> Day:
     return make_day(prepare_service(read_scenario(folder / name)), seed)
 
 
-def driven(day: Day, place: str, out: Path, shown: Presentation, times_real: float | None = None) -> Recorded:
+def driven(day: Day, place: str, out: Path, shown: Presentation) -> Recorded:
     how = How(driver=EXTERNAL, advice=shown, train="T1", command="test", driver_at=place)
-    return run_over_bus(day, ExternalDriver(day, times_real=times_real), shown, make_crew(day, how, out))
+    return run_over_bus(day, ExternalDriver(day), shown, make_crew(day, how, out))
 
 
 @pytest.mark.processes
@@ -159,6 +175,23 @@ def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path
 
 @pytest.mark.processes
 @pytest.mark.slow
+def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
+    """The second one begins when the run has begun, and would not move the train; the states are those of the first."""
+    runs = []
+    for others in ((), ("second.py",)):
+        day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
+        with ExitStack() as stack:
+            stack.enter_context(process(folder, "silent.py", place, "0", "0"))
+            for other in others:
+                stack.enter_context(process(folder, other, place))
+            runs.append(driven(day, place, tmp_path / "two.mcap", Presentation.NONE)[0].states)
+    assert runs[0] == runs[1]
+    words = [entry.message.message for entry in read_recording(tmp_path / "two.mcap").of(LOG)]
+    assert "another process answers as well; the first one drives" in words
+
+
+@pytest.mark.processes
+@pytest.mark.slow
 def test_a_driver_that_is_gone_ends_the_run_with_its_recording(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -170,16 +203,56 @@ def test_a_driver_that_is_gone_ends_the_run_with_its_recording(
     assert read_recording(tmp_path / "g.mcap").of(LOG)
 
 
-@pytest.mark.processes
-@pytest.mark.slow
-def test_at_a_pace_silence_is_counted_by_the_clock_of_the_run(folder: Path, tmp_path: Path) -> None:
-    """At 20 times real time a look lasts 10 ms; a driver that is silent for 9 looks is not braked for."""
-    day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
-    with process(folder, "silent.py", place, "400", "409"):
-        run, _ = driven(day, place, tmp_path / "p.mcap", Presentation.NONE, times_real=20.0)
-    words = [entry.message.message for entry in read_recording(tmp_path / "p.mcap").of(LOG)]
-    assert not any("dead-man" in text for text in words)
-    assert abs(run.calls[-1].missed_m) < 100
+class Prompt:
+    """In place of a lockstep with a driver who answers at once but for some looks, whenever there is time to listen."""
+
+    def __init__(self, silent: range = range(0)) -> None:
+        self._silent = silent
+        self.answers, self.crew = Answers(), None
+        self.logs: list[str] = []
+        self.now_s = 0.0
+        self._look = 0
+
+    def send(self, topic: Topic, message: Any) -> None:
+        if topic is CAB:
+            self._look = message.look
+        else:
+            self.logs.append(message.message)
+
+    def hear(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        if timeout_s > 0 and self._look not in self._silent:
+            self.answers.take(CONTROLS, das_pb2.Controls(look=self._look, lever_ratio=0.25), "driver")
+        self.now_s += timeout_s
+        return done()
+
+
+@pytest.mark.parametrize(("looks", "braked"), [(9, 0), (10, 141), (40, 141)])
+def test_at_a_pace_silence_is_counted_by_the_clock_of_the_run(folder: Path, looks: int, braked: int) -> None:
+    """Ten looks of 0.2 s are 2 s at any pace: then the brake is applied, and stays while the train moves."""
+    day, lockstep = day_of(folder, "flat.toml"), Prompt(range(51, 51 + looks))
+    driver = ExternalDriver(day, times_real=20.0, clock=lambda: lockstep.now_s)
+    lockstep.answers.take(CONTROLS, das_pb2.Controls(), "driver")
+    driver.begin(lockstep)  # type: ignore[arg-type]
+    cab = CabView(0.0, 0.0, 10.0, 38.8, 6000.0, 0.0, 234.0)
+    commands = [driver.command(cab._replace(time_s=0.2 * look)) for look in range(200)]
+    assert commands.count(lever(-1.0)) == braked
+    assert commands.count(lever(0.25)) == 200 - braked
+    assert len(lockstep.logs) == (1 if braked else 0)
+
+
+def test_a_run_that_fell_behind_its_pace_still_listens_to_its_driver(folder: Path) -> None:
+    """The node took 10 s to start anew: 50 looks are late at once, and the driver is not silent for any of them."""
+    day, lockstep = day_of(folder, "flat.toml"), Prompt()
+    driver = ExternalDriver(day, times_real=1.0, clock=lambda: lockstep.now_s)
+    lockstep.answers.take(CONTROLS, das_pb2.Controls(), "driver")
+    driver.begin(lockstep)  # type: ignore[arg-type]
+    began_s = lockstep.now_s
+    lockstep.now_s += 10.0
+    cab = CabView(0.0, 0.0, 10.0, 38.8, 6000.0, 0.0, 234.0)
+    commands = [driver.command(cab._replace(time_s=0.2 * look)) for look in range(200)]
+    assert set(commands) == {lever(0.25)}
+    assert lockstep.logs == []
+    assert lockstep.now_s == pytest.approx(began_s + 200 * 0.2, abs=0.2)  # it has caught up
 
 
 def test_the_dead_man_brake_is_applied_after_2_s_and_released_at_a_stand() -> None:
