@@ -259,7 +259,7 @@ class Cab:
             else:
                 reporting.event(now_ns, Severity.INFO, text)
         if doubted := self.learning.news(now_ns):
-            reporting.event(now_ns, Severity.WARNING, doubted)
+            reporting.complain(now_ns, doubted)
         reporting.changes(advice)
         reporting.rejections(self.here)
         reporting.clocks(self.here)

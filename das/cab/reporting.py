@@ -96,7 +96,8 @@ class Reporting:
         agree = abs(off_s) < CLOCKS_DIFFER_S
         self._clock_said = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
-        self.event(here.time_ns, severity, event_wording.CLOCKS_AGREE if agree else event_wording.clocks_differ(off_s))
+        text = event_wording.CLOCKS_AGREE if agree else event_wording.clocks_differ(off_s)
+        self.complain(here.time_ns, text, severity)
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:
         """Say the plan, when there is a new one and the last was said a while ago (or the clock jumped)."""

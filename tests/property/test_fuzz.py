@@ -222,7 +222,7 @@ def test_no_crash_no_hang_no_advice_from_garbage() -> None:
             witness.positions = {**kept, **{t: witness.positions[t] for t in TIMES if t in witness.positions}}
     assert witness.advices[True] > INPUTS / TICK_EVERY / 10  # the fuzzer must not just have silenced the node
     assert witness.advices[False] > INPUTS / TICK_EVERY / 20
-    assert events < 0.6 * INPUTS  # in moderation
+    assert events < 0.65 * INPUTS  # in moderation; clocks and efforts that come to be doubted make some of them
 
 
 def test_every_topic_the_node_hears_is_fuzzed() -> None:
