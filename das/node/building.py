@@ -11,7 +11,7 @@ from das.cab.fronts import Fronts
 from das.cab.orders import Post
 from das.cab.situation import Situation
 from das.cab.trains import Trains
-from das.command_line.loading import load_route, load_vehicle, warn_unusual
+from das.command_line.loading import load_route, load_vehicle, warn_of_braking, warn_unusual
 from das.domain.clocks import WALL_STOPWATCH
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route, section_stops
@@ -43,6 +43,8 @@ def plan_cab(options: NodeOptions) -> CabPlan:
     started = base if driven.load is None else base.loaded(driven.load)
     trains = Trains(started, base, driven.other_vehicle or ())
     warn_unusual(*trains.known)
+    for vehicle in trains.known:
+        warn_of_braking(vehicle)
     return CabPlan(
         post=Post(train=options.place.train, route=route, trains=trains, reverse=line.reverse),
         situation=Situation(route=route, vehicle=started, level=driven.level, point_mass=driven.point_mass),
