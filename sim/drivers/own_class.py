@@ -9,6 +9,7 @@ import os
 import sys
 import sysconfig
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 from das.domain.errors import DasError
 from sim.drivers.cab import CabView
 from sim.drivers.checked import checked
+from sim.drivers.diary import DriverEvent, kept_by
 from sim.drivers.kinds import DriverName, OwnClass
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.plant import Command
@@ -32,6 +34,11 @@ class OwnDriver:
     def __init__(self, own: OwnClass, line: LineKnowledge, seed: int) -> None:
         self._own = own
         self._driver = _made(own, load_class(own), line, seed)
+
+    @property
+    def events(self) -> Sequence[DriverEvent]:
+        """What the user's class notes of what it does, if it keeps a diary as the bundled human does."""
+        return kept_by(self._driver)
 
     def command(self, cab: CabView) -> Command:
         """What the user's class answers, checked."""

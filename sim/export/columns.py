@@ -188,12 +188,12 @@ def _meanings() -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     nested: list[str] = []
     for line in text.splitlines():
-        begun = re.match(r"\s*(?:message|enum) (\w+) \{", line)
+        begun = re.match(r"\s*(message|enum|oneof) (\w+) \{", line)
         remark = re.match(r"\s*(?:repeated )?[\w.]+ (\w+) = \d+;\s*//\s*(.+)", line)
         if begun:
-            nested.append(begun[1])
+            nested.append("" if begun[1] == "oneof" else begun[2])  # The fields of a oneof are those of its message.
         elif line.strip() == "}":
             nested.pop()
         elif remark:
-            found.setdefault(".".join(["das", *nested]), {})[remark[1]] = remark[2].strip()
+            found.setdefault(".".join(["das", *filter(None, nested)]), {})[remark[1]] = remark[2].strip()
     return found

@@ -41,7 +41,8 @@ def _shown(cab: Any) -> Shown | None:
         presentation=presentation,
         mode=cab.mode,
         speed_mps=cab.advised_speed_mps,
-        display_speed_mps=cab.display_speed_mps or math.nan,  # 0: the recording is older than the field
+        # 0 in a recording that is older than the field, and than the stop in the same message.
+        display_speed_mps=cab.display_speed_mps if cab.display_speed_mps or cab.stop_m else math.nan,
         lever_ratio=cab.advised_lever_ratio,
     )
     return Shown.of(view)

@@ -11,7 +11,7 @@ from das.domain.conditions import Conditions
 from das.estimate.calibration import Calibrator
 from das.estimate.ratios import ForceDoubt
 from das.estimate.recalibration import Recalibration
-from sim.plant.plant import COAST, Plant
+from sim.plant.plant import COAST, Plant, lever
 from tests.das.estimate.test_calibration import ROUTE, SEEDS, THALWIL, VEHICLE, ZUG, States, driven, feed, fresh, ns
 
 
@@ -51,8 +51,11 @@ def test_a_gain_is_told_and_nothing_is_planned_with_it(gain: float, leg: tuple[f
 
 def test_forces_above_those_of_the_train_are_noticed_at_once() -> None:
     """A driver who starts with full traction shows a gain above 1 within seconds, and it is not forgotten."""
-    calibrator, first = fresh(), None
-    for state in feed(calibrator, with_gain(driven(), 1.2), 1):
+    plant, calibrator, first = Plant(ROUTE, VEHICLE), fresh(), None
+    states = [plant.at(THALWIL[0])]
+    while len(states) < 40:
+        states.append(plant.advance(states[-1], lever(1.0)))
+    for state in feed(calibrator, with_gain(tuple(states), 1.2), 1):
         if first is None and calibrator.estimates.doubt is ForceDoubt.TOO_STRONG:
             first = state.time_s
     assert first is not None

@@ -204,7 +204,8 @@ def test_without_pyarrow_there_is_csv(recorded: Path, tmp_path: Path, monkeypatc
 
 def test_damage_is_told_in_the_export(recorded: Path, tmp_path: Path) -> None:
     content = bytearray(recorded.read_bytes())
-    content[len(content) // 3] ^= 1
+    chunk = content.index(b"\x04\0\0\0zstd", len(content) // 3)
+    content[chunk + 40] ^= 1
     (tmp_path / "damaged.mcap").write_bytes(content)
     export(tmp_path / "damaged.mcap", tmp_path / "x", CSV)
     about = json.loads((tmp_path / "x" / "export.json").read_text())
