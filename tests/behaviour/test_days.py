@@ -70,7 +70,7 @@ def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) 
 
 
 def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str], Path]) -> None:
-    """At the greatest error he may have, one mark in ten is more than 10 m off: all but the first of these."""
+    """At the greatest error he may have, every other mark would be more than 5 m off: he takes none to be further."""
     service = prepare_service(read_scenario(flat("[human]\nstop_error_m = 8\n")))
     missed = []
     for seed in (0, 10, 19, 23):
@@ -78,7 +78,7 @@ def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str],
         run = World(day, day.driver(DriverKind.HUMAN), Presentation.NONE, InProcess(service)).run()
         missed.append(run.calls[-1].missed_m)
     assert max(map(abs, missed)) < AT_STOP_M
-    assert np.min(missed) < -7
+    assert np.min(missed) < -4.5
 
 
 def test_a_human_does_not_brake_every_few_seconds_downhill(flat: Callable[..., Path]) -> None:
