@@ -14,13 +14,14 @@ from das.bus.topics import CAB, LOG, TRUTH
 from das.cab.heard import Heard
 from sim.accounts.inputs import DriveInputs
 from sim.drivers.cab import AdviceView, CabView, Driver, Presentation
+from sim.outside.messages import CabLook, cab_message
 from sim.plant.plant import Command, speed
 from sim.processes.messages import happened
 from sim.world.day import Day
 from sim.world.in_process import TRAIN, InProcess
 from sim.world.link import Tick, Told
 from sim.world.loop import BEFORE_S, World
-from sim.world.over_bus import _cab, _truth
+from sim.world.over_bus import _truth
 
 
 class KeptInProcess(InProcess):
@@ -44,7 +45,8 @@ class KeptInProcess(InProcess):
 
     def tell(self, now_ns: int, told: Told) -> None:
         self._keep(TRUTH, _truth(self.day, now_ns, told), now_ns)
-        self._keep(CAB, _cab(self.day, now_ns, told), now_ns)
+        look = CabLook(now_ns, told.cab, told.command)
+        self._keep(CAB, cab_message(look, self.day.service.line), now_ns)
         for text in told.events:
             self._keep(LOG, happened(now_ns, text), now_ns)
 
