@@ -285,8 +285,8 @@ def _kept_behind(
 ) -> Floats:
     """The horizon of a train that is too fast: nowhere above what is allowed between where it leads and the plan.
 
-    The plan brakes from the train's speed, and its samples are cut to what is allowed. Who keeps to the samples is
-    therefore behind the plan (m), and may still be under a limit that the plan has left.
+    The plan brakes from the train's speed, and its samples are cut to what is allowed. A driver who keeps to the
+    samples is therefore behind the plan (m), and may still be under a limit that the plan has left.
     """
     kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
     for i, to_m in enumerate(planned_m.tolist()):

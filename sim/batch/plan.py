@@ -107,7 +107,7 @@ class Batch:
                 )
 
     def _persons(self) -> Iterator[tuple[DriverKind | OwnClass, Participant | None]]:
-        """Who drives: the human driver once for every participant, everybody else once."""
+        """The drivers of the batch: the human driver comes once for every participant, each other driver once."""
         for driver in self.drivers:
             persons = self.participants if driver is DriverKind.HUMAN else ()
             yield from ((driver, person) for person in persons or (None,))

@@ -39,7 +39,7 @@ class External(StrEnum):
 
 EXTERNAL: Final = External.EXTERNAL
 DriverName = DriverKind | OwnClass | External
-"""Whoever can be named as the driver of a run."""
+"""The drivers that a command line can name for a run."""
 _OWN_CLASS = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
 
 

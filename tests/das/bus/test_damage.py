@@ -187,7 +187,7 @@ def test_a_piece_that_is_in_the_file_twice_counts_once(whole: Path, tmp_path: Pa
 
 
 def test_metadata_that_describe_no_channel_are_only_metadata(tmp_path: Path) -> None:
-    """Whoever writes them with a right checksum gets them back, and nothing else."""
+    """A reader gets back what was written with a right checksum, and nothing else."""
     path = tmp_path / "odd.mcap"
     odd = {"channel 7": {"topic": "x"}, "channel x": {}, "channel 8": {"schema_id": "-1", "topic": "", "schema": ""}}
     write_with(path, lambda writer: [writer.add_metadata(name, sealed(name, data)) for name, data in odd.items()])

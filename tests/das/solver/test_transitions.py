@@ -17,6 +17,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import DecisionGrid, Transitions
 from das.solver.tolerances import INFEASIBLE
 from precompute.bench.plain_transitions import plain_transitions
+from tests.support.closeness import assert_close
 from tests.support.making import make_route
 from tests.support.transitions import all_moves
 
@@ -63,10 +64,12 @@ def test_moves_are_those_of_one_speed_after_the_other(case: str) -> None:
     assert (np.abs(found.count - expected.count) <= 1).all()
     landing = np.arange(found.time_s.shape[2])
     used = same[..., np.newaxis] & (landing < found.count[..., np.newaxis])
-    assert found.energy_j[used] == pytest.approx(expected.energy_j[used], rel=1e-9, abs=1e-3)
-    assert found.time_s[used] == pytest.approx(expected.time_s[used], rel=1e-6)
-    assert found.target[used] + found.weight[used] == pytest.approx(
-        expected.target[used] + expected.weight[used], abs=1e-4
+    assert_close(found.energy_j[used], expected.energy_j[used], rel=1e-9, absolute=1e-3)
+    assert_close(found.time_s[used], expected.time_s[used], rel=1e-6, absolute=1e-12)
+    assert_close(
+        found.target[used] + found.weight[used],
+        expected.target[used] + expected.weight[used],
+        absolute=1e-4,
     )
     padded = (landing >= found.count[..., np.newaxis]) & (
         landing < -(-found.count[..., np.newaxis] // TOGETHER) * TOGETHER

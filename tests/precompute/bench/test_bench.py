@@ -24,6 +24,7 @@ from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_by
 from precompute.bench.plain import bisected, numpy_sweep, plain_front
 from precompute.bench.registry import FIGURES
 from precompute.bench.roofline import Roofline
+from tests.support.closeness import assert_close
 from tests.support.making import in_a_process, make_route, make_train
 from tests.support.transitions import all_moves
 
@@ -149,7 +150,7 @@ def test_the_plain_front_is_the_front() -> None:
     section = longest_section("flat-6km", "re460-ic")
     plain, front = plain_front(section, 2), solve_front(section)
     reached = front.value_j < 1e16
-    assert np.asarray(plain.value_j)[reached] == pytest.approx(np.asarray(front.value_j)[reached], rel=1e-6, abs=10.0)
+    assert_close(np.asarray(plain.value_j)[reached], np.asarray(front.value_j)[reached], rel=1e-6, absolute=10.0)
 
 
 # --- the command ------------------------------------------------------------------------------------------------
