@@ -174,24 +174,21 @@ class Bus:
         if topic is not None and not topic.latched:
             self._on_sample(sample)
 
-    def _source(self, sample: zenoh.Sample, topic: Topic) -> str:
+    def _source(self, sample: zenoh.Sample) -> str:
         """The session that said something; `UNSTAMPED` where its stamp is missing, or is ahead of our clock by 0.5 s.
 
-        Zenoh puts our own stamp on such a message. What the node keeps of a latched topic is looked at by who publishes
-        it (`watch`), so that there the own stamp stays.
+        Zenoh puts our own stamp on such a message; what we send ourselves is not heard here.
         """
         stamp = sample.timestamp
-        if stamp is None:
-            return UNSTAMPED
-        source = str(stamp.get_id())
-        return UNSTAMPED if source == str(self._session.zid()) and not topic.latched else source
+        source = str(stamp.get_id()) if stamp is not None else UNSTAMPED
+        return UNSTAMPED if source == str(self._session.zid()) else source
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         topic = topic_of(key)
         if topic is None or topic.name not in self._hear:
             return
-        source = self._source(sample, topic)
+        source = self._source(sample)
         if key == topic.key(self.train) and sample.kind == zenoh.SampleKind.PUT:
             self._inbox.put(decoded(topic, key, sample.payload.to_bytes(), source))
         else:  # to many trains at once, or a deletion: none of our senders does that

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from das.cab import event_wording
 from das.cab.heard import (
+    STATES,
     UNSTAMPED,
     Heard,
     JourneyHeard,
@@ -58,6 +59,7 @@ class Guard:
         self._publishers = {kind: Publishers(settings.silent_s) for kind in (Kind.POSITION, Kind.EFFORT)}
         self._in_force: list[ToldRestriction] = []
         self._early: dict[Kind, Heard] = {}
+        self._news: list[str] = []
         self._nodes: list[str] = []
         self.unheeded: str | None = None
         """Why the restrictions told last cannot be heeded; None: they can."""
@@ -65,6 +67,9 @@ class Guard:
     def heeds(self, heard: Heard) -> bool:
         """Whether the sender of a message is the one whose word counts; `take_news` says who is not."""
         kind, before = kind_of(heard), self._operators.source(kind_of(heard))
+        if kind in STATES and heard.source == UNSTAMPED:
+            self._refuse_unstamped(kind)
+            return False
         counts = self._operators.heeds(heard)
         if before is not None and self._operators.source(kind) != before:
             # Times of a publisher that is gone say nothing of how old this one's messages are.
@@ -89,7 +94,8 @@ class Guard:
 
     def take_news(self) -> list[str]:
         """What has happened to the publishers since this was last asked, in words."""
-        return self._operators.take_news()
+        news, self._news = self._news, []
+        return news + self._operators.take_news()
 
     def problem(self, heard: Heard) -> str:
         """Why something heard is to be ignored, or nothing."""
@@ -139,6 +145,14 @@ class Guard:
     def lose_restrictions(self, why: str) -> None:
         """Nobody knows what is in force until restrictions come that can be heeded."""
         self.unheeded = why
+
+    def _refuse_unstamped(self, kind: Kind) -> None:
+        """A state whose sender nobody can tell from another one: of two such senders, either could be wrong."""
+        if kind is Kind.RESTRICTION:
+            self.lose_restrictions(event_wording.NOT_STAMPED)
+            self._news.append(event_wording.restrictions_unheeded(event_wording.NOT_STAMPED))
+        else:
+            self._news.append(event_wording.ignored(kind, event_wording.NOT_STAMPED))
 
     def _problem_of_restrictions(self, heard: Heard) -> str:
         """As of anything heard; but without restrictions that can be heeded there must be no advice."""

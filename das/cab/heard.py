@@ -14,7 +14,7 @@ from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
 
 UNSTAMPED: Final = "a sender without time stamps"
-"""The source of a measurement that its sender did not stamp: nobody can tell whether two senders are behind it."""
+"""The source of a message that its sender did not stamp: nobody can tell whether two senders are behind it."""
 
 
 class Kind(StrEnum):

@@ -1,4 +1,4 @@
-"""Positions without their sender's time stamp: two senders of them could not be told apart, so there is no advice."""
+"""Messages without their sender's time stamp: two senders of them could not be told apart, so they are not heeded."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import zenoh
 from das.advice.cause import Cause
 from das.bus import das_pb2
 from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import EFFORT, ESTIMATE, POSITION, Topic
+from das.bus.topics import EFFORT, ESTIMATE, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
 from das.cab.cab import CabSettings
 from das.cab.heard import UNSTAMPED
-from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S
+from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
 
 PLAIN = {"mode": "peer", "listen/endpoints": [], "scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
 TIMEOUT_S = 30.0
@@ -56,6 +56,23 @@ def test_the_bus_tells_senders_without_time_stamps_from_those_that_stamp() -> No
         while (received := bus.receive(0.5)) is not None:
             assert received.source == UNSTAMPED
         assert sources(bus, [stamping]) == {str(stamping.zid())}
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("topic", [JOURNEY, RESTRICTION, TARGET], ids=lambda topic: topic.name)
+def test_the_bus_tells_operators_without_time_stamps_as_well(topic: Topic) -> None:
+    place = endpoint(*free_ports(1))
+    with Bus(TRAIN, listen=place, hear=[topic]) as bus, ExitStack() as stack:
+        senders = [stack.enter_context(plain_sender(place, stamps=stamps)) for stamps in (False, True)]
+        for sender, expected in zip(senders, (UNSTAMPED, str(senders[1].zid())), strict=True):
+            ends, received = time.monotonic() + TIMEOUT_S, None
+            while received is None and time.monotonic() < ends:
+                sender.put(topic.key(TRAIN), topic.message(time_ns=1).SerializeToString())
+                received = bus.receive(0.2)
+            assert received is not None
+            assert received.source == expected
+            while bus.receive(0.3) is not None:
+                pass
 
 
 def tell(driven: DrivenNode, topic: Topic, second: float, source: str, s_m: float | None = None) -> None:
@@ -102,3 +119,33 @@ def test_efforts_without_stamps_switch_calibration_off() -> None:
         tell(driven, EFFORT, second, UNSTAMPED)
         assert driven.tick(second).mode != das_pb2.MODE_NONE
     assert driven.sink.of(ESTIMATE)[-1].doubt == "two-publishers"
+
+
+def test_restrictions_without_stamps_end_the_advice_until_others_are_heard() -> None:
+    """A second operator's looser list replaced the first one's before."""
+    driven = DrivenNode()
+    driven.tell(RESTRICTION, restrictions(1, 10.0), UNSTAMPED)
+    advice = driven.tick(2)
+    assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.RESTRICTIONS_UNHEEDED)
+    assert "without its sender's time stamp" in advice.reason
+    driven.tell(RESTRICTION, restrictions(3, 15.0))
+    advice = driven.tick(4)
+    assert advice.mode != das_pb2.MODE_NONE
+    assert advice.limit_mps == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("topic", [JOURNEY, TARGET], ids=lambda topic: topic.name)
+def test_a_journey_or_targets_without_stamps_change_nothing(topic: Topic) -> None:
+    driven, plain = DrivenNode(), DrivenNode()
+    late_ns = START_NS + 500 * S
+    told = (
+        journey(
+            time_ns=START_NS + 1, stops=[*journey().stops[:1], das_pb2.Journey.Stop(s_m=3_000.0, arrival_ns=late_ns)]
+        )
+        if topic is JOURNEY
+        else das_pb2.Targets(time_ns=START_NS + 1, targets=[das_pb2.Targets.Target(stop="B", arrival_ns=late_ns)])
+    )
+    driven.tell(topic, told, UNSTAMPED)
+    assert driven.tick(2) == plain.tick(2)
+    assert f"{topic.name}: one without its sender's time stamp" in driven.sink.events()
+    assert driven.tick(3).mode != das_pb2.MODE_NONE
