@@ -22,7 +22,7 @@ from das.domain.errors import DasError
 from tests.support.assessed_day import AssessedDay, Drawn, Operators, Seen, draw, write_files
 from tests.support.raw_witness import Allowed, Place, RawLine, RawTrain
 
-DAYS = int(os.environ.get("DAS_ASSESSMENT_DAYS", "24"))
+DAYS = int(os.environ.get("DAS_ASSESSMENT_DAYS", "50"))
 FIRST = int(os.environ.get("DAS_ASSESSMENT_FIRST", "0"))
 LINES = 6
 """So many lines and trains; fronts of the free line are found once for each."""
@@ -90,6 +90,10 @@ def assessed(drawn: Drawn, day: AssessedDay, judge: Judge) -> tuple[list[str], C
         rival = drawn.operators is Operators.RIVAL_OTHER and seen.second > drawn.happens_s
         if rival and seen.followed and sorted(seen.places) != sorted(drawn.rival):
             problems.append(f"{seen.second:.0f} s: advice under two operators that differ")
+        unstamped = drawn.operators is Operators.RIVAL_UNSTAMPED and seen.second > drawn.happens_s
+        told_since = any(drawn.happens_s <= at_s <= seen.second for at_s, _ in drawn.lists)
+        if unstamped and seen.followed and not told_since:
+            problems.append(f"{seen.second:.0f} s: advice after restrictions of a sender without time stamps")
         if rival:
             counts["two-operators seen"] += seen.advice.cause is Cause.TWO_OPERATORS
         if len(problems) > 3:

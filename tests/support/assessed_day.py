@@ -17,6 +17,7 @@ from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
 from das.cab.heard import (
+    UNSTAMPED,
     EffortHeard,
     Heard,
     JourneyHeard,
@@ -57,6 +58,7 @@ class Operators(StrEnum):
     LOST = "lost"
     RIVAL_SAME = "rival-same"
     RIVAL_OTHER = "rival-other"
+    RIVAL_UNSTAMPED = "rival-unstamped"
     TAKEN_OVER = "taken-over"
     NODE_RESTARTED = "node-restarted"
     NODE_RESTARTED_ALONE = "node-restarted-alone"
@@ -315,6 +317,8 @@ class AssessedDay:
         elif kind in (Operators.RIVAL_SAME, Operators.RIVAL_OTHER):
             yield PublisherSeen(kind=Kind.RESTRICTION, source="b", there=True)
             yield self._list(second, self._in_force if kind is Operators.RIVAL_SAME else self.drawn.rival, "b")
+        elif kind is Operators.RIVAL_UNSTAMPED:
+            yield self._list(second, self.drawn.rival, UNSTAMPED)
         elif kind is Operators.TAKEN_OVER:
             self._is_lost = True
             yield PublisherSeen(kind=Kind.RESTRICTION, source="b", there=True)
