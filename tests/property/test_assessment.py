@@ -91,7 +91,7 @@ def assessed(drawn: Drawn, day: AssessedDay, judge: Judge) -> tuple[list[str], C
         if rival and seen.followed and sorted(seen.places) != sorted(drawn.rival):
             problems.append(f"{seen.second:.0f} s: advice under two operators that differ")
         unstamped = drawn.operators is Operators.RIVAL_UNSTAMPED and seen.second > drawn.happens_s
-        told_since = any(drawn.happens_s <= at_s <= seen.second for at_s, _ in drawn.lists)
+        told_since = any(drawn.happens_s <= round(at_s) <= seen.second for at_s, _ in drawn.lists)
         if unstamped and seen.followed and not told_since:
             problems.append(f"{seen.second:.0f} s: advice after restrictions of a sender without time stamps")
         if rival:

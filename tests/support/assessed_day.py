@@ -47,6 +47,8 @@ START_NS = 1_800_000_000 * S
 LOOK_S = 0.2
 TOO_FAST_MPS = 0.3
 """A driver who holds the advised speed brakes fully where he will be faster than it by more than this."""
+SPEED_SD_MPS = 0.05
+"""Deviation of the measured speed."""
 LONGEST_S = 2500.0
 CATALOGUE = REPOSITORY / "das" / "domain" / "catalogue"
 
@@ -232,8 +234,8 @@ class AssessedDay:
             for _ in range(round(1.0 / LOOK_S)):
                 state = self._plant.advance(state, self._command(state, leg, view), LOOK_S)
             state = state._replace(time_s=float(second + 1))
-            # For the cab, a train that is slower than 0.1 m/s within 50 m of a stop has arrived there.
-            near_m, slow_mps = (50.0, 0.1) if advice.mode is Mode.STOP else (10.0, 0.0)
+            # For the cab, a train that is measured at 0.1 m/s or less within 50 m of a stop has arrived there.
+            near_m, slow_mps = (50.0, 0.1 + SPEED_SD_MPS) if advice.mode is Mode.STOP else (10.0, 0.0)
             if state.speed_mps <= slow_mps and self._stops_m[leg + 1] - state.s_m <= near_m:
                 state = state._replace(speed_mps=0.0)
                 self.told.stood_m.append(state.s_m)
@@ -277,9 +279,9 @@ class AssessedDay:
             fix=PositionFix(
                 time_ns=stamp_ns,
                 s_m=state.s_m + (self._wander_m if moves else 0.0),
-                speed_mps=max(state.speed_mps + 0.05 * float(noise[1]), 0.0) if moves else 0.0,
+                speed_mps=max(state.speed_mps + SPEED_SD_MPS * float(noise[1]), 0.0) if moves else 0.0,
                 uncertainty_m=3.0,
-                speed_uncertainty_mps=0.05,
+                speed_uncertainty_mps=SPEED_SD_MPS,
             ),
         )
         electric, friction = (drawn.gain * (1.0 + 0.02 * noise[2:])).tolist()
