@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from das.solver import tolerances as tol
 from das.solver.front import Front
+from das.solver.kernels.landings import LANDINGS
+from das.solver.kernels.lanes import LANES
 from das.solver.kernels.sweep import backward_sweep
-from das.solver.kernels.transitions import PADDED_LANDINGS, transitions
+from das.solver.kernels.transitions import transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
 from das.solver.memory import KEPT
 from das.solver.section import Section
@@ -54,7 +56,8 @@ def solve_front(
             start = max(end - block_nodes, 0)
             moves = working_space.rows(0, end - start)
             in_parts(pool, threads, end - start, grid.fill, start, moves)
-            in_parts(pool, threads, size, moves.sweep, ladder, value[start : end + 1], time_to_go[start : end + 1])
+            rows = slice(start, end + 1)
+            in_parts(pool, threads, size, moves.sweep, ladder, value[rows], time_to_go[rows], of=LANES)
     return Front(section=section, lambda_w=ladder, value_j=value, time_to_go_s=time_to_go)
 
 
@@ -73,18 +76,18 @@ class Transitions:
 
     time_s: NDArray[np.float32]
     energy_j: Floats
-    target: NDArray[np.int16]
+    target: NDArray[np.int32]
     weight: NDArray[np.float32]
     count: NDArray[np.int16]
 
     @classmethod
     def empty(cls, nodes: int, states: int) -> Transitions:
         """Room for the moves of this number of nodes and speeds."""
-        shape = (nodes, states, PADDED_LANDINGS)
+        shape = (nodes, states, LANDINGS)
         return cls(
             time_s=KEPT.empty(shape, np.float32),
             energy_j=KEPT.empty(shape, np.float64),
-            target=KEPT.empty(shape, np.int16),
+            target=KEPT.empty(shape, np.int32),
             weight=KEPT.empty(shape, np.float32),
             count=KEPT.empty(shape[:2], np.int16),
         )
@@ -148,8 +151,13 @@ class DecisionGrid:
         )  # fmt: skip
 
 
-def in_parts(pool: ThreadPoolExecutor, threads: int, size: int, work: Callable[..., None], *args: object) -> None:
-    """Call work(first, last, *args) for equal parts of range(size), each on a thread of its own."""
-    edges = [round(size * i / threads) for i in range(threads + 1)]
+def in_parts(
+    pool: ThreadPoolExecutor, threads: int, size: int, work: Callable[..., None], *args: object, of: int = 1
+) -> None:
+    """Call work(first, last, *args) for equal parts of range(size), each on a thread of its own.
+
+    The parts begin at multiples of `of`.
+    """
+    edges = [min(of * round(size * i / (threads * of)), size) for i in range(threads)] + [size]
     for future in [pool.submit(work, first, last, *args) for first, last in pairwise(edges)]:
         future.result()
