@@ -29,7 +29,7 @@ class Front:
     """Policies of a section for a ladder of multipliers.
 
     `lambda_w` (L,) ascends. `value_j` and `time_to_go_s` have the shape (K + 1 decision nodes, J + 1 speeds, L). A
-    solved front holds them as float64 and float32, and a table on disk as float32 and packed.
+    solved front holds them as float64 and float32; a large one, and a table on disk, as float32 and packed.
     """
 
     section: Section

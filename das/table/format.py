@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.solver.front import Front
+from das.solver.kernels.packing import UNKNOWN_STEP, pack
 from das.solver.kernels.tuples import PackedTimes
 from das.solver.section import Section
-from das.solver.tolerances import UNREACHABLE
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 SCHEMA_VERSION: Final = 2
 MANIFEST: Final = "manifest.json"
-INFEASIBLE_STEP: Final = int(np.iinfo(np.uint16).max)
+INFEASIBLE_STEP: Final = UNKNOWN_STEP
 """Steps of the time-to-go where the end of the section cannot be reached."""
 _SEAL = b',\n "manifest_sha256": "'
 
@@ -140,19 +140,18 @@ def section_facts(section: Section) -> dict[str, Any]:
 
 def packed(front: Front) -> Arrays:
     """The policies of a front that was solved, as the arrays of a table hold them."""
-    assert isinstance(front.time_to_go_s, np.ndarray)
-    known = front.value_j < UNREACHABLE
-    times = np.where(known, front.time_to_go_s, np.nan).astype(np.float64)
-    empty = ~known.any(axis=1, keepdims=True)
-    times = np.where(empty, 0.0, times)
-    low = np.nanmin(times, axis=1).astype(np.float32)
-    step = ((np.nanmax(times, axis=1) - low) / (INFEASIBLE_STEP - 1)).astype(np.float32)
-    parts = np.round((times - low[:, np.newaxis]) / np.maximum(step, np.finfo(np.float32).tiny)[:, np.newaxis])
-    steps = np.where(known, np.clip(parts, 0, INFEASIBLE_STEP - 1), INFEASIBLE_STEP)
+    value, times = front.value_j, front.time_to_go_s
+    if not isinstance(times, PackedTimes):
+        nodes, _, size = value.shape
+        value = np.empty(front.value_j.shape, np.float32)
+        scale = np.empty((2, nodes, size), np.float32)
+        packed_times = PackedTimes(np.empty(value.shape, np.uint16), *scale)
+        pack(0, nodes, front.value_j, times, value, packed_times)
+        times = packed_times
     return {
-        "value_j": front.value_j.astype(np.float32),
-        "time_to_go_steps": steps.astype(np.uint16),
-        "time_to_go_scale_s": np.stack((low, step)),
+        "value_j": value,
+        "time_to_go_steps": times.steps,
+        "time_to_go_scale_s": np.stack((times.low_s, times.step_s)),
         "grid": grid_of(front.section),
     }
 

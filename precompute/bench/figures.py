@@ -17,7 +17,7 @@ from das.solver.front import Front
 from das.solver.kernels.landings import LANDINGS
 from das.solver.kernels.transitions import transitions
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, solve_front
+from das.solver.solve import BLOCK_NODES, PACKED_ABOVE_BYTES, STATE_BYTES, DecisionGrid, Transitions, solve_front
 from das.solver.tolerances import LADDER_SIZE
 from precompute.bench.lines import made_up_line
 from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of, timed
@@ -36,8 +36,6 @@ POLISHED_LANDINGS = 12
 """Landings that the golden section of a roll-out tries in each step, beyond those of the sweep."""
 FLOP_PER_RELAXATION = 6
 """Operations of a relaxation: three multiplications with addition (kernels.backward_sweep)."""
-RESULT_BYTES = 12
-"""Size of the result for one state and multiplier: its value and its time-to-go."""
 MILLION, MEGA = 1e6, 1e6
 BUFFERS = (0.005, 0.3)
 """The trajectories that are timed have buffers from the first to the second, as shares of the least time."""
@@ -109,7 +107,9 @@ class Workload:
 
     @property
     def result_bytes(self) -> int:
-        return (self.nodes + 1) * self.states * LADDER_SIZE * RESULT_BYTES
+        """Size of the policies; large ones are packed."""
+        whole = (self.nodes + 1) * self.states * LADDER_SIZE * STATE_BYTES
+        return whole if whole <= PACKED_ABOVE_BYTES else whole // 2
 
     @property
     def divisions(self) -> int:

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from das.solver import tolerances as tol
 from das.solver.front import Front
+from das.solver.in_parts import in_parts
 from das.solver.search import TimeSearch
 from das.solver.section import Section
-from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, default_ladder, in_parts
+from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, default_ladder
 from das.solver.state import State
 from precompute.bench.plain_transitions import plain_transitions
 

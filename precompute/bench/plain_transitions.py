@@ -8,7 +8,6 @@ from das.compiling.kernels import kernel
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS, landings, step_cost
 from das.solver.kernels.speed_grid import grid_speed, locate
-from das.solver.kernels.transitions import pad
 
 
 @kernel
@@ -45,4 +44,4 @@ def plain_transitions(first, last, line, bounds, steps, p, c, moves):
                 target[row, j, used] = lower
                 weight[row, j, used] = share
                 used += 1
-            pad(row, j, used, moves)
+            count[row, j] = used

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from das.solver.solve import in_parts
+from das.solver.in_parts import in_parts
 
 ROUNDS = 5
 CACHED_NUMBERS = 1024

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from das.solver.calm.notches import Notches, make_notches
 from das.solver.calm.settings import CalmSettings
+from das.solver.in_parts import in_parts
 from das.solver.kernels.calm_moves import calm_moves
 from das.solver.kernels.calm_roll_out import calm_roll_out, run_energy
 from das.solver.kernels.calm_sweep import NO_NOTCH, calm_sweep
 from das.solver.kernels.tuples import SpeedBounds
 from das.solver.section import Section
-from das.solver.solve import DecisionGrid, in_parts
+from das.solver.solve import DecisionGrid
 from das.solver.state import State
 
 Floats = NDArray[np.float64]

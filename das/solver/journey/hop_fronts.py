@@ -87,12 +87,12 @@ class HopFronts:
         """The front of a part of a hop; `ahead` is what comes after its end (None: a stop)."""
         hop = self.hops[stretch.hop]
         if ahead is None:
-            return solve_front(hop.part(stretch.first, stretch.last), lambda_w=self.ladder_w)
+            return solve_front(hop.part(stretch.first, stretch.last), lambda_w=self.ladder_w, packed=False)
         section = hop.part(stretch.first, stretch.last, ahead.least_mps)
         speeds = np.linspace(section.floor_mps[-1], section.envelope_mps[-1], section.speed_steps + 1)
         value = np.interp(speeds**2, ahead.speed_mps**2, ahead.value_j)
         value[value > tol.UNREACHABLE] = tol.INFEASIBLE
-        return solve_front(section, lambda_w=self.ladder_w, end_value_j=value)
+        return solve_front(section, lambda_w=self.ladder_w, end_value_j=value, packed=False)
 
     def table(self, stretch: Stretch, part: Front | None, speed_mps: float) -> MultiplierTable:
         """The table of a stretch from a speed: of its part of a hop, or of the whole hop where that is None."""
@@ -116,7 +116,7 @@ class HopFronts:
     def _whole(self, hop: int) -> Front:
         if hop in self._fronts:
             return self._fronts[hop]
-        front = solve_front(self.hops[hop].section, lambda_w=self.ladder_w)
+        front = solve_front(self.hops[hop].section, lambda_w=self.ladder_w, packed=False)
         if sum(map(_size, self._fronts.values())) + _size(front) <= tol.JOURNEY_FRONTS_BYTES:
             self._fronts[hop] = front
         return front

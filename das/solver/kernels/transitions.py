@@ -11,11 +11,6 @@ from das.solver.kernels.landings import LANDINGS
 from das.solver.kernels.speed_grid import grid_speed
 from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT
 
-TOGETHER = 5
-"""So many landings the sweep takes at a time; its code is written for five."""
-PADDED_LANDINGS = -(-LANDINGS // TOGETHER) * TOGETHER
-"""Room for the landings of a state, a multiple of `TOGETHER`."""
-
 _COAST = LANDINGS_BRAKE + LANDINGS_EFFORT
 _HOLD = _COAST + 1
 _STANDING_MPS = 1e-3
@@ -27,8 +22,7 @@ def transitions(first, last, line, bounds, steps, p, c, moves):
     """All transitions of the decision nodes first … last − 1.
 
     `line` and `bounds` hold all decision nodes, `steps` is the number of steps of the speed grid. Row k of `moves` is
-    filled for node first + k. Of each state `count` landings are filled, and the rest of its last `TOGETHER` landings
-    with costs that are never chosen.
+    filled for node first + k. Of each state `filled` landings are filled.
     """
     floor, envelope = bounds
     n = line.step_m.size
@@ -100,7 +94,7 @@ def _fill_landings(speeds, h, g, q, top, p, landing, space):
 @kernel
 def _pack(row, slowest, speeds, landing, found, moves):
     """The landings that a train can make, one after the other for each speed; none from a standstill."""
-    dt, energy, target, weight, _ = moves
+    dt, energy, target, weight, filled = moves
     for j in range(speeds.size):
         used = 0
         low, high = landing[0, j], landing[_COAST - 1, j]
@@ -111,32 +105,20 @@ def _pack(row, slowest, speeds, landing, found, moves):
                 if found[1, i, j] < INFEASIBLE:
                     dt[row, j, used] = found[0, i, j]
                     energy[row, j, used] = found[1, i, j]
-                    target[row, j, used] = np.int16(found[2, i, j])
+                    target[row, j, used] = np.int32(found[2, i, j])
                     weight[row, j, used] = found[3, i, j]
                     used += 1
-        pad(row, j, used, moves)
+        filled[row, j] = used
 
 
 @kernel
 def _pack_last(row, slowest, high, top, time_s, energy_j, moves):
     """The one landing at the end of a section, from each speed from which full traction gets there."""
-    dt, energy, target, weight, _ = moves
+    dt, energy, target, weight, filled = moves
     for j in range(high.size):
         reached = high[j] >= top and (j > 0 or slowest > 0.0)
         dt[row, j, 0] = time_s[j]
         energy[row, j, 0] = energy_j[j]
         target[row, j, 0] = 0
         weight[row, j, 0] = 0.0
-        pad(row, j, 1 if reached else 0, moves)
-
-
-@kernel
-def pad(row, j, used, moves):
-    """Say how many landings of a state are filled, and fill its last five up with costs that are never chosen."""
-    dt, energy, target, weight, count = moves
-    count[row, j] = used
-    for i in range(used, -(-used // TOGETHER) * TOGETHER):
-        dt[row, j, i] = 0.0
-        energy[row, j, i] = INFEASIBLE
-        target[row, j, i] = 0
-        weight[row, j, i] = 0.0
+        filled[row, j] = 1 if reached else 0

@@ -42,7 +42,7 @@ class Moves(NamedTuple):
 
     time_s: NDArray[np.float32]
     energy_j: Floats
-    target: NDArray[np.int16]
+    target: NDArray[np.int32]
     weight: NDArray[np.float32]
     filled: NDArray[np.int16]
 

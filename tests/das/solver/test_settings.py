@@ -9,7 +9,6 @@ import pytest
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
 from das.solver.kernels.landings import LANDINGS
-from das.solver.kernels.transitions import PADDED_LANDINGS, TOGETHER
 from das.solver.section import SectionOptions, build_section
 from das.solver.tolerances import GridSettings, JourneySettings, LadderSettings, SolverSettings, Tolerances
 from tests.support.making import flat, make_train
@@ -66,8 +65,6 @@ def test_every_setting_is_a_constant_of_the_kernels() -> None:
 
 def test_the_landings_of_the_kernels_follow_the_settings() -> None:
     assert LANDINGS == tol.LANDINGS_EFFORT + tol.LANDINGS_BRAKE + 2
-    assert PADDED_LANDINGS % TOGETHER == 0
-    assert LANDINGS <= PADDED_LANDINGS < LANDINGS + TOGETHER
 
 
 def test_the_options_of_a_section() -> None:
