@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Final
+
+from mcap import records
 
 from das.bus.contents import Contents
 from das.domain.errors import DasError
@@ -31,6 +33,10 @@ class AttachedFiles:
     def sha256(self, kind: str) -> str:
         """The hash of a file as the metadata have it; nothing where they do not name it."""
         return self._run.get(f"{kind}_sha256", "")
+
+    def others(self, but: Collection[str] = ()) -> list[records.Attachment]:
+        """All attached files but those of some hashes (SHA-256), in the order of the recording."""
+        return [one for hashed, one in self._attached.items() if hashed not in but]
 
     def place(self, kind: str) -> Path:
         """Where a file is, written now; DasError where it cannot be written."""

@@ -24,7 +24,7 @@ from sim.recording.rates import Rate, rate_of
 
 HASH = "_sha256"
 """Keys of the metadata that hold the hash of an input file end so."""
-ELSEWHERE = ("trip_sha256",)
+ELSEWHERE = ("trip_sha256", "what_if_of_sha256")
 """Hashes of files that a recording does not bring along."""
 
 
