@@ -13,6 +13,7 @@ from das.advice.advice import Source
 from das.advice.modes import Mode
 from das.bus import topics
 from das.bus.recording import Recording
+from sim.what_if.otherwise import WHAT_IF, WhatIfKind
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -56,11 +57,13 @@ class ShownAdvice:
     def of(cls, recording: Recording) -> ShownAdvice:
         """What the display showed; where no display was recorded, the node's advice counts as shown.
 
-        In a replay nobody saw the advice: the train drives as it was driven.
+        Nobody saw the advice of a replay or of a what-if in open loop: the train drives as it was driven.
         """
+        run = recording.metadata.get("run", {})
+        unseen = run.get("kind") == "replay" or run.get(WHAT_IF) == WhatIfKind.OPEN_LOOP
         fields = ("presentation", "mode", "advised_speed_mps", "advised_lever_ratio", "lever_ratio")
         cab = recording.columns(topics.CAB, "time_ns", *fields)
-        if len(cab["time_ns"]):
+        if len(cab["time_ns"]) and not unseen:
             return cls(
                 time_ns=cab["time_ns"],
                 shown=cab["presentation"] > 0,
@@ -73,11 +76,10 @@ class ShownAdvice:
             )
         said = ("source", "mode", "advised_speed_mps", "advised_force_ratio")
         advice = recording.columns(topics.ADVICE, "time_ns", *said)
-        seen = recording.metadata.get("run", {}).get("kind") != "replay"
         nothing = np.full(len(advice["time_ns"]), math.nan)
         return cls(
             time_ns=advice["time_ns"],
-            shown=(advice["source"] != Source.NONE) & seen,
+            shown=(advice["source"] != Source.NONE) & (not unseen),
             mode=advice["mode"],
             speed_mps=advice["advised_speed_mps"],
             advised_ratio=advice["advised_force_ratio"],

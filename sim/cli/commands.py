@@ -94,6 +94,15 @@ ENTRIES: Final = (
         examples=("das-sim compare before.mcap after.mcap --plot both.png",),
     ),
     Entry(
+        name="what-if",
+        where="sim.what_if.command:what_if",
+        summary="Ask what would have been: other advice for a recorded drive, or its day driven anew.",
+        examples=(
+            "das-sim what-if run.mcap --level l1 -o l1.mcap",
+            "das-sim what-if run.mcap --advice coach --restriction 20-22:80",
+        ),
+    ),
+    Entry(
         name="note",
         where="sim.events.command:note",
         summary="Add a note to a recording, or list its notes.",

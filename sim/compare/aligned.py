@@ -114,8 +114,7 @@ class AlignedDrives:
         if not len(places):
             return None
         at = int(places[0])
-        said = (_said(int(mode[at]), float(speed[at])), _said(int(modes[at]), float(speeds[at])))
-        return Advised(float(self.s_m[at]), *said)
+        return Advised(float(self.s_m[at]), *told_apart((mode[at], speed[at]), (modes[at], speeds[at])))
 
     def stretches(self, other: int) -> list[PartedStretch]:
         """The stretches between stops and changes of the limit, and what the other drive needed more there."""
@@ -158,10 +157,16 @@ def _rows(drive: DriveOnTrack, low_m: float, high_m: float, step_m: float) -> tu
     return s_m, np.minimum(limit_mps, drive.inputs.vehicle.max_speed_mps)
 
 
-def _said(mode: int, speed_mps: float) -> str:
-    if math.isnan(speed_mps) or mode == Mode.NONE:
+def told_apart(first: tuple[int, float], other: tuple[int, float]) -> tuple[str, str]:
+    """Two advices (mode, speed in m/s) in words, as finely as it takes to tell them apart."""
+    whole = (_said(*first, 0), _said(*other, 0))
+    return whole if whole[0] != whole[1] else (_said(*first, 1), _said(*other, 1))
+
+
+def _said(mode: int, speed_mps: float, digits: int) -> str:
+    if math.isnan(speed_mps) or int(mode) == Mode.NONE:
         return "no advice"
-    return f"{mode_name(Mode(mode))} at {kmh(speed_mps):.0f} km/h"
+    return f"{mode_name(Mode(int(mode)))} at {kmh(speed_mps):.{digits}f} km/h"
 
 
 def place(s_m: float) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from das.bus import topics
 from das.bus.recording import Recording
 from sim.events.advice_events import advice_events, replan_events, withdrawal_events
+from sim.events.bookmarks import deviation_events, with_marks
 from sim.events.calls import RecordedCall, calls
 from sim.events.clock import DriveClock
 from sim.events.decision_events import decision_events
@@ -50,6 +51,7 @@ class Chronicle:
             *overspeed_events(recording, trip),
             *(decision_events(recording, trip) if recording.of(topics.DECISION) else driver_events(recording, trip)),
             *pause_events(recording, trip),
+            *deviation_events(recording, trip),
             *_notes(recording, trip),
         )
         return cls(
@@ -57,7 +59,7 @@ class Chronicle:
             trip=trip,
             clock=DriveClock.of(recording, int(trip.time_ns[0])),
             calls=made,
-            events=tuple(sorted(found, key=lambda one: one.time_ns)),
+            events=with_marks(found),
         )
 
     @classmethod
@@ -76,6 +78,7 @@ class Chronicle:
                 "s_m": round(one.s_m, 1),
                 "kind": str(one.kind),
                 "text": one.text,
+                **({"bookmark": one.mark} if one.mark else {}),
                 **{name: value for name, value in one.facts.items() if not _is_nan(value)},
             }
             for one in events

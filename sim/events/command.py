@@ -32,6 +32,9 @@ def events(
     search: Annotated[str, typer.Option("--search", metavar="TEXT", help="Only events whose text holds this.")] = "",
     from_time: FromTime = None,
     to_time: ToTime = None,
+    bookmarks: Annotated[
+        bool, typer.Option("--bookmarks", help="Only what a reviewer wants to see first, and the notes of people.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """List what happened on a recorded drive, when, where and why, with the notes that people made."""
@@ -45,6 +48,7 @@ def events(
         text=search,
         from_ns=None if from_time is None else clock.moment_ns(from_time),
         to_ns=None if to_time is None else clock.moment_ns(to_time),
+        bookmarks=bookmarks,
     )
     found = wanted.choose(chronicle.events)
     if as_json:
@@ -67,10 +71,11 @@ def _print(found: tuple[DriveEvent, ...], chronicle: Chronicle) -> None:
     table = Table()
     for name in ("time", "UTC", "place", "kind"):
         table.add_column(name, no_wrap=True)
+    table.add_column("bookmark")
     table.add_column("what happened")
     for one in found:
         shown = (clock.shown(one.time_ns), clock.of_day(one.time_ns), place_text(one.s_m), str(one.kind))
-        table.add_row(*shown, visible(one.text))
+        table.add_row(*shown, one.mark, visible(one.text))
     print_table(table, {"time": f"minutes and seconds since {clock.of_day(clock.zero_ns)} UTC, {clock.zero_is}"})
 
 

@@ -30,6 +30,8 @@ LONGEST_ANSWER_S: Final = 30.0
 """An answer later than this (s) is none."""
 LATE_ANSWER_S: Final = 10.0
 """An answer later than this (s) is called late."""
+LEAST_STAND_S: Final = 1.0
+"""A train that stops for less than this (s), on the way to its mark, has not come to stand."""
 PAUSE_NS: Final = 5_000_000_000
 """Positions that pause for longer than this (ns) are told; they usually come once a second."""
 
@@ -86,6 +88,8 @@ def stand_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator
         if stand in at_stops or not arrived or not departed:
             continue
         lasted_s = (departed - arrived) * NS
+        if lasted_s < LEAST_STAND_S:
+            continue
         yield DriveEvent(
             time_ns=arrived, end_ns=departed, kind=EventKind.STAND, s_m=stand.s_m,
             text=f"stood for {lasted_s:.0f} s where there is no stop", facts={"lasted_s": lasted_s},

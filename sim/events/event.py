@@ -31,6 +31,8 @@ class EventKind(StrEnum):
     """How the driver answered a change of the advice."""
     LAPSE = "lapse"
     """A message stream paused: positions or advice were not heard for a while."""
+    DEVIATION = "deviation"
+    """The node expected an arrival far from the timetable's for the first time."""
     LOG = "log"
     WARNING = "warning"
     NOTE = "note"
@@ -42,6 +44,7 @@ class DriveEvent:
     """Something that happened: when (ns since 1970), where (m, NaN where unknown), what, and figures that go with it.
 
     `end_ns` is when it was over; it equals `time_ns` for what has no duration. The names in `facts` carry their units.
+    `mark` says why the event is a bookmark that made itself; it is empty for all others.
     """
 
     time_ns: int
@@ -50,6 +53,7 @@ class DriveEvent:
     s_m: float
     end_ns: int = 0
     facts: Mapping[str, Any] = field(default_factory=dict)
+    mark: str = ""
 
     @property
     def last_ns(self) -> int:
@@ -66,6 +70,8 @@ class Filter:
     """Words that the text holds, whatever their case."""
     from_ns: int | None = None
     to_ns: int | None = None
+    bookmarks: bool = False
+    """Only bookmarks: those that made themselves, and notes."""
 
     def choose(self, events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
         """The events that pass, in their order."""
@@ -74,6 +80,7 @@ class Filter:
     def _passes(self, one: DriveEvent) -> bool:
         return (
             (not self.kinds or one.kind in self.kinds)
+            and (not self.bookmarks or bool(one.mark) or one.kind is EventKind.NOTE)
             and self.text.casefold() in one.text.casefold()
             and (self.from_ns is None or one.last_ns >= self.from_ns)
             and (self.to_ns is None or one.time_ns <= self.to_ns)

@@ -24,8 +24,12 @@ from sim.recording.rates import Rate, rate_of
 
 HASH = "_sha256"
 """Keys of the metadata that hold the hash of an input file end so."""
-ELSEWHERE = ("trip_sha256",)
+ELSEWHERE = ("trip_sha256", "what_if_of_sha256")
 """Hashes of files that a recording does not bring along."""
+
+
+RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap")
+"""What `Checked.rate_rows` tells of a topic."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,11 +61,31 @@ class Checked:
             "notes": list(self.notes),
         }
 
+    def rate_rows(self) -> list[tuple[str, str, str, str, str]]:
+        """Every topic: its messages, how many a second, the usual interval and the longest gap."""
+        rows = []
+        for name, rate in self.rates.items():
+            times = (rate.interval_s, rate.longest_gap_s)
+            interval, gap = ("–" if isnan(value) else f"{value:.1f} s" for value in times)
+            rows.append((name, str(rate.messages), "–" if isnan(rate.per_s) else f"{rate.per_s:.2f}", interval, gap))
+        return rows
+
+    def lines(self) -> list[str]:
+        """What should be known and what is wrong, in words; at the end how much is."""
+        noted = [f"note: {note}" for note in self.notes]
+        wrong = [_line(one) for one in self.findings]
+        count = f"{len(wrong)} finding{'s' if len(wrong) > 1 else ''}"
+        return [*noted, *wrong, count if wrong else "nothing is wrong with this recording"]
+
 
 def check_file(path: Path, train: str | None = None) -> Checked:
     """Check a recording; raises DasError for a file that holds nothing of a train, and as `read_contents`."""
     contents = read_contents(path)
-    recording = recording_of(contents, train)
+    return check_contents(contents, recording_of(contents, train))
+
+
+def check_contents(contents: Contents, recording: Recording) -> Checked:
+    """Check a recording that has been read: what its file holds, and the train of it that is asked about."""
     hashes = _hashes(contents)
     findings = [*find(recording), *_inputs(recording, hashes)]
     found = {topic.name: rate_of(recording, topic) for topic in TOPICS}
@@ -170,6 +194,11 @@ def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
             found.append(i)
         most = one.message.advices
     return found
+
+
+def _line(one: CheckFinding) -> str:
+    when = f" at {utc(one.time_ns)} UTC" if one.time_ns else ""
+    return f"finding ({one.kind}){when}: {one.text}"
 
 
 def utc(time_ns: int) -> str:

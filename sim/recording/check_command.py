@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from math import isnan
 from typing import TYPE_CHECKING
 
 import typer
@@ -14,7 +13,6 @@ from sim.cli.options import OfTrainOption, RecordingArgument
 
 if TYPE_CHECKING:
     from sim.recording.check import Checked
-    from sim.recording.findings import CheckFinding
 
 EXIT_FINDINGS = 1
 
@@ -39,35 +37,22 @@ def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: Json
 def _print(found: Checked) -> None:
     from rich.table import Table
 
+    from sim.recording.check import RATE_COLUMNS
+
     figures = Table(title=str(found.recording.path), title_justify="left", show_header=False)
     figures.add_column(no_wrap=True)
     figures.add_column()
-    for row in found.figures.items():
-        figures.add_row(*row)
+    for name, value in found.figures.items():
+        figures.add_row(name, value)
     print_table(figures)
     rates = Table(title="topics", title_justify="left")
-    rates.add_column("topic", no_wrap=True)
-    for name in ("messages", "a second", "usual interval", "longest gap"):
+    rates.add_column(RATE_COLUMNS[0], no_wrap=True)
+    for name in RATE_COLUMNS[1:]:
         rates.add_column(name, justify="right")
-    for name, rate in found.rates.items():
-        seconds = ("–" if isnan(value) else f"{value:.1f} s" for value in (rate.interval_s, rate.longest_gap_s))
-        per_s = "–" if isnan(rate.per_s) else f"{rate.per_s:.2f}"
-        rates.add_row(name, str(rate.messages), per_s, *seconds)
+    for row in found.rate_rows():
+        rates.add_row(*row)
     print_table(rates)
-    for note in found.notes:
-        tell(f"note: {note}")
-    for one in found.findings:
-        tell(_line(one))
-    if not found.findings:
-        tell("nothing is wrong with this recording")
-        return
-    tell(f"{len(found.findings)} finding{'s' if len(found.findings) > 1 else ''}")
+    for line in found.lines():
+        tell(line)
     if found.recording.health.damage or not found.recording.complete:
         tell(f"save what is sound: {typed('das-sim')} recover {found.recording.path} -o NEW.mcap")
-
-
-def _line(one: CheckFinding) -> str:
-    from sim.recording.check import utc
-
-    when = f" at {utc(one.time_ns)} UTC" if one.time_ns else ""
-    return f"finding ({one.kind}){when}: {one.text}"

@@ -17,6 +17,7 @@ from sim.compare.aligned import AlignedDrives, place
 from sim.compare.on_track import on_track
 from sim.compare.rows import as_dict as comparison_dict
 from sim.compare.rows import sentences
+from sim.recording.check import RATE_COLUMNS
 from sim.report import figures, words
 from sim.report.subject import ReviewedDrive
 from sim.review.light import comparison_figure
@@ -49,13 +50,13 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
         drives=[_drive(subject) for subject in subjects],
         comparison=None if aligned is None else _comparison(aligned),
         not_compared=not_compared,
+        rate_columns=RATE_COLUMNS,
     )
 
 
 def _drive(subject: ReviewedDrive) -> dict[str, Any]:
     account = subject.account
     worst = [] if account is None else worst_places(account)
-    clock = subject.chronicle.clock
     return {
         "name": subject.name,
         "paragraph": words.paragraph(subject),
@@ -67,11 +68,8 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "why_not": subject.why_not,
         "events": words.event_rows(subject),
         "left_out": words.left_out(subject),
-        "notes": [
-            {"time": clock.shown(one.time_ns), "place": place(one.s_m), "text": one.text}
-            for one in words.notes(subject)
-        ],
-        "health": words.health_rows(subject),
+        "bookmarks": words.bookmark_rows(subject),
+        "health": subject.checked,
         "inputs": words.input_rows(subject),
         "images": _images(subject),
     }
@@ -140,6 +138,6 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "energy": None if subject.account is None else energy_dict(subject.account),
         "no_energy_because": subject.why_not or None,
         "events": chronicle.as_rows(chronicle.events),
-        "health": dict(words.health_rows(subject)),
+        "health": subject.checked.as_dict(),
         "inputs": dict(words.input_rows(subject)),
     }

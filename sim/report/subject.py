@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from das.bus.recording import Recording
+from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
 from sim.accounts.account import Account, account_of
 from sim.accounts.likely import LikelyRange, likely_range
 from sim.accounts.shown import ShownAdvice
 from sim.events.chronicle import Chronicle
-from sim.recording.opening import open_recording
+from sim.recording.check import Checked, check_contents
+from sim.recording.opening import open_contents
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,7 +20,7 @@ class ReviewedDrive:
     """What a report is about. `account` is None where the energy cannot be accounted for; `why_not` says why.
 
     `likely` is the range of the energy above the optimum where it is estimated; None where it was measured, or was not
-    asked for a drive of many legs.
+    asked for a drive of many legs. `checked` is what `das-sim check` finds.
     """
 
     recording: Recording
@@ -28,6 +29,7 @@ class ReviewedDrive:
     why_not: str
     likely: LikelyRange | None
     shown: ShownAdvice
+    checked: Checked
 
     @property
     def name(self) -> str:
@@ -37,7 +39,8 @@ class ReviewedDrive:
 
 def subject_of(path: Path) -> ReviewedDrive:
     """Read a recording and find out about its drive; DasError for one that has no positions."""
-    recording = open_recording(path)
+    contents = open_contents(path)
+    recording = recording_of(contents)
     account, why_not = None, ""
     try:
         account = account_of(recording)
@@ -50,4 +53,5 @@ def subject_of(path: Path) -> ReviewedDrive:
         why_not=why_not,
         likely=None if account is None else likely_range(account),
         shown=ShownAdvice.of(recording),
+        checked=check_contents(contents, recording),
     )

@@ -8,15 +8,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.accounts.account import Account
 from sim.accounts.causes import EnergyCause
 from sim.accounts.judging import OVER_MPS
 from sim.accounts.rows import seconds_by_cause, worst_places
 from sim.events.advice_events import place_text
+from sim.events.bookmarks import bookmarks
 from sim.events.clock import minutes, spell
-from sim.events.event import DriveEvent, EventKind, Filter
+from sim.events.event import EventKind, Filter
 from sim.report.subject import ReviewedDrive
 from sim.review.summary import readable
 
@@ -249,6 +249,7 @@ def event_rows(subject: ReviewedDrive) -> list[Row]:
             "place": place_text(one.s_m),
             "kind": str(one.kind),
             "text": one.text,
+            "mark": one.mark,
         }
         for one in found
     ]
@@ -262,22 +263,18 @@ def left_out(subject: ReviewedDrive) -> str:
     return f"{counts[EventKind.ADVICE]} changes of the advice and {counts[EventKind.REPLAN]} new plans"
 
 
-def notes(subject: ReviewedDrive) -> list[DriveEvent]:
-    """The notes of people."""
-    return [one for one in subject.chronicle.events if one.kind is EventKind.NOTE]
-
-
-def health_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
-    """How far the recording can be trusted, as far as the recording itself says."""
-    recording = subject.recording
-    counts = {topic: len(recording.of(topic)) for topic in recording.topics}
-    status = recording.of(topics.STATUS)
+def bookmark_rows(subject: ReviewedDrive) -> list[Row]:
+    """What a reviewer wants to see first, with the notes of people."""
+    clock = subject.chronicle.clock
     return [
-        ("complete", "yes" if recording.complete else "no: it was cut off, and holds what was written before"),
-        ("messages", ", ".join(f"{topic} {count}" for topic, count in counts.items())),
-        ("energies", "measured" if subject.account and subject.account.measured else "estimated from positions"),
-        *([("node", f"version {status[-1].message.version}")] if status else []),
-        *([("also recorded", ", ".join(recording.trains[1:]))] if len(recording.trains) > 1 else []),
+        {
+            "time": clock.shown(one.time_ns),
+            "utc": clock.of_day(one.time_ns),
+            "place": place_text(one.s_m),
+            "mark": one.mark or "note",
+            "text": one.text,
+        }
+        for one in bookmarks(subject.chronicle.events)
     ]
 
 
@@ -291,4 +288,5 @@ def input_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
     ]
     if subject.account is not None:
         rows.append(("line and train of this page", subject.account.inputs.source))
+        rows.append(("energies", "measured" if subject.account.measured else "estimated from positions"))
     return [*rows, ("attached files", ", ".join(subject.recording.attachments) or "none")]

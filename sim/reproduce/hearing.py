@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -42,6 +42,12 @@ class Rehearing:
 
     def run(self, messages: Sequence[RecordedMessage], progress: HeardAgain) -> list[Said]:
         """Hear all messages of one train in the order of the file; returns what the cab said."""
+        for i, _ in enumerate(self.steps(messages), start=1):
+            progress(i, len(messages))
+        return self.said
+
+    def steps(self, messages: Sequence[RecordedMessage]) -> Iterator[tuple[RecordedMessage, Sequence[Said]]]:
+        """Hear the messages of one train one by one: each message, and what the cab said upon it."""
         self._cab = self.make()
         self._kept: dict[str, RecordedMessage] = {}
         self._waiting = _announced(messages) if self.by_bus_clock else {}
@@ -49,7 +55,7 @@ class Rehearing:
         waits = {id(one) for several in self._waiting.values() for one in several}
         try:
             for i, one in enumerate(messages):
-                progress(i + 1, len(messages))
+                before = len(self.said)
                 if i in starts:
                     self._start_anew()
                 if one.topic is CONTROL and self.by_bus_clock:
@@ -58,9 +64,9 @@ class Rehearing:
                     self._tick(one.message.time_ns, one.message.tick)
                 elif id(one) not in waits:
                     self._hear(one)
+                yield one, self.said[before:]
         finally:
             self._cab.close()
-        return self.said
 
     def _start_anew(self) -> None:
         """The node was started anew: a cab that has heard nothing but what the bus keeps."""
@@ -142,7 +148,7 @@ def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic])
     """What the node said in a recording, without what its process said beside the cab."""
     said, ticks = [], 0
     for one in messages:
-        if one.topic not in topics or (one.topic is STATUS and _of_the_process(one.message)):
+        if one.topic not in topics or (one.topic is STATUS and of_the_process(one.message)):
             continue
         if one.topic is ADVICE:
             ticks += 1
@@ -150,6 +156,7 @@ def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic])
     return said
 
 
-def _of_the_process(status: Any) -> bool:
+def of_the_process(status: Any) -> bool:
+    """Whether a status was said by the process around the cab: while it starts, waits for a journey, or stops."""
     waits = status.state == NodeState.WAITING and status.reason == "waiting for a journey" and not status.advices
     return waits or status.state in OF_THE_PROCESS

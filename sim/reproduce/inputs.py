@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Final
 
 from typer.exceptions import TyperException
@@ -16,22 +15,24 @@ from das.bus import topics
 from das.bus.contents import Contents
 from das.command_line.application import single_command
 from das.domain.errors import DasError
-from das.domain.files.reading import read_toml
 from das.node.options import AdviceGiven, BusPlace, ClockKind, LineServed, NodeOptions, TrainServed
 from sim.processes.crew import NODE_ARGUMENTS
+from sim.recording.attached import AttachedFiles
 
 FILES: Final = {"--route": "route", "--vehicle": "vehicle", "--loss-map": "loss_map"}
 """Options of the node that name an input file, and what the recording's metadata call it."""
-DEEP: Final = PurePosixPath("a/b/c/d")
-"""A vehicle may name its loss map in a folder above its own: the files are put this deep, so that it stays inside."""
 
 
 @dataclass
 class NodeGiven:
-    """What a recording's node was started with, as words of its command line, and how well that is known."""
+    """What a recording's node was started with, as words of its command line, and how well that is known.
+
+    `typed` are the words as they were said, `words` those with the recording's own files and with clock and train.
+    """
 
     words: list[str]
     notes: list[str] = field(default_factory=list)
+    typed: list[str] = field(default_factory=list)
 
     def options(self) -> NodeOptions:
         """The same as options; raises DasError where they are none of this version's node."""
@@ -56,10 +57,10 @@ def node_given(contents: Contents, train: str, folder: Path, said: str | None) -
     neither says it, it is guessed from the journey and the topics, and a note says so. Raises DasError where nothing
     can be made of it.
     """
-    run = contents.metadata.get("run", {})
-    given = _words(contents, train, run, said)
+    given = _words(contents, train, contents.metadata.get("run", {}), said)
+    given.typed = list(given.words)
     if said is None:
-        given.words = _with_files(contents, given, run, folder)
+        given.words = _with_files(contents, given, folder)
     if topics.CONTROL in {one.topic for one in contents.messages if one.train == train}:
         given.words += ["--clock", "bus"]
     given.words += ["--train", train]
@@ -101,53 +102,20 @@ def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGive
     return NodeGiven(words, [f"{note} (say it with --node)"])
 
 
-def _with_files(contents: Contents, given: NodeGiven, run: Mapping[str, str], folder: Path) -> list[str]:
+def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]:
     """The words, with the recording's own files in the place of names and of paths on another machine."""
-    words = list(given.words)
-    attached = {hashlib.sha256(one.data).hexdigest(): one for one in contents.attachments}
-    placed: dict[str, Path] = {}
-    for kind in FILES.values():
-        one = attached.get(run.get(f"{kind}_sha256", ""))
-        if one is not None:
-            placed[kind] = _put(folder / kind / DEEP / Path(one.name).name, one.data)
-    if "vehicle" in placed and "loss_map" in placed and "--loss-map" not in words:
-        _put_beside(placed["vehicle"], placed["loss_map"], folder / "vehicle")
+    words, files = list(given.words), AttachedFiles(contents, folder)
     for option, kind in FILES.items():
-        if option in words[:-1]:
-            place = words.index(option) + 1
-            if kind in placed:
-                words[place] = str(placed[kind])
-            else:
-                what = kind.replace("_", " ")
-                given.notes.append(f"the recording does not bring its {what} along: {words[place]} of today is used")
+        if option not in words[:-1]:
+            continue
+        place = words.index(option) + 1
+        if files.has(kind):
+            own_map = kind == "vehicle" and "--loss-map" not in words
+            words[place] = str(files.place_vehicle() if own_map else files.place(kind))
+        else:
+            what = kind.replace("_", " ")
+            given.notes.append(f"the recording does not bring its {what} along: {words[place]} of today is used")
     return words
-
-
-def _put(path: Path, content: bytes) -> Path:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        raise DasError(f"attached file {path.name!r}: cannot be written ({error})") from None
-    return path
-
-
-def _put_beside(vehicle: Path, loss_map: Path, root: Path) -> None:
-    """Put a loss map where the vehicle's file says that it is, as long as that stays within the folder."""
-    for name in _maps_of(vehicle):
-        target = (vehicle.parent / name).resolve()
-        if target.is_relative_to(root.resolve()):
-            _put(target, loss_map.read_bytes())
-
-
-def _maps_of(vehicle: Path) -> Sequence[str]:
-    """The loss maps that a vehicle's file names."""
-    if vehicle.suffix.lower() != ".toml":
-        return ()
-    losses = read_toml(vehicle).data.get("losses")
-    levels = losses.values() if isinstance(losses, Mapping) else ()
-    paths = (level.get("path") for level in levels if isinstance(level, Mapping))
-    return [path for path in paths if isinstance(path, str)]
 
 
 def by_bus_clock(options: NodeOptions) -> bool:

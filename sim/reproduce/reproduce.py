@@ -99,7 +99,7 @@ def reproduce(
         given = node_given(contents, train, Path(folder), node)
         given.words += ["--tables", str(tables)] if tables is not None else []
         options = given.options()
-        plan = _without_waiting(plan_cab(options))
+        plan = without_waiting(plan_cab(options))
         by_bus = by_bus_clock(options)
         hearing = Rehearing(plan.cab, by_bus, options.advice.calibrate)
         today = hearing.run(messages, progress)
@@ -116,7 +116,7 @@ def reproduce(
     )
 
 
-def _without_waiting(plan: CabPlan) -> CabPlan:
+def without_waiting(plan: CabPlan) -> CabPlan:
     """The same cab, which looks for its plans within a tick and measures no time."""
     return replace(plan, settings=replace(plan.settings, background=False, stopwatch=no_stopwatch))
 

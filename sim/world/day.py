@@ -81,6 +81,12 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
     )
 
 
+def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
+    """The same day with other restrictions or news; what changes train or line must be drawn with the day."""
+    found = tuple(disturbances)
+    return replace(day, disturbances=found, drawn={**day.drawn, "disturbances": as_figures(found)})
+
+
 def _population(participant: Participant | None) -> dict[str, dict[str, str]]:
     """The population of a participant by its id, and the hash of its file."""
     if participant is None:

@@ -108,7 +108,10 @@ class PlannedBraking:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A day to be simulated. `human` are the human drivers, from whom each seed draws one."""
+    """A day to be simulated. `human` are the human drivers, from whom each seed draws one.
+
+    `calls` names the stops on the way at which the train calls; None: at all of them.
+    """
 
     id: str
     title: str
@@ -128,6 +131,7 @@ class Scenario:
     sensors: Sensors
     coach: PlannedBraking
     disturbances: tuple[PlannedDisturbance, ...]
+    calls: tuple[str, ...] | None = None
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
         """Draw the disturbances of a seed's day."""
@@ -160,7 +164,7 @@ def read_scenario(path: Path) -> Scenario:
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "coach", "disturbances"])
     main = fields.table("scenario")
-    main.check_keys(["id", "title", "description", "route", "vehicle", "load", "reverse", "from", "to"])
+    main.check_keys(["id", "title", "description", "route", "vehicle", "load", "reverse", "from", "to", "calls"])
     timetable = _optional(fields, "timetable")
     timetable.check_keys(["departure", *timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})])
     return Scenario(
@@ -182,7 +186,17 @@ def read_scenario(path: Path) -> Scenario:
         sensors=_sensors(_optional(fields, "sensors")),
         coach=_planned_braking(_optional(fields, "coach")),
         disturbances=_disturbances(fields),
+        calls=_calls(main),
     )
+
+
+def _calls(main: Fields) -> tuple[str, ...] | None:
+    if not main.has("calls"):
+        return None
+    names = main.data["calls"]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise main.error("calls", names, "a list of names of stops")
+    return tuple(names)
 
 
 def _id(main: Fields) -> str:

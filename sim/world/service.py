@@ -32,7 +32,7 @@ KEPT_BYTES = 300_000_000
 TIMETABLE_STEP_S = 6.0
 """Timetables are made in tenths of a minute."""
 PLANNED = (
-    *("route", "vehicle", "load", "reverse", "from_stop", "to_stop"),
+    *("route", "vehicle", "load", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "dwell_s"),
 )
 """The fields of a scenario that decide its service."""
@@ -82,6 +82,11 @@ class Service:
         """The moment (ns) at which the run's clock shows a time (s)."""
         return self.timetables[0].departure_ns + round(clock_s / NS)
 
+    def timed(self, timetables: Sequence[Timetable]) -> Service:
+        """The same service by other timetables, one a section."""
+        tables = tuple(timetables)
+        return replace(self, timetables=tables, planned=_best_runs(self.fronts, tables))
+
     def plans(self, scenario: Scenario) -> bool:
         """Whether this is also the service of another scenario: line, train and timetable are the same."""
         return all(getattr(scenario, name) == getattr(self.scenario, name) for name in PLANNED)
@@ -111,10 +116,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         stops=stops,
         fronts=fronts,
         timetables=timetables,
-        planned=tuple(
-            front.trajectory((table.arrival_ns - table.departure_ns) * NS)
-            for front, table in zip(fronts, timetables, strict=True)
-        ),
+        planned=_best_runs(fronts, timetables),
         line=LineKnowledge(route=route, vehicle=vehicle),
     )
 
@@ -156,7 +158,16 @@ def _true_files(truth: Truth) -> dict[str, Path]:
 
 def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
     first, last = section_stops(route, scenario.from_stop, scenario.to_stop)
-    return tuple(stop for stop in route.stops if first.position_m <= stop.position_m <= last.position_m)
+    on_the_way = tuple(stop for stop in route.stops if first.position_m <= stop.position_m <= last.position_m)
+    if scenario.calls is None:
+        return on_the_way
+    wanted = {name.casefold() for name in (first.name, last.name, *scenario.calls)}
+    unknown = wanted - {stop.name.casefold() for stop in on_the_way}
+    if unknown:
+        expected = f"expected some of {', '.join(stop.name for stop in on_the_way)}"
+        named = next(name for name in scenario.calls if name.casefold() in unknown)
+        raise DasError(f"{scenario.source}: scenario.calls has {named!r}: {expected}")
+    return tuple(stop for stop in on_the_way if stop.name.casefold() in wanted)
 
 
 def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequence[Stop]) -> None:
@@ -178,6 +189,13 @@ def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequen
         stop = one.fixed.get("stop")
         if stop is not None and stop.casefold() not in names:
             raise DasError(f"{where}.stop = {stop!r}: expected one of {', '.join(x.name for x in stops[:-1])}")
+
+
+def _best_runs(fronts: Sequence[Front], timetables: Sequence[Timetable]) -> tuple[Solution, ...]:
+    return tuple(
+        front.trajectory((table.arrival_ns - table.departure_ns) * NS)
+        for front, table in zip(fronts, timetables, strict=True)
+    )
 
 
 def _timetables(scenario: Scenario, fronts: Sequence[Front]) -> tuple[Timetable, ...]:

@@ -11,13 +11,16 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import pytest
+from markupsafe import escape
 
+from das.bus.contents import Contents
 from das.domain.errors import DasError
 from sim.accounts.account import account_of
 from sim.accounts.shown import ShownAdvice
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
 from sim.events.chronicle import Chronicle
+from sim.recording.check import check_contents, check_file
 from sim.report import words
 from sim.report.page import as_dict, compared, page
 from sim.report.printing import write_pdf
@@ -49,6 +52,7 @@ def subject(driver: Driver, name: str) -> ReviewedDrive:
         why_not="",
         likely=None,
         shown=ShownAdvice.of(recording),
+        checked=check_contents(Contents(path=recording.path), recording),
     )
 
 
@@ -72,7 +76,8 @@ def test_the_page_needs_nothing_besides_itself() -> None:
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)
     assert not re.findall(r"url\(|@import|<script|http://|https://", html)
     assert html.count("<figure>") == 6
-    for part in ("Punctuality", "Where the energy went", "What happened", "Notes", "Health", "What it was made from"):
+    parts = ("Punctuality", "Where the energy went", "Bookmarks and notes", "What happened", "Health", "What it was")
+    for part in parts:
         assert part in html
 
 
@@ -95,6 +100,17 @@ def test_a_recording_that_was_cut_off_is_said_to_be(tmp_path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: 2 * len(content) // 3])
     assert "The recording was cut off" in words.paragraph(subject_of(path))
+
+
+def test_the_health_on_the_page_is_what_the_check_finds(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "drive.mcap", seconds=120)
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+    found, html = check_file(path), page([subject_of(path)], None, "")
+    assert as_dict([subject_of(path)], None, "")["drives"][0]["health"] == found.as_dict()
+    assert any("cut-off" in line for line in found.lines())
+    for text in (*found.lines(), *found.figures.values(), *(row[0] for row in found.rate_rows())):
+        assert str(escape(text)) in html
 
 
 def test_drives_of_other_lines_are_not_compared_and_it_is_said(tmp_path: Path) -> None:

@@ -1,0 +1,111 @@
+"""Bookmarks that make themselves: the events of a drive that a reviewer wants to see first, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import NS
+from sim.drivers.cab import AT_STOP_M
+from sim.events.event import DriveEvent, EventKind
+from sim.events.notes import Note
+from sim.review.series import DrivenCourse
+
+AUTHOR: Final = "das-sim"
+"""The author of a bookmark that nobody made."""
+MUCH_OVER_KMH: Final = 3.0
+"""A train this much (km/h) above the limit was too fast by more than the error of a speedometer and of the sampling."""
+LONG_OVER_S: Final = 5.0
+"""A train that is above the limit for this long (s) did not only touch it."""
+LONG_SILENT_S: Final = 3.0
+"""A display shows advice for this long (s): a shorter silence is not seen."""
+LONG_AWAY_S: Final = 10.0
+"""Attention that is away for this long (s) is more than a look at something else."""
+LARGE_DEVIATION_S: Final = 60.0
+"""An arrival that is expected this much (s) from the timetable's is told as a deviation."""
+
+
+def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
+    """The events in order of time; those that are bookmarks say so in `mark`."""
+    found = sorted(events, key=lambda one: one.time_ns)
+    refused = False
+    marked = []
+    for one in found:
+        if one.kind is EventKind.DEPARTURE:
+            refused = False
+        mark = _mark(one)
+        if mark == REFUSED:  # one for each leg: drivers who refuse do so more than once
+            mark, refused = ("" if refused else mark), True
+        marked.append(replace(one, mark=mark) if mark else one)
+    return tuple(marked)
+
+
+REFUSED: Final = "advice refused"
+
+
+def _mark(one: DriveEvent) -> str:
+    """Why an event is a bookmark; nothing where it is none."""
+    lasted_s = (one.last_ns - one.time_ns) * NS
+    match one.kind:
+        case EventKind.MISSED_STOP:
+            return "stop missed"
+        case EventKind.ARRIVAL if one.facts["missed_m"] > AT_STOP_M:
+            return "beyond the stop"
+        case EventKind.STAND:
+            return "stand on the way"
+        case EventKind.SIGNAL:
+            return "signal at danger"
+        case EventKind.OVERSPEED if one.facts["over_kmh"] >= MUCH_OVER_KMH or one.facts["lasted_s"] >= LONG_OVER_S:
+            return "too fast"
+        case EventKind.WITHDRAWAL if lasted_s >= LONG_SILENT_S:
+            return "advice withdrawn"
+        case EventKind.LAPSE if lasted_s >= LONG_SILENT_S:
+            return "nothing heard"
+        case EventKind.DRIVER if one.facts.get("followed") is False:
+            return REFUSED
+        case EventKind.DRIVER if one.facts.get("away_s", 0.0) >= LONG_AWAY_S:
+            return "attention away"
+        case EventKind.DEVIATION:
+            return "first large deviation"
+        case _:
+            return ""
+
+
+def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The first moment at which the node expected the next arrival a minute from its time; nothing if it never did."""
+    said = recording.columns(topics.ADVICE, "time_ns", "mode", "predicted_deviation_s")
+    large = (np.abs(said["predicted_deviation_s"]) >= LARGE_DEVIATION_S) & (said["mode"] > 0)
+    for first in np.flatnonzero(large)[:1]:
+        late_s = float(said["predicted_deviation_s"][first])
+        yield DriveEvent(
+            time_ns=int(said["time_ns"][first]),
+            kind=EventKind.DEVIATION,
+            text=f"the next arrival is expected {abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}",
+            s_m=float(trip.at(said["time_ns"][first : first + 1], trip.s_m)[0]),
+            facts={"predicted_deviation_s": late_s},
+        )
+
+
+def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
+    """All bookmarks in order of time: those that make themselves, and the notes of people."""
+    return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
+
+
+def as_notes(events: Sequence[DriveEvent]) -> tuple[Note, ...]:
+    """The bookmarks that make themselves, as notes: viewers show them as they show those of people."""
+    return tuple(
+        Note(
+            time_ns=one.time_ns,
+            end_ns=one.last_ns,
+            text=one.text,
+            tags=("automatic", one.mark),
+            author=AUTHOR,
+        )
+        for one in events
+        if one.mark
+    )

@@ -1,0 +1,252 @@
+"""`python -m sim.study.real_trips DATA`: review two real trips again, for docs/explanation/real-trips.md.
+
+DATA is the folder with the public data sets (trips, ttobench). The tables of the page and docs/images/real-trips-*.png
+are written; the data stay where they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from das.bus.recording import read_recording
+from das.command_line.outputs import save_figure
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.route import Restriction
+from das.domain.units import KM, kmh, kwh
+from das.solver.section import build_section
+from das.solver.solve import solve_front
+from sim.accounts.account import Account, account_of
+from sim.accounts.causes import EnergyCause
+from sim.accounts.inputs import DriveInputs
+from sim.accounts.likely import LikelyRange, likely_range
+from sim.replay.job import prepare
+from sim.replay.options import ReplayOptions
+from sim.replay.replay import replay
+from sim.review.light import COLORS, INK, LIMIT, LINES, legend, light_figure, named
+from sim.study.page import write_table
+from sim.trips.options import TripOptions
+
+PAGE: Final = Path("docs") / "explanation" / "real-trips.md"
+PICTURES: Final = Path("docs") / "images"
+TRIPS: Final = {"29 July 2016": "kolback_vasteras_clean.csv", "5 August 2016": "kolback_vasteras_dropouts.csv"}
+ROUTE, POSTS = "SE_Vasteras_Kolback.json", "kolback_vasteras_kmposts.csv"
+TRAINS: Final = {
+    "KISS": "CH_Stadler_KISS_SBB.json",
+    "FLIRT": "CH_Stadler_FLIRT_TPF.json",
+    "VIRM6": "NL_Intercity_VIRM6.json",
+}
+"""Trains that the trips may have been driven with, by their files in ttobench/trains: the true one is not known."""
+FIRST: Final = "KISS"
+ENTRY_M: Final = 18_000.0
+"""From here on (m) both trips were much slower than the line allows, as if something held them back."""
+PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
+"""Parts of the way (km from Kolbäck)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TripAccount:
+    """One trip accounted for with one train that it may have been driven with."""
+
+    trip: str
+    train: str
+    account: Account
+    likely: LikelyRange
+    entry_j: float
+    """The same less what a forced slow entry explains: above the optimum that is as slow from `ENTRY_M` on (J)."""
+
+    @property
+    def possible(self) -> bool:
+        """Whether the train could have run in the time of the trip."""
+        return not any(leg.too_fast_for_plan for leg in self.account.legs)
+
+    @property
+    def above_ratio(self) -> float:
+        """The energy above the optimum as a share of the driven energy."""
+        return self.account.difference_j / self.account.driven_j
+
+
+def trip_accounts(data: Path) -> list[TripAccount]:
+    """Replay each trip, and account for it with each train; DasError where a file is missing or a train cannot run."""
+    found = []
+    route_file = data / "ttobench" / "tracks" / ROUTE
+    route = load_route(route_file).reversed()
+    for trip, name in TRIPS.items():
+        with tempfile.TemporaryDirectory(prefix="das-real-trips-") as folder:
+            out = Path(folder) / "trip.mcap"
+            options = TripOptions(
+                route=str(route_file), vehicle=str(_train(data, FIRST)), reverse=True, line=data / "trips" / POSTS
+            )
+            job = prepare(data / "trips" / name, ReplayOptions(trip=options), out, "python -m sim.study.real_trips")
+            replay(job, lambda _tick, _ticks: None)
+            recording = read_recording(out)
+            for train in TRAINS:
+                print(f"{trip}, {train} …", flush=True)
+                vehicle = load_vehicle(_train(data, train))
+                level = vehicle.default_level
+                inputs = DriveInputs(route=route, vehicle=vehicle, level=level, source=train)
+                account = account_of(recording, inputs)
+                likely = likely_range(account)
+                assert likely is not None  # a trip is estimated, and has one leg
+                entry_j = above_slow_entry_j(account)
+                found.append(TripAccount(trip=trip, train=train, account=account, likely=likely, entry_j=entry_j))
+    return found
+
+
+def above_slow_entry_j(account: Account) -> float:
+    """The energy above the optimum (J) that was no faster than the trip from `ENTRY_M` on, as if it had to be slow."""
+    (leg,) = account.legs
+    motion, section = leg.leg.motion, leg.optimum.section
+    slow_mps = float(motion.speed_mps[motion.s_m >= ENTRY_M].max())
+    slow = Restriction(start_m=ENTRY_M, end_m=section.route.length_m, limit_mps=slow_mps)
+    other = build_section(section.route.with_restrictions([slow]), section.vehicle, level=section.level)
+    return leg.driven_j - solve_front(other).trajectory(leg.leg.trip_s).ledger.input
+
+
+def _train(data: Path, train: str) -> Path:
+    return data / "ttobench" / "trains" / TRAINS[train]
+
+
+def saving_table(found: Sequence[TripAccount]) -> Iterator[str]:
+    """How much could have been saved, by trip and train."""
+    wanted = ("driven", "optimum", "above it", "likely", "if the entry had to be slow", "if friction braked")
+    yield f"| trip | train assumed | {' | '.join(wanted)} |"
+    yield "|---|---|---:|---:|---:|---:|---:|---:|"
+    for one in found:
+        account, likely = one.account, one.likely
+        if not one.possible:
+            (leg,) = account.legs
+            why = f"needs {leg.optimum.least_time_s:.0f} s, the trip took {leg.leg.trip_s:.0f} s"
+            yield f"| {one.trip} | {one.train} | it was not this train: it {why} | | | | | |"
+            continue
+        low, high = kwh(likely.low_j), kwh(likely.high_j)
+        friction = "–" if np.isnan(likely.by_friction_j) else f"{kwh(likely.by_friction_j):.0f} kWh"
+        driven, optimum = kwh(account.driven_j), kwh(account.optimum_j)
+        saved = f"{kwh(account.difference_j):.0f} kWh ({one.above_ratio:.0%})"
+        cells = (f"{driven:.0f} kWh", f"{optimum:.0f} kWh", saved, f"{low:.0f} to {high:.0f} kWh")
+        yield f"| {one.trip} | {one.train} | {' | '.join(cells)} | {kwh(one.entry_j):.0f} kWh | {friction} |"
+
+
+def cause_table(found: Sequence[TripAccount]) -> Iterator[str]:
+    """By what: the energy above the optimum by cause, from the least to the most of the trains assumed."""
+    yield f"| cause | {' | '.join(TRIPS)} |"
+    yield f"|---|{'---:|' * len(TRIPS)}"
+    causes = [cause for cause in EnergyCause if any(abs(_of(one, cause)) >= kwh_j(0.5) for one in found)]
+    for cause in causes:
+        cells = (_ends([_of(one, cause) for one in found if one.trip == trip]) for trip in TRIPS)
+        yield f"| {cause.label} | {' | '.join(cells)} |"
+
+
+def kwh_j(energy_kwh: float) -> float:
+    """An energy in J."""
+    return energy_kwh * 3.6e6
+
+
+def _of(one: TripAccount, cause: EnergyCause) -> float:
+    return one.account.by_cause.get(cause, 0.0)
+
+
+def place_table(found: Sequence[TripAccount]) -> Iterator[str]:
+    """Where: the energy lost above the optimum by part of the way, from the least to the most of the trains assumed."""
+    yield f"| part of the way | {' | '.join(TRIPS)} |"
+    yield f"|---|{'---:|' * len(TRIPS)}"
+    for name, start_km, end_km in PARTS:
+        upto = min(end_km, 19.3)
+        cells = (
+            _ends([_lost_j(one, start_km * KM, end_km * KM) for one in found if one.trip == trip]) for trip in TRIPS
+        )
+        yield f"| {name}, km {start_km:g} to {upto:g} | {' | '.join(cells)} |"
+
+
+def _lost_j(one: TripAccount, start_m: float, end_m: float) -> float:
+    (leg,) = one.account.legs
+    middle_m = 0.5 * (leg.even.start_m + leg.even.end_m)
+    return float(leg.even.lost_more_j[(middle_m >= start_m) & (middle_m < end_m)].sum())
+
+
+def _ends(energies_j: Sequence[float]) -> str:
+    low, high = (round(kwh(end(energies_j))) for end in (min, max))
+    return f"{low} kWh" if low == high else f"{low} to {high} kWh"
+
+
+def trip_figure(found: Sequence[TripAccount]) -> Figure:
+    """One trip: speeds with the optima, and the energy lost above them summed from the start, for each train."""
+    figure, (speed, lost) = light_figure((2.8, 2.0))
+    for i, one in enumerate(found):
+        (leg,) = one.account.legs
+        run, motion = leg.optimum.trajectory, leg.leg.motion
+        if i == 0:
+            section = leg.optimum.section
+            speed.step(section.node_m / KM, _held(kmh(section.limit_mps), section.node_m), where="post", color=LIMIT,
+                       linewidth=1.0, label="limit")  # fmt: skip
+            speed.plot(motion.s_m / KM, kmh(motion.speed_mps), color=INK, linewidth=1.6, label="driven")
+        style: dict[str, Any] = {"color": COLORS[i], "linestyle": LINES[i], "linewidth": 1.3}
+        speed.plot(run.s_m / KM, kmh(run.v_mps), label=f"optimum, {one.train}", **style)
+        upto = np.concatenate(([0.0], np.cumsum(kwh(leg.even.lost_more_j))))
+        at_km = np.concatenate((leg.even.start_m, leg.even.end_m[-1:])) / KM
+        lost.plot(at_km, upto, label=one.train, **style)
+    lost.axhline(0.0, color=INK, linewidth=0.7)
+    speed.set_ylim(bottom=0.0)
+    named(speed, y="Speed (km/h)")
+    named(lost, x="Position (km from Kolbäck)", y="Lost above the optimum,\nsummed (kWh)")
+    legend(speed, columns=5)
+    return figure
+
+
+def _held(values: Any, nodes_m: Any) -> Any:
+    """Values of intervals at the nodes that begin them, and the last one at the end as well."""
+    return values if len(values) == len(nodes_m) else np.append(values, values[-1])
+
+
+def saving_figure(found: Sequence[TripAccount]) -> Figure:
+    """What could have been saved on each trip with each train: the estimate, its likely range, and the worst case."""
+    figure, (axis,) = light_figure((2.6,))
+    for row, one in enumerate(found[::-1]):
+        low, high = kwh(one.likely.low_j), kwh(one.likely.high_j)
+        first = row == 0
+        axis.plot([low, high], [row, row], color=COLORS[0], linewidth=5.0, alpha=0.45, solid_capstyle="butt",
+                  label="likely" if first else None)  # fmt: skip
+        axis.plot(kwh(one.account.difference_j), row, "o", color=COLORS[0], label="estimate" if first else None)
+        axis.plot(kwh(one.entry_j), row, "s", markerfacecolor="none", color=COLORS[2],
+                  label="if the entry had to be slow" if first else None)  # fmt: skip
+        if not np.isnan(one.likely.by_friction_j):
+            axis.plot(kwh(one.likely.by_friction_j), row, "D", markerfacecolor="none", color=COLORS[1],
+                      label="if friction did all braking" if first else None)  # fmt: skip
+    axis.set_yticks(range(len(found)), [f"{one.trip}, {one.train}" for one in found[::-1]])
+    axis.set_xlim(left=0.0)
+    axis.grid(visible=False, axis="y")
+    named(axis, x="Energy above the optimum for the same times (kWh)")
+    legend(axis)
+    return figure
+
+
+def main() -> None:
+    """Make the tables and the pictures again."""
+    parser = argparse.ArgumentParser(prog="python -m sim.study.real_trips", description=__doc__)
+    parser.add_argument("data", type=Path, help="Folder of the data sets.")
+    parser.add_argument("--page", type=Path, default=PAGE, help="The page to write into.")
+    parser.add_argument("--pictures", type=Path, default=PICTURES, help="Where the pictures go.")
+    asked = parser.parse_args()
+    found = trip_accounts(asked.data)
+    possible = [one for one in found if one.possible]
+    for name, lines in (
+        ("saving", saving_table(found)),
+        ("causes", cause_table(possible)),
+        ("places", place_table(possible)),
+    ):
+        write_table(asked.page, name, lines)
+    save_figure(asked.pictures / "real-trips-saving.png", saving_figure(possible))
+    for number, trip in enumerate(TRIPS, start=1):
+        of_trip = [one for one in possible if one.trip == trip]
+        save_figure(asked.pictures / f"real-trips-{number}.png", trip_figure(of_trip))
+
+
+if __name__ == "__main__":
+    main()

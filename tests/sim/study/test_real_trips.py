@@ -1,0 +1,34 @@
+"""The review of the real trips: its parts sum to the whole, and the page says what the command finds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from das.domain.units import KM, kwh
+from sim.study import real_trips
+from sim.study.real_trips import PARTS, TRIPS, _lost_j, place_table, saving_table, trip_accounts
+from tests.support.benchmark import shared_data
+from tests.support.making import REPOSITORY
+
+pytestmark = [pytest.mark.reference, pytest.mark.slow, pytest.mark.processes]
+
+
+def test_a_real_trip_is_accounted_for_and_the_page_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    trip = next(iter(TRIPS))
+    monkeypatch.setattr(real_trips, "TRIPS", {trip: TRIPS[trip]})
+    monkeypatch.setattr(real_trips, "TRAINS", {name: real_trips.TRAINS[name] for name in ("KISS", "VIRM6")})
+    possible, impossible = trip_accounts(shared_data())
+    account = possible.account
+    assert possible.possible
+    assert not impossible.possible
+    assert sum(account.by_cause.values()) == pytest.approx(account.difference_j, rel=1e-3)
+    by_part = [_lost_j(possible, start_km * KM, end_km * KM) for _, start_km, end_km in PARTS]
+    assert sum(by_part) == pytest.approx(account.difference_j, rel=1e-3)
+    assert 0.0 < possible.entry_j < account.difference_j  # a forced slow entry explains a part, not all
+    assert possible.likely.low_j < account.difference_j < possible.likely.high_j
+    page = (REPOSITORY / real_trips.PAGE).read_text(encoding="utf-8")
+    for line in saving_table([possible, impossible]):
+        assert line in page
+    assert len(list(place_table([possible]))) == 2 + len(PARTS)
+    assert np.isfinite(kwh(possible.likely.by_friction_j))
