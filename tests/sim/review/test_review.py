@@ -12,7 +12,7 @@ from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
 from sim.events.chronicle import Chronicle
 from sim.recording.opening import open_recording
-from sim.review import rerun_view
+from sim.review import rerun_view, viewer
 from sim.review.bookmarks import ROUTINE
 from tests.support.recordings import SECONDS, publish_before, write_recording
 
@@ -132,7 +132,7 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
 
 
 def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rerun_view.sys, "platform", "linux")
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(rerun_view.importlib.util, "find_spec", lambda name: object())
@@ -144,32 +144,30 @@ def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.processes
-def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    command = rerun_view.viewer_command(tmp_path / "x.rrd", 1234)
+def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch) -> None:
+    command = viewer.viewer_command(1234)
     assert command[command.index("--bind") + 1] == "127.0.0.1"
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
-    assert rerun_view.viewer_environment()["CI"] == "1"
-    assert "FORCE_RERUN_ANALYTICS" not in rerun_view.viewer_environment()
-    monkeypatch.setattr(
-        rerun_view, "viewer_command", lambda rrd, port: [rerun_view.sys.executable, "-c", "raise SystemExit(3)"]
-    )
+    assert viewer.viewer_environment()["CI"] == "1"
+    assert "FORCE_RERUN_ANALYTICS" not in viewer.viewer_environment()
+    monkeypatch.setattr(viewer, "viewer_command", lambda port: [viewer.sys.executable, "-c", "raise SystemExit(3)"])
     with pytest.raises(DasError, match="code 3"):
-        rerun_view.run_viewer(tmp_path / "x.rrd", 1234)
-    started: list[rerun_view.subprocess.Popen[bytes]] = []
+        viewer.run_viewer(1234, lambda: None)
+    started: list[viewer.subprocess.Popen[bytes]] = []
 
-    class Interrupted(rerun_view.subprocess.Popen):  # type: ignore[type-arg]
+    class Interrupted(viewer.subprocess.Popen):  # type: ignore[type-arg]
         def wait(self, timeout: float | None = None) -> int:
             if not started:
                 started.append(self)
                 raise KeyboardInterrupt
             return super().wait(timeout)
 
-    monkeypatch.setattr(rerun_view.subprocess, "Popen", Interrupted)
+    monkeypatch.setattr(viewer.subprocess, "Popen", Interrupted)
     monkeypatch.setattr(
-        rerun_view, "viewer_command", lambda rrd, port: [rerun_view.sys.executable, "-c", "import time; time.sleep(60)"]
+        viewer, "viewer_command", lambda port: [viewer.sys.executable, "-c", "import time; time.sleep(60)"]
     )
     with pytest.raises(KeyboardInterrupt):
-        rerun_view.run_viewer(tmp_path / "x.rrd", 1234)
+        viewer.run_viewer(1234, lambda: None)
     assert started[0].poll() is not None
 
 
