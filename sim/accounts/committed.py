@@ -8,9 +8,10 @@ never be got back by driving on as well as possible.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,15 @@ HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_FAST)
 """What a driver does who goes for an arrival that the train then misses."""
 
 
+class Rise(NamedTuple):
+    """A rise of the committed energy (J): the cuts at which it begins and ends, and its cause."""
+
+    first: int
+    last: int
+    cause: EnergyCause
+    energy_j: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Committed:
     """The committed energy at the cuts of a leg, and to what each rise belongs.
@@ -51,21 +61,25 @@ class Committed:
     news_j: Floats
 
     def by_cause(self) -> dict[EnergyCause, float]:
-        """The energy (J) of each cause; together they are the whole rise.
-
-        Where the committed energy is not known at some cuts, the rise over them belongs to the one cause that lasted
-        there, or to the rest if there were several.
-        """
+        """The energy (J) of each cause; together they are the whole rise."""
         parts: dict[EnergyCause, float] = {}
+        for rise in self.rises():
+            parts[rise.cause] = parts.get(rise.cause, 0.0) + rise.energy_j
+        return parts
+
+    def rises(self) -> Iterator[Rise]:
+        """Every rise between two cuts at which the committed energy is known, with its cause, in order of time.
+
+        Where it is not known at some cuts, the rise over them belongs to the one cause that lasted there, or to the
+        rest if there were several. What news of restrictions cost is a rise of its own.
+        """
         known = np.flatnonzero(np.isfinite(self.energy_j))
         for first, last in pairwise(known.tolist()):
             news_j = float(self.news_j[first:last].sum())
             rise_j = float(self.energy_j[last] - self.energy_j[first]) - news_j
-            cause = together(self.causes[first:last])
-            parts[cause] = parts.get(cause, 0.0) + rise_j
+            yield Rise(first, last, together(self.causes[first:last]), rise_j)
             if news_j:
-                parts[EnergyCause.RESTRICTION] = parts.get(EnergyCause.RESTRICTION, 0.0) + news_j
-        return parts
+                yield Rise(first, last, EnergyCause.RESTRICTION, news_j)
 
 
 MAIN_SHARE = 0.8

@@ -1,4 +1,4 @@
-"""What the pictures share: colours, axes in a column, curves, marks, and the numbered list of happenings."""
+"""What the pictures share: axes in a column, curves, marks, and the numbered list of happenings."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sim.events.clock import DriveClock
+from sim.review.colors import Meaning, Theme
 from sim.review.happenings import Happening, Span, where_and_when
 from sim.review.series import STYLES, DrivenCourse, Floats, Times
 
-BACKGROUND, INK, GRID, BAND = "#0d1011", "#cad8de", "#2b3236", "#8a9499"
-KINDS: Final = {"log": INK, "warning": "#f2b134", "silence": BAND, "note": "#6fd0c5"}
-"""Colours of marks by kind of happening."""
+KINDS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
+"""What the colours of marks mean, by kind of happening; others are in the colour of the ink."""
 
 WIDTH_IN, DPI = 11.0, 160
 LEFT_IN, RIGHT_IN, SPACE_IN = 0.8, 0.2, 0.14
@@ -46,85 +46,86 @@ class Panel(NamedTuple):
     above_in: float = SPACE_IN
 
 
-def figure_of(panels: Sequence[Panel], below_in: float) -> tuple[Figure, list[Any]]:
+def figure_of(panels: Sequence[Panel], below_in: float, theme: Theme) -> tuple[Figure, list[Any]]:
     """A figure of these panels under each other, with room below."""
     height_in = sum(panel.height_in + panel.above_in for panel in panels) + below_in
-    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor=BACKGROUND)
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor=theme.background)
     FigureCanvasAgg(figure)
     axes, top_in = [], height_in
     for panel in panels:
         top_in -= panel.above_in + panel.height_in
         share = (WIDTH_IN - LEFT_IN - RIGHT_IN) / WIDTH_IN
         axis = figure.add_axes((LEFT_IN / WIDTH_IN, top_in / height_in, share, panel.height_in / height_in))
-        _plain(axis, panel.title)
+        _plain(axis, panel.title, theme)
         axes.append(axis)
     return figure, axes
 
 
-def _plain(axis: Any, title: str) -> None:
-    axis.set_facecolor(BACKGROUND)
-    axis.set_ylabel(title, color=INK, fontsize=SMALL)
+def _plain(axis: Any, title: str, theme: Theme) -> None:
+    axis.set_facecolor(theme.background)
+    axis.set_ylabel(title, color=theme.ink, fontsize=SMALL)
     axis.yaxis.set_label_coords(-0.5 / (WIDTH_IN - LEFT_IN - RIGHT_IN), 0.5)
-    axis.grid(color=GRID, linewidth=0.6)
+    axis.grid(color=theme.grid, linewidth=0.6)
     axis.set_axisbelow(True)
-    axis.tick_params(colors=INK, labelsize=SMALL)
+    axis.tick_params(colors=theme.ink, labelsize=SMALL)
     for spine in axis.spines.values():
-        spine.set_color(GRID)
+        spine.set_color(theme.grid)
 
 
-def share_x(axes: Sequence[Any], limits: tuple[float, float], title: str) -> None:
+def share_x(axes: Sequence[Any], limits: tuple[float, float], title: str, theme: Theme) -> None:
     """Give axes under each other one horizontal axis, named under the last."""
     for axis in axes:
         axis.set_xlim(*limits)
         axis.tick_params(labelbottom=axis is axes[-1])
-    axes[-1].set_xlabel(title, color=INK, fontsize=SMALL)
+    axes[-1].set_xlabel(title, color=theme.ink, fontsize=SMALL)
 
 
-def curve(axis: Any, name: str, x: Floats, values: Floats) -> None:
+def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None:
     """Draw a series in its style, unless it has no value."""
     style = STYLES[name]
     if np.isfinite(values).any():
         axis.plot(
-            x, values, color=f"#{style.color >> 8:06x}", linewidth=LINE_RATIO * style.width,
+            x, values, color=theme.of[style.meaning], linewidth=LINE_RATIO * style.width,
             drawstyle="steps-post" if style.held else "default", label=style.label.rsplit(",", 1)[0],
             zorder=2.5 if name == "speed/limit" else 2.0,
         )  # fmt: skip
 
 
-def legend(axis: Any) -> None:
+def legend(axis: Any, theme: Theme) -> None:
     """Draw the legend above the right end of the axis, because curves would always lie under it inside the axis."""
     if axis.get_legend_handles_labels()[0]:
         axis.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, frameon=False, labelcolor=INK, fontsize=SMALL,
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, frameon=False, labelcolor=theme.ink, fontsize=SMALL,
             borderaxespad=0.1, handlelength=1.6, columnspacing=1.4,
         )  # fmt: skip
 
 
-def bands(axis: Any, along: Along, spans: Iterable[Span]) -> None:
+def bands(axis: Any, along: Along, spans: Iterable[Span], theme: Theme) -> None:
     """Draw grey bands where there was no advice, and name them in the legend."""
     for number, span in enumerate(spans):
         start, end = along(_times(span.start_ns, span.end_ns))
         label = "no advice" if number == 0 else None
-        axis.axvspan(start, end, color=BAND, alpha=0.35, linewidth=1.0, zorder=0.5, label=label)
+        color = theme.of[Meaning.NO_ADVICE]
+        axis.axvspan(start, end, color=color, alpha=0.35, linewidth=1.0, zorder=0.5, label=label)
 
 
-def marks(axis: Any, along: Along, happened: Sequence[Happening]) -> None:
+def marks(axis: Any, along: Along, happened: Sequence[Happening], theme: Theme) -> None:
     """Draw a dotted line for every happening, with its number in the list at the top; numbers that would meet are
     joined."""
     if not happened:
         return
     places = along(_times(*(one.time_ns for one in happened)))
     for place, one in zip(places, happened, strict=True):
-        axis.axvline(place, color=KINDS[one.kind], linewidth=0.7, linestyle=":", alpha=0.8, zorder=0.6)
+        axis.axvline(place, color=_color(one.kind, theme), linewidth=0.7, linestyle=":", alpha=0.8, zorder=0.6)
     low, high = axis.get_xlim()
     transform = axis.get_xaxis_transform()
     numbered = sorted((float((x - low) / (high - low)), number) for number, x in enumerate(places, start=1))
     for middle, numbers in joined_labels(numbered):
         kinds = [happened[number - 1].kind for number in numbers]
-        color = KINDS[next((kind for kind in ("note", "warning", "silence") if kind in kinds), "log")]
+        color = _color(next((kind for kind in ("note", "warning", "silence") if kind in kinds), "log"), theme)
         axis.text(
             low + middle * (high - low), 0.955, _numbers(numbers), transform=transform, ha="center", va="center",
-            fontsize=SMALL - 1.0, color=BACKGROUND,
+            fontsize=SMALL - 1.0, color=theme.background,
             bbox={"boxstyle": "round,pad=0.2", "facecolor": color, "edgecolor": "none"},
         )  # fmt: skip
 
@@ -154,7 +155,12 @@ def _numbers(numbers: Sequence[int]) -> str:
     return " ".join(map(str, numbers))
 
 
-def listed(figure: Figure, trip: DrivenCourse, clock: DriveClock, happened: Sequence[Happening]) -> None:
+def _color(kind: str, theme: Theme) -> str:
+    """The colour of a mark of a kind of happening."""
+    return theme.of[KINDS[kind]] if kind in KINDS else theme.ink
+
+
+def listed(figure: Figure, trip: DrivenCourse, clock: DriveClock, happened: Sequence[Happening], theme: Theme) -> None:
     """Draw the list of what happened in two columns at the bottom of the figure."""
     height_in = figure.get_figheight()
     rows = _list_rows(happened)
@@ -163,11 +169,14 @@ def listed(figure: Figure, trip: DrivenCourse, clock: DriveClock, happened: Sequ
         x, y = (LEFT_IN + column * 0.5 * (WIDTH_IN - LEFT_IN)) / WIDTH_IN, ROW_IN * (rows - row - 0.2) / height_in
         text = where_and_when(one, trip, clock)
         text = text if len(text) <= LETTERS else f"{text[: LETTERS - 1]}…"
-        figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=KINDS[one.kind], fontsize=SMALL, ha="right")
-        figure.text(x, y, text, color=KINDS[one.kind] if one.kind == "warning" else INK, fontsize=SMALL)
+        figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=_color(one.kind, theme), fontsize=SMALL, ha="right")
+        color = _color(one.kind, theme) if one.kind == "warning" else theme.ink
+        figure.text(x, y, text, color=color, fontsize=SMALL)
     if len(happened) > LISTED:
         more = f"and {len(happened) - LISTED} more"
-        figure.text(1.0 - RIGHT_IN / WIDTH_IN, 0.3 * ROW_IN / height_in, more, color=INK, fontsize=SMALL, ha="right")
+        figure.text(
+            1.0 - RIGHT_IN / WIDTH_IN, 0.3 * ROW_IN / height_in, more, color=theme.ink, fontsize=SMALL, ha="right"
+        )
 
 
 def list_height_in(happened: Sequence[Happening]) -> float:

@@ -8,7 +8,8 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, KMH
-from sim.review.canvas import BACKGROUND, INK, SMALL, Panel, bands, curve, legend, marks, share_x
+from sim.review.canvas import SMALL, Panel, bands, curve, legend, marks, share_x
+from sim.review.colors import Meaning, Theme
 from sim.review.series import FirstPlans, Floats, Times
 from sim.review.story import Story
 
@@ -28,12 +29,8 @@ WHOSE: Final = ("advised", "driven")
 USUAL_PERCENT: Final = (2.5, 97.5)
 """The axis of force shows the advised force between these percentiles."""
 
-RED: Final = "#d13b3b"
-LIMIT: Final = "#c8646e"
-TARGET: Final = "#b08ce0"
 
-
-def over_distance(axes: list[Any], story: Story) -> None:
+def over_distance(axes: list[Any], story: Story, theme: Theme) -> None:
     """Draw the panels into three axes."""
     trip, plan = story.trip, FirstPlans.of(story.recording)
     curves = {name: (trip.at(at, trip.s_m), values) for name, (at, values) in story.series.items()}
@@ -43,20 +40,20 @@ def over_distance(axes: list[Any], story: Story) -> None:
     for name, (places_m, values) in curves.items():
         axis = panels.get(name.split("/")[0])
         if axis is not None:
-            curve(axis, name, places_m / KM, values)
+            curve(axis, name, places_m / KM, values, theme)
     margin_m = MARGIN_RATIO * max(float(np.ptp(trip.s_m)), 100.0)
-    share_x(axes, ((trip.s_m.min() - margin_m) / KM, (trip.s_m.max() + margin_m) / KM), "Position (km)")
+    share_x(axes, ((trip.s_m.min() - margin_m) / KM, (trip.s_m.max() + margin_m) / KM), "Position (km)", theme)
 
     def along(time_ns: Times) -> Floats:
         return trip.at(time_ns, trip.s_m) / KM
 
     for axis in axes:
-        bands(axis, along, story.silences)
+        bands(axis, along, story.silences, theme)
     force_axis(panels["force"], story)
     speed_axis(panels["speed"], story)
-    _places(panels["speed"], story)
-    legend(panels["speed"])
-    marks(panels["speed"], along, story.happenings)
+    _places(panels["speed"], story, theme)
+    legend(panels["speed"], theme)
+    marks(panels["speed"], along, story.happenings, theme)
 
 
 def speed_axis(axis: Any, story: Story) -> None:
@@ -76,28 +73,30 @@ def force_axis(axis: Any, story: Story) -> None:
         axis.set_ylim(low - margin, high + margin)
 
 
-def _places(axis: Any, story: Story) -> None:
+def _places(axis: Any, story: Story, theme: Theme) -> None:
     """Draw what has a place of its own: restrictions, signals, targets and stops."""
     top = axis.get_ylim()[1]
     for limit in story.limits:
         start, end, speed = limit.start_m / KM, limit.end_m / KM, limit.limit_mps / KMH
-        restricted(axis, (start, end), speed, top)
+        restricted(axis, (start, end), speed, top, theme)
+    red = theme.of[Meaning.DANGER]
     for signal in story.signals:
-        axis.plot([signal.s_m / KM] * 2, [0.0, 0.12 * top], color=RED, linewidth=1.6)
-        axis.plot(signal.s_m / KM, 0.12 * top, "o", color=RED, markersize=6.0, label=_once(axis, "signal at danger"))
+        axis.plot([signal.s_m / KM] * 2, [0.0, 0.12 * top], color=red, linewidth=1.6)
+        axis.plot(signal.s_m / KM, 0.12 * top, "o", color=red, markersize=6.0, label=_once(axis, "signal at danger"))
     for point in story.points:
-        axis.axvline(point.s_m / KM, color=TARGET, linewidth=1.2, linestyle="-.")
-        _label(axis, point.s_m / KM, 0.12 * top, point.text, TARGET)
-    _stops(axis, story)
+        axis.axvline(point.s_m / KM, color=theme.of[Meaning.OPERATOR], linewidth=1.2, linestyle="-.")
+        _label(axis, (point.s_m / KM, 0.12 * top), point.text, Meaning.OPERATOR, theme)
+    _stops(axis, story, theme)
 
 
-def restricted(axis: Any, ends: tuple[float, float], speed_kmh: float, top_kmh: float) -> None:
+def restricted(axis: Any, ends: tuple[float, float], speed_kmh: float, top_kmh: float, theme: Theme) -> None:
     """Hatch the speeds that a temporary restriction forbids."""
+    color = theme.of[Meaning.LIMIT]
     axis.fill_between(
-        ends, speed_kmh, top_kmh, facecolor=LIMIT, alpha=0.18, hatch="//", edgecolor=LIMIT, lw=0.0,
+        ends, speed_kmh, top_kmh, facecolor=color, alpha=0.18, hatch="//", edgecolor=color, lw=0.0,
         label=_once(axis, "restriction"),
     )  # fmt: skip
-    _label(axis, 0.5 * sum(ends), LABEL_HEIGHT * top_kmh, f"{speed_kmh:.0f} km/h", LIMIT)
+    _label(axis, (0.5 * sum(ends), LABEL_HEIGHT * top_kmh), f"{speed_kmh:.0f} km/h", Meaning.LIMIT, theme)
 
 
 def _once(axis: Any, label: str) -> str | None:
@@ -105,20 +104,24 @@ def _once(axis: Any, label: str) -> str | None:
     return None if label in axis.get_legend_handles_labels()[1] else label
 
 
-def _label(axis: Any, x: float, y: float, text: str, color: str) -> None:
+def _label(axis: Any, at: tuple[float, float], text: str, meaning: Meaning, theme: Theme) -> None:
     low, high = axis.get_xlim()
-    box = {"facecolor": BACKGROUND, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+    x, y = at
+    color = theme.of[meaning]
+    box = {"facecolor": theme.background, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
     if low <= x <= high:
         axis.text(x, y, text, ha="center", va="center", color=color, fontsize=SMALL, bbox=box, zorder=5.0)
 
 
-def _stops(axis: Any, story: Story) -> None:
+def _stops(axis: Any, story: Story, theme: Theme) -> None:
     low, high = axis.get_xlim()
     for journey in story.recording.of(topics.JOURNEY)[-1:]:
         for stop in journey.message.stops:
             share = (stop.s_m / KM - low) / (high - low)
             if 0.0 <= share <= 1.0:
-                axis.axvline(stop.s_m / KM, color=INK, linewidth=0.6, alpha=0.5)
+                axis.axvline(stop.s_m / KM, color=theme.ink, linewidth=0.6, alpha=0.5)
                 side = "left" if share < 0.03 else "right" if share > 0.97 else "center"
                 place = axis.get_xaxis_transform()
-                axis.text(stop.s_m / KM, 1.075, stop.name, transform=place, ha=side, color=INK, fontsize=SMALL + 1.0)
+                axis.text(
+                    stop.s_m / KM, 1.075, stop.name, transform=place, ha=side, color=theme.ink, fontsize=SMALL + 1.0
+                )

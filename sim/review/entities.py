@@ -1,110 +1,121 @@
-"""A recording as rerun entities: series, states, events, map and track, on time and on distance."""
+"""A recording as rerun entities: series, states, events, cab and track, on the timelines of `Timelines`."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import rerun as rr
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from matplotlib import colormaps
 
 from das.bus import topics
-from das.bus.recording import Recording, Stamped
+from das.bus.recording import Stamped
 from das.domain.units import KMH, NS
-from sim.events.notes import read_notes
-from sim.review.distance_picture import Picture, draw
+from sim.events.advice_events import place_text
+from sim.events.chronicle import Chronicle
+from sim.events.event import DriveEvent
+from sim.review.bookmarks import COLORS, bookmarks
+from sim.review.cab_card import cards
+from sim.review.colors import DARK, rgba
+from sim.review.distance_view import send_distance
 from sim.review.lanes import Lane
-from sim.review.series import STYLES, DrivenCourse, Floats, MapTrack, Times
+from sim.review.series import STYLES, Floats, MapTrack, Times
 from sim.review.story import Story
 from sim.review.summary import summary
+from sim.review.timelines import Timelines
 
-TRIP_TIME, TIME_OF_DAY, POSITION = "trip_time", "time_of_day", "position_m"
-"""Names of the timelines: time since the first position of the trip, time of day (UTC), position on the route (m)."""
 TRACK_PIECES: Final = 300
-WHITE: Final = 0xFFFFFFFF
+WHITE: Final = rgba("#ffffff")
+SLOW, FAST = np.array([0x1C, 0x38, 0x5C]), np.array([0xCF, 0xE8, 0xFF])
+"""Ends of the colours of the track: the blue of what was driven, from standing to the highest speed."""
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
+MARKDOWN: Final = rr.MediaType.MARKDOWN
+REACHED_M: Final = 200.0
+"""A stop this near (m) to where the train came is on its track."""
 
 
-def send(out: rr.RecordingStream, story: Story, way: MapTrack | None) -> None:
-    """Send everything that is shown to rerun."""
-    recording, trip = story.recording, story.trip
+def send(out: rr.RecordingStream, story: Story, chronicle: Chronicle, way: MapTrack | None, *, with_map: bool) -> None:
+    """Send everything that is shown to rerun, but the account of the energy."""
+    recording, lines = story.recording, Timelines(trip=story.trip, clock=story.clock)
     for name, (time_ns, values) in story.series.items():
         if len(time_ns):
-            _series(out, trip, name, time_ns, values)
+            send_series(out, lines, name, time_ns, values)
     for lane in story.lanes:
-        _lane(out, trip, lane)
-    _marks(out, story)
-    _events(out, trip, recording.of(topics.EVENT) + recording.of(topics.LOG) + _notes(recording))
+        send_lane(out, lines, lane)
+    _marks(out, lines, chronicle)
+    _bookmarks(out, lines, chronicle)
+    _events(out, lines, recording.of(topics.EVENT) + recording.of(topics.LOG))
+    _cab(out, lines, story)
     if way is not None:
-        _location(out, trip, way)
-    _distance(out, trip, draw(story))
-    out.log("summary", rr.TextDocument(summary(recording), media_type=rr.MediaType.MARKDOWN), static=True)
+        _location(out, lines, way, story, with_map=with_map)
+    send_distance(out, lines, story)
+    out.log("summary", rr.TextDocument(summary(recording), media_type=MARKDOWN), static=True)
 
 
-def _index(trip: DrivenCourse, time_ns: Times) -> list[rr.TimeColumn]:
-    """Columns of all timelines for messages of these times."""
-    position_m = np.maximum(np.rint(trip.at(time_ns, trip.s_m)), 0.0)
-    return [
-        rr.TimeColumn(TRIP_TIME, duration=trip.trip_ns(time_ns).astype("timedelta64[ns]")),
-        rr.TimeColumn(TIME_OF_DAY, timestamp=np.asarray(time_ns).astype("datetime64[ns]")),
-        rr.TimeColumn(POSITION, sequence=position_m.astype(np.int64)),
-    ]
-
-
-def _series(out: rr.RecordingStream, trip: DrivenCourse, name: str, time_ns: Times, values: Floats) -> None:
+def send_series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times, values: Floats) -> None:
+    """Send a series in its style."""
     style, modes = STYLES[name], rr.components.InterpolationMode
-    lines = rr.SeriesLines(
-        colors=style.color,
+    looks = rr.SeriesLines(
+        colors=rgba(DARK.of[style.meaning]),
         names=style.label,
         widths=style.width,
         interpolation_mode=modes.StepAfter if style.held else modes.Linear,
     )
-    out.log(name, lines, static=True)
-    out.send_columns(name, _index(trip, time_ns), rr.Scalars.columns(scalars=values))
+    out.log(name, looks, static=True)
+    out.send_columns(name, lines.of(time_ns), rr.Scalars.columns(scalars=values))
 
 
-def _lane(out: rr.RecordingStream, trip: DrivenCourse, lane: Lane) -> None:
+def send_lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     """Send a lane of states, with one row for each change."""
-    entity, shades = f"mode/{lane.name.replace(' ', '_')}", np.array(list(lane.colors.values()), dtype=np.uint32)
+    entity, states = f"mode/{lane.name.replace(' ', '_')}", list(lane.colors)
+    shades = np.array([rgba(lane.color(state, DARK)) for state in states], dtype=np.uint32)
     time_ns = np.array([change.time_ns for change in lane.changes])
-    out.log(entity, rr.StateConfiguration(values=list(lane.colors), colors=shades), static=True)
+    out.log(entity, rr.StateConfiguration(values=states, colors=shades), static=True)
     columns = rr.StateChange.columns(state=[change.state for change in lane.changes])
-    out.send_columns(entity, _index(trip, time_ns), columns)
+    out.send_columns(entity, lines.of(time_ns), columns)
 
 
-def _marks(out: rr.RecordingStream, story: Story) -> None:
-    """Send what happened as points on the driven speed; the words are among the events and in the lanes."""
-    trip = story.trip
-    if story.happenings:
-        time_ns = np.array([one.time_ns for one in story.happenings])
-        points = rr.SeriesPoints(colors=WHITE, names="happened (see events)", markers="Diamond", marker_sizes=5.0)
-        out.log("speed/happened", points, static=True)
+def _marks(out: rr.RecordingStream, lines: Timelines, chronicle: Chronicle) -> None:
+    """Send the bookmarks as points on the driven speed; their words are in the list."""
+    found, trip = bookmarks(chronicle), lines.trip
+    if found:
+        time_ns = np.array([one.time_ns for one in found])
+        points = rr.SeriesPoints(colors=WHITE, names="bookmark (see the list)", markers="Diamond", marker_sizes=5.0)
+        out.log("speed/bookmarks", points, static=True)
         values = trip.at(time_ns, trip.speed_mps) / KMH
-        out.send_columns("speed/happened", _index(trip, time_ns), rr.Scalars.columns(scalars=values))
+        out.send_columns("speed/bookmarks", lines.of(time_ns), rr.Scalars.columns(scalars=values))
 
 
-def _events(out: rr.RecordingStream, trip: DrivenCourse, messages: tuple[Stamped, ...]) -> None:
+def _bookmarks(out: rr.RecordingStream, lines: Timelines, chronicle: Chronicle) -> None:
+    """Send the list of bookmarks: a click on one leads to its time."""
+    found = bookmarks(chronicle)
+    if found:
+        colors = [rgba(DARK.of[COLORS[one.kind]] if one.kind in COLORS else DARK.ink) for one in found]
+        columns = rr.TextLog.columns(
+            text=[_bookmark_text(lines, one) for one in found],
+            level=["INFO"] * len(found),
+            color=np.array(colors, dtype=np.uint32),
+        )
+        out.send_columns("bookmarks", lines.of(np.array([one.time_ns for one in found])), columns)
+
+
+def _bookmark_text(lines: Timelines, one: DriveEvent) -> str:
+    """A bookmark with its time as all tables show it: rerun shows seconds."""
+    return f"{lines.clock.shown(one.time_ns)}  {place_text(one.s_m)}  {one.kind}: {one.text}"
+
+
+def _events(out: rr.RecordingStream, lines: Timelines, messages: tuple[Stamped, ...]) -> None:
     messages = tuple(sorted(messages, key=lambda entry: entry.message.timestamp.ToNanoseconds()))
     if messages:
         time_ns = np.array([m.message.timestamp.ToNanoseconds() for m in messages])
-        early_s = (trip.time_ns[0] - time_ns) * NS
+        early_s = (lines.trip.time_ns[0] - time_ns) * NS
         columns = rr.TextLog.columns(
             text=[_event_text(m.message, early) for m, early in zip(messages, early_s, strict=True)],
             level=[LEVELS.get(m.message.level, "TRACE") for m in messages],
         )
-        out.send_columns("events", _index(trip, time_ns), columns)
-
-
-def _notes(recording: Recording) -> tuple[Stamped, ...]:
-    """The notes of people as texts among the events."""
-    found = []
-    for note in read_notes(recording.path):
-        log = Log(level=Log.INFO, message=note.text, name=" ".join(("note", *note.tags)))
-        log.timestamp.FromNanoseconds(note.time_ns)
-        found.append(Stamped(note.time_ns, log))
-    return tuple(found)
+        out.send_columns("events", lines.of(time_ns), columns)
 
 
 def _event_text(event: Log, early_s: float) -> str:
@@ -112,29 +123,46 @@ def _event_text(event: Log, early_s: float) -> str:
     return f"{when}{event.name}: {event.message}" if event.name else f"{when}{event.message}"
 
 
-def _location(out: rr.RecordingStream, trip: DrivenCourse, way: MapTrack) -> None:
-    """Send the way on the map, and in a plane in case there are no map tiles, coloured by speed."""
-    index, color = _index(trip, way.time_ns), STYLES["speed/driven"].color
-    line = rr.GeoLineStrings(lat_lon=[way.degrees], colors=color, radii=rr.Radius.ui_points(2.5))
-    out.log("map/way", line, static=True)
-    out.log("map/train", rr.GeoPoints.from_fields(colors=WHITE, radii=rr.Radius.ui_points(7.0)), static=True)
-    out.send_columns("map/train", index, rr.GeoPoints.columns(positions=way.degrees))
+def _cab(out: rr.RecordingStream, lines: Timelines, story: Story) -> None:
+    """Send what the driver saw, as a text that changes with the time."""
+    found = cards(story.recording, story.trip)
+    if found:
+        columns = rr.TextDocument.columns(text=[card.text for card in found], media_type=[MARKDOWN] * len(found))
+        out.send_columns("cab", lines.of(np.array([card.time_ns for card in found])), columns)
+
+
+def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, story: Story, *, with_map: bool) -> None:
+    """Send the way in a plane, coloured by speed, with the stops; and on the map if it is wanted."""
+    index, trip = lines.of(way.time_ns), lines.trip
+    radius, dot = rr.Radius.ui_points(2.5), rr.Radius.ui_points(7.0)
     ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
     speed = trip.at(way.time_ns[ends[:-1]], trip.speed_mps)
-    shades = colormaps["turbo"](speed / max(float(speed.max(initial=0.0)), 1.0), bytes=True)
+    share = speed / max(float(speed.max(initial=0.0)), 1.0)
+    shades = np.rint(SLOW + share[:, None] * (FAST - SLOW)).astype(np.uint8)
     pieces = [way.plane_m[a : b + 1] for a, b in pairwise(ends)]
-    out.log("track/way", rr.LineStrips2D(pieces, colors=shades, radii=rr.Radius.ui_points(2.5)), static=True)
-    out.log("track/train", rr.Points2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(7.0)), static=True)
+    out.log("track/way", rr.LineStrips2D(pieces, colors=shades, radii=radius), static=True)
+    _track_stops(out, way, story)
+    out.log("track/train", rr.Points2D.from_fields(colors=WHITE, radii=dot), static=True)
     out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
+    if with_map:
+        color = rgba(DARK.of[STYLES["speed/driven"].meaning])
+        out.log("map/way", rr.GeoLineStrings(lat_lon=[way.degrees], colors=color, radii=radius), static=True)
+        out.log("map/train", rr.GeoPoints.from_fields(colors=WHITE, radii=dot), static=True)
+        out.send_columns("map/train", index, rr.GeoPoints.columns(positions=way.degrees))
 
 
-def _distance(out: rr.RecordingStream, trip: DrivenCourse, picture: Picture) -> None:
-    """Send the picture over distance, with a line and a dot that follow the train."""
-    out.log("distance/picture", rr.EncodedImage(contents=picture.png, media_type="image/png"), static=True)
-    index = _index(trip, trip.time_ns)
-    x, y = picture.pixel(trip.s_m, trip.speed_mps / KMH)
-    lines = [((at, picture.top_px), (at, picture.bottom_px)) for at in x]
-    out.log("distance/here", rr.LineStrips2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(0.6)), static=True)
-    out.send_columns("distance/here", index, rr.LineStrips2D.columns(strips=lines))
-    out.log("distance/train", rr.Points2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(5.0)), static=True)
-    out.send_columns("distance/train", index, rr.Points2D.columns(positions=np.column_stack((x, y))))
+def _track_stops(out: rr.RecordingStream, way: MapTrack, story: Story) -> None:
+    """Send the names of the stops that the train reached, where it was then."""
+    trip = story.trip
+    at_m = trip.at(way.time_ns, trip.s_m)
+    rising = np.maximum.accumulate(at_m)
+    reached = [
+        (stop.name, way.plane_m[min(int(np.searchsorted(rising, stop.s_m)), len(rising) - 1)])
+        for stop in (entry for one in story.recording.of(topics.JOURNEY)[-1:] for entry in one.message.stops)
+        if at_m.min() - REACHED_M <= stop.s_m <= at_m.max() + REACHED_M
+    ]
+    if reached:
+        places: Sequence[Floats] = [place for _, place in reached]
+        names = [name for name, _ in reached]
+        radius = rr.Radius.ui_points(4.0)
+        out.log("track/stops", rr.Points2D(places, labels=names, colors=rgba(DARK.ink), radii=radius), static=True)

@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM
+from sim.review.colors import MODES, TOP_SPEED_COLOR, Meaning, Theme
 from sim.review.happenings import NOT_HEARD, Span, signals, silences
 from sim.review.series import DrivenCourse
 
-MODES: Final = {
-    "full traction": 0x2E9E5BFF,
-    "reduced traction": 0x7CC576FF,
-    "cruise": 0x3D7FD6FF,
-    "coast": 0xB8B8B8FF,
-    "reduced brake": 0xF2B134FF,
-    "full brake": 0xE8762BFF,
-    "friction brake": 0xD13B3BFF,
-    "stop": 0x6B5B95FF,
+STATES: Final = {
+    "advising": Meaning.ADVISED,
+    "withdrawn": Meaning.NO_ADVICE,
+    "ready": Meaning.NO_ADVICE,
+    "waiting": Meaning.NO_ADVICE,
 }
-"""Colours (RGBA) by mode."""
-
-STATES: Final = {"advising": 0x3D7FD6FF, "withdrawn": 0xD13B3BFF, "ready": 0x7CC576FF, "waiting": 0xB8B8B8FF}
 TOP_SPEED: Final = "a top speed"
-GREY: Final = 0x8A9499FF
-RED: Final = 0xD13B3BFF
 
 
 class Change(NamedTuple):
@@ -37,11 +29,16 @@ class Change(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """A lane: its name, its changes in order of time, and the colour of each state."""
+    """A lane: its name, its changes in order of time, and the colour "#rrggbb" of each state, or what it means."""
 
     name: str
     changes: tuple[Change, ...]
-    colors: dict[str, int]
+    colors: Mapping[str, str | Meaning]
+
+    def color(self, state: str, theme: Theme) -> str:
+        """The colour of a state; one that is not known is grey."""
+        found = self.colors.get(state, Meaning.NO_ADVICE)
+        return theme.of[found] if isinstance(found, Meaning) else found
 
 
 def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
@@ -50,10 +47,10 @@ def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
     found = (
         Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
-        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, TOP_SPEED: 0x6FD0C5FF}),
+        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, TOP_SPEED: TOP_SPEED_COLOR}),
         Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),
-        Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), GREY)),
-        Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), RED)),
+        Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
+        Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
     )
     return tuple(lane for lane in found if any(change.state for change in lane.changes))
 

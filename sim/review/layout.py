@@ -1,7 +1,7 @@
-"""Our blueprint: plots over time beside map, summary and events; the picture over distance in a second tab.
+"""Our blueprint for a review: over distance and over time under one cursor, the cab, the energy, and a list that jumps.
 
 A plot of rerun follows the active timeline and starts at ±30 s about the cursor unless its axis is given; linked axes
-ignore what is given. So the plots show the whole trip on `trip_time`, and what is over distance is a picture.
+ignore what is given. So the plots show the whole trip on the drive's clock, and what is over distance is a plane.
 """
 
 from __future__ import annotations
@@ -11,15 +11,18 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
-from das.bus.topics import EVENT, LOG
+from das.bus.topics import ADVICE, CAB, EVENT, LOG
 from das.domain.units import NS
-from sim.review.entities import TRIP_TIME
-from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, DrivenCourse, MapTrack
+from sim.review.distance_view import BOTTOM, MARGIN, WIDTH
+from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, MapTrack
 from sim.review.story import Story
+from sim.review.timelines import DRIVE_CLOCK
 
 MARGIN_RATIO: Final = 0.02
 MAP_PX: Final = (380.0, 210.0)
 """Room (px) for the map in the window for which the layout is made."""
+ENERGY, CAB_CARD, BOOKMARKS = "account", "cab", "bookmarks"
+"""Entities of the account of the energy, of what the driver saw, and of the list that jumps."""
 
 
 class Row(NamedTuple):
@@ -31,12 +34,15 @@ class Row(NamedTuple):
     legend: Literal["LeftTop", "LeftBottom", "RightTop"] | None = None
 
 
-ROWS: Final = (
-    Row("Speed (km/h)", "speed", 3.0, "LeftBottom"),
-    Row("Modes advised and shown, state of the node, no advice, signals", "mode", 0.55),
+REVIEW: Final = (
+    Row("Speed (km/h)", "speed", 2.2),
+    Row("Modes advised and shown, node, no advice, signals, and what the driving cost (kWh)", "mode", 0.45),
+    Row("Controller, shown and set: share of the largest effort (%)", "lever", 1.1),
+    Row("Energy lost above the optimum: by all driving, and by other efforts than advised (kWh)", "lost", 1.1),
+)
+MORE: Final = (
     Row("Force at the wheels (kN)", "force", 1.6, "LeftBottom"),
-    Row("Energy at the current collector (kWh)", "energy", 0.9),
-    Row("Controller: share of the largest effort (%)", "lever", 1.2, "LeftBottom"),
+    Row("Energy at the current collector (kWh)", "energy", 1.2, "LeftTop"),
     Row("Gradient (permille)", "gradient", 0.9),
     Row("Deviation from the timetable, late > 0 (s)", "deviation", 1.2, "RightTop"),
     Row("Buffer: time left over the least possible (%)", "buffer", 0.9),
@@ -45,44 +51,72 @@ KNOWN: Final = (
     Row("Position as the node knows it (m)", "estimate", 1.0, "RightTop"),
     Row("Mass and resistance as the node finds them, against the plan (%)", "calibration", 1.0, "RightTop"),
 )
-"""Views in a tab of their own, because the others would become too low beside them."""
-
-LANE_SHARE: Final = 0.35
+ALWAYS: Final = {"mode", "lost", "energy"}
+"""Views that are there from the beginning, because what they show comes when it is found."""
+LANE_SHARE: Final = 0.36
 """Each lane adds this much to the share of its view in the height."""
 
 
-def blueprint(story: Story, way: MapTrack | None) -> rrb.Blueprint:
+def blueprint(story: Story, way: MapTrack | None, *, with_map: bool) -> rrb.Blueprint:
     """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
-    recording = story.recording
-    over_time = _rows(ROWS, story, "Over time")
-    over_distance = rrb.Spatial2DView(
-        origin="distance", name="Over distance", overrides={"distance/picture": rrb.EntityBehavior(interactive=False)}
-    )
-    tabs: list[rrb.View | rrb.Container] = [over_time, over_distance]
-    if any(len(story.series[name][0]) for name in ("estimate/sd", "calibration/mass")):
-        tabs.append(_rows(KNOWN, story, "What the node knows"))
-    side: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="summary", name="Summary")]
-    if way is not None:
-        side.insert(0, _track(way))
-    if recording.of(EVENT) or recording.of(LOG):
-        columns = rrb.TextLogColumns(text_log_columns=["loglevel", "body"])
-        side.append(rrb.TextLogView(origin="events", name="Events", columns=columns))
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Tabs(*tabs), rrb.Vertical(*side), column_shares=[2.6, 1.0]),
-        rrb.TimePanel(timeline=TRIP_TIME, state="collapsed", play_state="Paused"),
+        rrb.Horizontal(
+            rrb.Vertical(_over_distance(), _over_time(story), row_shares=[0.75, 1.0]),
+            rrb.Vertical(
+                rrb.Tabs(*_side(story, way, with_map=with_map), name="Now"),
+                rrb.Tabs(*_lists(story), name="What happened"),
+            ),
+            column_shares=[2.4, 1.0],
+        ),
+        rrb.TimePanel(timeline=DRIVE_CLOCK, state="collapsed", play_state="Paused"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,
     )
 
 
-def _rows(rows: tuple[Row, ...], story: Story, name: str) -> rrb.Vertical:
-    """The views for which there is something to show, one under the other."""
+def _over_distance() -> rrb.View:
+    left, right, below = MARGIN
+    bounds = rrb.VisualBounds2D(x_range=(-left, WIDTH + right), y_range=(0.0, BOTTOM + below))
+    return rrb.Spatial2DView(origin="distance", name="Over distance", visual_bounds=bounds)
+
+
+def _over_time(story: Story) -> rrb.Container:
+    tabs = [_rows(rows, story, name) for rows, name in ((REVIEW, "Over time"), (MORE, "Forces, energy"))]
+    tabs.append(_rows(KNOWN, story, "What the node knows"))
+    return rrb.Tabs(*(tab for tab in tabs if tab is not None))
+
+
+def _side(story: Story, way: MapTrack | None, *, with_map: bool) -> list[rrb.View]:
+    """What is so at the moment of the cursor, and what is so of the whole drive."""
+    found: list[rrb.View] = []
+    if story.recording.of(CAB) or story.recording.of(ADVICE):
+        found.append(rrb.TextDocumentView(origin=CAB_CARD, name="What the driver saw"))
+    found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy by cause"))
+    if way is not None:
+        found += [_track(way), *([_map(way)] if with_map else [])]
+    return [*found, rrb.TextDocumentView(origin="summary", name="Summary")]
+
+
+def _lists(story: Story) -> list[rrb.View]:
+    """The lists; a click on a time leads there."""
+    columns = rrb.TextLogColumns(timeline_columns=[DRIVE_CLOCK], text_log_columns=["body"])
+    found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Notes and bookmarks", columns=columns)]
+    if story.recording.of(EVENT) or story.recording.of(LOG):
+        columns = rrb.TextLogColumns(timeline_columns=[DRIVE_CLOCK], text_log_columns=["loglevel", "body"])
+        found.append(rrb.TextLogView(origin="events", name="Words of node and simulator", columns=columns))
+    return found
+
+
+def _rows(rows: tuple[Row, ...], story: Story, name: str) -> rrb.Vertical | None:
+    """The views for which there is something to show, one under the other; None if there are none."""
     found = {series.split("/")[0] for series, (time_ns, _) in story.series.items() if len(time_ns)}
-    shares = {row: row.share + (LANE_SHARE * len(story.lanes) if row.origin == "mode" else 0.0) for row in rows}
-    shown = [row for row in rows if row.origin in found or (row.origin == "mode" and story.lanes)]
-    axis = _whole_trip(story.trip)
-    return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=[shares[row] for row in shown], name=name)
+    found |= ALWAYS
+    shown = [row for row in rows if row.origin in found]
+    lanes = len(story.lanes) + 1  # and the one of what the driving cost
+    shares = [row.share + (LANE_SHARE * lanes if row.origin == "mode" else 0.0) for row in shown]
+    axis = _whole_trip(story)
+    return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=shares, name=name) if shown else None
 
 
 def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
@@ -93,25 +127,23 @@ def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
     return rrb.TimeSeriesView(origin=row.origin, name=row.title, axis_x=axis, axis_y=heights, plot_legend=legend)
 
 
-def _whole_trip(trip: DrivenCourse) -> rrb.TimeAxis:
-    duration_s = float(trip.time_ns[-1] - trip.time_ns[0]) * NS
-    margin_s = max(MARGIN_RATIO * duration_s, 1.0)
-    start = rrb.TimeRangeBoundary.absolute(seconds=-margin_s)
-    return rrb.TimeAxis(view_range=rrb.TimeRange(start, rrb.TimeRangeBoundary.absolute(seconds=duration_s + margin_s)))
+def _whole_trip(story: Story) -> rrb.TimeAxis:
+    start_s, end_s = ((story.trip.time_ns[[0, -1]] - story.clock.zero_ns) * NS).tolist()
+    margin_s = max(MARGIN_RATIO * (end_s - start_s), 1.0)
+    ends = [rrb.TimeRangeBoundary.absolute(seconds=at_s) for at_s in (start_s - margin_s, end_s + margin_s)]
+    return rrb.TimeAxis(view_range=rrb.TimeRange(*ends))
 
 
-def _track(way: MapTrack) -> rrb.Tabs:
+def _track(way: MapTrack) -> rrb.View:
     low, high = way.plane_m.min(axis=0), way.plane_m.max(axis=0)
     margin = 2.0 * MARGIN_RATIO * max(float((high - low).max()), 100.0)
     (left, top), (right, bottom) = low - margin, high + margin
-    return rrb.Tabs(
-        rrb.Spatial2DView(
-            origin="track",
-            name="Track (colour: speed)",
-            visual_bounds=rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom)),
-        ),
-        rrb.MapView(origin="map", name="Map (tiles need a network)", zoom=_zoom(way)),
-    )
+    bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
+    return rrb.Spatial2DView(origin="track", name="Track (the brighter, the faster)", visual_bounds=bounds)
+
+
+def _map(way: MapTrack) -> rrb.View:
+    return rrb.MapView(origin="map", name="Map (tiles from the network)", zoom=_zoom(way))
 
 
 def _zoom(way: MapTrack) -> float:

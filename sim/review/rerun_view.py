@@ -2,106 +2,134 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-import os
-import signal
-import subprocess
-import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
-from sim.recording.opening import open_recording
+from sim.review.viewer import check_display, free_port, run_viewer, viewer_address
 
-APPLICATION = "das-review"
-CLOSING_S = 5.0
-
-
-def save_view(recording_path: Path, rrd_path: Path, train: str | None = None) -> None:
-    """Write a recording as a rerun file with our layout in it; `train`: which one, where it holds several.
-
-    Raises DasError for an unusable recording, a place that cannot be written to, or where rerun is not installed.
-    """
-    _check_installed()
-    check_writable(rrd_path)
-    recording = open_recording(recording_path, train)
-    with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
-        whole = Path(folder) / "view.rrd"
-        write_view(recording, whole)
-        write_whole(rrd_path, whole.read_bytes())
-
-
-def open_view(recording_path: Path, train: str | None = None) -> None:
-    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C closes it.
-
-    The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
-    """
-    _check_installed()
-    open_recording(recording_path, train)
-    _check_display()
-    with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
-        rrd = Path(folder) / f"{recording_path.stem}.rrd"
-        save_view(recording_path, rrd, train)
-        run_viewer(rrd)
-
-
-def viewer_command(rrd_path: Path) -> list[str]:
-    """The command that shows a rerun file in a viewer of its own, on a free port of this machine only."""
-    return [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", "auto", str(rrd_path)]
-
-
-def viewer_environment() -> dict[str, str]:
-    """The environment of the viewer. Setting `CI` is the only way to stop it from sending usage data in one run."""
-    kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
-    return {"RUST_LOG": "error", **kept, "CI": "1"}
-
-
-def run_viewer(rrd_path: Path) -> None:
-    """Start a viewer for a rerun file and wait until it is closed; DasError where it ends with an error."""
-    viewer = subprocess.Popen(viewer_command(rrd_path), env=viewer_environment(), start_new_session=True)
-    try:
-        code = viewer.wait()
-    finally:
-        _close(viewer)
-    if code != 0:
-        raise DasError(f"the rerun viewer ended with code {code}")
-
-
-def _close(viewer: subprocess.Popen[bytes]) -> None:
-    """End the viewer if it still runs, together with the program that its starter runs: both are one process group."""
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        if viewer.poll() is None:
-            os.killpg(viewer.pid, number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                viewer.wait(CLOSING_S)
-
-
-def write_view(recording: Recording, path: Path) -> None:
-    """Write a rerun file with our layout; what is there is lost, and stays half written where this fails."""
+if TYPE_CHECKING:
     import rerun as rr
+    import rerun.blueprint as rrb
 
-    from sim.review import entities, layout
+    from sim.events.chronicle import Chronicle
     from sim.review.series import MapTrack
     from sim.review.story import Story
 
-    story, way = Story.of(recording), MapTrack.of(recording)
-    with rr.RecordingStream(APPLICATION, recording_id=recording.path.stem) as out:
-        out.save(path, default_blueprint=layout.blueprint(story, way))
-        out.send_recording_name(f"{recording.train} ({recording.path.name})")
-        entities.send(out, story, way)
+APPLICATION = "das-review"
+
+
+def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -> None:
+    """Write a recording as a rerun file with our layout in it, and with where the energy went.
+
+    Raises DasError for a recording without positions, a place that cannot be written to, or where rerun is not
+    installed.
+    """
+    _check_installed()
+    check_writable(rrd_path)
+    with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
+        whole = Path(folder) / "view.rrd"
+        write_view(recording, whole, with_map=with_map)
+        write_whole(rrd_path, whole.read_bytes())
+
+
+def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> None:
+    """Write a rerun file with our layout; what is there is lost, and stays half written where this fails."""
+    shown = ReviewView.of(recording, with_map=with_map)
+    with shown.stream() as out:
+        out.save(path, default_blueprint=shown.blueprint())
+        shown.send(out)
+        shown.send_account(out)
         out.flush()
         out.disconnect()
 
 
+def open_view(recording: Recording, *, with_map: bool = False) -> None:
+    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C closes it.
+
+    The viewer opens with what was recorded; where the energy went follows as soon as that is found. It listens on
+    127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
+    """
+    _check_installed()
+    check_display()
+    shown, port = ReviewView.of(recording, with_map=with_map), free_port()
+    run_viewer(port, lambda: feed_viewer(shown, port))
+
+
+def feed_viewer(shown: ReviewView, port: int) -> None:
+    """Send a view to the viewer that listens on a port of this machine: what was recorded, then the account."""
+    with shown.stream() as out:
+        out.connect_grpc(viewer_address(port), default_blueprint=shown.blueprint())
+        shown.send(out)
+        out.flush()
+        shown.send_account(out)
+        out.flush()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReviewView:
+    """What a view of a recording shows, found once."""
+
+    recording: Recording
+    story: Story
+    chronicle: Chronicle
+    way: MapTrack | None
+    with_map: bool
+
+    @classmethod
+    def of(cls, recording: Recording, *, with_map: bool = False) -> ReviewView:
+        """The view of a recording; DasError for one without positions."""
+        from sim.events.chronicle import Chronicle
+        from sim.review.series import MapTrack
+        from sim.review.story import Story
+
+        return cls(
+            recording=recording,
+            story=Story.of(recording),
+            chronicle=Chronicle.of(recording),
+            way=MapTrack.of(recording),
+            with_map=with_map,
+        )
+
+    def stream(self) -> rr.RecordingStream:
+        """A stream to write or send the view to."""
+        import rerun as rr
+
+        return rr.RecordingStream(APPLICATION, recording_id=self.recording.path.stem)
+
+    def blueprint(self) -> rrb.Blueprint:
+        """The layout of the view."""
+        from sim.review import layout
+
+        return layout.blueprint(self.story, self.way, with_map=self.with_map)
+
+    def send(self, out: rr.RecordingStream) -> None:
+        """Send all that was recorded."""
+        from sim.review import entities
+
+        out.send_recording_name(f"{self.recording.train} ({self.recording.path.name})")
+        entities.send(out, self.story, self.chronicle, self.way, with_map=self.with_map)
+
+    def send_account(self, out: rr.RecordingStream) -> None:
+        """Find where the energy went, and send that, or why it is not known."""
+        from sim.accounts.account import account_of
+        from sim.review.account_view import account_view, send_account, send_no_account
+        from sim.review.timelines import Timelines
+
+        lines = Timelines(trip=self.story.trip, clock=self.story.clock)
+        try:
+            send_account(out, lines, account_view(account_of(self.recording)))
+        except DasError as error:
+            why = str(error).removeprefix(f"{self.recording.path}: ")
+            send_no_account(out, f"Where the energy went is not known: {why}.")
+
+
 def _check_installed() -> None:
-    missing = [name for name in ("rerun", "rerun_cli", "matplotlib") if importlib.util.find_spec(name) is None]
+    missing = [name for name in ("rerun", "rerun_cli") if importlib.util.find_spec(name) is None]
     if missing:
         raise DasError(f"{missing[0]} is not installed: pip install '.[view]' in the checkout")
-
-
-def _check_display() -> None:
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise DasError("no display to open a viewer on: write the view to a file with --save FILE.rrd instead")

@@ -13,6 +13,7 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
+from sim.review.colors import Meaning
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -25,35 +26,38 @@ UNKNOWN_S: Final = 10.0
 
 
 class Style(NamedTuple):
-    """How a series looks: label with its unit, colour (RGBA), width, and whether a value holds until the next."""
+    """How a series looks: label with unit, what its colour means, width, whether a value holds until the next."""
 
     label: str
-    color: int
+    meaning: Meaning
     width: float = 1.4
     held: bool = False
 
 
 STYLES: Final = {
-    "speed/limit": Style("limit, km/h", 0xC8646EFF, held=True),
-    "speed/optimum": Style("optimum from the start, km/h", 0x5FBF6FFF, width=1.2),
-    "speed/advised": Style("advised, km/h", 0xFFA028FF, width=3.0),
-    "speed/shown": Style("shown to the driver, km/h", 0xFFF0C8FF, width=1.0, held=True),
-    "speed/driven": Style("driven, km/h", 0x4AA3FFFF),
-    "force/advised": Style("advised, kN", 0xFFA028FF, width=3.0),
-    "force/driven": Style("driven, kN", 0x4AA3FFFF),
-    "energy/driven": Style("driven, kWh", 0x4AA3FFFF),
-    "gradient/permille": Style("gradient, permille", 0x9AC48BFF, held=True),
-    "lever/shown": Style("shown, %", 0xFFA028FF, width=3.0, held=True),
-    "lever/set": Style("set by the driver, %", 0x4AA3FFFF, held=True),
-    "deviation/operator": Style("known to the operator, s", 0xB08CE0FF, held=True),
-    "deviation/predicted": Style("predicted arrival, s", 0xFFA028FF),
-    "buffer/percent": Style("buffer, %", 0x6FD0C5FF),
-    "estimate/sd": Style("standard deviation the node states, m", 0xFFA028FF),
-    "estimate/error": Style("estimated less true position, m", 0x4AA3FFFF),
-    "calibration/mass": Style("mass, %", 0xFFA028FF),
-    "calibration/mass_sd": Style("its standard deviation, %", 0xFFA028FF, width=0.7),
-    "calibration/resistance": Style("resistance, %", 0x6FD0C5FF),
-    "calibration/resistance_sd": Style("its standard deviation, %", 0x6FD0C5FF, width=0.7),
+    "speed/limit": Style("limit, km/h", Meaning.LIMIT, held=True),
+    "speed/optimum": Style("optimum from the start, km/h", Meaning.OPTIMUM, width=1.2),
+    "speed/advised": Style("advised, km/h", Meaning.ADVISED, width=3.0),
+    "speed/shown": Style("shown to the driver, km/h", Meaning.SHOWN, width=1.0, held=True),
+    "speed/driven": Style("driven, km/h", Meaning.DRIVEN),
+    "force/advised": Style("advised, kN", Meaning.ADVISED, width=3.0),
+    "force/driven": Style("driven, kN", Meaning.DRIVEN),
+    "energy/optimum": Style("optimum for the same times, kWh", Meaning.OPTIMUM),
+    "energy/driven": Style("driven, kWh", Meaning.DRIVEN),
+    "lost/driving": Style("lost by the driving so far, kWh", Meaning.LOST),
+    "lost/advice": Style("of it, by other efforts than advised, kWh", Meaning.AGAINST),
+    "gradient/permille": Style("gradient, permille", Meaning.GRADIENT, held=True),
+    "lever/shown": Style("shown, %", Meaning.SHOWN, width=3.0, held=True),
+    "lever/set": Style("set by the driver, %", Meaning.DRIVEN, held=True),
+    "deviation/operator": Style("known to the operator, s", Meaning.OPERATOR, held=True),
+    "deviation/predicted": Style("predicted arrival, s", Meaning.ADVISED),
+    "buffer/percent": Style("buffer, %", Meaning.ADVISED),
+    "estimate/sd": Style("standard deviation the node states, m", Meaning.ADVISED),
+    "estimate/error": Style("estimated less true position, m", Meaning.ERROR),
+    "calibration/mass": Style("mass, %", Meaning.MASS),
+    "calibration/mass_sd": Style("its standard deviation, %", Meaning.MASS, width=0.7),
+    "calibration/resistance": Style("resistance, %", Meaning.RESISTANCE),
+    "calibration/resistance_sd": Style("its standard deviation, %", Meaning.RESISTANCE, width=0.7),
 }
 """The style of each series, in drawing order. An advised curve is wider and lies under the driven one, so that both are
 visible where they agree."""

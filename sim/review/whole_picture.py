@@ -10,35 +10,36 @@ from das.bus.recording import Recording
 from das.command_line.outputs import check_picture, save_figure
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
-from sim.recording.opening import open_recording
+from sim.review.colors import LIGHT, Theme
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TITLE_IN, LINE_IN = 0.35, 0.19
 """Height (in) of the title, and of each line below it."""
+AXIS_IN = 0.45
+"""Room (in) for the name and the numbers of a horizontal axis."""
 
 
-def save_picture(recording_path: Path, picture_path: Path, train: str | None = None) -> None:
-    """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind. `train`: which one, where it
-    holds several.
+def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT) -> None:
+    """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
 
-    Raises DasError for an unusable recording, a place that cannot be written to, or where matplotlib is not installed.
+    Raises DasError for a recording without positions, a place that cannot be written to, or where matplotlib is not
+    installed.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise DasError("matplotlib is not installed: pip install '.[view]' in the checkout")
     check_picture(picture_path)
     check_writable(picture_path)
-    from sim.review.canvas import BACKGROUND, DPI
+    from sim.review.canvas import DPI
 
-    save_figure(picture_path, picture_of(open_recording(recording_path, train)), dpi=DPI, facecolor=BACKGROUND)
+    save_figure(picture_path, picture_of(recording, theme), dpi=DPI, facecolor=theme.background)
 
 
-def picture_of(recording: Recording) -> Figure:
+def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
     """The picture of a recording as a matplotlib figure; DasError for a recording without positions."""
     from sim.review import distance_panels, time_panels
-    from sim.review.canvas import INK, SMALL, figure_of, list_height_in, listed
-    from sim.review.distance_picture import AXIS_IN
+    from sim.review.canvas import SMALL, figure_of, list_height_in, listed
     from sim.review.story import Story
     from sim.review.summary import headline, on_this_day
 
@@ -48,14 +49,13 @@ def picture_of(recording: Recording) -> Figure:
     first = (speed._replace(above_in=speed.above_in + TITLE_IN + LINE_IN * len(day)), *rest)
     below = time_panels.panels(story)
     below["speed"] = below["speed"]._replace(above_in=AXIS_IN + time_panels.LEGEND_IN)
-    figure, axes = figure_of((*first, *below.values()), AXIS_IN + list_height_in(story.happenings))
-    distance_panels.over_distance(axes[: len(first)], story)
-    time_panels.over_time(dict(zip(below, axes[len(first) :], strict=True)), story)
-    figure.text(
-        0.5, 1.0 - 0.7 * TITLE_IN / figure.get_figheight(), headline(recording), color=INK, ha="center", fontsize=11.0
-    )
+    figure, axes = figure_of((*first, *below.values()), AXIS_IN + list_height_in(story.happenings), theme)
+    distance_panels.over_distance(axes[: len(first)], story, theme)
+    time_panels.over_time(dict(zip(below, axes[len(first) :], strict=True)), story, theme)
+    top = 1.0 - 0.7 * TITLE_IN / figure.get_figheight()
+    figure.text(0.5, top, headline(recording), color=theme.ink, ha="center", fontsize=11.0)
     for number, line in enumerate(day):
         y = 1.0 - (TITLE_IN + (number + 0.55) * LINE_IN) / figure.get_figheight()
-        figure.text(0.5, y, line, color=INK, ha="center", fontsize=SMALL)
-    listed(figure, story.trip, story.clock, story.happenings)
+        figure.text(0.5, y, line, color=theme.ink, ha="center", fontsize=SMALL)
+    listed(figure, story.trip, story.clock, story.happenings, theme)
     return figure

@@ -10,8 +10,11 @@ import pytest
 from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
-from sim.review import rerun_view
-from tests.support.recordings import SECONDS, position_m, publish_before, write_recording
+from sim.events.chronicle import Chronicle
+from sim.recording.opening import open_recording
+from sim.review import rerun_view, viewer
+from sim.review.bookmarks import ROUTINE
+from tests.support.recordings import SECONDS, publish_before, write_recording
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +30,7 @@ def rows_by_entity(rrd: Path) -> dict[str, int]:
     found: dict[str, int] = {}
     for piece in reader.stream(store=reader.recordings()[0]).to_chunks():
         rows = 0 if piece.is_static else piece.num_rows
-        assert piece.is_static or set(piece.timeline_names) == {"trip_time", "time_of_day", "position_m"}
+        assert piece.is_static or set(piece.timeline_names) == {"drive_clock", "time_of_day", "position_m"}
         found[piece.entity_path] = found.get(piece.entity_path, 0) + rows
     return found
 
@@ -35,7 +38,7 @@ def rows_by_entity(rrd: Path) -> dict[str, int]:
 def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     rrd = tmp_path / "view.rrd"
-    rerun_view.save_view(whole, rrd)
+    rerun_view.save_view(open_recording(whole), rrd)
     found = rows_by_entity(rrd)
     every_second = (
         *("speed/limit", "speed/advised", "speed/driven", "force/advised", "force/driven", "gradient/permille"),
@@ -43,7 +46,6 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
             "energy/driven",
             "deviation/predicted",
             "buffer/percent",
-            "map/train",
             "track/train",
             "distance/train",
             "distance/here",
@@ -55,15 +57,18 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
     assert found["/mode/node"] == 3
     assert found["/mode/no_advice"] == 2  # withdrawn, and back
-    assert found["/speed/happened"] == 3  # the simulator's word, the node's warning, the silence
+    chronicle = Chronicle.of(open_recording(whole))
+    worth = [one for one in chronicle.events if one.kind not in ROUTINE]
+    assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
     assert found["/events"] == 3  # the node's and the simulator's
-    assert {"/summary", "/distance/picture", "/map/way", "/track/way"} <= found.keys()
+    assert {"/summary", "/account", "/distance/speed/driven", "/distance/names", "/track/stops"} <= found.keys()
+    assert "/map/way" not in found  # no tiles are asked for without being told
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
 
 
 def test_values_of_the_view(whole: Path) -> None:
     pytest.importorskip("matplotlib")
-    from sim.review.distance_picture import draw
+
     from sim.review.story import Story
 
     story = Story.of(read_recording(whole))
@@ -74,11 +79,6 @@ def test_values_of_the_view(whole: Path) -> None:
     assert data["force/driven"][1][0] == pytest.approx(100.0)
     assert data["gradient/permille"][1][0] == pytest.approx(5.0)
     assert data["buffer/percent"][1][0] == pytest.approx(7.0)
-    picture = draw(story)
-    x, y = picture.pixel(np.array([0.0, position_m(SECONDS)]), np.array([0.0, 144.0]))
-    assert picture.png.startswith(b"\x89PNG")
-    assert 0 < x[0] < x[1] < 1760
-    assert picture.top_px < y[1] < y[0] < picture.bottom_px
 
 
 @pytest.mark.parametrize("only", [(topics.POSITION,), (topics.ADVICE,), (topics.TRUTH, topics.LOCATION)])
@@ -86,7 +86,7 @@ def test_values_of_the_view(whole: Path) -> None:
 def test_view_of_little(tmp_path: Path, only: tuple[topics.Topic, ...], seconds: int) -> None:
     pytest.importorskip("rerun")
     path = write_recording(tmp_path / "little.mcap", only=only, seconds=seconds)
-    rerun_view.save_view(path, tmp_path / "view.rrd")
+    rerun_view.save_view(open_recording(path), tmp_path / "view.rrd")
     assert rows_by_entity(tmp_path / "view.rrd")["/speed/driven"] == seconds
 
 
@@ -94,7 +94,7 @@ def test_view_of_a_cut_recording(whole: Path, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:100_000])
-    rerun_view.save_view(cut, tmp_path / "view.rrd")
+    rerun_view.save_view(open_recording(cut), tmp_path / "view.rrd")
     assert 0 < rows_by_entity(tmp_path / "view.rrd")["/speed/driven"] < SECONDS
 
 
@@ -114,62 +114,60 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
     rrd = tmp_path / "view.rrd"
     rrd.write_bytes(b"before")
 
-    def fail(recording: Recording, path: Path) -> None:
+    def fail(recording: Recording, path: Path, *, with_map: bool) -> None:
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(rerun_view, "write_view", fail)
     with pytest.raises(KeyboardInterrupt):
-        rerun_view.save_view(whole, rrd)
+        rerun_view.save_view(open_recording(whole), rrd)
     assert rrd.read_bytes() == b"before"
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
     with pytest.raises(DasError, match="no such folder"):
-        rerun_view.save_view(whole, tmp_path / "nowhere" / "view.rrd")
+        rerun_view.save_view(open_recording(whole), tmp_path / "nowhere" / "view.rrd")
     only_events = write_recording(tmp_path / "events.mcap", only=(topics.EVENT,))
     monkeypatch.undo()
     with pytest.raises(DasError, match="no positions"):
-        rerun_view.save_view(only_events, rrd)
+        rerun_view.save_view(open_recording(only_events), rrd)
 
 
 def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rerun_view.sys, "platform", "linux")
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(rerun_view.importlib.util, "find_spec", lambda name: object())
     with pytest.raises(DasError, match="no display"):
-        rerun_view.open_view(whole)
+        rerun_view.open_view(open_recording(whole))
     monkeypatch.setattr(rerun_view.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(DasError, match=r"rerun is not installed.*\[view\]"):
-        rerun_view.save_view(whole, tmp_path / "view.rrd")
+        rerun_view.save_view(open_recording(whole), tmp_path / "view.rrd")
 
 
 @pytest.mark.processes
-def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    command = rerun_view.viewer_command(tmp_path / "x.rrd")
+def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch) -> None:
+    command = viewer.viewer_command(1234)
     assert command[command.index("--bind") + 1] == "127.0.0.1"
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
-    assert rerun_view.viewer_environment()["CI"] == "1"
-    assert "FORCE_RERUN_ANALYTICS" not in rerun_view.viewer_environment()
-    monkeypatch.setattr(
-        rerun_view, "viewer_command", lambda rrd: [rerun_view.sys.executable, "-c", "raise SystemExit(3)"]
-    )
+    assert viewer.viewer_environment()["CI"] == "1"
+    assert "FORCE_RERUN_ANALYTICS" not in viewer.viewer_environment()
+    monkeypatch.setattr(viewer, "viewer_command", lambda port: [viewer.sys.executable, "-c", "raise SystemExit(3)"])
     with pytest.raises(DasError, match="code 3"):
-        rerun_view.run_viewer(tmp_path / "x.rrd")
-    started: list[rerun_view.subprocess.Popen[bytes]] = []
+        viewer.run_viewer(1234, lambda: None)
+    started: list[viewer.subprocess.Popen[bytes]] = []
 
-    class Interrupted(rerun_view.subprocess.Popen):  # type: ignore[type-arg]
+    class Interrupted(viewer.subprocess.Popen):  # type: ignore[type-arg]
         def wait(self, timeout: float | None = None) -> int:
             if not started:
                 started.append(self)
                 raise KeyboardInterrupt
             return super().wait(timeout)
 
-    monkeypatch.setattr(rerun_view.subprocess, "Popen", Interrupted)
+    monkeypatch.setattr(viewer.subprocess, "Popen", Interrupted)
     monkeypatch.setattr(
-        rerun_view, "viewer_command", lambda rrd: [rerun_view.sys.executable, "-c", "import time; time.sleep(60)"]
+        viewer, "viewer_command", lambda port: [viewer.sys.executable, "-c", "import time; time.sleep(60)"]
     )
     with pytest.raises(KeyboardInterrupt):
-        rerun_view.run_viewer(tmp_path / "x.rrd")
+        viewer.run_viewer(1234, lambda: None)
     assert started[0].poll() is not None
 
 
@@ -183,7 +181,7 @@ def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
     data = series(recording, DrivenCourse.of(recording))
     assert data["deviation/operator"][1].tolist() == [20.0, 30.0, 30.0]
     assert len(data["speed/advised"][0]) == 30
-    rerun_view.save_view(path, tmp_path / "view.rrd")
+    rerun_view.save_view(open_recording(path), tmp_path / "view.rrd")
     found = rows_by_entity(tmp_path / "view.rrd")
     assert found["/mode/node"] == 1
     assert found["/mode/advised"] == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +15,7 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped, read_recording
 from das.domain.errors import DasError
 from das.domain.units import KM
+from sim.recording.opening import open_recording
 from sim.review.happenings import NOT_HEARD, happenings, points, signals, silences
 from sim.review.lanes import TOP_SPEED, lanes
 from sim.review.limits import limit_in_force, temporary_limits
@@ -213,16 +213,17 @@ def day() -> Recording:
 
 def test_the_picture_shows_them_where_they_were() -> None:
     pytest.importorskip("matplotlib")
-    from matplotlib.image import imread
+    from sim.review.colors import DARK
+    from sim.review.whole_picture import picture_of
 
-    from sim.review.distance_picture import draw
+    shown, empty = (picture_of(one, DARK) for one in (day(), recorded()))
+    for figure in (shown, empty):
+        figure.canvas.draw()
 
-    shown, empty = draw(Story.of(day())), draw(Story.of(recorded()))
-
-    def colour(picture: Any, s_m: float, speed_kmh: float) -> Any:
-        x, y = picture.pixel(np.array([s_m]), np.array([speed_kmh]))
-        pixels = imread(io.BytesIO(picture.png))[round(y[0]) - 2 : round(y[0]) + 3, round(x[0]) - 2 : round(x[0]) + 3]
-        return np.median(pixels[..., :3].reshape(-1, 3), axis=0)
+    def colour(figure: Any, s_m: float, speed_kmh: float) -> Any:
+        x, y = figure.axes[0].transData.transform((s_m / KM, speed_kmh))
+        pixels = np.asarray(figure.canvas.buffer_rgba())[::-1][round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
+        return np.median(pixels[..., :3].reshape(-1, 3), axis=0) / 255.0
 
     plain = colour(empty, 1450.0, 50.0)
     assert np.ptp(colour(shown, 1450.0, 50.0) - plain) < 0.05  # grey, and lighter
@@ -273,7 +274,7 @@ def test_the_suffix_decides_the_kind_of_picture(tmp_path: Path, suffix: str, beg
     from sim.review.whole_picture import save_picture
 
     recording = write_recording(tmp_path / "r.mcap", seconds=2)
-    save_picture(recording, tmp_path / f"x.{suffix}")
+    save_picture(open_recording(recording), tmp_path / f"x.{suffix}")
     assert (tmp_path / f"x.{suffix}").read_bytes().startswith(begins)
 
 
@@ -294,7 +295,7 @@ def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.M
     assert recording.read_bytes() == before
     monkeypatch.setattr(whole_picture.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(DasError, match=r"matplotlib is not installed.*\[view\]"):
-        whole_picture.save_picture(recording, tmp_path / "x.png")
+        whole_picture.save_picture(open_recording(recording), tmp_path / "x.png")
     assert [path.name for path in tmp_path.iterdir()] == ["r.mcap"]
 
 

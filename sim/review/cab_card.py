@@ -1,0 +1,104 @@
+"""What the driver saw, as a short text for every moment at which it changed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
+
+from das.advice.modes import Mode, mode_name
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import KM, PERCENT, kmh
+from sim.drivers.cab import Presentation
+from sim.outside.messages import SHOWN
+from sim.review.series import DrivenCourse
+
+NOTHING: Final = "## No advice is shown"
+NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
+
+
+class Card(NamedTuple):
+    """A text (Markdown), and the moment (ns since 1970) from which the driver saw it."""
+
+    time_ns: int
+    text: str
+
+
+def cards(recording: Recording, trip: DrivenCourse) -> tuple[Card, ...]:
+    """What the driver saw over the trip, each text once; of a recording without a display, what was advised."""
+    seen = recording.of(topics.CAB)
+    texts = (
+        [Card(entry.message.time_ns, _of_cab(entry.message)) for entry in seen]
+        if seen
+        else [Card(entry.message.time_ns, _of_advice(entry.message)) for entry in recording.of(topics.ADVICE)]
+    )
+    return tuple(_changes(sorted(texts), trip))
+
+
+def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
+    before = ""
+    for card in texts:
+        if card.text != before and trip.time_ns[0] <= card.time_ns <= trip.time_ns[-1]:
+            yield card
+            before = card.text
+
+
+def _of_cab(cab: Any) -> str:
+    presentation = SHOWN.get(cab.presentation)
+    head = NOTHING if presentation is None else f"## {_headline(cab, presentation)}"
+    rows = [("limit", _speed(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
+    if presentation is not None:
+        rows[:0] = [
+            ("effort advised", _share(cab.advised_lever_ratio)),
+            ("next", _next(cab.next_mode, cab.next_change_s)),
+            ("why", cab.reason),
+        ]
+        rows.append(("display", presentation.value))
+    if math.isfinite(cab.signal_m) and cab.signal_m > 0:
+        rows.append(("signal at danger", f"km {cab.signal_m / KM:.2f}"))
+    return _text(head, rows)
+
+
+def _of_advice(advice: Any) -> str:
+    if advice.mode == Mode.NONE:
+        return _text(f"## No advice: {advice.reason}", [], NODE_ALONE)
+    rows = [
+        ("effort advised", _share(advice.advised_force_ratio)),
+        ("next", _next(advice.next_mode, advice.next_change_s)),
+        ("limit", _speed(advice.limit_mps)),
+    ]
+    return _text(f"## {_mode(advice.mode)}, {_speed(advice.display_speed_mps)}", rows, NODE_ALONE)
+
+
+def _headline(cab: Any, presentation: Presentation) -> str:
+    """The largest words of the display: mode and speed, or the top speed alone."""
+    # 0 in a recording that is older than the field, and than the stop in the same message.
+    speed_mps = cab.display_speed_mps if cab.display_speed_mps or cab.stop_m else cab.advised_speed_mps
+    if presentation is Presentation.RMS and cab.mode != Mode.STOP:
+        return f"top speed {_speed(speed_mps)}"
+    if cab.mode == Mode.STOP:
+        return _mode(cab.mode)
+    return ", ".join(filter(None, (_mode(cab.mode), _speed(speed_mps))))
+
+
+def _mode(number: int) -> str:
+    return mode_name(Mode(number)) if number in set(Mode) else ""
+
+
+def _speed(speed_mps: float) -> str:
+    return f"{kmh(speed_mps):.0f} km/h" if math.isfinite(speed_mps) else ""
+
+
+def _share(ratio: float) -> str:
+    return f"{ratio / PERCENT:+.0f} %" if math.isfinite(ratio) else ""
+
+
+def _next(number: int, in_s: float) -> str:
+    name = _mode(number)
+    return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
+
+
+def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:
+    body = [f"| {name} | {value.replace('|', '/')} |" for name, value in rows if value]
+    return "\n".join([head, "", "| | |", "|---|---|", *body, "", foot]).rstrip()

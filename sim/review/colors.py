@@ -1,0 +1,120 @@
+"""The colours of all pictures and views: one meaning each, once for dark and once for white backgrounds.
+
+The colours on white are those of `das-sim report`. tests/sim/review/test_colors.py holds that people can tell them
+apart, also with the common kinds of colour blindness where lines share an axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+
+class Meaning(StrEnum):
+    """What a colour says, wherever it is used."""
+
+    DRIVEN = "driven"
+    """What the train did, and what the driver set."""
+    ADVISED = "advised"
+    """What the node says: advice, prediction, estimate."""
+    SHOWN = "shown"
+    """What the display in the cab showed."""
+    LIMIT = "limit"
+    OPTIMUM = "optimum"
+    OPERATOR = "operator"
+    """What the operator or traffic management says: delays, targets."""
+    GRADIENT = "gradient"
+    LOST = "lost"
+    """Energy above the optimum."""
+    AGAINST = "other than advised"
+    """Driving by another effort than advised."""
+    ERROR = "error"
+    MASS = "mass"
+    RESISTANCE = "resistance"
+    NOTE = "note"
+    WARNING = "warning"
+    DANGER = "danger"
+    """A signal at danger."""
+    NO_ADVICE = "no advice"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Theme:
+    """The colours of a picture, each as "#rrggbb": background, ink, grid, and one by meaning."""
+
+    name: str
+    background: str
+    ink: str
+    grid: str
+    of: dict[Meaning, str]
+
+
+DARK: Final = Theme(
+    name="dark",
+    background="#0d1011",
+    ink="#cad8de",
+    grid="#2b3236",
+    of={
+        Meaning.DRIVEN: "#4aa3ff",
+        Meaning.ADVISED: "#ff9a28",
+        Meaning.SHOWN: "#fff0a0",
+        Meaning.LIMIT: "#c8646e",
+        Meaning.OPTIMUM: "#35c995",
+        Meaning.OPERATOR: "#b08ce0",
+        Meaning.GRADIENT: "#b59a6a",
+        Meaning.LOST: "#ff7ab8",
+        Meaning.AGAINST: "#8be04a",
+        Meaning.ERROR: "#9ff0ff",
+        Meaning.MASS: "#d6b4ff",
+        Meaning.RESISTANCE: "#6fd0c5",
+        Meaning.NOTE: "#ff5ff0",
+        Meaning.WARNING: "#ffd21f",
+        Meaning.DANGER: "#ff3b30",
+        Meaning.NO_ADVICE: "#8a9499",
+    },
+)
+LIGHT: Final = Theme(
+    name="light",
+    background="#ffffff",
+    ink="#222222",
+    grid="#d9d9d9",
+    of={
+        Meaning.DRIVEN: "#0072b2",
+        Meaning.ADVISED: "#d55e00",
+        Meaning.SHOWN: "#2a1fb0",
+        Meaning.LIMIT: "#8c1d18",
+        Meaning.OPTIMUM: "#009e73",
+        Meaning.OPERATOR: "#6a3fb0",
+        Meaning.GRADIENT: "#7d6437",
+        Meaning.LOST: "#c2185b",
+        Meaning.AGAINST: "#4c7a00",
+        Meaning.ERROR: "#00707f",
+        Meaning.MASS: "#9b6bd6",
+        Meaning.RESISTANCE: "#2a9d8f",
+        Meaning.NOTE: "#c000b4",
+        Meaning.WARNING: "#b98900",
+        Meaning.DANGER: "#e3120b",
+        Meaning.NO_ADVICE: "#7a858a",
+    },
+)
+THEMES: Final = {theme.name: theme for theme in (DARK, LIGHT)}
+
+MODES: Final = {
+    "full traction": "#7a9a2e",
+    "reduced traction": "#bccf7a",
+    "cruise": "#6f86a6",
+    "coast": "#d8d2c4",
+    "reduced brake": "#e3b3c6",
+    "full brake": "#c4739a",
+    "friction brake": "#84345f",
+    "stop": "#4c4654",
+}
+"""Colours of the advised modes, as patches in lanes; the same on either background."""
+TOP_SPEED_COLOR: Final = "#5f7d74"
+"""Colour of a lane where the display shows a top speed and no mode."""
+
+
+def rgba(color: str) -> int:
+    """A colour "#rrggbb" as the number 0xRRGGBBAA that rerun takes."""
+    return int(color[1:], 16) << 8 | 0xFF

@@ -1,0 +1,48 @@
+"""A part of a recording between two times holds what holds in it, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from das.bus import topics
+from das.bus.recording import Recording, read_recording
+from das.domain.errors import DasError
+from sim.recording.cutting import part_of
+from sim.review.series import DrivenCourse
+from sim.review.story import Story
+from tests.support.recordings import SECONDS, START_NS, write_recording
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return read_recording(write_recording(tmp_path_factory.mktemp("recordings") / "whole.mcap"))
+
+
+def since_s(recording: Recording, topic: topics.Topic) -> list[float]:
+    return ((recording.columns(topic, "time_ns")["time_ns"] - START_NS) / 1e9).tolist()
+
+
+def test_what_is_in_the_part(whole: Recording) -> None:
+    part = part_of(whole, "1:30", "3:00")
+    assert since_s(part, topics.TRUTH) == list(range(90, 181))
+    assert since_s(part, topics.DELAY) == [60, 120, 180]  # the one that still holds, and those that came
+    assert since_s(part, topics.PLAN) == list(range(0, 181, 10))  # the first plan is the optimum from the start
+    assert part.of(topics.JOURNEY) == whole.of(topics.JOURNEY)
+    story = Story.of(part)
+    assert story.trip.time_ns[0] == START_NS + 90 * 10**9
+    assert np.ptp(story.trip.time_ns) == 90 * 10**9
+    speeds = story.series["speed/driven"][1]
+    assert speeds == pytest.approx(Story.of(whole).series["speed/driven"][1][90:181])
+
+
+def test_either_end_may_be_left_out(whole: Recording) -> None:
+    assert part_of(whole, None, None) is whole
+    assert len(DrivenCourse.of(part_of(whole, "9:00", None)).time_ns) == SECONDS - 540
+    assert len(DrivenCourse.of(part_of(whole, None, "0:09")).time_ns) == 10
+
+
+@pytest.mark.parametrize(("start", "end"), [("11:00", None), ("3:00", "2:00"), (None, "−1:00"), ("soon", None)])
+def test_times_that_are_not_of_the_drive(whole: Recording, start: str | None, end: str | None) -> None:
+    with pytest.raises(DasError, match="expected"):
+        part_of(whole, start, end)

@@ -1,0 +1,102 @@
+"""The layout for Lichtblick and Foxglove names topics and fields that our recordings have.
+
+A path is written as in those viewers: topic, then fields after dots. Its grammar knows a topic as words of letters,
+digits, '-' and '_' with slashes between them, so that none of ours needs quotes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foxglove_schemas_protobuf.Event_pb2 import Event
+from google.protobuf.descriptor import FieldDescriptor
+from mcap.reader import make_reader
+
+from das.bus.recording import read_recording
+from das.bus.topics import LOCATION, LOG, TOPICS, topic_of
+from das.command_line.options import DEFAULT_TRAIN
+from sim.events.notes import TOPIC as NOTES
+from sim.events.notes import Note, add_note, notes_path
+from tests.support.recordings import at_ns, write_recording
+
+ROOT = Path(__file__).parents[3]
+LAYOUT = json.loads((ROOT / "docs/layouts/lichtblick.json").read_text())
+PANELS: dict[str, dict[str, Any]] = LAYOUT["configById"]
+REFERENCES = (ROOT / "recordings/references/clear-day.mcap", ROOT / "recordings/references/replay.mcap")
+PATH = re.compile(r"(?P<topic>[\w-]+(?:/[\w-]+)*)(?:\.(?P<field>\w+))?")
+
+
+def paths() -> list[str]:
+    """All paths and topics that the panels name, but the notes."""
+    found: set[str] = set()
+    for panel in PANELS.values():
+        found |= {
+            one["value"] for one in (*panel.get("paths", ()), *([panel["xAxisPath"]] if "xAxisPath" in panel else []))
+        }
+        found |= {panel[key] for key in ("topicPath", "topicToRender") if key in panel}
+        found |= set(panel.get("topicColors", ()))
+    return sorted(found - {NOTES})
+
+
+def leaves(tree: Any) -> Iterator[str]:
+    if isinstance(tree, str):
+        yield tree
+    else:
+        yield from leaves(tree["first"])
+        yield from leaves(tree["second"])
+
+
+def test_every_panel_is_shown_once() -> None:
+    assert sorted(leaves(LAYOUT["layout"])) == sorted(PANELS)
+
+
+@pytest.mark.parametrize("path", paths())
+def test_a_path_names_a_recorded_topic_and_a_plain_field_of_it(path: str) -> None:
+    found = PATH.fullmatch(path)
+    assert found is not None
+    topic = topic_of(found["topic"])
+    assert topic is not None
+    assert topic.recorded
+    assert topic.key(DEFAULT_TRAIN) == found["topic"]
+    if found["field"] is not None:
+        field = topic.message.DESCRIPTOR.fields_by_name[found["field"]]
+        assert not field.is_repeated
+        assert field.cpp_type not in (FieldDescriptor.CPPTYPE_STRING, FieldDescriptor.CPPTYPE_MESSAGE)
+
+
+def test_the_bundled_recordings_have_what_is_plotted() -> None:
+    """What the node says is in the references under these very names, with a number to draw."""
+    seen = set()
+    for file in REFERENCES:
+        with file.open("rb") as content:
+            channels = {channel.topic for channel in make_reader(content).get_summary().channels.values()}
+        recording = read_recording(file)
+        for path in paths():
+            topic, _, field = path.partition(".")
+            if topic in channels and field:
+                values = recording.columns(topic.split("/")[-1], field)[field]
+                if any(math.isfinite(value) for value in values):
+                    seen.add(path)
+    missing = {path for path in paths() if path.startswith("das/") and "." in path} - seen
+    assert missing == set()
+
+
+def test_messages_that_other_viewers_know_are_foxgloves() -> None:
+    assert LOCATION.message.DESCRIPTOR.full_name == "foxglove.LocationFix"
+    assert LOG.message.DESCRIPTOR.full_name == "foxglove.Log"
+    assert Event.DESCRIPTOR.full_name == "foxglove.Event"
+    assert all(topic.message.DESCRIPTOR.full_name.split(".")[0] in ("das", "foxglove") for topic in TOPICS)
+
+
+def test_the_notes_are_under_the_name_that_the_layout_shows(tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "r.mcap", seconds=10)
+    add_note(recording, Note(time_ns=at_ns(5), end_ns=at_ns(5), text="braked late"))
+    with notes_path(recording).open("rb") as file:
+        topics = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
+    assert topics == {NOTES} == {PANELS["RawMessages!notes"]["topicPath"]}

@@ -1,0 +1,74 @@
+"""Every colour of the pictures means one thing, and people can tell the colours apart."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim.review.colors import DARK, LIGHT, MODES, TOP_SPEED_COLOR, Meaning, Theme, rgba
+from sim.review.series import STYLES
+
+Floats = NDArray[np.float64]
+THEMES = (DARK, LIGHT)
+
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+"""Linear sRGB to XYZ (IEC 61966-2-1)."""
+TO_LMS = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
+WITHOUT_L = np.array([[0.0, 2.02344, -2.52581], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+WITHOUT_M = np.array([[1.0, 0.0, 0.0], [0.494207, 0.0, 1.24827], [0.0, 0.0, 1.0]])
+"""Dichromats' vision after Viénot, Brettel and Mollon (1999): protanopia and deuteranopia."""
+EYES = {"usual": np.eye(3), "protanopia": WITHOUT_L, "deuteranopia": WITHOUT_M}
+
+
+def linear(color: str) -> Floats:
+    rgb = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+
+
+def lab(color: str, eye: str = "usual") -> Floats:
+    """CIELAB (D65) of a colour as an eye sees it."""
+    seen = np.linalg.inv(TO_LMS) @ EYES[eye] @ TO_LMS @ linear(color)
+    xyz = TO_XYZ @ np.clip(seen, 0.0, 1.0) / np.array([0.9505, 1.0, 1.089])
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def apart(one: str, other: str, eye: str = "usual") -> float:
+    return float(np.linalg.norm(lab(one, eye) - lab(other, eye)))
+
+
+def contrast(one: str, other: str) -> float:
+    """The ratio of luminances of WCAG 2."""
+    low, high = sorted(float(TO_XYZ[1] @ linear(color)) for color in (one, other))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
+def test_a_colour_means_one_thing(theme: Theme) -> None:
+    assert set(theme.of) == set(Meaning)
+    named = {**theme.of, **MODES, "top speed": TOP_SPEED_COLOR}
+    near = {(a, b): round(apart(named[a], named[b]), 1) for a, b in combinations(named, 2)}
+    assert {pair: much for pair, much in near.items() if much < 12.0} == {}
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
+@pytest.mark.parametrize("eye", EYES)
+def test_lines_on_one_axis_differ_for_any_colour_vision(theme: Theme, eye: str) -> None:
+    for panel in {name.split("/")[0] for name in STYLES}:
+        lines = {style.meaning for name, style in STYLES.items() if name.startswith(f"{panel}/")}
+        for one, other in combinations(lines, 2):
+            assert apart(theme.of[one], theme.of[other], eye) > 12.0, (panel, one, other)
+
+
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
+def test_every_colour_stands_out_from_its_background(theme: Theme) -> None:
+    faint = {meaning: contrast(color, theme.background) for meaning, color in theme.of.items()}
+    assert {meaning: ratio for meaning, ratio in faint.items() if ratio < 3.0} == {}
+    assert contrast(theme.ink, theme.background) > 7.0
+
+
+def test_the_number_for_rerun() -> None:
+    assert rgba("#4aa3ff") == 0x4AA3FFFF
