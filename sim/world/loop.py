@@ -73,7 +73,7 @@ class Run:
 
 
 class World:
-    """One day's run; `run` drives it to its end. `display` is how the display shows the advice [all of it, at once]."""
+    """One day's run; `run` drives it to its end. `screen` is how the display shows the advice [all of it, at once]."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class World:
         driver: Driver,
         presentation: Presentation,
         link: Link,
-        display: ScreenSettings | None = None,
+        screen: ScreenSettings | None = None,
     ) -> None:
         self.day, self.driver, self.presentation, self.link = day, driver, presentation, link
         self._around = Surroundings(day)
@@ -90,7 +90,7 @@ class World:
         self._command: Command = COAST
         self._counts, self._watch = Counts(), ShownWatch()
         self._told = 0
-        self._screen = Screen(display)
+        self._screen = Screen(screen)
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError where the train does not get there."""

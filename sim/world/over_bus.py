@@ -87,7 +87,7 @@ def run_over_bus(
     crew: Crew,
     progress: Progress | None = None,
     *,
-    display: ScreenSettings | None = None,
+    screen: ScreenSettings | None = None,
 ) -> Recorded:
     """Drive a day with node and recorder as processes; DasError where one fails or the train does not get there."""
     with Lockstep(crew) as lockstep:
@@ -96,7 +96,7 @@ def run_over_bus(
         if isinstance(driver, ExternalDriver):
             driver.begin(lockstep)
         link = OverBus(day, lockstep, shows_cab=not outside)
-        run = World(day, driver, presentation, link, display).run(progress)
+        run = World(day, driver, presentation, link, screen).run(progress)
         end_ns = day.service.moment_ns(run.states[-1].time_s)
         lockstep.send(MEASURES, _measures(end_ns, run.restlessness))
         lockstep.finish(end_ns)
