@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
@@ -23,7 +23,7 @@ Job = TypeVar("Job")
 Made = TypeVar("Made")
 
 
-def worked(work: Callable[[Job], Made], jobs: Sequence[Job], workers: int) -> Iterator[Made]:
+def worked(work: Callable[[Job], Made], jobs: Sequence[Job], workers: int) -> Generator[Made]:
     """Yield what `work` makes of each job as it ends; after an interruption, also of the jobs that were under way.
 
     `work` must be a function of a module. Raises DasError where a worker is killed.

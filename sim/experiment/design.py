@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.resources import files
 from itertools import product
@@ -17,7 +17,7 @@ from typing import Any, Final, TypeVar
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, number, read_toml
 from sim.drivers.population import DEFAULT, load_population
-from sim.experiment.factors import FACTORS, FactorLevel
+from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel
 from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA
 from sim.experiment.measures import MEASURES
 from sim.experiment.setting import Setting
@@ -131,7 +131,8 @@ class AnalysisPlan:
 class Design:
     """An experiment: what varies (`factors`), what is the same for all trials (`fixed`), who, in what order, and why.
 
-    `seed` decides everything that is drawn; `source` is the design's file.
+    `fixed` has every factor that does not vary, by name; one that is not there is as the scenario has it. `seed`
+    decides everything that is drawn; `source` is the design's file.
     """
 
     name: str
@@ -139,7 +140,7 @@ class Design:
     description: str
     source: Path
     seed: int
-    fixed: Setting
+    fixed: Mapping[str, FactorLevel]
     factors: tuple[Factor, ...]
     people: People
     procedure: Procedure
@@ -155,8 +156,8 @@ class Design:
 
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
         """How a trial under a condition is driven; a condition without some factor leaves what is fixed."""
-        changed: dict[str, Any] = {name: level.value for name, level in condition.items()}
-        return replace(self.fixed, **changed)
+        values: dict[str, Any] = {name: level.value for name, level in (dict(self.fixed) | dict(condition)).items()}
+        return Setting(**values)
 
     def settings(self) -> Iterator[Setting]:
         """The settings of all combinations of levels."""
@@ -256,14 +257,15 @@ def _factors(fields: Fields) -> tuple[Factor, ...]:
     return tuple(found.values())
 
 
-def _fixed(table: Fields, factors: tuple[Factor, ...]) -> Setting:
-    """What is the same for all trials; a factor cannot be fixed as well."""
+def _fixed(table: Fields, factors: tuple[Factor, ...]) -> dict[str, FactorLevel]:
+    """What is the same for all trials, with its defaults; a factor cannot be fixed as well."""
     table.check_keys(list(FACTORS))
     for factor in factors:
         if table.has(factor.name):
             raise table.error(factor.name, table.data[factor.name], "nothing, because it is a factor of the design")
-    values: dict[str, Any] = {name: FACTORS[name].read(table, name, table.data[name]).value for name in table.data}
-    return Setting(**values)
+    varied = {factor.name for factor in factors}
+    given = {name: value for name, value in DEFAULTS.items() if name not in varied} | dict(table.data)
+    return {name: FACTORS[name].read(table, name, value) for name, value in given.items()}
 
 
 def _people(table: Fields) -> People:

@@ -14,7 +14,8 @@ from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.screen import LONGEST_S
-from sim.world.scenario import bundled_scenarios, load_scenario
+from sim.experiment.setting import day_of, study_days
+from sim.world.scenario import bundled_scenarios
 
 LONGEST_PREVIEW_S: Final = 3600.0
 
@@ -76,9 +77,9 @@ def _reason(table: Fields, key: str, value: Any) -> FactorLevel:
 
 
 def _scenario(table: Fields, key: str, value: Any) -> FactorLevel:
-    name = _file(table, key, value, bundled=value in bundled_scenarios())
+    name = _file(table, key, value, bundled=value in (*bundled_scenarios(), *study_days()))
     try:
-        return FactorLevel(text=load_scenario(name).id, value=name)
+        return FactorLevel(text=day_of(name).id, value=name)
     except DasError as error:
         raise DasError(f"{table.source}: {table.prefix}{key}: {error}") from None
 
@@ -145,7 +146,8 @@ FACTORS: Final = {
         ),
         Known(
             name="scenario", title="Scenario", unit="", read=_scenario,
-            meaning="the line, the timetable and what happens on the day", expected="a bundled scenario or a TOML file",
+            meaning="the line, the timetable and what happens on the day",
+            expected="a bundled scenario, a day of the bundled studies, or a TOML file",
         ),
         Known(
             name="train", title="Train", unit="", read=_train,
@@ -159,6 +161,18 @@ FACTORS: Final = {
     )
 }  # fmt: skip
 """Every factor by its name, which is also the name of its column and of its field in a `Setting`."""
+
+DEFAULTS: Final[dict[str, Any]] = {
+    "scenario": "clear-day",
+    "driver": "human",
+    "presentation": "vector",
+    "friction": "as-measured",
+    "update_interval_s": 0,
+    "hold_s": 0,
+    "preview_s": "all",
+    "reason": True,
+}
+"""What is fixed where a design says nothing; the train is the scenario's, and the loss level the train's."""
 
 
 def factor_markdown() -> str:

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.screen import ScreenSettings
 from sim.world.scenario import Scenario, load_scenario
+
+
+def study_days() -> dict[str, Path]:
+    """The scenario files that come with the bundled studies, by name."""
+    folder = Path(str(files("sim.experiment") / "studies" / "days"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def day_of(name_or_path: str) -> Scenario:
+    """Read a bundled scenario, a day of the bundled studies or a TOML file; raises DasError for anything unusable."""
+    return load_scenario(str(study_days().get(name_or_path, name_or_path)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +57,7 @@ class Setting:
 
     def read_scenario(self) -> Scenario:
         """The scenario with the train of this setting; raises DasError for files that cannot be used."""
-        scenario = load_scenario(self.scenario)
+        scenario = day_of(self.scenario)
         return scenario if self.train is None else replace(scenario, vehicle=self.train, load=None)
 
     def figures(self) -> dict[str, Any]:
