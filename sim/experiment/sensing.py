@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Final
 
+from das.domain.errors import DasError
 from sim.experiment.design import Design, Factor
 from sim.experiment.driving import TrialCall, drive
 from sim.experiment.factors import FactorLevel
@@ -20,11 +21,15 @@ DAYS_TRIED: Final = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Sensed:
-    """What driving showed of a factor: `alike` are pairs of levels that no day told apart; `days` were tried."""
+    """What driving showed of a factor: `alike` are pairs of levels that no day told apart; `days` were tried.
+
+    `failed` is why a drive came to no end; None where all did.
+    """
 
     factor: str
     days: int
     alike: tuple[tuple[str, str], ...]
+    failed: str | None = None
 
     @property
     def refusal(self) -> str | None:
@@ -32,6 +37,8 @@ class Sensed:
         if not self.alike:
             return None
         a, b = self.alike[0]
+        if self.failed is not None:
+            return f"factor {self.factor}: levels {a} and {b} cannot be compared: {self.failed}"
         return (
             f"factor {self.factor}: levels {a} and {b} give the same lever trace on {self.days} of {self.days} days, "
             "expected a difference that the driver senses"
@@ -47,10 +54,11 @@ class SensingTest:
 
     design: Design
     said: Callable[[int], None]
-    _traces: dict[tuple[Setting, int], str] = field(default_factory=dict)
+    _traces: dict[tuple[Setting, int], str | None] = field(default_factory=dict)
+    _failed: str | None = None
 
     def of(self, factor: Factor) -> Sensed:
-        """Whether the levels of a factor are sensed; raises DasError where a day cannot be driven."""
+        """Whether the levels of a factor are sensed, by driving; a drive that fails tells nothing."""
         alike = set(combinations([level.text for level in factor.levels], 2))
         for day in range(DAYS_TRIED):
             for context in self._contexts(factor):
@@ -59,10 +67,10 @@ class SensingTest:
                     for level in factor.levels
                     if any(level.text in pair for pair in alike)
                 }
-                alike -= {pair for pair in alike if traces[pair[0]] != traces[pair[1]]}
+                alike -= {(a, b) for a, b in alike if None not in (traces[a], traces[b]) and traces[a] != traces[b]}
                 if not alike:
                     return Sensed(factor=factor.name, days=day + 1, alike=())
-        return Sensed(factor=factor.name, days=DAYS_TRIED, alike=tuple(sorted(alike)))
+        return Sensed(factor=factor.name, days=DAYS_TRIED, alike=tuple(sorted(alike)), failed=self._failed)
 
     def _contexts(self, factor: Factor) -> Iterator[dict[str, FactorLevel]]:
         """Levels of the other factors: all at their first, then each of the others at another one."""
@@ -72,24 +80,31 @@ class SensingTest:
         for other in others:
             yield from ({**first, other.name: level} for level in other.levels[1:])
 
-    def _trace(self, setting: Setting, day: int) -> str:
+    def _trace(self, setting: Setting, day: int) -> str | None:
+        """The hash of the lever trace of a setting on a day; None where the drive fails."""
         key = (setting, day)
         if key not in self._traces:
-            people = self.design.people
-            trial = Trial(
-                number=1,
-                who=1,
-                person=people.first + day % people.count,
-                session=1,
-                position=1,
-                practice=True,
-                levels=(),
-                setting=setting,
-                seed=day,
-                chance=0,
-                trips=people.trips_before if people.learning else None,
-            )
-            driven = drive(TrialCall(trial=trial, population=people.population))
-            self._traces[key] = lever_trace_sha256(driven.looks)
+            call = TrialCall(trial=self._trial(setting, day), population=self.design.people.population)
+            try:
+                self._traces[key] = lever_trace_sha256(drive(call).looks)
+            except DasError as error:
+                self._traces[key], self._failed = None, str(error)
             self.said(len(self._traces))
         return self._traces[key]
+
+    def _trial(self, setting: Setting, day: int) -> Trial:
+        """A trial that is only for this test: the same person and the same chances for all settings of a day."""
+        people = self.design.people
+        return Trial(
+            number=1,
+            who=1,
+            person=people.first + day % people.count,
+            session=1,
+            position=1,
+            practice=True,
+            levels=(),
+            setting=setting,
+            seed=day,
+            chance=0,
+            trips=people.trips_before if people.learning else None,
+        )
