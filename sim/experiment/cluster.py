@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from threading import Lock
+from typing import Final
 
 from das.domain.errors import DasError
 from precompute.tables.cluster import WorkerDiffersError, check_workers, connected, submitted_results
@@ -17,6 +19,9 @@ from sim.batch.plan import code_sha256
 from sim.experiment.freezing import setting_files
 from sim.experiment.jobs import Driving, Keep, TrialJob, worked_off
 from sim.experiment.setting import Setting
+
+ONE_AT_A_TIME: Final = Lock()
+"""A worker with several threads drives one trial at a time, because its solved lines are shared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +57,8 @@ def driven_there(job: TrialJob, expected: Expected) -> Driving:
     missing = [name for name, digest in job.files if name in here and here[name] != digest]
     if missing:
         raise DasError(f"a worker has another file: {', '.join(missing)}; expected the same file at the same path")
-    return worked_off(job)
+    with ONE_AT_A_TIME:
+        return worked_off(job)
 
 
 @cache
