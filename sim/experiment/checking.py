@@ -16,12 +16,12 @@ from das.domain.errors import DasError
 from das.domain.files.reading import read_json
 from das.domain.files.writing import write_whole
 from sim.cli.shared import progress_bar
-from sim.experiment.design import Design, Order
+from sim.experiment.design import ConditionOrder, Design
 from sim.experiment.driving import service_of
 from sim.experiment.files import KEY_HASH
 from sim.experiment.freezing import resolved
 from sim.experiment.sensing import Sensed, SensingTest
-from sim.experiment.trials import Trial, imbalances, trials_of
+from sim.experiment.trials import StudyTrial, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def _least_drives(design: Design) -> int:
     return 1 + sum(len(factor.levels) - 1 for factor in design.factors)
 
 
-def _spans_s(design: Design, trials: Sequence[Trial]) -> list[float]:
+def _spans_s(design: Design, trials: Sequence[StudyTrial]) -> list[float]:
     """How long each participant is busy (s): the trips by their timetables, and the breaks."""
     length_s = {}
     for setting in sorted({trial.setting for trial in trials}, key=str):
@@ -138,7 +138,7 @@ def _order_notes(design: Design) -> list[str]:
             "the order is idle: trips made before do not matter to these drivers (participants.learning = false), "
             "and nothing else carries over from trial to trial"
         ]
-    if design.procedure.order is Order.LISTED:
+    if design.procedure.order is ConditionOrder.LISTED:
         return ["order listed: practice grows from condition to condition, and the comparisons contain it"]
     return []
 

@@ -17,7 +17,7 @@ from precompute.tables.cluster import WorkerDiffersError, check_workers, connect
 from precompute.tables.environment import differences, environment
 from sim.batch.plan import code_sha256
 from sim.experiment.freezing import setting_files
-from sim.experiment.jobs import Driving, Keep, TrialJob, worked_off
+from sim.experiment.jobs import DrivenTrial, Keep, TrialJob, worked_off
 from sim.experiment.setting import Setting
 
 ONE_AT_A_TIME: Final = Lock()
@@ -32,7 +32,7 @@ class Expected:
     code_sha256: str
 
 
-def worked_on_cluster(jobs: Sequence[TrialJob], address: str) -> Generator[Driving]:
+def worked_on_cluster(jobs: Sequence[TrialJob], address: str) -> Generator[DrivenTrial]:
     """What comes of each trial, as it ends; closing the iterator takes the trials back.
 
     Raises DasError where no scheduler answers, there are no workers, or one of them differs from us.
@@ -46,7 +46,7 @@ def worked_on_cluster(jobs: Sequence[TrialJob], address: str) -> Generator[Drivi
             yield _given_up(job, result) if isinstance(result, BaseException) else result
 
 
-def driven_there(job: TrialJob, expected: Expected) -> Driving:
+def driven_there(job: TrialJob, expected: Expected) -> DrivenTrial:
     """On a worker: what comes of a trial. A worker that runs other code refuses."""
     differing = differences(expected.environment, _own_environment())
     if not differing and code_sha256() != expected.code_sha256:
@@ -71,7 +71,7 @@ def _own_environment() -> dict[str, str]:
     return environment()
 
 
-def _given_up(job: TrialJob, error: BaseException) -> Driving:
+def _given_up(job: TrialJob, error: BaseException) -> DrivenTrial:
     """The row of a trial that the cluster could not drive."""
     said = f"on the cluster: {type(error).__name__}: {' '.join(str(error).split())}"
-    return Driving(job.row | {"error": said}, {})
+    return DrivenTrial(job.row | {"error": said}, {})

@@ -73,12 +73,7 @@ def run(
     The folder holds trials.csv with one row a trial, and for each trial its events and a series. The design is checked
     and frozen there first, unless it was before.
     """
-    if workers is not None and scheduler is not None:
-        raise DasError("give either --workers or --scheduler: a cluster has its own workers")
-    if recordings and measures_only:
-        raise DasError("give either --recordings or --measures-only")
-    if recordings and scheduler is not None:
-        raise DasError("--recordings: expected without --scheduler, because recordings are written on this machine")
+    _check_options(workers, scheduler, recordings=recordings, measures_only=measures_only)
     with busy("reading the design …"):
         from sim.batch.table import require_pyarrow
         from sim.experiment.design import load_design
@@ -101,6 +96,16 @@ def run(
     if found.failed:
         print(f"{len(found.failed)} of {found.trials} trials failed: see {out / 'failed.csv'}", file=sys.stderr)
         raise typer.Exit(1)
+
+
+def _check_options(workers: int | None, scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:
+    """Refuse options that contradict each other."""
+    if workers is not None and scheduler is not None:
+        raise DasError("give either --workers or --scheduler: a cluster has its own workers")
+    if recordings and measures_only:
+        raise DasError("give either --recordings or --measures-only")
+    if recordings and scheduler is not None:
+        raise DasError("--recordings: expected without --scheduler, because recordings are written on this machine")
 
 
 def _checked(design: Design, folder: Path) -> None:

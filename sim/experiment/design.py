@@ -30,7 +30,7 @@ _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 Kind = TypeVar("Kind", bound=StrEnum)
 
 
-class Order(StrEnum):
+class ConditionOrder(StrEnum):
     """In which order a participant meets the conditions."""
 
     WILLIAMS = "williams"
@@ -93,7 +93,7 @@ class Procedure:
     After `break_after` trials (0: never) there is a break of `break_s`, and another session begins.
     """
 
-    order: Order = Order.WILLIAMS
+    order: ConditionOrder = ConditionOrder.WILLIAMS
     repetitions: int = 1
     practice_trials: int = 0
     break_after: int = 0
@@ -103,7 +103,7 @@ class Procedure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class PlannedComparison:
     """A planned comparison: the difference of a measure between level `a` and level `b` of a factor, a − b.
 
     `where` fixes levels of other factors; without it the comparison is over all of them.
@@ -122,7 +122,7 @@ class AnalysisPlan:
     """What is to be found out: the measures, the planned comparisons, and how these are corrected for their number."""
 
     measures: tuple[str, ...] = tuple(MEASURES)
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: tuple[PlannedComparison, ...] = ()
     alpha: float = DEFAULT_ALPHA
     correction: str = CORRECTIONS[0]
 
@@ -285,7 +285,7 @@ def _people(table: Fields) -> People:
 def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
     table.check_keys(list(Procedure.__dataclass_fields__))
     found = Procedure(
-        order=_one_of(Order, table, "order", Procedure.order),
+        order=_one_of(ConditionOrder, table, "order", Procedure.order),
         repetitions=_whole(table, "repetitions", (1, MOST_TRIALS_EACH), Procedure.repetitions),
         practice_trials=_whole(table, "practice_trials", (0, MOST_TRIALS_EACH), Procedure.practice_trials),
         break_after=_whole(table, "break_after", (0, MOST_TRIALS_EACH), Procedure.break_after),
@@ -320,7 +320,7 @@ def _plan(fields: Fields, factors: tuple[Factor, ...]) -> AnalysisPlan:
     return AnalysisPlan(measures=tuple(names), comparisons=comparisons, alpha=alpha, correction=correction)
 
 
-def _comparison(table: Fields, factors: tuple[Factor, ...], measures: list[str]) -> Comparison:
+def _comparison(table: Fields, factors: tuple[Factor, ...], measures: list[str]) -> PlannedComparison:
     table.check_keys(["name", "measure", "factor", "a", "b", "where"])
     by_name = {factor.name: factor for factor in factors}
     measure, factor = table.text("measure"), table.text("factor")
@@ -336,7 +336,7 @@ def _comparison(table: Fields, factors: tuple[Factor, ...], measures: list[str])
     fixed = {name: _level_text(where, name, value, by_name[name]) for name, value in where.data.items()}
     only = "".join(f", {name} {level}" for name, level in fixed.items())
     name = table.name("name", f"{measure}: {a} - {b}{only}")
-    return Comparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
+    return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
 
 
 def _level_text(table: Fields, key: str, value: Any, factor: Factor) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from sim.experiment.trace import Look
+from sim.experiment.trace import DriverLook
 from sim.plant.plant import PlantState
 from sim.world.day import Day
 from sim.world.hindsight import true_fronts
@@ -23,15 +23,15 @@ class Driven:
     day: Day
     run: Run
     outcome: DayOutcome
-    looks: Sequence[Look]
+    looks: Sequence[DriverLook]
 
     @cached_property
-    def seconds(self) -> tuple[tuple[PlantState, Look], ...]:
+    def seconds(self) -> tuple[tuple[PlantState, DriverLook], ...]:
         """The state and the driver's first look of every second."""
         return tuple(zip(self.run.states, self.looks[::LOOKS_A_TICK], strict=False))
 
     @cached_property
-    def moving(self) -> tuple[tuple[PlantState, Look], ...]:
+    def moving(self) -> tuple[tuple[PlantState, DriverLook], ...]:
         """The seconds that begin with a moving train."""
         return tuple((state, look) for state, look in self.seconds if state.speed_mps > 0)
 

@@ -16,7 +16,7 @@ from sim.drivers.population import Participant, Population, load_population
 from sim.experiment.driven import Driven
 from sim.experiment.setting import Setting
 from sim.experiment.trace import WatchedDriver
-from sim.experiment.trials import Trial
+from sim.experiment.trials import StudyTrial
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
@@ -28,7 +28,7 @@ _services = ServiceMemory(most=2)
 """The services of this process: that of the true train's losses, and that of the advice's."""
 
 
-class Recorded(NamedTuple):
+class TrialRecording(NamedTuple):
     """Where a trial is recorded, and the command that the recording names."""
 
     file: Path
@@ -39,9 +39,9 @@ class Recorded(NamedTuple):
 class TrialCall:
     """What is needed to drive a trial: the trial, the population, and where it is recorded (None: not at all)."""
 
-    trial: Trial
+    trial: StudyTrial
     population: str
-    record: Recorded | None = None
+    record: TrialRecording | None = None
 
 
 def drive(call: TrialCall) -> Driven:
@@ -77,7 +77,7 @@ def service_of(setting: Setting) -> Service:
     return service
 
 
-def _day(trial: Trial, who: Participant) -> Day:
+def _day(trial: StudyTrial, who: Participant) -> Day:
     """The day of a trial, with the participant's own chances and the trips that were made before."""
     day = make_day(service_of(trial.setting), trial.seed, who)
     day = replace(day, stream=trial.stream)
@@ -89,7 +89,7 @@ def _day(trial: Trial, who: Participant) -> Day:
     return replace(day, human=day.human.after(trial.trips))
 
 
-def _run(day: Day, driver: WatchedDriver, setting: Setting, record: Recorded | None) -> Run:
+def _run(day: Day, driver: WatchedDriver, setting: Setting, record: TrialRecording | None) -> Run:
     if record is None:
         link = InProcess(day.service, coach=setting.presentation is Presentation.COACH)
         return World(day, driver, setting.presentation, link, setting.screen).run()

@@ -29,7 +29,7 @@ class FactorLevel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Known:
+class KnownFactor:
     """A factor that experiments may vary: its name, what it is, its unit, and what its levels may be.
 
     `read` turns a value of the file into a level: it is given the table, the key and the value, and raises InputError
@@ -113,47 +113,47 @@ def _driver(table: Fields, key: str, value: Any) -> FactorLevel:
 FACTORS: Final = {
     one.name: one
     for one in (
-        Known(
+        KnownFactor(
             name="presentation", title="Presentation", unit="", read=_choice(Presentation),
             meaning="how much of the same advice the display shows", expected=", ".join(Presentation),
         ),
-        Known(
+        KnownFactor(
             name="loss_level", title="Loss level of the advice", unit="", read=_choice(Level),
             meaning="the losses that the advice is planned with; the true train keeps its own",
             expected=", ".join(Level),
         ),
-        Known(
+        KnownFactor(
             name="update_interval_s", title="Update interval", unit="s", read=_seconds(LONGEST_S),
             meaning="the display takes new advice only this often", expected=f"0 to {LONGEST_S:g} s",
         ),
-        Known(
+        KnownFactor(
             name="hold_s", title="Hold time", unit="s", read=_seconds(LONGEST_S),
             meaning="what is read off the display stands for at least this long, unless it is advice to brake",
             expected=f"0 to {LONGEST_S:g} s",
         ),
-        Known(
+        KnownFactor(
             name="preview_s", title="Preview", unit="s", read=_preview,
             meaning="of what comes later, only what comes within this time is shown",
             expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
         ),
-        Known(
+        KnownFactor(
             name="reason", title="Reason shown", unit="", read=_reason,
             meaning="whether the display shows the reason of the advice", expected="true, false",
         ),
-        Known(
+        KnownFactor(
             name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
             meaning="which brake a human driver uses where the motors could brake", expected=", ".join(FrictionPolicy),
         ),
-        Known(
+        KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,
             meaning="the line, the timetable and what happens on the day",
             expected="a bundled scenario, a day of the bundled studies, or a TOML file",
         ),
-        Known(
+        KnownFactor(
             name="train", title="Train", unit="", read=_train,
             meaning="the train, instead of the scenario's", expected="a bundled vehicle or a file of one",
         ),
-        Known(
+        KnownFactor(
             name="driver", title="Driver", unit="", read=_driver,
             meaning="who drives: a human, a perfect follower of the advice, or another simulated driver",
             expected=f"{', '.join(DriverKind)}, or a class of your own",

@@ -18,11 +18,11 @@ from das.domain.errors import DasError
 from sim.batch.plan import code_sha256
 from sim.drivers.population import load_population
 from sim.experiment.design import Design
-from sim.experiment.driving import Recorded, TrialCall, drive
+from sim.experiment.driving import TrialCall, TrialRecording, drive
 from sim.experiment.freezing import setting_files
 from sim.experiment.measures import measured
 from sim.experiment.trial_files import events_file, recording_file, series_file, trial_files
-from sim.experiment.trials import Trial, trials_of
+from sim.experiment.trials import StudyTrial, trials_of
 from sim.recording.inputs import sha256
 
 
@@ -41,7 +41,7 @@ class TrialJob:
     `folder` is the study's.
     """
 
-    trial: Trial
+    trial: StudyTrial
     population: str
     measures: tuple[str, ...]
     files: tuple[tuple[str, str], ...]
@@ -71,15 +71,15 @@ class TrialJob:
         return () if self.keep is Keep.MEASURES else (events_file(self.trial), series_file(self.trial))
 
     @property
-    def record(self) -> Recorded | None:
+    def record(self) -> TrialRecording | None:
         """Where the trial is recorded; None where it is not."""
         if self.keep is not Keep.RECORDINGS:
             return None
         command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
-        return Recorded(self.folder / recording_file(self.trial), command)
+        return TrialRecording(self.folder / recording_file(self.trial), command)
 
 
-class Driving(NamedTuple):
+class DrivenTrial(NamedTuple):
     """What comes of a trial: its row of the journal, and its files by their paths within the study's folder."""
 
     row: dict[str, Any]
@@ -109,18 +109,18 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
     return found
 
 
-def worked_off(job: TrialJob) -> Driving:
+def worked_off(job: TrialJob) -> DrivenTrial:
     """Drive a trial, find its measures and make its files; if it fails, the row says why."""
     row = job.row
     try:
         driven = drive(TrialCall(trial=job.trial, population=job.population, record=job.record))
         files = {} if job.keep is Keep.MEASURES else trial_files(job.trial, driven)
-        return Driving(row | {"measures": measured(driven, list(job.measures)), "error": None}, files)
+        return DrivenTrial(row | {"measures": measured(driven, list(job.measures)), "error": None}, files)
     except DasError as error:
         said = str(error)
     except Exception as error:  # one trial that fails must not end a study of thousands
         said = f"{type(error).__name__}: {error}"
-    return Driving(row | {"error": " ".join(said.split())}, {})
+    return DrivenTrial(row | {"error": " ".join(said.split())}, {})
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:

@@ -26,7 +26,7 @@ from sim.experiment.cluster import worked_on_cluster
 from sim.experiment.design import Design
 from sim.experiment.files import KEY_HASH, TRIALS_TABLE
 from sim.experiment.freezing import resolved
-from sim.experiment.jobs import Driving, TrialJob, in_order_of_work, is_finished, worked_off
+from sim.experiment.jobs import DrivenTrial, TrialJob, in_order_of_work, is_finished, worked_off
 from sim.experiment.study_files import study_files, trials_table
 
 FAILED: Final = "failed.csv"
@@ -42,7 +42,7 @@ class Workers:
     count: int
     scheduler: str | None = None
 
-    def work(self, jobs: Sequence[TrialJob]) -> Generator[Driving]:
+    def work(self, jobs: Sequence[TrialJob]) -> Generator[DrivenTrial]:
         """What comes of each trial, as it ends."""
         if self.scheduler is not None:
             return worked_on_cluster(jobs, self.scheduler)

@@ -13,7 +13,7 @@ from sim.experiment.driving import TrialCall, drive
 from sim.experiment.factors import FactorLevel
 from sim.experiment.setting import Setting
 from sim.experiment.trace import lever_trace_sha256
-from sim.experiment.trials import Trial
+from sim.experiment.trials import StudyTrial
 
 DAYS_TRIED: Final = 5
 """A factor is admitted if it changes what the driver does on at least one of so many days."""
@@ -92,10 +92,10 @@ class SensingTest:
             self.said(len(self._traces))
         return self._traces[key]
 
-    def _trial(self, setting: Setting, day: int) -> Trial:
+    def _trial(self, setting: Setting, day: int) -> StudyTrial:
         """A trial that is only for this test: the same person and the same chances for all settings of a day."""
         people = self.design.people
-        return Trial(
+        return StudyTrial(
             number=1,
             who=1,
             person=people.first + day % people.count,

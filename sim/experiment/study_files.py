@@ -14,7 +14,7 @@ from sim.experiment.describing import events_sidecar, participants_sidecar, seri
 from sim.experiment.design import Design
 from sim.experiment.files import TRIALS_SIDECAR, TRIALS_TABLE, columns
 from sim.experiment.trial_files import TASK, tab_separated
-from sim.experiment.trials import Trial
+from sim.experiment.trials import StudyTrial
 
 BIDS_VERSION: Final = "1.10.0"
 IGNORED: Final = (
@@ -24,7 +24,7 @@ IGNORED: Final = (
 """What a BIDS validator is not to look at: BIDS has no place for it."""
 
 
-def trials_table(design: Design, trials: Sequence[Trial], measures: Mapping[int, Mapping[str, Any]]) -> bytes:
+def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping[int, Mapping[str, Any]]) -> bytes:
     """The tidy table of the trials that are finished: `measures` by the number of the trial."""
     names = list(design.plan.measures)
     out = io.StringIO()
@@ -37,7 +37,7 @@ def trials_table(design: Design, trials: Sequence[Trial], measures: Mapping[int,
     return out.getvalue().encode()
 
 
-def _head(trial: Trial) -> list[Any]:
+def _head(trial: StudyTrial) -> list[Any]:
     place = (trial.number, trial.participant, trial.session_name, trial.position)
     return [*place, int(trial.practice), trial.condition]
 
@@ -48,7 +48,7 @@ def _cell(value: Any) -> Any:
     return repr(value) if isinstance(value, float) else value
 
 
-def study_files(design: Design, trials: Sequence[Trial]) -> dict[str, bytes]:
+def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes]:
     """The files of a study that do not depend on how its trials went, by their names."""
     people, persons = _participants(design, trials)
     return {
@@ -76,7 +76,7 @@ def _description(design: Design) -> dict[str, Any]:
     }
 
 
-def _participants(design: Design, trials: Sequence[Trial]) -> tuple[bytes, list[str]]:
+def _participants(design: Design, trials: Sequence[StudyTrial]) -> tuple[bytes, list[str]]:
     """The table of participants, and the names of the parameters in it."""
     population = load_population(design.people.population)
     parameters = [spread.name for spread in population.spreads]

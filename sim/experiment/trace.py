@@ -15,7 +15,7 @@ from sim.plant import kernels
 from sim.plant.kernels import Command
 
 
-class Look(NamedTuple):
+class DriverLook(NamedTuple):
     """One look of the driver: time (s), position (m), speed and limit (m/s), what is shown, and what he asks for."""
 
     time_s: float
@@ -38,7 +38,7 @@ class WatchedDriver:
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
-        self.looks: list[Look] = []
+        self.looks: list[DriverLook] = []
 
     @property
     def events(self) -> Sequence[DriverEvent]:
@@ -48,10 +48,10 @@ class WatchedDriver:
     def command(self, cab: CabView) -> Command:
         """What the watched driver asks for."""
         asked = self._driver.command(cab)
-        self.looks.append(Look(cab.time_s, cab.s_m, cab.speed_mps, cab.limit_mps, cab.shown, asked))
+        self.looks.append(DriverLook(cab.time_s, cab.s_m, cab.speed_mps, cab.limit_mps, cab.shown, asked))
         return asked
 
 
-def lever_trace_sha256(looks: Sequence[Look]) -> str:
+def lever_trace_sha256(looks: Sequence[DriverLook]) -> str:
     """Hash of all that a driver asked of the train, look by look; equal hashes are equal drives at the controller."""
     return hashlib.sha256(np.array([look.command for look in looks], dtype=np.float64).tobytes()).hexdigest()

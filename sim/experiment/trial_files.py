@@ -13,7 +13,7 @@ from das.domain.units import NS
 from sim.drivers.shown import Shown
 from sim.experiment.describing import EVENT_COLUMNS, SERIES_COLUMNS
 from sim.experiment.driven import Driven
-from sim.experiment.trials import Trial
+from sim.experiment.trials import StudyTrial
 from sim.export.columns import Column, DataTable
 from sim.export.writing import as_parquet
 
@@ -25,32 +25,32 @@ _LASTING: Final = ("reaction", "lapse")
 """Events whose value is how long they last (s)."""
 
 
-def trial_folder(trial: Trial) -> str:
+def trial_folder(trial: StudyTrial) -> str:
     """Folder of a trial's files within the study's."""
     return f"{trial.participant}/{trial.session_name}/beh"
 
 
-def trial_name(trial: Trial) -> str:
+def trial_name(trial: StudyTrial) -> str:
     """What the names of a trial's files begin with."""
     return f"{trial.participant}_{trial.session_name}_task-{TASK}_run-{trial.position:03d}"
 
 
-def events_file(trial: Trial) -> str:
+def events_file(trial: StudyTrial) -> str:
     """Path of a trial's events within the study's folder."""
     return f"{trial_folder(trial)}/{trial_name(trial)}_events.tsv"
 
 
-def series_file(trial: Trial) -> str:
+def series_file(trial: StudyTrial) -> str:
     """Path of a trial's series within the study's folder."""
     return f"{trial_folder(trial)}/{trial_name(trial)}_series.parquet"
 
 
-def recording_file(trial: Trial) -> str:
+def recording_file(trial: StudyTrial) -> str:
     """Path of a trial's recording within the study's folder."""
     return f"{trial_folder(trial)}/{trial_name(trial)}_recording.mcap"
 
 
-def trial_files(trial: Trial, driven: Driven) -> dict[str, bytes]:
+def trial_files(trial: StudyTrial, driven: Driven) -> dict[str, bytes]:
     """The files of events and series of a trial, by their paths within the study's folder."""
     about = {"participant": trial.participant, "condition": trial.condition, "trial": str(trial.number)}
     return {

@@ -22,7 +22,7 @@ APART: Final = 1_000_000_007
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class StudyTrial:
     """One trial. `person` is the participant's number in the population, `who` that in the study (from 1).
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
@@ -63,15 +63,15 @@ class Trial:
         return "_".join(self.levels)
 
 
-def trials_of(design: Design) -> list[Trial]:
+def trials_of(design: Design) -> list[StudyTrial]:
     """All trials, by participant and then in the order of the participant; raises DasError for too many orders."""
-    found: list[Trial] = []
+    found: list[StudyTrial] = []
     for who in range(design.people.count):
         found += _of_participant(design, who, len(found))
     return found
 
 
-def _of_participant(design: Design, who: int, before: int) -> Iterator[Trial]:
+def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTrial]:
     groups = design.conditions(within=False)
     between, row = groups[who % len(groups)], who // len(groups)
     inside = design.conditions(within=True)
@@ -84,7 +84,7 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[Trial]:
     planned = practice + [(number, turn) for turn, order in enumerate(orders) for number in order]
     for place, (number, turn) in enumerate(planned):
         condition = between | inside[number]
-        yield Trial(
+        yield StudyTrial(
             number=before + place + 1,
             who=who + 1,
             person=people.first + who,
@@ -111,7 +111,7 @@ def _day_seed(design: Design, who: int, turn: int, place: int) -> int:
     return int(drawn.generate_state(1)[0] >> 1)
 
 
-def imbalances(design: Design, trials: Sequence[Trial]) -> list[str]:
+def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
     """Sentences about what is not balanced: groups of unequal size, orders that are not used equally often."""
     found = []
     groups = len(design.conditions(within=False))

@@ -11,7 +11,7 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.levels import Level
 from sim.drivers.kinds import Presentation
-from sim.experiment.design import Chances, Days, Order, bundled_studies, load_design, read_design
+from sim.experiment.design import Chances, ConditionOrder, Days, bundled_studies, load_design, read_design
 from sim.experiment.files import DESIGN_JSON, KEY_HASH
 from sim.experiment.freezing import freeze, resolved
 
@@ -50,7 +50,7 @@ def test_a_design_has_its_defaults(write: Path) -> None:
     design = read_design(write)
     assert (design.seed, design.people.count, design.people.learning) == (1, 4, False)
     procedure = design.procedure
-    assert (procedure.order, procedure.days, procedure.chances) == (Order.WILLIAMS, Days.OWN, Chances.NEW)
+    assert (procedure.order, procedure.days, procedure.chances) == (ConditionOrder.WILLIAMS, Days.OWN, Chances.NEW)
     assert design.plan.alpha == 0.05
     assert design.plan.correction == "holm"
     assert [level.text for level in design.factors[1].levels] == ["0", "5.5"]

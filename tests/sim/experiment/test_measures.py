@@ -19,15 +19,15 @@ from sim.experiment.factors import factor_markdown
 from sim.experiment.measures import MEASURES, measure_markdown, measured
 from sim.experiment.setting import Setting
 from sim.experiment.trial_files import events_file, series_file, trial_files
-from sim.experiment.trials import Trial
+from sim.experiment.trials import StudyTrial
 from tests.support.making import REPOSITORY
 
 UNITS = {"kwh": "kWh", "s": "s", "m": "m", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "per_min": "1/min"}
 COUNTS = {"power_brake_reversals", "signals_passed", "lapses"}
 
 
-def trial(setting: Setting, *, person: int = 1, seed: int = 2) -> Trial:
-    return Trial(
+def trial(setting: Setting, *, person: int = 1, seed: int = 2) -> StudyTrial:
+    return StudyTrial(
         number=1, who=1, person=person, session=1, position=1, practice=False, levels=("x",), setting=setting,
         seed=seed, chance=0, trips=None,
     )  # fmt: skip

@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.design import Order, read_design
+from sim.experiment.design import ConditionOrder, read_design
 from sim.experiment.orders import order_of, williams
-from sim.experiment.trials import Trial, imbalances, trials_of
+from sim.experiment.trials import StudyTrial, imbalances, trials_of
 
 HEAD = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\nseed = 7\n[fixed]\nscenario = 'flat-6km'\n"
 THREE = "[[factors]]\nname = 'hold_s'\nlevels = [0, 5, 10]\n"
 BETWEEN = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\nwithin = false\n"
 
 
-def planned(tmp_path: Path, text: str) -> list[Trial]:
+def planned(tmp_path: Path, text: str) -> list[StudyTrial]:
     path = tmp_path / "design.toml"
     path.write_text(HEAD + text)
     return trials_of(read_design(path))
@@ -36,13 +36,13 @@ def test_in_a_williams_design_everything_follows_everything_equally_often(count:
 
 
 def test_the_full_order_takes_every_permutation_and_a_random_one_is_the_seeds() -> None:
-    full = {tuple(order_of(Order.FULL, 3, row, (1,))) for row in range(6)}
+    full = {tuple(order_of(ConditionOrder.FULL, 3, row, (1,))) for row in range(6)}
     assert len(full) == 6
-    drawn = [order_of(Order.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
-    assert drawn == [order_of(Order.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
+    drawn = [order_of(ConditionOrder.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
+    assert drawn == [order_of(ConditionOrder.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
     assert len({tuple(one) for one in drawn}) > 15
     with pytest.raises(DasError, match="the design has 7 conditions, expected at most 6"):
-        order_of(Order.FULL, 7, 0, (1,))
+        order_of(ConditionOrder.FULL, 7, 0, (1,))
 
 
 def test_a_participant_meets_one_day_under_all_conditions(tmp_path: Path) -> None:
