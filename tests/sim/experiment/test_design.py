@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from das.domain.errors import DasError
+from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from sim.drivers.kinds import Presentation
+from sim.experiment import design as design_module
 from sim.experiment.design import Chances, ConditionOrder, Days, bundled_studies, load_design, read_design
 from sim.experiment.files import DESIGN_JSON, KEY_HASH
 from sim.experiment.freezing import freeze, resolved
@@ -97,6 +103,37 @@ def test_nonsense_is_refused_in_one_line(write: Path, old: str, new: str, said: 
         read_design(write)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def _paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Every place in a parsed document."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in items:
+        yield (*path, key)
+        yield from _paths(inner, (*path, key))
+
+
+def test_any_value_in_any_place_is_read_or_refused(write: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (
+        DESIGN + "[procedure]\norder = 'full'\nbreak_after = 2\ndays = 'new'\n[analysis]\nmeasures = ['energy_kwh']\n"
+    )
+    whole, most = tomllib.loads(text), 0
+    said: list[str] = []
+    for path in _paths(whole):
+        for value in (-1, 10**30, math.nan, math.inf, "", "x" * 1000, "\x1b", [], {}, [[]], [{}], True, "../../etc"):
+            data = copy.deepcopy(whole)
+            place = data
+            for key in path[:-1]:
+                place = place[key]
+            place[path[-1]] = value
+            monkeypatch.setattr(design_module, "read_toml", lambda file, data=data: Fields.of(file, data))
+            most += 1
+            try:
+                resolved(read_design(write))
+            except DasError as error:
+                said.append(str(error))
+    assert not any("\n" in one for one in said)
+    assert len(said) > 0.8 * most
 
 
 def test_a_design_that_is_not_there_is_refused() -> None:
