@@ -48,8 +48,46 @@ class Entry:
         return _command(self.name, self.function(), self.examples)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Commands of a program that belong together under one word: `das-sim experiment run`.
+
+    `name`: the word. `summary`: what the program's help says of it. `where`: module and name of the tuple of its
+    entries, like "sim.experiment.commands:ENTRIES".
+    """
+
+    name: str
+    where: str
+    summary: str
+
+    def entries(self) -> tuple[Entry, ...]:
+        """The commands of the group; their list is imported."""
+        module, _, name = self.where.partition(":")
+        found: tuple[Entry, ...] = getattr(importlib.import_module(module), name)
+        return found
+
+    def load(self) -> TyperGroup:
+        """The group with its commands, each of which is imported when it is called."""
+        group = get_command(_group_of(self))
+        assert isinstance(group, TyperGroup)
+        group.name = self.name
+        for entry in self.entries():
+            group.add_command(_LazyCommand(entry))
+        return group
+
+
+def _group_of(group: Group) -> typer.Typer:
+    app = _typer(no_args_is_help=True, add_completion=False)
+
+    @app.callback(help=group.summary, epilog=f"{group.name} COMMAND -h explains a command.")
+    def nothing_yet() -> None:
+        pass
+
+    return app
+
+
 def application(
-    name: str, about: str, entries: Sequence[Entry], *, without_command: Callable[[], None] | None = None
+    name: str, about: str, entries: Sequence[Entry | Group], *, without_command: Callable[[], None] | None = None
 ) -> TyperGroup:
     """A program of several commands; `without_command` is what it does when none is given (default: print its help)."""
     app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
@@ -63,7 +101,7 @@ def application(
     assert isinstance(group, TyperGroup)
     group.name = name
     for entry in entries:
-        group.add_command(_LazyCommand(entry))
+        group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
     group.params.append(_version_parameter())
     return group
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 import importlib
 import re
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from das.domain.errors import DasError
 from precompute.tables.environment import differences, environment
@@ -22,6 +23,7 @@ from precompute.tables.writing import write_table
 
 CONNECT_WITHIN_S = 10.0
 ADDRESS = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
+Work = TypeVar("Work")
 JOBS_PER_THREAD = 2
 """Number of jobs on the cluster for each of its threads: one is solved, one waits."""
 
@@ -37,7 +39,7 @@ def solve_on_cluster(jobs: Sequence[Job], folder: Path, address: str) -> Generat
     more alone, because dask also blames jobs that only waited on a dying worker. Closing the iterator takes the jobs
     back. Raises DasError where no scheduler answers, there are no workers, or one of them differs from us.
     """
-    with _connected(address) as client:
+    with connected(address) as client:
         check_workers(client, address)
         suspects: list[Job] = []
         yield from _solve(client, jobs, folder, suspects)
@@ -90,7 +92,8 @@ def _distributed() -> Any:
         raise DasError("--scheduler needs distributed: install the extra, pip install '.[cluster]'") from None
 
 
-def _connected(address: str) -> Any:
+def connected(address: str) -> Any:
+    """A client of the scheduler at an address, to be used with `with`; DasError where none answers."""
     if not ADDRESS.fullmatch(address):
         raise DasError(f"--scheduler {address}: expected an address like tcp://HOST:8786")
     client = _distributed().Client
@@ -100,14 +103,21 @@ def _connected(address: str) -> Any:
         raise DasError(f"{address}: no Dask scheduler answers ({' '.join(str(error).split())})") from error
 
 
-def _solve(client: Any, jobs: Sequence[Job], folder: Path, suspects: list[Job]) -> Generator[Outcome]:
-    """Outcomes of jobs; those the scheduler gave up are put among the suspects instead."""
-    expected, waiting = environment(), list(reversed(jobs))
-    submitted: dict[Any, Job] = {}
-    coming = _distributed().as_completed(loop=client.loop)
+def submitted_results(
+    client: Any, function: Callable[[Work, Any], Any], jobs: Sequence[Work], expected: Any
+) -> Generator[tuple[Work, Any]]:
+    """Each job with what `function(job, expected)` makes of it on the cluster, or with the exception that it raised.
+
+    Closing the iterator takes the jobs back. Raises WorkerDiffersError as the function does, and DasError where the
+    scheduler goes.
+    """
+    waiting = list(reversed(jobs))
+    submitted: dict[Any, Work] = {}
+    distributed = _distributed()
+    coming = distributed.as_completed(loop=client.loop)
 
     def submit() -> None:
-        future = client.submit(solve_there, waiting[-1], expected, pure=False)
+        future = client.submit(function, waiting[-1], expected, pure=False)
         submitted[future] = waiting.pop()
         coming.add(future)
 
@@ -116,31 +126,40 @@ def _solve(client: Any, jobs: Sequence[Job], folder: Path, suspects: list[Job]) 
             submit()
         for future in coming:
             job = submitted.pop(future)
-            outcome = _outcome(future, job, folder)
+            try:
+                result = future.result()
+            except WorkerDiffersError:
+                raise
+            except (distributed.client.FutureCancelledError, distributed.comm.CommClosedError) as error:
+                raise DasError(f"the scheduler has gone ({' '.join(str(error).split())})") from error
+            except Exception as error:
+                result = error
             future.release()
             if waiting:
                 submit()
-            if outcome is None:
-                suspects.append(job)
-            else:
-                yield outcome
+            yield job, result
     finally:
         client.cancel(list(submitted), force=True)
 
 
-def _outcome(future: Any, job: Job, folder: Path) -> Outcome | None:
-    """What became of a job, its table written; None where the scheduler gave it up."""
-    distributed = _distributed()
+def _solve(client: Any, jobs: Sequence[Job], folder: Path, suspects: list[Job]) -> Generator[Outcome]:
+    """Outcomes of jobs; those the scheduler gave up are put among the suspects instead."""
+    with closing(submitted_results(client, solve_there, jobs, environment())) as results:
+        for job, result in results:
+            if isinstance(result, _distributed().KilledWorker):
+                suspects.append(job)
+            else:
+                yield _outcome(result, job, folder)
+
+
+def _outcome(result: Any, job: Job, folder: Path) -> Outcome:
+    """What became of a job, its table written."""
     try:
-        status, reason, files, seconds = future.result()
+        if isinstance(result, Exception):
+            raise result
+        status, reason, files, seconds = result
         if status is BuildStatus.BUILT:
             write_table(folder / job.name, files)
-    except distributed.KilledWorker:
-        return None
-    except WorkerDiffersError:
-        raise
-    except (distributed.client.FutureCancelledError, distributed.comm.CommClosedError) as error:
-        raise DasError(f"the scheduler has gone ({' '.join(str(error).split())})") from error
     except Exception as error:
         reason = str(error) if isinstance(error, DasError) else f"{type(error).__name__}: {error}"
         return Outcome(name=job.name, status=BuildStatus.FAILED, reason=" ".join(reason.split()), attempts=1)

@@ -1,4 +1,4 @@
-"""The journal of a batch: one JSON row a line, appended when a run ends, so that a kill costs at most one line."""
+"""A journal of finished runs: one JSON row a line, appended when a run ends, so that a kill costs at most one line."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from das.domain.files.writing import write_whole
 
 
 class Journal:
-    """The finished rows in a folder, by the hash of their inputs; use with `with`. Only one batch may use a folder at a
-    time.
+    """The finished rows in a folder, by the hash of their inputs; use with `with`.
+
+    Only one command may use a folder at a time; `holds` names it in the message of the second one's error.
 
     Every line carries the hash of its row, so that a row that was cut off or altered is not taken for a result.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, holds: str = "another batch") -> None:
+        self._holds = holds
         self.path = folder / "finished.jsonl"
         self.rows: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> Journal:
-        self._held = folder_held(self.path.parent, "another batch is at work here")
+        self._held = folder_held(self.path.parent, f"{self._holds} is at work here")
         self._held.__enter__()
         try:
             self._read()

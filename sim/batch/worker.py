@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import threading
-import time
 from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from das.command_line.entry import STOP_SIGNALS
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from sim.batch.memory import ServiceMemory
 from sim.batch.plan import BatchJob
 from sim.drivers.diary import DriverEvent
 from sim.drivers.kinds import Presentation
@@ -24,29 +19,10 @@ from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
 from sim.world.outcome import outcome
 from sim.world.over_bus import How, make_crew, run_over_bus
-from sim.world.scenario import Scenario, read_scenario
-from sim.world.service import Service, prepare_service
+from sim.world.scenario import read_scenario
 
-PARENT_CHECKED_EVERY_S = 1.0
-
-_service: tuple[Level | None, Service] | None = None
-
-
-def begin(parent: int) -> None:
-    """Make this process a worker: it ends only with its parent process, even if that is killed."""
-    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
-    for number in STOP_SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)  # or what a worker starts could not be stopped
-    from das.cab.warm_up import warm_up
-
-    warm_up()
-
-
-def _end_with_parent(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(PARENT_CHECKED_EVERY_S)
-    os._exit(1)
+_services = ServiceMemory()
+"""A worker is a process: this is its memory between jobs."""
 
 
 def work(job: BatchJob) -> dict[str, Any]:
@@ -72,7 +48,7 @@ def work(job: BatchJob) -> dict[str, Any]:
 
 
 def _run(job: BatchJob) -> dict[str, Any]:
-    day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed, job.participant)
+    day = make_day(_services.of(read_scenario(job.scenario), job.level), job.seed, job.participant)
     run = _driven(day, job)
     figures = outcome(day, run, job.driver).as_dict()
     stops = figures.pop("stops")
@@ -99,14 +75,6 @@ def _driven(day: Day, job: BatchJob) -> Run:
     if traffic.lost:
         raise DasError(f"{job.record}: {traffic.lost} messages were lost")
     return run
-
-
-def _service_of(scenario: Scenario, level: Level | None) -> Service:
-    """The scenario's service; it is solved anew only if it differs from the last one."""
-    global _service  # noqa: PLW0603 (a worker is a process: this is its memory between jobs)
-    if _service is None or _service[0] != level or not _service[1].plans(scenario):
-        _service = (level, prepare_service(scenario, level=level))
-    return _service[1].on(scenario)
 
 
 def recorded(job: BatchJob) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from das.command_line.application import Entry, application
+from das.command_line.application import Entry, Group, application
 from das.command_line.running import run_app
 
 NAME: Final = "das-sim"
@@ -38,6 +38,11 @@ ENTRIES: Final = (
         where="sim.batch.command:batch",
         summary="Simulate many days on all cores, into one table.",
         examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice vector,none -o runs",),
+    ),
+    Group(
+        name="experiment",
+        summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
+        where="sim.experiment.commands:ENTRIES",
     ),
     Entry(
         name="view",

@@ -10,6 +10,7 @@ from das.advice.modes import Mode
 from das.domain.errors import DasError
 from sim.drivers.cab import AdviceView, Driver, Presentation, present
 from sim.drivers.diary import DriverEvent, kept_by
+from sim.drivers.screen import Screen, ScreenSettings
 from sim.drivers.shown import Shown
 from sim.plant.plant import COAST, Command, PlantState
 from sim.world.calls import KeptCall
@@ -72,9 +73,16 @@ class Run:
 
 
 class World:
-    """One day's run; `run` drives it to its end."""
+    """One day's run; `run` drives it to its end. `screen` is how the display shows the advice [all of it, at once]."""
 
-    def __init__(self, day: Day, driver: Driver, presentation: Presentation, link: Link) -> None:
+    def __init__(
+        self,
+        day: Day,
+        driver: Driver,
+        presentation: Presentation,
+        link: Link,
+        screen: ScreenSettings | None = None,
+    ) -> None:
         self.day, self.driver, self.presentation, self.link = day, driver, presentation, link
         self._around = Surroundings(day)
         self._events: list[str] = []
@@ -82,6 +90,7 @@ class World:
         self._command: Command = COAST
         self._counts, self._watch = Counts(), ShownWatch()
         self._told = 0
+        self._screen = Screen(screen)
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError where the train does not get there."""
@@ -147,9 +156,10 @@ class World:
         told = [*measured, *around.operators(tick, now_ns, state)]
         advice = self.link.exchange(Tick(tick, now_ns, tuple(told)))
         self._counts = self._counts.plus(advice)
-        self._view = present(
+        view = present(
             advice,
             self.presentation,
             service.line.train,
             clock_zero_ns=service.timetables[0].departure_ns,
         )
+        self._view = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)

@@ -19,6 +19,7 @@ from sim.drivers.cab import Driver, Presentation
 from sim.drivers.diary import KINDS, DriverEvent
 from sim.drivers.kinds import DriverName, FrictionPolicy
 from sim.drivers.own_class import driver_versions
+from sim.drivers.screen import ScreenSettings
 from sim.outside.external import ExternalDriver
 from sim.outside.messages import CabLook, cab_message
 from sim.processes.crew import Crew
@@ -80,7 +81,13 @@ class Recorded(NamedTuple):
 
 
 def run_over_bus(
-    day: Day, driver: Driver, presentation: Presentation, crew: Crew, progress: Progress | None = None
+    day: Day,
+    driver: Driver,
+    presentation: Presentation,
+    crew: Crew,
+    progress: Progress | None = None,
+    *,
+    screen: ScreenSettings | None = None,
 ) -> Recorded:
     """Drive a day with node and recorder as processes; DasError where one fails or the train does not get there."""
     with Lockstep(crew) as lockstep:
@@ -88,7 +95,8 @@ def run_over_bus(
         outside = isinstance(driver, ExternalDriver)
         if isinstance(driver, ExternalDriver):
             driver.begin(lockstep)
-        run = World(day, driver, presentation, OverBus(day, lockstep, shows_cab=not outside)).run(progress)
+        link = OverBus(day, lockstep, shows_cab=not outside)
+        run = World(day, driver, presentation, link, screen).run(progress)
         end_ns = day.service.moment_ns(run.states[-1].time_s)
         lockstep.send(MEASURES, _measures(end_ns, run.restlessness))
         lockstep.finish(end_ns)

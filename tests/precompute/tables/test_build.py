@@ -37,6 +37,7 @@ from precompute.tables.pool import solve_locally
 from precompute.tables.store import BuildStatus, table_folders
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import TableSettings
+from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8)
@@ -380,44 +381,8 @@ def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> N
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A real scheduler with two real workers on the loopback."""
-    folder = tmp_path_factory.mktemp("cluster")
-    path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    env = {**os.environ, "PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
-    file = folder / "scheduler.json"
-    commands = [
-        ["scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file)],
-        [
-            "worker",
-            "--scheduler-file",
-            str(file),
-            "--nthreads",
-            "1",
-            "--nworkers",
-            "2",
-            "--local-directory",
-            str(folder),
-        ],
-    ]
-    running = []
-    try:
-        for name, *options in commands:
-            running.append(
-                subprocess.Popen(
-                    [sys.executable, "-m", f"distributed.cli.dask_{name}", *options, "--no-dashboard"],
-                    env=env,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                )
-            )
-            wait_for(lambda: file.is_file() and bool(file.read_text()))
-        found = json.loads(file.read_text())["address"]
-        with Client(found, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=60)
-        yield found
-    finally:
-        for process in reversed(running):
-            process.terminate()
-            process.wait(30)
+    with running_cluster(tmp_path_factory.mktemp("cluster"), 2) as address:
+        yield address
 
 
 def killed_a_worker(client: Client) -> bool:

@@ -1,0 +1,98 @@
+"""The driver's display between the advice and the driver: how often it refreshes, how long what it shows stands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+from das.advice.modes import Mode
+from das.domain.errors import InputError
+from sim.drivers.cab import AdviceView
+from sim.drivers.shown import Shown
+
+BRAKES: Final = frozenset({Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE})
+"""Advice to brake, which is never held back."""
+ROUNDING_S: Final = 1e-6
+"""Times of ticks are compared with this margin."""
+LONGEST_S: Final = 600.0
+"""Longest interval and hold time (s): a display that is slower than this advises nobody."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScreenSettings:
+    """What a display does with the advice that it is given once a second; the defaults show all of it at once.
+
+    `update_interval_s`: the display takes new advice only this often. `hold_s`: what is read off the display stands for
+    at least this long before something else takes its place, unless it is advice to brake. `preview_s`: of what comes
+    later, only what comes within this time is shown. `reason`: whether the reason of the advice is shown.
+    """
+
+    update_interval_s: float = 0.0
+    hold_s: float = 0.0
+    preview_s: float = math.inf
+    reason: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("update_interval_s", "hold_s"):
+            value = getattr(self, name)
+            if not 0 <= value <= LONGEST_S:
+                raise InputError("screen", name, value, f"0 to {LONGEST_S:g} s")
+        if not self.preview_s >= 0:
+            raise InputError("screen", "preview_s", self.preview_s, "a time of at least 0 s")
+
+
+class Screen:
+    """What is on the display, tick by tick; `show` is to be called in the order of time.
+
+    Advice that is withdrawn goes off the display at once, and a train that stands is shown everything at once, because
+    the advice of the stop before would otherwise be on the display at the departure.
+    """
+
+    def __init__(self, settings: ScreenSettings | None = None) -> None:
+        self._settings = settings or ScreenSettings()
+        self._shown: AdviceView | None = None
+        self._refreshed_s = self._since_s = -math.inf
+
+    def show(self, view: AdviceView | None, now_s: float, *, stands: bool) -> AdviceView | None:
+        """What is on the display when it is given `view` at a time (s on the cab's clock)."""
+        view = None if view is None else self._cut(view)
+        if view is None or self._shown is None or stands:
+            self._take(view, now_s)
+        elif now_s - self._refreshed_s >= self._settings.update_interval_s - ROUNDING_S:
+            self._refreshed_s = now_s
+            if self._may_change(view, now_s):
+                self._take(view, now_s)
+        if view is not None and self._shown is not None:
+            # The on-board system still stands behind what is held: it is as valid as the advice that is held back.
+            self._shown = replace(self._shown, valid_until_s=view.valid_until_s)
+        return self._shown
+
+    def _may_change(self, view: AdviceView, now_s: float) -> bool:
+        """Whether advice may be shown: it reads as before, it is advice to brake, or the old has stood."""
+        assert self._shown is not None
+        stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
+        return stood or view.mode in BRAKES or Shown.of(view) == Shown.of(self._shown)
+
+    def _take(self, view: AdviceView | None, now_s: float) -> None:
+        before = None if self._shown is None else Shown.of(self._shown)
+        if view is None or Shown.of(view) != before:
+            self._since_s = now_s
+        self._shown, self._refreshed_s = view, now_s
+
+    def _cut(self, view: AdviceView) -> AdviceView:
+        """The advice without what the display does not show."""
+        settings = self._settings
+        if not settings.reason and view.reason:
+            view = replace(view, reason="")
+        if math.isinf(settings.preview_s):
+            return view
+        seconds = int(settings.preview_s)
+        view = replace(
+            view,
+            horizon_speed_mps=view.horizon_speed_mps[:seconds],
+            horizon_force_n=view.horizon_force_n[:seconds],
+        )
+        if view.next_change_s > settings.preview_s:
+            view = replace(view, next_mode=int(Mode.NONE), next_change_s=math.nan)
+        return view

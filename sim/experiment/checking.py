@@ -1,0 +1,211 @@
+"""What `das-sim experiment check` finds of a design, and how the commands print what they found."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from rich import box
+from rich.table import Table
+
+from das.command_line.printing import paragraph, print_table, tell, typed
+from das.domain.errors import DasError
+from das.domain.files.reading import read_json
+from das.domain.files.writing import write_whole
+from sim.cli.shared import progress_bar
+from sim.experiment.design import ConditionOrder, Design
+from sim.experiment.driving import service_of
+from sim.experiment.files import KEY_HASH
+from sim.experiment.freezing import resolved
+from sim.experiment.sensing import Sensed, SensingTest
+from sim.experiment.trials import StudyTrial, imbalances, trials_of
+from sim.world.loop import AFTER_S, BEFORE_S
+
+if TYPE_CHECKING:
+    from sim.experiment.running import StudyRun
+
+MINUTE_S: Final = 60.0
+HOUR_S: Final = 3600.0
+CHECKED: Final = "check.json"
+"""What the check of a study's frozen design found."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignCheck:
+    """What the check of a design found.
+
+    `person_s` is how long the longest participant is busy, breaks included, and `all_s` all participants together.
+    `notes` are sentences about balance and order; `sensed` says what driving showed of each factor.
+    """
+
+    digest: str
+    trials: int
+    practice: int
+    conditions: int
+    participants: int
+    person_s: float
+    all_s: float
+    notes: tuple[str, ...]
+    sensed: tuple[Sensed, ...]
+
+    @property
+    def refusals(self) -> list[str]:
+        """Why the design is refused; empty where it is not."""
+        return [one.refusal for one in self.sensed if one.refusal is not None]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures, for programs."""
+        return {
+            KEY_HASH: self.digest,
+            "trials": self.trials,
+            "practice_trials": self.practice,
+            "conditions": self.conditions,
+            "participants": self.participants,
+            "longest_participant_s": self.person_s,
+            "all_participants_s": self.all_s,
+            "notes": list(self.notes),
+            "sensed": {one.factor: not one.alike for one in self.sensed},
+            "refused": self.refusals,
+        }
+
+    def keep(self, folder: Path) -> None:
+        """Write what was found beside the frozen design."""
+        write_whole(folder / CHECKED, json.dumps(self.as_dict(), indent=2, ensure_ascii=False).encode() + b"\n")
+
+
+def was_checked(folder: Path, digest: str) -> bool:
+    """Whether the folder holds a check of the design with a hash that refused nothing."""
+    try:
+        kept = read_json(folder / CHECKED).data
+    except DasError:
+        return False
+    return bool(kept.get(KEY_HASH) == digest and kept.get("refused") == [])
+
+
+def check_design(design: Design) -> DesignCheck:
+    """Check a design, and drive a few of its conditions to see whether every factor is sensed.
+
+    Raises DasError for files that cannot be used, and for days that cannot be driven.
+    """
+    trials = trials_of(design)
+    digest = resolved(design)[KEY_HASH]
+    with progress_bar("check", "solving the lines", "drives") as progress:
+        spans_s = _spans_s(design, trials)
+        test = SensingTest(design=design, said=lambda done: progress(done, max(done, _least_drives(design))))
+        sensed = tuple(test.of(factor) for factor in design.factors)
+    return DesignCheck(
+        digest=digest,
+        trials=len(trials),
+        practice=sum(trial.practice for trial in trials),
+        conditions=len(design.conditions(within=True)) * len(design.conditions(within=False)),
+        participants=design.people.count,
+        person_s=max(spans_s),
+        all_s=sum(spans_s),
+        notes=(*imbalances(design, trials), *_order_notes(design)),
+        sensed=sensed,
+    )
+
+
+def _least_drives(design: Design) -> int:
+    """Drives that the check needs if every factor is sensed on the first day."""
+    return 1 + sum(len(factor.levels) - 1 for factor in design.factors)
+
+
+def _spans_s(design: Design, trials: Sequence[StudyTrial]) -> list[float]:
+    """How long each participant is busy (s): the trips by their timetables, and the breaks."""
+    length_s = {}
+    for setting in sorted({trial.setting for trial in trials}, key=str):
+        service = service_of(setting)
+        length_s[setting] = BEFORE_S + service.clock_s(service.timetables[-1].arrival_ns) + AFTER_S
+    spans = [0.0] * design.people.count
+    sessions = [1] * design.people.count
+    for trial in trials:
+        spans[trial.who - 1] += length_s[trial.setting]
+        sessions[trial.who - 1] = trial.session
+    breaks = design.procedure.break_s
+    return [span + breaks * (count - 1) for span, count in zip(spans, sessions, strict=True)]
+
+
+def _order_notes(design: Design) -> list[str]:
+    """What is to be said of the order of the conditions."""
+    if len(design.conditions(within=True)) < 2:
+        return []
+    if not design.people.learning:
+        return [
+            "the order is idle: trips made before do not matter to these drivers (participants.learning = false), "
+            "and nothing else carries over from trial to trial"
+        ]
+    if design.procedure.order is ConditionOrder.LISTED:
+        return ["order listed: practice grows from condition to condition, and the comparisons contain it"]
+    return []
+
+
+def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None:
+    """Print what the check found."""
+    tell(f"{design.name}: {design.title}")
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("factor", "levels", "participants meet", "sensed"):
+        table.add_column(name)
+    sensed = {one.factor: one for one in found.sensed}
+    for factor in design.factors:
+        one = sensed[factor.name]
+        levels = ", ".join(level.text for level in factor.levels)
+        table.add_row(factor.name, levels, "all" if factor.within else "one", _sensed_words(one))
+    print_table(table)
+    practice = f", {found.practice} of them practice" if found.practice else ""
+    each = found.trials / found.participants
+    paragraph(
+        f"{found.trials} trials{practice}: {found.participants} participants, {each:g} trials each, "
+        f"{found.conditions} conditions, order {design.procedure.order}"
+    )
+    paragraph(
+        f"duration: {found.person_s / MINUTE_S:.0f} min for a participant with breaks, "
+        f"{found.all_s / HOUR_S:.1f} h for all"
+    )
+    paragraph(f"measures: {len(design.plan.measures)}; planned comparisons: {_comparison_words(design)}")
+    for note in found.notes:
+        paragraph(f"note: {note}", hanging="  ")
+    tell(f"hash: {found.digest}")
+    if folder is not None and not found.refusals:
+        tell(f"frozen: {folder}")
+
+
+def _sensed_words(one: Sensed) -> str:
+    if one.alike:
+        return f"no: {' = '.join(one.alike[0])}"
+    return "yes, on the first day" if one.days == 1 else f"yes, within {one.days} days"
+
+
+def _comparison_words(design: Design) -> str:
+    count = len(design.plan.comparisons)
+    return f"{count}, alpha {design.plan.alpha:g}, correction {design.plan.correction}" if count else "none"
+
+
+def print_run(design: Design, found: StudyRun) -> None:
+    """Print what a run of a study came to, and the trials that failed."""
+    paragraph(f"{design.name}: {found.trials} trials, {found.made} of them driven now, {len(found.failed)} failed")
+    for row in found.failed[:FAILED_SHOWN]:
+        paragraph(f"note: trial {row['trial']} ({row['participant']}, {row['condition']}): {row['error']}", "  ")
+    tell(f"written: {found.folder / 'trials.csv'}")
+    tell(f"next: {typed(f'das-sim experiment analyse {found.folder} -o report.html')}")
+
+
+FAILED_SHOWN: Final = 5
+"""Failed trials that are printed; failed.csv has all."""
+
+
+def print_studies(found: Sequence[Design]) -> None:
+    """Print the bundled studies."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("study", "title", "participants", "factors"):
+        table.add_column(name)
+    for one in found:
+        table.add_row(one.name, one.title, str(one.people.count), _factors_in_words(one))
+    print_table(table)
+
+
+def _factors_in_words(design: Design) -> str:
+    return " × ".join(f"{len(factor.levels)} {factor.name}" for factor in design.factors)

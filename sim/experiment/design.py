@@ -1,0 +1,352 @@
+"""The design of an experiment: factors, participants, order and measures, read from a TOML file.
+
+The format: docs/reference/experiments.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from importlib.resources import files
+from itertools import product
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from das.domain.errors import MISSING, DasError
+from das.domain.files.reading import Fields, number, read_toml
+from sim.drivers.population import DEFAULT, load_population
+from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel
+from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA
+from sim.experiment.measures import MEASURES
+from sim.experiment.setting import Setting
+
+SCHEMA_VERSION: Final = 1
+MOST_PARTICIPANTS: Final = 10_000
+MOST_TRIALS_EACH: Final = 1000
+LONGEST_BREAK_S: Final = 86_400.0
+_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+Kind = TypeVar("Kind", bound=StrEnum)
+
+
+class ConditionOrder(StrEnum):
+    """In which order a participant meets the conditions."""
+
+    WILLIAMS = "williams"
+    """Each participant takes a row of a Williams square: every condition follows every other equally often."""
+    FULL = "full"
+    """The participants take all permutations in turn."""
+    RANDOM = "random"
+    """Each participant has an order of their own, drawn by the seed of the design."""
+    LISTED = "listed"
+    """All participants meet the conditions as the design lists them."""
+
+
+class Days(StrEnum):
+    """Which days the trials are on."""
+
+    OWN = "own"
+    """Every participant has days of their own, one for each repetition, and meets them under every condition."""
+    COMMON = "common"
+    """As OWN, but all participants meet the same days."""
+    NEW = "new"
+    """Every trial is on a day of its own."""
+
+
+class Chances(StrEnum):
+    """What chance lets a participant do on a trial: reaction times, glances, errors, lapses."""
+
+    NEW = "new"
+    """Drawn anew for every trial, as with people."""
+    PAIRED = "paired"
+    """The same for all trials of a participant on one day, which takes chance out of comparisons."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Factor:
+    """What is varied: its name, its levels, and whether every participant meets all levels (`within`) or one."""
+
+    name: str
+    levels: tuple[FactorLevel, ...]
+    within: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class People:
+    """The participants: how many, from which number of the population on, and what practice they bring along.
+
+    With `learning`, a participant has made `trips_before` trips before the first trial and one more before each next.
+    """
+
+    count: int
+    first: int = 1
+    population: str = DEFAULT
+    trips_before: float = 0.0
+    learning: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Procedure:
+    """What a participant goes through: order, repetitions of all conditions, practice trials, breaks, days, chances.
+
+    After `break_after` trials (0: never) there is a break of `break_s`, and another session begins.
+    """
+
+    order: ConditionOrder = ConditionOrder.WILLIAMS
+    repetitions: int = 1
+    practice_trials: int = 0
+    break_after: int = 0
+    break_s: float = 600.0
+    days: Days = Days.OWN
+    chances: Chances = Chances.NEW
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedComparison:
+    """A planned comparison: the difference of a measure between level `a` and level `b` of a factor, a − b.
+
+    `where` fixes levels of other factors; without it the comparison is over all of them.
+    """
+
+    name: str
+    measure: str
+    factor: str
+    a: str
+    b: str
+    where: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalysisPlan:
+    """What is to be found out: the measures, the planned comparisons, and how these are corrected for their number."""
+
+    measures: tuple[str, ...] = tuple(MEASURES)
+    comparisons: tuple[PlannedComparison, ...] = ()
+    alpha: float = DEFAULT_ALPHA
+    correction: str = CORRECTIONS[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """An experiment: what varies (`factors`), what is the same for all trials (`fixed`), who, in what order, and why.
+
+    `fixed` has every factor that does not vary, by name; one that is not there is as the scenario has it. `seed`
+    decides everything that is drawn; `source` is the design's file.
+    """
+
+    name: str
+    title: str
+    description: str
+    source: Path
+    seed: int
+    fixed: Mapping[str, FactorLevel]
+    factors: tuple[Factor, ...]
+    people: People
+    procedure: Procedure
+    plan: AnalysisPlan
+
+    def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
+        """All combinations of the levels of the factors within (or between) participants; one empty one without any."""
+        some = [factor for factor in self.factors if factor.within is within]
+        return [
+            {factor.name: level for factor, level in zip(some, levels, strict=True)}
+            for levels in product(*(factor.levels for factor in some))
+        ]
+
+    def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
+        """How a trial under a condition is driven; a condition without some factor leaves what is fixed."""
+        values: dict[str, Any] = {name: level.value for name, level in (dict(self.fixed) | dict(condition)).items()}
+        return Setting(**values)
+
+    def settings(self) -> Iterator[Setting]:
+        """The settings of all combinations of levels."""
+        for between in self.conditions(within=False):
+            yield from (self.setting(between | inside) for inside in self.conditions(within=True))
+
+
+def bundled_studies() -> dict[str, Path]:
+    """The design of each study that comes with the program, by name."""
+    folder = Path(str(files("sim.experiment") / "studies"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_design(name_or_path: str) -> Design:
+    """Read a bundled study or a TOML file; raises DasError or InputError for anything unusable."""
+    bundled = bundled_studies()
+    if name_or_path in bundled:
+        return read_design(bundled[name_or_path])
+    path = Path(name_or_path)
+    if path.suffix.lower() != ".toml":
+        raise DasError(f"{name_or_path}: not a bundled study ({', '.join(bundled)}) and not a .toml file")
+    if not path.is_file():
+        raise DasError(f"{name_or_path}: no such file")
+    return read_design(path)
+
+
+def read_design(path: Path) -> Design:
+    """Read a design; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
+    fields = read_toml(path)
+    fields.check_schema_version(SCHEMA_VERSION)
+    tables = ("experiment", "participants", "procedure", "fixed", "factors", "analysis", "comparisons")
+    fields.check_keys(["schema_version", *tables])
+    main = fields.table("experiment")
+    main.check_keys(["name", "title", "description", "seed"])
+    factors = _factors(fields)
+    return Design(
+        name=_name(main),
+        title=main.name("title"),
+        description=main.text("description", ""),
+        source=path,
+        seed=_whole(main, "seed", (0, 2**31), 1),
+        fixed=_fixed(_optional(fields, "fixed"), factors),
+        factors=factors,
+        people=_people(fields.table("participants")),
+        procedure=_procedure(_optional(fields, "procedure"), factors),
+        plan=_plan(fields, factors),
+    )
+
+
+def _name(main: Fields) -> str:
+    name = main.text("name")
+    if not _NAME.fullmatch(name):
+        raise main.error("name", name, "1 to 64 small letters, digits and '-', not beginning with '-'")
+    return name
+
+
+def _optional(fields: Fields, key: str) -> Fields:
+    return fields.table(key) if fields.has(key) else Fields.of(fields.source, {}, f"{key}.")
+
+
+def _whole(table: Fields, key: str, ends: tuple[int, int], default: int | None = None) -> int:
+    value = table.data.get(key, MISSING if default is None else default)
+    if isinstance(value, bool) or not isinstance(value, int) or not ends[0] <= value <= ends[1]:
+        raise table.error(key, value, f"a whole number from {ends[0]} to {ends[1]}")
+    return value
+
+
+def _real(table: Fields, key: str, ends: tuple[float, float], default: float) -> float:
+    value = number(table.source, f"{table.prefix}{key}", table.data.get(key, default))
+    if not ends[0] <= value <= ends[1]:
+        raise table.error(key, value, f"a number from {ends[0]:g} to {ends[1]:g}")
+    return value
+
+
+def _one_of(kind: type[Kind], table: Fields, key: str, default: Kind) -> Kind:
+    value = table.data.get(key, str(default))
+    if value not in list(kind):
+        raise table.error(key, value, f"one of {', '.join(kind)}")
+    return kind(value)
+
+
+def _factors(fields: Fields) -> tuple[Factor, ...]:
+    found: dict[str, Factor] = {}
+    for i, row in enumerate(fields.rows("factors", "a list of [[factors]], at least one")):
+        table = Fields.of(fields.source, row, f"factors[{i}].")
+        table.check_keys(["name", "levels", "within"])
+        name = table.text("name")
+        if name not in FACTORS:
+            raise table.error("name", name, f"one of {', '.join(FACTORS)}")
+        if name in found:
+            raise table.error("name", name, "each factor once")
+        values = table.rows("levels", "a list of at least 2 levels")
+        levels = tuple(FACTORS[name].read(table, "levels", value) for value in values)
+        if len(levels) < 2 or len({level.text for level in levels}) < len(levels):
+            raise table.error("levels", values, "at least 2 levels, each once")
+        found[name] = Factor(name=name, levels=levels, within=table.flag("within", True))
+    return tuple(found.values())
+
+
+def _fixed(table: Fields, factors: tuple[Factor, ...]) -> dict[str, FactorLevel]:
+    """What is the same for all trials, with its defaults; a factor cannot be fixed as well."""
+    table.check_keys(list(FACTORS))
+    for factor in factors:
+        if table.has(factor.name):
+            raise table.error(factor.name, table.data[factor.name], "nothing, because it is a factor of the design")
+    varied = {factor.name for factor in factors}
+    given = {name: value for name, value in DEFAULTS.items() if name not in varied} | dict(table.data)
+    return {name: FACTORS[name].read(table, name, value) for name, value in given.items()}
+
+
+def _people(table: Fields) -> People:
+    table.check_keys(list(People.__dataclass_fields__))
+    text = table.text("population", DEFAULT)
+    population = str((table.source.parent / text).resolve()) if text.endswith(".toml") else text
+    load_population(population)
+    return People(
+        count=_whole(table, "count", (1, MOST_PARTICIPANTS)),
+        first=_whole(table, "first", (0, 10**9), People.first),
+        population=population,
+        trips_before=_real(table, "trips_before", (0.0, 1e5), People.trips_before),
+        learning=table.flag("learning", People.learning),
+    )
+
+
+def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
+    table.check_keys(list(Procedure.__dataclass_fields__))
+    found = Procedure(
+        order=_one_of(ConditionOrder, table, "order", Procedure.order),
+        repetitions=_whole(table, "repetitions", (1, MOST_TRIALS_EACH), Procedure.repetitions),
+        practice_trials=_whole(table, "practice_trials", (0, MOST_TRIALS_EACH), Procedure.practice_trials),
+        break_after=_whole(table, "break_after", (0, MOST_TRIALS_EACH), Procedure.break_after),
+        break_s=_real(table, "break_s", (0.0, LONGEST_BREAK_S), Procedure.break_s),
+        days=_one_of(Days, table, "days", Procedure.days),
+        chances=_one_of(Chances, table, "chances", Procedure.chances),
+    )
+    each = found.repetitions
+    for factor in factors:
+        each *= len(factor.levels) if factor.within else 1
+    if each + found.practice_trials > MOST_TRIALS_EACH:
+        raise table.error("repetitions", found.repetitions, f"at most {MOST_TRIALS_EACH} trials for each participant")
+    return found
+
+
+def _plan(fields: Fields, factors: tuple[Factor, ...]) -> AnalysisPlan:
+    table = _optional(fields, "analysis")
+    table.check_keys(["measures", "alpha", "correction"])
+    names = table.rows("measures", "a list of measures") if table.has("measures") else list(MEASURES)
+    for name in names:
+        if not isinstance(name, str) or name not in MEASURES or names.count(name) > 1:
+            raise table.error("measures", name, f"each once, of {', '.join(MEASURES)}")
+    correction = table.text("correction", CORRECTIONS[0])
+    if correction not in CORRECTIONS:
+        raise table.error("correction", correction, f"one of {', '.join(CORRECTIONS)}")
+    alpha = _real(table, "alpha", (1e-6, 0.5), DEFAULT_ALPHA)
+    rows = fields.rows("comparisons", "a list of [[comparisons]]") if fields.has("comparisons") else []
+    tables = (Fields.of(fields.source, row, f"comparisons[{i}].") for i, row in enumerate(rows))
+    comparisons = tuple(_comparison(one, factors, names) for one in tables)
+    if len({one.name for one in comparisons}) < len(comparisons):
+        raise fields.error("comparisons", [one.name for one in comparisons], "each name once")
+    return AnalysisPlan(measures=tuple(names), comparisons=comparisons, alpha=alpha, correction=correction)
+
+
+def _comparison(table: Fields, factors: tuple[Factor, ...], measures: list[str]) -> PlannedComparison:
+    table.check_keys(["name", "measure", "factor", "a", "b", "where"])
+    by_name = {factor.name: factor for factor in factors}
+    measure, factor = table.text("measure"), table.text("factor")
+    if measure not in measures:
+        raise table.error("measure", measure, f"one of the measures of this design: {', '.join(measures)}")
+    if factor not in by_name:
+        raise table.error("factor", factor, f"one of the factors of this design: {', '.join(by_name)}")
+    a, b = (_level_text(table, key, table.data.get(key, MISSING), by_name[factor]) for key in ("a", "b"))
+    if a == b:
+        raise table.error("b", table.data["b"], "another level than a")
+    where = _optional(table, "where") if table.has("where") else Fields.of(table.source, {})
+    where.check_keys([name for name in by_name if name != factor])
+    fixed = {name: _level_text(where, name, value, by_name[name]) for name, value in where.data.items()}
+    only = "".join(f", {name} {level}" for name, level in fixed.items())
+    name = table.name("name", f"{measure}: {a} - {b}{only}")
+    return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
+
+
+def _level_text(table: Fields, key: str, value: Any, factor: Factor) -> str:
+    """The text of a level, which may be given as the text or as the value stands in the list of levels."""
+    texts = [level.text for level in factor.levels]
+    if isinstance(value, str) and value in texts:
+        return value
+    read = None
+    if value is not MISSING:
+        read = FACTORS[factor.name].read(table, key, value).text
+    if read not in texts:
+        raise table.error(key, value, f"one of the levels {', '.join(texts)}")
+    return read

@@ -1,0 +1,112 @@
+"""Drives one trial: the day of its seed, its participant, and the display as its setting has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from das.domain.conditions import Conditions
+from das.domain.errors import DasError
+from das.domain.units import NS
+from sim.batch.memory import ServiceMemory
+from sim.drivers.kinds import Presentation
+from sim.drivers.population import Participant, Population, load_population
+from sim.experiment.driven import Driven
+from sim.experiment.setting import Setting
+from sim.experiment.trace import WatchedDriver
+from sim.experiment.trials import StudyTrial
+from sim.world.day import Day, make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
+from sim.world.outcome import outcome
+from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.service import Service
+
+_services = ServiceMemory(most=2)
+"""The services of this process: that of the true train's losses, and that of the advice's."""
+
+
+class TrialRecording(NamedTuple):
+    """Where a trial is recorded, and the command that the recording names."""
+
+    file: Path
+    command: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialCall:
+    """What is needed to drive a trial: the trial, the population, and where it is recorded (None: not at all)."""
+
+    trial: StudyTrial
+    population: str
+    record: TrialRecording | None = None
+
+
+def drive(call: TrialCall) -> Driven:
+    """Drive a trial; raises DasError for files that cannot be used, and where the train does not get there."""
+    trial = call.trial
+    day = _day(trial, Participant(population=_population(call.population), number=trial.person))
+    driver = WatchedDriver(day.driver(trial.setting.driver, trial.setting.friction))
+    run = _run(day, driver, trial.setting, call.record)
+    return Driven(day=day, run=run, outcome=outcome(day, run), looks=driver.looks)
+
+
+def service_of(setting: Setting) -> Service:
+    """The service of a setting, with the timetable and the optimum of the true train whatever the advice is planned
+    with.
+
+    Raises DasError for files that cannot be used.
+    """
+    scenario = setting.read_scenario()
+    own = _services.of(scenario, None)
+    if setting.loss_level is None or setting.loss_level == own.level:
+        return own
+    _, true_level = scenario.truth.train(own.vehicle, own.level)
+    fixed = replace(scenario, truth=replace(scenario.truth, level=true_level))
+    planned = _services.of(fixed, setting.loss_level)
+    times_s = [(table.arrival_ns - table.departure_ns) * NS for table in own.timetables]
+    service = replace(
+        planned,
+        timetables=own.timetables,
+        planned=tuple(front.trajectory(time_s) for front, time_s in zip(planned.fronts, times_s, strict=True)),
+    )
+    if scenario.truth.is_as_planned:
+        service.true_fronts[Conditions()] = own.fronts
+    return service
+
+
+def _day(trial: StudyTrial, who: Participant) -> Day:
+    """The day of a trial, with the participant's own chances and the trips that were made before."""
+    day = make_day(service_of(trial.setting), trial.seed, who)
+    day = replace(day, stream=trial.stream)
+    if trial.trips is None:
+        return day
+    if "trips" in day.service.scenario.human.given:
+        source = day.service.scenario.source
+        raise DasError(f"{source}: human.trips: expected no trips here, because the design counts them (learning)")
+    return replace(day, human=day.human.after(trial.trips))
+
+
+def _run(day: Day, driver: WatchedDriver, setting: Setting, record: TrialRecording | None) -> Run:
+    if record is None:
+        link = InProcess(day.service, coach=setting.presentation is Presentation.COACH)
+        return World(day, driver, setting.presentation, link, setting.screen).run()
+    how = How(
+        driver=setting.driver,
+        friction=setting.friction,
+        advice=setting.presentation,
+        train="train-1",
+        command=record.command,
+    )
+    crew = make_crew(day, how, record.file)
+    run, traffic = run_over_bus(day, driver, setting.presentation, crew, screen=setting.screen)
+    if traffic.lost:
+        raise DasError(f"{record.file}: {traffic.lost} messages were lost")
+    return run
+
+
+@cache
+def _population(name_or_path: str) -> Population:
+    return load_population(name_or_path)

@@ -1,0 +1,181 @@
+"""The factors that an experiment can vary: what each is, how its levels are written, and what it changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from das.domain.errors import DasError
+from das.domain.files.load import load_vehicle
+from das.domain.files.reading import Fields
+from das.domain.levels import Level
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
+from sim.drivers.screen import LONGEST_S
+from sim.experiment.setting import day_of, study_days
+from sim.world.scenario import bundled_scenarios
+
+LONGEST_PREVIEW_S: Final = 3600.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FactorLevel:
+    """A level: the text that stands in tables for it, and the value of the setting."""
+
+    text: str
+    value: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownFactor:
+    """A factor that experiments may vary: its name, what it is, its unit, and what its levels may be.
+
+    `read` turns a value of the file into a level: it is given the table, the key and the value, and raises InputError
+    for a value that is not allowed.
+    """
+
+    name: str
+    title: str
+    meaning: str
+    unit: str
+    expected: str
+    read: Callable[[Fields, str, Any], FactorLevel]
+
+
+def _choice(kind: Any) -> Callable[[Fields, str, Any], FactorLevel]:
+    def read(table: Fields, key: str, value: Any) -> FactorLevel:
+        if not isinstance(value, str) or value not in list(kind):
+            raise table.error(key, value, f"one of {', '.join(kind)}")
+        return FactorLevel(text=value, value=kind(value))
+
+    return read
+
+
+def _seconds(most_s: float) -> Callable[[Fields, str, Any], FactorLevel]:
+    def read(table: Fields, key: str, value: Any) -> FactorLevel:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most_s:
+            raise table.error(key, value, f"a number from 0 to {most_s:g} (s)")
+        return FactorLevel(text=f"{value:g}", value=float(value))
+
+    return read
+
+
+def _preview(table: Fields, key: str, value: Any) -> FactorLevel:
+    if value == "all":
+        return FactorLevel(text="all", value=math.inf)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LONGEST_PREVIEW_S:
+        raise table.error(key, value, f'a number from 0 to {LONGEST_PREVIEW_S:g} (s), or "all"')
+    return FactorLevel(text=f"{value:g}", value=float(value))
+
+
+def _reason(table: Fields, key: str, value: Any) -> FactorLevel:
+    if not isinstance(value, bool):
+        raise table.error(key, value, "true or false")
+    return FactorLevel(text="shown" if value else "hidden", value=value)
+
+
+def _scenario(table: Fields, key: str, value: Any) -> FactorLevel:
+    name = _file(table, key, value, bundled=value in (*bundled_scenarios(), *study_days()))
+    try:
+        return FactorLevel(text=day_of(name).id, value=name)
+    except DasError as error:
+        raise DasError(f"{table.source}: {table.prefix}{key}: {error}") from None
+
+
+def _train(table: Fields, key: str, value: Any) -> FactorLevel:
+    beside = isinstance(value, str) and value.endswith((".toml", ".json"))
+    name = _file(table, key, value, bundled=not beside)
+    try:
+        return FactorLevel(text=load_vehicle(name).id, value=name)
+    except DasError as error:
+        raise DasError(f"{table.source}: {table.prefix}{key}: {error}") from None
+
+
+def _file(table: Fields, key: str, value: Any, *, bundled: bool) -> str:
+    """A bundled name as it is, or a path relative to the design's file."""
+    if not isinstance(value, str) or not value:
+        raise table.error(key, value, "the name of a bundled file, or a path")
+    return value if bundled else str((table.source.parent / Path(value)).resolve())
+
+
+def _driver(table: Fields, key: str, value: Any) -> FactorLevel:
+    try:
+        driver = named_driver(key, value) if isinstance(value, str) else None
+    except DasError:
+        driver = None
+    if not isinstance(driver, DriverKind | OwnClass):
+        raise table.error(key, value, f"one of {', '.join(DriverKind)}, or a class of your own as package.module:Class")
+    return FactorLevel(text=str(driver).replace(":", "."), value=driver)
+
+
+FACTORS: Final = {
+    one.name: one
+    for one in (
+        KnownFactor(
+            name="presentation", title="Presentation", unit="", read=_choice(Presentation),
+            meaning="how much of the same advice the display shows", expected=", ".join(Presentation),
+        ),
+        KnownFactor(
+            name="loss_level", title="Loss level of the advice", unit="", read=_choice(Level),
+            meaning="the losses that the advice is planned with; the true train keeps its own",
+            expected=", ".join(Level),
+        ),
+        KnownFactor(
+            name="update_interval_s", title="Update interval", unit="s", read=_seconds(LONGEST_S),
+            meaning="the display takes new advice only this often", expected=f"0 to {LONGEST_S:g} s",
+        ),
+        KnownFactor(
+            name="hold_s", title="Hold time", unit="s", read=_seconds(LONGEST_S),
+            meaning="what is read off the display stands for at least this long, unless it is advice to brake",
+            expected=f"0 to {LONGEST_S:g} s",
+        ),
+        KnownFactor(
+            name="preview_s", title="Preview", unit="s", read=_preview,
+            meaning="of what comes later, only what comes within this time is shown",
+            expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
+        ),
+        KnownFactor(
+            name="reason", title="Reason shown", unit="", read=_reason,
+            meaning="whether the display shows the reason of the advice", expected="true, false",
+        ),
+        KnownFactor(
+            name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
+            meaning="which brake a human driver uses where the motors could brake", expected=", ".join(FrictionPolicy),
+        ),
+        KnownFactor(
+            name="scenario", title="Scenario", unit="", read=_scenario,
+            meaning="the line, the timetable and what happens on the day",
+            expected="a bundled scenario, a day of the bundled studies, or a TOML file",
+        ),
+        KnownFactor(
+            name="train", title="Train", unit="", read=_train,
+            meaning="the train, instead of the scenario's", expected="a bundled vehicle or a file of one",
+        ),
+        KnownFactor(
+            name="driver", title="Driver", unit="", read=_driver,
+            meaning="who drives: a human, a perfect follower of the advice, or another simulated driver",
+            expected=f"{', '.join(DriverKind)}, or a class of your own",
+        ),
+    )
+}  # fmt: skip
+"""Every factor by its name, which is also the name of its column and of its field in a `Setting`."""
+
+DEFAULTS: Final[dict[str, Any]] = {
+    "scenario": "clear-day",
+    "driver": "human",
+    "presentation": "vector",
+    "friction": "as-measured",
+    "update_interval_s": 0,
+    "hold_s": 0,
+    "preview_s": "all",
+    "reason": True,
+}
+"""What is fixed where a design says nothing; the train is the scenario's, and the loss level the train's."""
+
+
+def factor_markdown() -> str:
+    """The table of factors as docs/reference/experiments.md shows it."""
+    rows = [f"| `{one.name}` | {one.meaning} | {one.expected} |" for one in FACTORS.values()]
+    return "\n".join(["| factor | what it varies | levels |", "|---|---|---|", *rows])

@@ -1,0 +1,153 @@
+"""The work of an experiment, trial by trial: what a worker is given, what it gives back, and when it need not work."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from das import __version__
+from das.domain.errors import DasError
+from sim.batch.plan import code_sha256
+from sim.drivers.population import load_population
+from sim.experiment.design import Design
+from sim.experiment.driving import TrialCall, TrialRecording, drive
+from sim.experiment.freezing import setting_files
+from sim.experiment.measures import measured
+from sim.experiment.trial_files import events_file, recording_file, series_file, trial_files
+from sim.experiment.trials import StudyTrial, trials_of
+from sim.recording.inputs import sha256
+
+
+class Keep(StrEnum):
+    """What is kept of a trial beside its measures."""
+
+    MEASURES = "measures"
+    SERIES = "series"
+    RECORDINGS = "recordings"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialJob:
+    """A trial to be driven: `files` are the hashes of its input files, `measures` what is to be found of it.
+
+    `folder` is the study's.
+    """
+
+    trial: StudyTrial
+    population: str
+    measures: tuple[str, ...]
+    files: tuple[tuple[str, str], ...]
+    keep: Keep
+    folder: Path
+
+    @property
+    def inputs_sha256(self) -> str:
+        """The hash of everything that decides the result; a trial with an equal hash need not be driven again."""
+        trial = self.trial
+        decides = [
+            *(trial.number, trial.person, trial.position, list(trial.levels), trial.seed, trial.stream, trial.trips),
+            *(trial.setting.figures() | {"scenario": None, "train": None}, list(self.measures), sorted(self.files)),
+        ]
+        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """What the journal says of the trial before it is driven."""
+        trial = self.trial
+        who = {"trial": trial.number, "participant": trial.participant, "condition": trial.condition}
+        return {"inputs_sha256": self.inputs_sha256, **who}
+
+    @property
+    def kept_files(self) -> tuple[str, ...]:
+        """The files that are to be there when the trial is finished, without its recording."""
+        return () if self.keep is Keep.MEASURES else (events_file(self.trial), series_file(self.trial))
+
+    @property
+    def record(self) -> TrialRecording | None:
+        """Where the trial is recorded; None where it is not."""
+        if self.keep is not Keep.RECORDINGS:
+            return None
+        command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
+        return TrialRecording(self.folder / recording_file(self.trial), command)
+
+
+class DrivenTrial(NamedTuple):
+    """What comes of a trial: its row of the journal, and its files by their paths within the study's folder."""
+
+    row: dict[str, Any]
+    files: dict[str, bytes]
+
+
+def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
+    """The jobs of a design in the order of its trials; raises DasError for files that cannot be used."""
+    population = design.people.population
+    common = {"version": __version__, "code": code_sha256(), "population": sha256(load_population(population).source)}
+    by_setting: dict[Any, dict[str, str]] = {}
+    found = []
+    for trial in trials_of(design):
+        files = by_setting.setdefault(trial.setting, {})
+        if not files:
+            files |= common | setting_files(trial.setting)
+        found.append(
+            TrialJob(
+                trial=trial,
+                population=population,
+                measures=design.plan.measures,
+                files=tuple(files.items()),
+                keep=keep,
+                folder=folder,
+            )
+        )
+    return found
+
+
+def worked_off(job: TrialJob) -> DrivenTrial:
+    """Drive a trial, find its measures and make its files; if it fails, the row says why."""
+    row = job.row
+    try:
+        driven = drive(TrialCall(trial=job.trial, population=job.population, record=job.record))
+        files = {} if job.keep is Keep.MEASURES else trial_files(job.trial, driven)
+        return DrivenTrial(row | {"measures": measured(driven, list(job.measures)), "error": None}, files)
+    except DasError as error:
+        said = str(error)
+    except Exception as error:  # one trial that fails must not end a study of thousands
+        said = f"{type(error).__name__}: {error}"
+    return DrivenTrial(row | {"error": " ".join(said.split())}, {})
+
+
+def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
+    """The jobs so that those of one line, train and loss level follow each other: a worker solves each only once."""
+    return sorted(jobs, key=lambda job: (*_service_key(job), job.trial.number))
+
+
+def _service_key(job: TrialJob) -> tuple[str, str, str]:
+    setting = job.trial.setting
+    return setting.scenario, setting.train or "", str(setting.loss_level or "")
+
+
+def is_finished(job: TrialJob, rows: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether a trial was driven without fault and all that is kept of it is there."""
+    row = rows.get(job.inputs_sha256)
+    if row is None or row.get("error") is not None:
+        return False
+    return all((job.folder / name).is_file() for name in job.kept_files) and _is_recorded(job)
+
+
+def _is_recorded(job: TrialJob) -> bool:
+    """Whether the recording that a job asks for is there, whole, and of this trial."""
+    record = job.record
+    if record is None:
+        return True
+    try:
+        with record.file.open("rb") as file:
+            return any(one.metadata.get("command") == record.command for one in make_reader(file).iter_metadata())
+    except (OSError, ValueError, McapError):
+        return False

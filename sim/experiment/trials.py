@@ -1,0 +1,128 @@
+"""The trials of a design: who drives what under which condition, on which day, in which place of the order."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from sim.experiment.design import Chances, Days, Design
+from sim.experiment.orders import order_count, order_of
+from sim.experiment.setting import Setting
+
+DAY_STREAM: Final = 2
+"""Number of the stream of a design's seed from which the seeds of days are drawn."""
+EVERYBODY: Final = 2**32 - 1
+"""Stands for the participant where all participants meet the same days."""
+APART: Final = 1_000_000_007
+"""Streams of a participant's chances on two trials are this far apart: further than any number of a participant."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyTrial:
+    """One trial. `person` is the participant's number in the population, `who` that in the study (from 1).
+
+    `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
+    factors' levels in the order of the design. `seed` is that of the day, `chance` tells trials of a participant apart
+    whose chances are not the same, and `trips` is how many trips the participant has made before.
+    """
+
+    number: int
+    who: int
+    person: int
+    session: int
+    position: int
+    practice: bool
+    levels: tuple[str, ...]
+    setting: Setting
+    seed: int
+    chance: int
+    trips: float | None
+
+    @property
+    def stream(self) -> int:
+        """Number of the stream of the participant's chances on the day."""
+        return self.person + 1 + APART * self.chance
+
+    @property
+    def participant(self) -> str:
+        """The participant, as tables name them."""
+        return f"sub-{self.who:02d}"
+
+    @property
+    def session_name(self) -> str:
+        """The session, as tables name it."""
+        return f"ses-{self.session:02d}"
+
+    @property
+    def condition(self) -> str:
+        """The levels of all factors, as tables name the condition."""
+        return "_".join(self.levels)
+
+
+def trials_of(design: Design) -> list[StudyTrial]:
+    """All trials, by participant and then in the order of the participant; raises DasError for too many orders."""
+    found: list[StudyTrial] = []
+    for who in range(design.people.count):
+        found += _of_participant(design, who, len(found))
+    return found
+
+
+def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTrial]:
+    groups = design.conditions(within=False)
+    between, row = groups[who % len(groups)], who // len(groups)
+    inside = design.conditions(within=True)
+    people, procedure = design.people, design.procedure
+    orders = [
+        order_of(procedure.order, len(inside), row * procedure.repetitions + turn, (design.seed, who, turn))
+        for turn in range(procedure.repetitions)
+    ]
+    practice = [(orders[0][i % len(inside)], -1 - i // len(inside)) for i in range(procedure.practice_trials)]
+    planned = practice + [(number, turn) for turn, order in enumerate(orders) for number in order]
+    for place, (number, turn) in enumerate(planned):
+        condition = between | inside[number]
+        yield StudyTrial(
+            number=before + place + 1,
+            who=who + 1,
+            person=people.first + who,
+            session=1 + (place // procedure.break_after if procedure.break_after else 0),
+            position=place + 1,
+            practice=turn < 0,
+            levels=tuple(condition[factor.name].text for factor in design.factors),
+            setting=design.setting(condition),
+            seed=_day_seed(design, who, turn, place),
+            chance=place if procedure.chances is Chances.NEW else 0,
+            trips=people.trips_before + place if people.learning else None,
+        )
+
+
+def _day_seed(design: Design, who: int, turn: int, place: int) -> int:
+    """The seed of a trial's day, below 2**31; a practice turn is below 0."""
+    days = design.procedure.days
+    key = (
+        EVERYBODY if days is Days.COMMON else who,
+        1 + 2 * turn if turn >= 0 else -2 * turn,
+        place if days is Days.NEW else 0,
+    )
+    drawn = np.random.SeedSequence([design.seed, DAY_STREAM], spawn_key=key)
+    return int(drawn.generate_state(1)[0] >> 1)
+
+
+def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
+    """Sentences about what is not balanced: groups of unequal size, orders that are not used equally often."""
+    found = []
+    groups = len(design.conditions(within=False))
+    if design.people.count % groups:
+        found.append(f"{design.people.count} participants cannot be divided equally among {groups} groups")
+    conditions = len(design.conditions(within=True))
+    turns = -(-design.people.count // groups) * design.procedure.repetitions
+    count = order_count(design.procedure.order, conditions)
+    if conditions > 1 and count is not None and count > 1 and turns % count:
+        found.append(f"{turns} orders in each group, expected a multiple of {count} for order {design.procedure.order}")
+    uneven = set(Counter(trial.condition for trial in trials if not trial.practice).values())
+    if len(uneven) > 1:
+        found.append(f"conditions have between {min(uneven)} and {max(uneven)} trials")
+    return found

@@ -1,0 +1,185 @@
+"""Design files: what is read, what is refused with which words, and when two designs have the same hash."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.domain.errors import DasError
+from das.domain.files.reading import Fields
+from das.domain.levels import Level
+from sim.drivers.kinds import Presentation
+from sim.experiment import design as design_module
+from sim.experiment.design import Chances, ConditionOrder, Days, bundled_studies, load_design, read_design
+from sim.experiment.files import DESIGN_JSON, KEY_HASH
+from sim.experiment.freezing import freeze, resolved
+
+DESIGN = """
+schema_version = 1
+[experiment]
+name = "try"
+title = "A try"
+[participants]
+count = 4
+[fixed]
+scenario = "flat-6km"
+[[factors]]
+name = "presentation"
+levels = ["none", "vector"]
+[[factors]]
+name = "hold_s"
+levels = [0, 5.5]
+[[comparisons]]
+measure = "energy_kwh"
+factor = "presentation"
+a = "none"
+b = "vector"
+where = { hold_s = 5.5 }
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Path:
+    path = tmp_path / "design.toml"
+    path.write_text(DESIGN)
+    return path
+
+
+def test_a_design_has_its_defaults(write: Path) -> None:
+    design = read_design(write)
+    assert (design.seed, design.people.count, design.people.learning) == (1, 4, False)
+    procedure = design.procedure
+    assert (procedure.order, procedure.days, procedure.chances) == (ConditionOrder.WILLIAMS, Days.OWN, Chances.NEW)
+    assert design.plan.alpha == 0.05
+    assert design.plan.correction == "holm"
+    assert [level.text for level in design.factors[1].levels] == ["0", "5.5"]
+    comparison = design.plan.comparisons[0]
+    assert comparison.name == "energy_kwh: none - vector, hold_s 5.5"
+    assert comparison.where == {"hold_s": "5.5"}
+    settings = list(design.settings())
+    assert [(one.presentation, one.hold_s) for one in settings] == [
+        (Presentation.NONE, 0.0), (Presentation.NONE, 5.5), (Presentation.VECTOR, 0.0), (Presentation.VECTOR, 5.5),
+    ]  # fmt: skip
+    assert all(one.scenario == "flat-6km" and math.isinf(one.preview_s) and one.reason for one in settings)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("schema_version = 1", "schema_version = 2", "schema_version = 2: expected 1"),
+        ('name = "try"', 'name = "A try!"', "experiment.name = 'A try!': expected 1 to 64 small letters"),
+        ("count = 4", "count = 0", "participants.count = 0: expected a whole number from 1 to 10000"),
+        ("count = 4", "count = true", "participants.count = True: expected a whole number"),
+        ("count = 4", 'count = 4\npopulation = "martians"', "martians: not a bundled population"),
+        ('scenario = "flat-6km"', 'scenario = "moon.toml"', "moon.toml: no such file"),
+        ('scenario = "flat-6km"', "hold_s = 3", "fixed.hold_s = 3: expected nothing, because it is a factor"),
+        ('scenario = "flat-6km"', 'weather = "rain"', "fixed.weather = 'rain': expected one of the keys"),
+        ('name = "hold_s"', 'name = "mood"', "factors[1].name = 'mood': expected one of presentation, loss_level"),
+        ("levels = [0, 5.5]", "levels = [0]", "factors[1].levels = [0]: expected at least 2 levels"),
+        ("levels = [0, 5.5]", "levels = [5, 5.0]", "expected at least 2 levels, each once"),
+        ("levels = [0, 5.5]", "levels = [0, nan]", "factors[1].levels = nan: expected a number from 0 to 600 (s)"),
+        ('levels = ["none", "vector"]', 'levels = ["none", 3]', "factors[0].levels = 3: expected one of none, rms"),
+        ('measure = "energy_kwh"', 'measure = "joy"', "comparisons[0].measure = 'joy': expected one of the measures"),
+        ('b = "vector"', 'b = "coach"', "comparisons[0].b = 'coach': expected one of the levels none, vector"),
+        ('b = "vector"', 'b = "none"', "comparisons[0].b = 'none': expected another level than a"),
+        ("hold_s = 5.5 }", "hold_s = 7 }", "hold_s = 7: expected one of the levels 0, 5.5"),
+        ("[fixed]", "[procedure]\norder = 'best'\n[fixed]", "procedure.order = 'best': expected one of williams"),
+        ("[fixed]", "[analysis]\nalpha = 2\n[fixed]", "analysis.alpha = 2.0: expected a number from 1e-06 to 0.5"),
+        ("[fixed]", "[analysis]\ncorrection = 'wish'\n[fixed]", "analysis.correction = 'wish': expected one of holm"),
+        ("[fixed]", "[procedure]\nrepetitions = 999\n[fixed]", "at most 1000 trials for each participant"),
+    ],
+)  # fmt: skip
+def test_nonsense_is_refused_in_one_line(write: Path, old: str, new: str, said: str) -> None:
+    assert old in DESIGN
+    write.write_text(DESIGN.replace(old, new, 1))
+    with pytest.raises(DasError) as error:
+        read_design(write)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def _paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Every place in a parsed document."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in items:
+        yield (*path, key)
+        yield from _paths(inner, (*path, key))
+
+
+def test_any_value_in_any_place_is_read_or_refused(write: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (
+        DESIGN + "[procedure]\norder = 'full'\nbreak_after = 2\ndays = 'new'\n[analysis]\nmeasures = ['energy_kwh']\n"
+    )
+    whole, most = tomllib.loads(text), 0
+    said: list[str] = []
+    for path in _paths(whole):
+        for value in (-1, 10**30, math.nan, math.inf, "", "x" * 1000, "\x1b", [], {}, [[]], [{}], True, "../../etc"):
+            data = copy.deepcopy(whole)
+            place = data
+            for key in path[:-1]:
+                place = place[key]
+            place[path[-1]] = value
+            monkeypatch.setattr(design_module, "read_toml", lambda file, data=data: Fields.of(file, data))
+            most += 1
+            try:
+                resolved(read_design(write))
+            except DasError as error:
+                said.append(str(error))
+    assert not any("\n" in one for one in said)
+    assert len(said) > 0.8 * most
+
+
+def test_a_design_that_is_not_there_is_refused() -> None:
+    with pytest.raises(DasError, match="not a bundled study"):
+        load_design("nonsense")
+    with pytest.raises(DasError, match="no such file"):
+        load_design("nonsense.toml")
+
+
+def test_the_hash_is_of_what_the_design_means(write: Path, tmp_path: Path) -> None:
+    digest = resolved(read_design(write))[KEY_HASH]
+    write.write_text("# A remark\n" + DESIGN.replace("levels = [0, 5.5]", "levels = [ 0.0, 5.5 ]  # another"))
+    assert resolved(read_design(write))[KEY_HASH] == digest
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "other.toml").write_text(DESIGN)
+    assert resolved(read_design(elsewhere / "other.toml"))[KEY_HASH] == digest
+    write.write_text(DESIGN.replace("levels = [0, 5.5]", "levels = [5.5, 0]"))
+    assert resolved(read_design(write))[KEY_HASH] != digest
+
+
+def test_a_frozen_design_cannot_be_changed_in_its_folder(write: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    found = freeze(read_design(write), folder)
+    assert freeze(read_design(write), folder) == found
+    assert json.loads((folder / DESIGN_JSON).read_text()) == json.loads(json.dumps(found))
+    assert (folder / "design.toml").read_text() == DESIGN
+    write.write_text(DESIGN.replace("count = 4", "count = 6"))
+    with pytest.raises(DasError, match="holds the frozen design"):
+        freeze(read_design(write), folder)
+    write.write_text(DESIGN)
+    altered = (folder / DESIGN_JSON).read_text().replace('"count": 4', '"count": 8')
+    (folder / DESIGN_JSON).write_text(altered)
+    with pytest.raises(DasError, match="was altered after it was frozen"):
+        freeze(read_design(write), folder)
+
+
+def test_the_bundled_studies_are_sound() -> None:
+    names = set(bundled_studies())
+    assert names == {"smoke", "presentations", "level-through-a-driver", "pacing"}
+    for name in names:
+        design = load_design(name)
+        assert design.name == name
+        assert design.plan.comparisons
+    presentations = load_design("presentations")
+    assert [len(factor.levels) for factor in presentations.factors] == [5, 3]
+    assert presentations.people.count == 24
+    levels = load_design("level-through-a-driver").factors[0].levels
+    assert [level.value for level in levels] == [Level.L2, Level.L3]

@@ -1,0 +1,165 @@
+"""Measures of a trial: against witnesses from its own series, and the page that defines them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.levels import Level
+from das.domain.units import KMH
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.experiment.driven import Driven
+from sim.experiment.driving import TrialCall, drive, service_of
+from sim.experiment.factors import factor_markdown
+from sim.experiment.measures import MEASURES, measure_markdown, measured
+from sim.experiment.setting import Setting
+from sim.experiment.trial_files import events_file, series_file, trial_files
+from sim.experiment.trials import StudyTrial
+from tests.support.making import REPOSITORY
+
+UNITS = {"kwh": "kWh", "s": "s", "m": "m", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "per_min": "1/min"}
+COUNTS = {"power_brake_reversals", "signals_passed", "lapses"}
+
+
+def trial(setting: Setting, *, person: int = 1, seed: int = 2) -> StudyTrial:
+    return StudyTrial(
+        number=1, who=1, person=person, session=1, position=1, practice=False, levels=("x",), setting=setting,
+        seed=seed, chance=0, trips=None,
+    )  # fmt: skip
+
+
+def driven_with(setting: Setting, **more: int) -> Driven:
+    return drive(TrialCall(trial=trial(setting, **more), population="default"))
+
+
+@pytest.fixture(scope="module")
+def vector() -> Driven:
+    return driven_with(Setting(scenario="flat-6km"))
+
+
+@pytest.fixture(scope="module")
+def series(vector: Driven) -> dict[str, list[float]]:
+    """The series of the trial, read back from its file."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    files = trial_files(trial(Setting(scenario="flat-6km")), vector)
+    found: dict[str, list[float]] = parquet.read_table(io.BytesIO(files[series_file(trial(Setting()))])).to_pydict()
+    return found
+
+
+def events(vector: Driven) -> list[dict[str, str]]:
+    content = trial_files(trial(Setting()), vector)[events_file(trial(Setting()))]
+    return list(csv.DictReader(io.StringIO(content.decode()), delimiter="\t"))
+
+
+def test_every_measure_has_a_value_and_its_unit_in_its_name(vector: Driven) -> None:
+    found = measured(vector, list(MEASURES))
+    assert [name for name, value in found.items() if value is None] == []
+    for name, measure in MEASURES.items():
+        ends = [unit for end, unit in UNITS.items() if name.endswith(f"_{end}")]
+        assert (measure.unit in ends) or (name in COUNTS and measure.unit == "1")
+        assert measure.formula
+        assert measure.source
+
+
+def test_the_energy_is_split_without_rest(vector: Driven) -> None:
+    found = measured(vector, list(MEASURES))
+    parts = [found[f"energy_{part}_kwh"] for part in ("hindsight", "blending", "profile")]
+    assert sum(parts) == pytest.approx(found["energy_kwh"])
+    assert found["gap_to_optimum_ratio"] == pytest.approx(found["energy_kwh"] / found["energy_hindsight_kwh"] - 1.0)
+    front = vector.day.service.fronts[0]
+    planned_s = vector.day.service.timetables[0].arrival_ns - vector.day.service.timetables[0].departure_ns
+    on_time_kwh = front.trajectory(planned_s * 1e-9).ledger.input / 3.6e6
+    equal = found["energy_kwh"] - found["energy_hindsight_kwh"] + on_time_kwh
+    assert found["energy_at_equal_arrival_kwh"] == pytest.approx(equal)
+
+
+def test_tracking_against_the_series(vector: Driven, series: dict[str, list[float]]) -> None:
+    speed, shown = np.array(series["speed_mps"]), np.array(series["shown_speed_mps"], dtype=np.float64)
+    counted = (speed > 0) & ~np.isnan(shown)
+    error = (speed - shown)[counted]
+    found = measured(vector, list(MEASURES))
+    assert found["speed_rmse_mps"] == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-12)
+    assert found["speed_in_band_ratio"] == pytest.approx(np.mean(np.abs(error) <= 3 * KMH))
+    effort, lever = (np.array(series[name], dtype=np.float64) for name in ("shown_effort_ratio", "lever_ratio"))
+    both = (speed > 0) & ~np.isnan(effort)
+    assert found["effort_rmse_ratio"] == pytest.approx(math.sqrt(np.mean((lever - effort)[both] ** 2)), rel=1e-12)
+    jerk = np.diff(series["acceleration_mps2"])[(speed[:-1] > 0) & (speed[1:] > 0)]
+    assert found["jerk_rms_mps3"] == pytest.approx(math.sqrt(np.mean(jerk**2)), rel=1e-12)
+
+
+def test_decisions_against_the_file_of_events(vector: Driven) -> None:
+    rows, found = events(vector), measured(vector, list(MEASURES))
+    kinds = [row["trial_type"] for row in rows]
+    followed, refused = kinds.count("followed"), kinds.count("refused")
+    assert found["compliance_ratio"] == pytest.approx(followed / (followed + refused))
+    assert found["lapses"] == kinds.count("lapse")
+    moving_min = vector.moving_min
+    under_way = [float(row["time_s"]) for row in rows if row["trial_type"] in ("departure", "arrival")]
+    glances = [float(row["time_s"]) for row in rows if row["trial_type"] == "glance"]
+    on_the_way = sum(under_way[0] <= time_s <= under_way[1] for time_s in glances)
+    assert found["glances_per_min"] == pytest.approx(on_the_way / moving_min, abs=1.1 / moving_min)
+    assert found["control_movements_per_min"] == pytest.approx(kinds.count("lever") / moving_min, rel=0.1)
+    assert 0.5 < found["reaction_s"] < 8.0
+    assert found["response_s"] >= found["reaction_s"]
+    assert kinds.count("departure") == kinds.count("arrival") == 1
+    arrival = next(row for row in rows if row["trial_type"] == "arrival")
+    assert float(arrival["value"]) == pytest.approx(found["late_s"])
+
+
+def test_clocks_agree(vector: Driven, series: dict[str, list[float]]) -> None:
+    for row in events(vector):
+        assert float(row["onset"]) == pytest.approx(int(row["monotonic_ns"]) * 1e-9, abs=1e-6)
+        since_s = float(row["time_s"]) - float(series["time_s"][0])
+        assert float(row["onset"]) == pytest.approx(since_s, abs=1e-6)
+        assert int(row["utc_ns"]) - int(row["monotonic_ns"]) == int(series["utc_ns"][0])
+    assert series["monotonic_ns"][0] == 0
+    assert np.all(np.diff(series["monotonic_ns"]) == 10**9)
+    assert int(series["utc_ns"][0]) == vector.day.service.moment_ns(-10.0)
+
+
+def test_without_advice_there_is_nothing_to_track() -> None:
+    found = measured(driven_with(Setting(scenario="flat-6km", presentation=Presentation.NONE)), list(MEASURES))
+    missing = {name for name, value in found.items() if value is None}
+    assert missing == {
+        *("speed_rmse_mps", "speed_in_band_ratio", "effort_rmse_ratio", "reaction_s", "response_s"),
+        *("compliance_ratio", "advice_changes_per_min"),
+    }
+
+
+def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
+    found = measured(driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT)), list(MEASURES))
+    assert found["control_movements_per_min"] is None
+    assert found["glances_per_min"] is None
+    assert 0 <= found["gap_to_optimum_ratio"] < 0.03
+
+
+def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
+    own, planned = (service_of(Setting(scenario="flat-6km", loss_level=level)) for level in (None, Level.L1))
+    assert (own.level, planned.level) == (Level.L3, Level.L1)
+    assert own.timetables == planned.timetables
+    gaps = {}
+    for level in (None, Level.L1):
+        driven = driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT, loss_level=level))
+        energies = driven.outcome.energies
+        gaps[level] = energies.beyond_hindsight_ratio
+        time_s = driven.outcome.running_time_s
+        assert energies.hindsight_j == pytest.approx(own.fronts[0].trajectory(time_s).ledger.input, rel=1e-12)
+    assert gaps[Level.L1] is not None
+    assert gaps[None] is not None
+    assert gaps[Level.L1] > gaps[None] + 0.001
+
+
+@pytest.mark.parametrize(("page", "table"), [("measures", measure_markdown()), ("experiments", factor_markdown())])
+def test_the_pages_say_what_the_program_does(page: str, table: str) -> None:
+    """After a change: the table is what `sim.experiment.measures.measure_markdown` (`factor_markdown`) gives."""
+    assert table in (REPOSITORY / "docs" / "reference" / f"{page}.md").read_text(encoding="utf-8")
+
+
+def test_the_folder_of_a_trial_is_that_of_bids() -> None:
+    assert events_file(trial(Setting())) == "sub-01/ses-01/beh/sub-01_ses-01_task-drive_run-001_events.tsv"
+    assert Path(series_file(trial(Setting()))).parent == Path("sub-01/ses-01/beh")

@@ -1,0 +1,247 @@
+"""Runs of an experiment: the table, what a kill leaves, failed trials, the data folder, and a cluster."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim.batch.journal import Journal
+from sim.experiment.design import Design, read_design
+from sim.experiment.files import TRIALS_SIDECAR, TRIALS_TABLE
+from sim.experiment.jobs import Keep, TrialJob, jobs_of, worked_off
+from sim.experiment.running import FAILED, Workers, run_study
+from tests.support.dask_cluster import running_cluster
+from tests.support.making import REPOSITORY, das_sim
+
+pandas = pytest.importorskip("pandas")
+parquet = pytest.importorskip("pyarrow.parquet")
+
+DESIGN = """
+# A small study.
+schema_version = 1
+[experiment]
+name = "small"
+title = "A small study"
+seed = 4
+[participants]
+count = 2
+learning = true
+[procedure]
+practice_trials = 1
+break_after = 2
+[fixed]
+scenario = "flat-6km"
+[[factors]]
+name = "presentation"
+levels = ["none", "vector"]
+[analysis]
+measures = ["gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reversals"]
+"""
+pytestmark = [pytest.mark.slow, pytest.mark.processes]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("experiment")
+    (folder / "small.toml").write_text(DESIGN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def study(place: Path) -> Path:
+    """The folder of a whole run."""
+    done = das_sim("experiment", "run", "small.toml", "-o", "whole", "--workers", "1", "--json", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"folder": "whole", "trials": 6, "made": 6, "failed": []}
+    return place / "whole"
+
+
+def designed(place: Path) -> Design:
+    return read_design(place / "small.toml")
+
+
+def test_the_table_has_a_row_for_every_trial(study: Path) -> None:
+    table = pandas.read_csv(study / TRIALS_TABLE)
+    assert list(table.columns) == [
+        *("trial", "participant", "session", "position", "practice", "condition", "presentation", "seed"),
+        *("gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reversals"),
+    ]
+    assert list(table.trial) == [1, 2, 3, 4, 5, 6]
+    assert list(table.participant) == ["sub-01"] * 3 + ["sub-02"] * 3
+    assert list(table.position) == [1, 2, 3] * 2
+    assert list(table.session) == ["ses-01", "ses-01", "ses-02"] * 2
+    assert list(table.practice) == [1, 0, 0] * 2
+    assert table.gap_to_optimum_ratio.between(0.0, 2.0).all()
+    assert list(table.speed_rmse_mps.isna()) == list(table.presentation == "none")
+
+
+def test_what_is_finished_is_not_driven_again_and_the_bytes_are_the_same(place: Path, study: Path) -> None:
+    before = (study / TRIALS_TABLE).read_bytes()
+    (study / TRIALS_TABLE).unlink()
+    done = das_sim("experiment", "run", "small.toml", "-o", "whole", "--json", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["made"] == 0
+    assert (study / TRIALS_TABLE).read_bytes() == before
+
+
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: Path) -> None:
+    folder = place / "killed"
+    words = ["experiment", "run", "small.toml", "-o", "killed", "--workers", "1"]
+    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    child = subprocess.Popen(
+        [sys.executable, "-m", "sim.cli", *words], cwd=place, env={**os.environ, "PYTHONPATH": paths},
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    journal = folder / "finished.jsonl"
+    deadline = time.monotonic() + 240
+    while time.monotonic() < deadline and not (journal.exists() and journal.read_bytes().count(b"\n") >= 2):
+        time.sleep(0.05)
+    child.send_signal(signal.SIGKILL)
+    child.communicate(timeout=60)
+    done = das_sim(*words, "--json", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert 0 < json.loads(done.stdout)["made"] <= 4
+    assert (folder / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
+
+
+def test_another_design_is_refused_in_the_folder(place: Path, study: Path) -> None:
+    (place / "other.toml").write_text(DESIGN.replace("count = 2", "count = 3"))
+    done = das_sim("experiment", "run", "other.toml", "-o", "whole", cwd=place)
+    assert done.returncode == 2
+    assert "holds the frozen design" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_factor_that_is_not_sensed_is_refused_before_anything_is_driven(place: Path) -> None:
+    (place / "idle.toml").write_text(
+        DESIGN.replace('"presentation"', '"reason"').replace('["none", "vector"]', "[true, false]")
+    )
+    done = das_sim("experiment", "run", "idle.toml", "-o", "idle", cwd=place)
+    assert done.returncode == 2
+    assert "factor reason: levels shown and hidden give the same lever trace on 5 of 5 days" in done.stderr
+    assert not (place / "idle").exists()
+
+
+def _of_table(path: Path) -> list[str]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return next(csv.reader(file, delimiter="\t" if path.suffix == ".tsv" else ","))
+
+
+def test_every_column_of_the_folder_is_described(study: Path) -> None:
+    events = sorted(study.rglob("*_events.tsv"))
+    series = sorted(study.rglob("*_series.parquet"))
+    assert len(events) == len(series) == 6
+    tables = {study / TRIALS_TABLE: TRIALS_SIDECAR, study / "participants.tsv": "participants.json"}
+    described: dict[Path, tuple[list[str], str]] = {path: (_of_table(path), side) for path, side in tables.items()}
+    described |= {path: (_of_table(path), "task-drive_events.json") for path in events}
+    described |= {path: (parquet.read_schema(path).names, "task-drive_series.json") for path in series}
+    for path, (names, side) in described.items():
+        sidecar: dict[str, Any] = json.loads((study / side).read_text(encoding="utf-8"))
+        assert set(names) == set(sidecar), path
+        for name in names:
+            assert all(sidecar[name][key] for key in ("LongName", "Description", "Units")), name
+    sidecar = json.loads((study / "task-drive_series.json").read_text(encoding="utf-8"))
+    for entry in parquet.read_schema(series[0]):
+        metadata = {key.decode(): text.decode() for key, text in entry.metadata.items()}
+        assert metadata["meaning"] == sidecar[entry.name]["Description"]
+        assert metadata.get("unit", "n/a") == sidecar[entry.name]["Units"]
+
+
+def test_the_folder_opens_in_one_line_a_table(study: Path) -> None:
+    people = pandas.read_csv(study / "participants.tsv", sep="\t")
+    assert list(people.participant_id) == ["sub-01", "sub-02"]
+    events = pandas.read_csv(next(study.rglob("*_events.tsv")), sep="\t")
+    assert (events.onset.diff().dropna() >= 0).all()
+    assert events.onset.min() >= 0
+    series = pandas.read_parquet(next(study.rglob("*_series.parquet")))
+    assert (series.time_s.diff().dropna() == 1.0).all()
+    description = json.loads((study / "dataset_description.json").read_text())
+    assert description["BIDSVersion"]
+    assert description["Name"] == "A small study"
+
+
+def test_provenance_and_design_are_kept(study: Path) -> None:
+    provenance = json.loads((study / "provenance.json").read_text())
+    design = json.loads((study / "design.json").read_text())
+    assert provenance["design_sha256"] == design["hash"]
+    assert provenance["files"] == design["files"]
+    assert {"flat-6km: scenario", "flat-6km: route", "flat-6km: vehicle", "population"} <= set(design["files"])
+    assert (study / "design.toml").read_text() == DESIGN
+    assert json.loads((study / "check.json").read_text())["refused"] == []
+
+
+def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp_path: Path) -> None:
+    design = designed(place)
+    jobs = jobs_of(design, Keep.MEASURES, tmp_path)
+    lost = replace(jobs[1], population="martians")
+    assert lost.inputs_sha256 == jobs[1].inputs_sha256
+    with Journal(tmp_path) as journal:
+        for job in jobs[:1]:
+            journal.add(worked_off(job).row)
+        journal.add(worked_off(lost).row)
+        assert "martians: not a bundled population" in journal.rows[lost.inputs_sha256]["error"]
+    found = run_study(design, [jobs[0], lost], tmp_path, Workers(count=1))
+    assert (found.trials, found.made, len(found.failed)) == (2, 1, 1)
+    listed = list(csv.DictReader(io.StringIO((tmp_path / FAILED).read_text())))
+    assert [(row["trial"], row["participant"], row["condition"]) for row in listed] == [
+        ("2", "sub-01", lost.trial.condition)
+    ]
+    assert (tmp_path / TRIALS_TABLE).read_text().count("\n") == 2
+    again = run_study(design, jobs[:2], tmp_path, Workers(count=1))
+    assert (again.made, again.failed) == (1, ())
+    assert not (tmp_path / FAILED).exists()
+    whole = (study / TRIALS_TABLE).read_text().splitlines()
+    assert (tmp_path / TRIALS_TABLE).read_text().splitlines() == whole[:3]
+    assert not list(tmp_path.rglob("*_series.parquet"))
+
+
+def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> None:
+    with running_cluster(tmp_path, 1) as address:
+        done = das_sim(
+            "experiment", "run", "small.toml", "-o", "far", "--scheduler", address, "--json", cwd=place
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (place / "far" / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
+    assert len(list((place / "far").rglob("*_series.parquet"))) == 6
+
+
+def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: Path, tmp_path: Path) -> None:
+    jobs = jobs_of(designed(place), Keep.RECORDINGS, tmp_path)
+    some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("vector",)][:1]
+    found = run_study(designed(place), some, tmp_path, Workers(count=1))
+    assert found.failed == ()
+    assert len(list(tmp_path.rglob("*_recording.mcap"))) == 1
+    whole = {row["trial"]: row for row in csv.DictReader(io.StringIO((study / TRIALS_TABLE).read_text()))}
+    (own,) = csv.DictReader(io.StringIO((tmp_path / TRIALS_TABLE).read_text()))
+    assert own == whole[own["trial"]]  # to the last bit: the node on the bus is the same cab
+    assert run_study(designed(place), some, tmp_path, Workers(count=1)).made == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("run", "nonsense", "-o", "x"), "nonsense: not a bundled study (level-through-a-driver, pacing"),
+        (("run", "smoke", "-o", "small.toml"), "small.toml: cannot be made (File exists)"),
+        (("run", "smoke", "-o", "x", "--recordings", "--measures-only"), "either --recordings or --measures-only"),
+        (("run", "smoke", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"), "either --workers or --scheduler"),
+        (("run", "smoke", "-o", "x", "--recordings", "--scheduler", "tcp://a:1"), "expected without --scheduler"),
+        (("check", "nonsense.toml"), "nonsense.toml: no such file"),
+    ],
+)
+def test_nonsense_on_the_command_line(place: Path, words: tuple[str, ...], said: str) -> None:
+    done = das_sim("experiment", *words, cwd=place)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") <= 3
+    assert "Traceback" not in done.stderr

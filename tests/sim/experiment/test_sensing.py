@@ -1,0 +1,71 @@
+"""A factor is admitted only if it changes what the simulated driver does at the controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sim.experiment.design import read_design
+from sim.experiment.sensing import DAYS_TRIED, Sensed, SensingTest
+
+HEAD = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\n[participants]\ncount = 2\n"
+
+
+def sensed(tmp_path: Path, fixed: str, *factors: str) -> list[Sensed]:
+    path = tmp_path / "design.toml"
+    tables = "".join(f"[[factors]]\n{one}\n" for one in factors)
+    path.write_text(f"{HEAD}[fixed]\nscenario = 'flat-6km'\n{fixed}\n{tables}")
+    design = read_design(path)
+    test = SensingTest(design=design, said=lambda _: None)
+    return [test.of(factor) for factor in design.factors]
+
+
+def test_what_a_human_driver_goes_by_is_admitted(tmp_path: Path) -> None:
+    found = sensed(
+        tmp_path,
+        "",
+        "name = 'presentation'\nlevels = ['none', 'vector']",
+        "name = 'update_interval_s'\nlevels = [1, 20]",
+        "name = 'hold_s'\nlevels = [0, 20]",
+        "name = 'friction'\nlevels = ['as-measured', 'electric-first']",
+    )
+    assert [one.refusal for one in found] == [None] * 4
+    assert all(one.days <= DAYS_TRIED for one in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("factor", "fixed"),
+    [
+        ("name = 'preview_s'\nlevels = [0, 'all']", ""),
+        ("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'"),
+        ("name = 'hold_s'\nlevels = [0, 20]", "presentation = 'none'"),
+        ("name = 'friction'\nlevels = ['as-measured', 'electric-first']", "driver = 'perfect'"),
+    ],
+)
+def test_what_no_driver_senses_is_refused(tmp_path: Path, factor: str, fixed: str) -> None:
+    (found,) = sensed(tmp_path, fixed, factor)
+    name = factor.split("'")[1]
+    assert found.refusal is not None
+    assert found.refusal.startswith(f"factor {name}: levels ")
+    assert "give the same lever trace on 5 of 5 days" in found.refusal
+
+
+def test_a_perfect_follower_senses_the_preview(tmp_path: Path) -> None:
+    (found,) = sensed(tmp_path, "driver = 'perfect'", "name = 'preview_s'\nlevels = [0, 'all']")
+    assert found == Sensed(factor="preview_s", days=1, alike=())
+
+
+@pytest.mark.slow
+def test_a_level_that_cannot_be_driven_is_said(tmp_path: Path) -> None:
+    (tmp_path / "stuck.toml").write_text(
+        "schema_version = 1\n[scenario]\nid = 'stuck'\ntitle = 'T'\nroute = 'flat-6km'\nvehicle = 're460-ic'\n"
+        "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86_400\n"
+    )
+    path = tmp_path / "design.toml"
+    path.write_text(f"{HEAD}[[factors]]\nname = 'scenario'\nlevels = ['flat-6km', 'stuck.toml']\n")
+    design = read_design(path)
+    found = SensingTest(design=design, said=lambda _: None).of(design.factors[0])
+    assert found.refusal is not None
+    assert "levels flat-6km and stuck cannot be compared: the simulated train did not arrive" in found.refusal

@@ -1,0 +1,97 @@
+"""Orders and trials: Williams squares, who meets what on which day, practice, breaks and groups."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from das.domain.errors import DasError
+from sim.experiment.design import ConditionOrder, read_design
+from sim.experiment.orders import order_of, williams
+from sim.experiment.trials import StudyTrial, imbalances, trials_of
+
+HEAD = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\nseed = 7\n[fixed]\nscenario = 'flat-6km'\n"
+THREE = "[[factors]]\nname = 'hold_s'\nlevels = [0, 5, 10]\n"
+BETWEEN = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\nwithin = false\n"
+
+
+def planned(tmp_path: Path, text: str) -> list[StudyTrial]:
+    path = tmp_path / "design.toml"
+    path.write_text(HEAD + text)
+    return trials_of(read_design(path))
+
+
+@pytest.mark.parametrize("count", range(1, 10))
+def test_in_a_williams_design_everything_follows_everything_equally_often(count: int) -> None:
+    rows = williams(count)
+    assert all(sorted(row) == list(range(count)) for row in rows)
+    for place in range(count):
+        assert set(Counter(row[place] for row in rows).values()) == {len(rows) // count}
+    followed = Counter(pair for row in rows for pair in pairwise(row))
+    assert len(followed) == count * (count - 1)
+    assert set(followed.values()) <= {1 if count % 2 == 0 else 2}
+
+
+def test_the_full_order_takes_every_permutation_and_a_random_one_is_the_seeds() -> None:
+    full = {tuple(order_of(ConditionOrder.FULL, 3, row, (1,))) for row in range(6)}
+    assert len(full) == 6
+    drawn = [order_of(ConditionOrder.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
+    assert drawn == [order_of(ConditionOrder.RANDOM, 8, 0, (1, who, 0)) for who in range(20)]
+    assert len({tuple(one) for one in drawn}) > 15
+    with pytest.raises(DasError, match="the design has 7 conditions, expected at most 6"):
+        order_of(ConditionOrder.FULL, 7, 0, (1,))
+
+
+def test_a_participant_meets_one_day_under_all_conditions(tmp_path: Path) -> None:
+    trials = planned(tmp_path, f"[participants]\ncount = 6\n[procedure]\nrepetitions = 2\n{THREE}")
+    assert [trial.number for trial in trials] == list(range(1, 37))
+    by_person = [[trial for trial in trials if trial.who == who] for who in range(1, 7)]
+    for own in by_person:
+        assert [trial.position for trial in own] == list(range(1, 7))
+        assert len({trial.seed for trial in own[:3]}) == len({trial.seed for trial in own[3:]}) == 1
+        assert {trial.levels for trial in own[:3]} == {("0",), ("5",), ("10",)}
+        assert len({trial.stream for trial in own}) == 6  # chance is new on every trial
+    assert len({trial.seed for trial in trials}) == 12
+
+
+def test_days_can_be_common_or_new_and_chances_paired(tmp_path: Path) -> None:
+    people = "[participants]\ncount = 6\n[procedure]\n"
+    common = planned(tmp_path, f"{people}days = 'common'\nchances = 'paired'\n{THREE}")
+    assert len({trial.seed for trial in common}) == 1
+    assert {trial.stream for trial in common} == set(range(2, 8))  # those of participants 1 to 6 of a batch
+    new = planned(tmp_path, f"{people}days = 'new'\n{THREE}")
+    assert len({trial.seed for trial in new}) == 18
+
+
+def test_practice_comes_first_and_breaks_begin_sessions(tmp_path: Path) -> None:
+    text = "[participants]\ncount = 2\nlearning = true\ntrips_before = 5\n"
+    text += f"[procedure]\norder = 'listed'\npractice_trials = 2\nbreak_after = 3\n{THREE}"
+    own = planned(tmp_path, text)[:5]
+    assert [trial.practice for trial in own] == [True, True, False, False, False]
+    assert [trial.session for trial in own] == [1, 1, 1, 2, 2]
+    assert [trial.trips for trial in own] == [5, 6, 7, 8, 9]
+    assert own[0].seed != own[2].seed
+    assert [trial.condition for trial in own] == ["0", "5", "0", "5", "10"]
+
+
+def test_groups_meet_one_level_each_and_imbalance_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "design.toml"
+    path.write_text(f"{HEAD}[participants]\ncount = 12\n{BETWEEN}{THREE}")
+    design = read_design(path)
+    trials = trials_of(design)
+    met = {who: {trial.levels[0] for trial in trials if trial.who == who} for who in range(1, 13)}
+    assert all(len(levels) == 1 for levels in met.values())
+    assert Counter(next(iter(levels)) for levels in met.values()) == {"none": 6, "vector": 6}
+    assert trials[0].condition == "none_0"
+    assert imbalances(design, trials) == []
+    path.write_text(f"{HEAD}[participants]\ncount = 5\n{BETWEEN}{THREE}")
+    design = read_design(path)
+    said = imbalances(design, trials_of(design))
+    assert said == [
+        "5 participants cannot be divided equally among 2 groups",
+        "3 orders in each group, expected a multiple of 6 for order williams",
+        "conditions have between 2 and 3 trials",
+    ]
