@@ -16,15 +16,16 @@ from das.solver.warm_up import warm_up as solve_tiny
 
 
 def warm_up() -> None:
-    """Advise once on a tiny section."""
+    """Advise on a tiny section: under way, and braking for the stop."""
     front = solve_tiny()
     section = front.section
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
     settings = AdviceSettings(coach=CoachSettings(enabled=True))
-    leg, localisation = Leg(start, end, section, settings), Localisation(section.vehicle)
+    leg = Leg(start, end, section, settings)
     leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
     leg.use_calm(solve_coach(section, settings.coach))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
-    for tick in range(2):
-        localisation.take(PositionFix(time_ns=tick, s_m=10.0, speed_mps=1.0))
+    for tick, (s_m, speed_mps) in enumerate(((100.0, 10.0), (110.0, 10.0), (385.0, 5.0))):
+        localisation = Localisation(section.vehicle)
+        localisation.take(PositionFix(time_ns=tick, s_m=s_m, speed_mps=speed_mps))
         leg.advise(localisation.at(tick))

@@ -117,6 +117,15 @@ def first_from(node, at):
 
 
 @kernel
+def highest(speed, first, last):
+    """The highest speed of the nodes first … last: written out, for numba's `max` of an array needs scipy as well."""
+    found = speed[first]
+    for i in range(first + 1, last + 1):
+        found = max(found, speed[i])
+    return found
+
+
+@kernel
 def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new_target):
     """One move of phase k: begun earlier (0) or later (1), slower (2) or faster (3).
 
@@ -144,7 +153,7 @@ def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new
     while last + 1 < count and kind[last + 1] == HOLD and target[last + 1] == target[k]:
         last += 1
     end = begin[last + 1] if last + 1 < count else node.size - 1
-    ceiling = envelope[begin[k] : end + 1].max()
+    ceiling = highest(envelope, begin[k], end)
     new_target[k : last + 1] = min(max(target[k] + sign * by_speed, SLOWEST_MPS), ceiling)
     if new_target[k] == target[k]:
         return -1, -1

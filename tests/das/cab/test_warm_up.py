@@ -1,4 +1,4 @@
-"""What a node loads before it is ready: kernels that were kept, and neither the compiler's library nor scipy."""
+"""What a node loads before it is ready: every kernel it advises with, and neither the compiler's library nor scipy."""
 
 from __future__ import annotations
 
@@ -18,15 +18,53 @@ with loading_solver():
     warm_up_tables()
 print(*(name for name in ("numba.np.linalg", "numba.np.arraymath", "scipy.linalg") if name in sys.modules))
 """
+DRIVEN = """
+import gc
+from numba.core.dispatcher import Dispatcher
+from das.advice.coach.settings import CoachSettings
+from das.advice.settings import AdviceSettings
+from das.bus import das_pb2
+from das.bus.topics import RESTRICTION, TARGET
+from das.cab.cab import CabSettings
+from das.cab.warm_up import warm_up
+from tests.support.driven_node import START_NS, DrivenNode, S, restrictions
+
+def compiled():
+    kernels = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    return {(one.py_func.__module__, one.py_func.__name__, str(kind)) for one in kernels for kind in one.overloads}
+
+warm_up()
+before = compiled()
+driven = DrivenNode(CabSettings(calibrate=True, advice=AdviceSettings(coach=CoachSettings(enabled=True))))
+coached = 0
+for second in range(2, 60):
+    if second == 20:
+        driven.tell(RESTRICTION, restrictions(second, 25.0))
+    if second == 40:
+        late = das_pb2.Targets.Target(s_m=3000.0, earliest_ns=START_NS + 200 * S)
+        driven.tell(TARGET, das_pb2.Targets(time_ns=START_NS + second * S, targets=[late]))
+    coached += driven.tick(second).HasField("coach")
+assert coached > 20 and len(before) > 20
+print(*(name for _, name, _ in sorted(compiled() - before)))
+"""
+
+
+def run(program: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=Path(__file__).parents[3], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.processes
+def test_no_kernel_is_compiled_once_a_node_is_ready() -> None:
+    """On a slow machine the first advice would come too late: one kernel of the coach took 10 s."""
+    assert run(DRIVEN).split() == []
 
 
 @pytest.mark.processes
 def test_kept_kernels_bring_neither_linear_algebra_nor_scipy_along() -> None:
     # The first start may have to compile the kernels, and the compiler needs it all.
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", WARMED], cwd=Path(__file__).parents[3], capture_output=True, text=True, check=True
-        ).stdout
-        for _ in range(2)
-    ]
+    said = [run(WARMED) for _ in range(2)]
     assert said[1].split() == []
