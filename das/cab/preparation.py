@@ -264,7 +264,7 @@ def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
-        found = fronts.find(question.section)
+        found = fronts.find(question.section, question.s_m)
         passing = _passing(question)
     except DasError as error:
         refusal = str(error)
