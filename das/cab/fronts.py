@@ -79,14 +79,20 @@ class Fronts:
                 self._known.popitem(last=False)
         return found
 
-    def find_calm(self, section: Section, settings: CoachSettings) -> CalmFront:
-        """The calm runs of a section for the coach: found before, or solved now; raises as `solve_calm` does."""
+    def find_calm(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> CalmFront:
+        """The calm runs of a section for the coach: found before, or solved now; raises as `solve_calm` does.
+
+        For a train at a position (m) the way behind it is not solved; the answers are the same.
+        """
         key = f"{combined(hashes_of(section))} {settings.calm} {settings.driver}"
         with self._lock:
-            if key in self._calm:
+            known = self._calm.get(key)
+            if known is not None:
                 self._calm.move_to_end(key)
-                return self._calm[key]
-        found = solve_coach(section, settings, threads=self._threads)
+        if known is not None:
+            known.cover(section.start_m if s_m is None else s_m)
+            return known
+        found = solve_coach(section, settings, s_m, threads=self._threads)
         with self._lock:
             self._calm[key] = found
             while len(self._calm) > 1 and sum(one.nbytes for one in self._calm.values()) > self._kept_bytes:

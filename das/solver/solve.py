@@ -78,9 +78,15 @@ def solve_ahead(
     `solve_front`.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads)
-    from_m = min(max(s_m - BEHIND_M, section.start_m), float(section.node_m[section.decision[-2]]))
-    sweep.come_down_to(State.at(section, from_m, 0.0).first_node + 1)
+    # A run is led by the policies at the nodes ahead of it, not by those at the node that it is on.
+    sweep.come_down_to(node_behind(section, s_m) + 1)
     return sweep.front()
+
+
+def node_behind(section: Section, s_m: float) -> int:
+    """The decision node from which on a front is solved for a train at a position (m)."""
+    from_m = min(max(s_m - BEHIND_M, section.start_m), float(section.node_m[section.decision[-2]]))
+    return State.at(section, from_m, 0.0).first_node
 
 
 class _Sweep:
