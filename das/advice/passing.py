@@ -23,7 +23,7 @@ from das.solver.front import Front
 from das.solver.journey.hops import build_hops
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
-from das.solver.solve import solve_front
+from das.solver.solve import solve_ahead, solve_front
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ class PassingFronts:
             before_price, price = price, _price_index(after, speed, run.total_s - run.to_point_s)
             if price == before_price:
                 break
-            before = solve_front(first, lambda_w=ladder_w, end_value_j=_value_ahead(first, after, price))
+            before = solve_ahead(first, run.s_m, lambda_w=ladder_w, end_value_j=_value_ahead(first, after, price))
             speed = float(before.trajectory(max(run.to_point_s, 1.0), run.s_m, run.v_mps).trajectory.v_mps[-1])
         return cls(before=before, after=after)
 

@@ -22,7 +22,7 @@ from das.solver import tolerances as tol
 from das.solver.calm.calm import CalmFront
 from das.solver.front import Front
 from das.solver.section import Section
-from das.solver.solve import default_ladder, solve_front
+from das.solver.solve import default_ladder, solve_ahead
 from das.table.format import MANIFEST, TableError
 from das.table.hashes import combined, differing_parts, hashes_of, solver_code_sha256, with_code
 from das.table.reading import Table, read_front, why_not
@@ -57,36 +57,49 @@ class Fronts:
         self._calm: OrderedDict[str, CalmFront] = OrderedDict()
         self._tables = self._listed(tables) if tables is not None else ()
 
-    def find(self, section: Section) -> Found:
-        """The front of a section: from a table, one found before, or solved now; raises as `solve_front` does."""
+    def find(self, section: Section, s_m: float | None = None) -> Found:
+        """The front of a section: from a table, one found before, or solved now; raises as `solve_front` does.
+
+        For a train at a position (m) the way behind it is not solved; the answers are the same.
+        """
         hashes = hashes_of(section)
         key = combined(hashes)
+        s_m = section.start_m if s_m is None else s_m
         with self._lock:
-            if key in self._known:
+            known = self._known.get(key)
+            if known is not None:
                 self._known.move_to_end(key)
-                return self._known[key]
-        found = self._from_tables(section, hashes)
+        if known is not None:
+            known.front.cover(s_m)
+            return known
+        found = self._from_tables(section, hashes, s_m)
         with self._lock:
             self._known[key] = found
             while len(self._known) > 1 and sum(map(_size, self._known.values())) > self._kept_bytes:
                 self._known.popitem(last=False)
         return found
 
-    def find_calm(self, section: Section, settings: CoachSettings) -> CalmFront:
-        """The calm runs of a section for the coach: found before, or solved now; raises as `solve_calm` does."""
+    def find_calm(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> CalmFront:
+        """The calm runs of a section for the coach: found before, or solved now; raises as `solve_calm` does.
+
+        For a train at a position (m) the way behind it is not solved; the answers are the same.
+        """
         key = f"{combined(hashes_of(section))} {settings.calm} {settings.driver}"
         with self._lock:
-            if key in self._calm:
+            known = self._calm.get(key)
+            if known is not None:
                 self._calm.move_to_end(key)
-                return self._calm[key]
-        found = solve_coach(section, settings, threads=self._threads)
+        if known is not None:
+            known.cover(section.start_m if s_m is None else s_m)
+            return known
+        found = solve_coach(section, settings, s_m, threads=self._threads)
         with self._lock:
             self._calm[key] = found
             while len(self._calm) > 1 and sum(one.nbytes for one in self._calm.values()) > self._kept_bytes:
                 self._calm.popitem(last=False)
         return found
 
-    def _from_tables(self, section: Section, hashes: Mapping[str, str]) -> Found:
+    def _from_tables(self, section: Section, hashes: Mapping[str, str], s_m: float) -> Found:
         notes, others = [], []
         wanted = with_code(hashes) if self._tables else hashes
         for table in self._tables:
@@ -102,7 +115,7 @@ class Fronts:
             # The nearest one says it all: a folder may hold tables of many trains, loads and levels.
             nearest, differing = min(others, key=lambda other: len(other[1]))
             notes.append(event_wording.table_unfit(nearest.folder, why_not(section, differing)))
-        front = solve_front(section, threads=self._threads, lambda_w=onboard_ladder(section))
+        front = solve_ahead(section, s_m, threads=self._threads, lambda_w=onboard_ladder(section))
         return Found(front=front, source=Source.SOLVED, notes=tuple(notes))
 
     def _listed(self, folder: Path) -> tuple[_Listed, ...]:

@@ -207,8 +207,8 @@ class Preparation:
         why, one.why = one.why, ""
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
         if self._coach.enabled:
-            section = leg.section
-            one.calm = self.coach_worker.submit(lambda: _calm(self._fronts, section, self._coach))
+            section, s_m = leg.section, _Question.of(leg).s_m
+            one.calm = self.coach_worker.submit(lambda: _calm(self._fronts, section, self._coach, s_m))
 
     def _take_calm(self, leg: Leg, one: _Prepared, answer: CalmFront | str) -> None:
         """Lead by the calm runs that were found; where there are none, the leg goes on without a coach."""
@@ -264,7 +264,7 @@ def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
-        found = fronts.find(question.section)
+        found = fronts.find(question.section, question.s_m)
         passing = _passing(question)
     except DasError as error:
         refusal = str(error)
@@ -273,10 +273,10 @@ def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
-def _calm(fronts: Fronts, section: Section, coach: CoachSettings) -> CalmFront | str:
+def _calm(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> CalmFront | str:
     """Look for the calm runs of a section; whatever goes wrong is the answer."""
     try:
-        return fronts.find_calm(section, coach)
+        return fronts.find_calm(section, coach, s_m)
     except Exception as error:  # Advice without a coach is better than a thread that died in silence.
         return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 

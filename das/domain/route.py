@@ -64,8 +64,10 @@ class Stretches:
     def minimum(self, from_m: Floats, to_m: Floats) -> Floats:
         """Smallest value on each interval (from < to)."""
         first = np.clip(np.searchsorted(self.start_m, from_m + POSITION_TOLERANCE_M, side="right") - 1, 0, None)
-        last = np.searchsorted(self.start_m, to_m - POSITION_TOLERANCE_M, side="left")
-        return np.array([self.value[a : max(b, a + 1)].min() for a, b in zip(first, last, strict=True)])
+        last = np.maximum(np.searchsorted(self.start_m, to_m - POSITION_TOLERANCE_M, side="left"), first + 1)
+        edges = np.stack((first, last), axis=1).ravel()
+        # Every second reduction is one from the end of an interval to the begin of the next.
+        return np.asarray(np.minimum.reduceat(np.append(self.value, np.inf), edges)[::2], dtype=float)
 
     def reversed(self, length_m: float, sign: float = 1.0) -> Stretches:
         """The same quantity seen from the other end of a line of `length_m`."""

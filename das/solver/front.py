@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +25,37 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 
+class Sweep(Protocol):
+    """The sweep of a section from its end, which has not come to the begin yet."""
+
+    @property
+    def known_from(self) -> int:
+        """The first decision node whose policies are known."""
+
+    def come_down_to(self, first: int) -> None:
+        """Solve all nodes from `first` on that are not solved yet."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Front:
     """Policies of a section for a ladder of multipliers.
 
     `lambda_w` (L,) ascends. `value_j` and `time_to_go_s` have the shape (K + 1 decision nodes, J + 1 speeds, L). A
     solved front holds them as float64 and float32; a large one, and a table on disk, as float32 and packed.
+
+    With a `sweep` only the nodes from `sweep.known_from` on are filled: the front of a train that is under way. The
+    methods let the sweep go on where a question needs more.
     """
 
     section: Section
     lambda_w: Floats
     value_j: Floats | NDArray[np.float32]
     time_to_go_s: NDArray[np.float32] | PackedTimes
+    sweep: Sweep | None = None
+
+    def cover(self, s_m: float) -> None:
+        """Have the policies for a train at a position (m), and ahead of it."""
+        self._cover(State.at(self.section, s_m, 0.0))
 
     @property
     def policies(self) -> Policies:
@@ -69,6 +89,7 @@ class Front:
         if not time_s > 0 or math.isinf(time_s):
             raise DasError(f"trip time {time_s} s: expected a finite time > 0 s")
         state = State.at(self.section, s_m, v_mps)
+        self._cover(state)
         quickest = state.fastest()
         if time_s <= quickest.time_s + tolerance_s:
             fit = Fit.ON_TIME if time_s >= quickest.time_s - tolerance_s else Fit.LATE
@@ -77,11 +98,18 @@ class Front:
 
     def ladder_times_s(self) -> Floats:
         """Time of the whole section under every multiplier, as the policies know it (s)."""
-        return State.at(self.section).totals(self.policies).time_s
+        state = State.at(self.section)
+        self._cover(state)
+        return state.totals(self.policies).time_s
 
     def by_multiplier(self, s_m: float, v_mps: float) -> tuple[Floats, Floats]:
         """Times (s) of the runs from a state under every multiplier of the ladder, and their least costs (J)."""
         state, policies = State.at(self.section, s_m, v_mps), self.policies
+        self._cover(state)
         total_j = state.totals(policies).cost_j
         ladder = (Policy(price_w=float(price), ladder_index=i) for i, price in enumerate(self.lambda_w))
         return np.array([state.roll_out(policies, policy).time_s for policy in ladder]), total_j
+
+    def _cover(self, state: State) -> None:
+        if self.sweep is not None and state.first_node + 1 < self.sweep.known_from:
+            self.sweep.come_down_to(0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
 from das.solver.memory import KEPT
 from das.solver.policy_store import PackedPolicies, PolicyStore, WholePolicies
 from das.solver.section import Section
+from das.solver.state import State
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +30,8 @@ BLOCK_NODES = 32
 
 PACKED_ABOVE_BYTES = 300_000_000
 """Policies that would be larger than this (bytes) are packed into half of it: lines of more than 150 km."""
+BEHIND_M = 1_000.0
+"""The front of a train under way is solved from this far behind it on (m): positions are corrected by less."""
 STATE_BYTES = 12
 """Size of the value and the time-to-go of a state under a multiplier (bytes), as the sweep writes them."""
 
@@ -54,19 +58,91 @@ def solve_front(
     With `packed` (by default above `PACKED_ABOVE_BYTES`) every block is packed once it is swept: the sweep does not
     notice, and a run from the front needs up to 1e-5 more or less energy.
     """
-    ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
-    grid = DecisionGrid.of(section)
-    n, states, size = len(grid.node_m) - 1, grid.speed_steps + 1, len(ladder)
-    store = _store((n + 1, states, size), end_value_j, block_nodes, packed)
-    working_space = Transitions.empty(min(block_nodes, n), states)
-    with ThreadPoolExecutor(threads) as pool:
-        for end in range(n, 0, -block_nodes):
-            start = max(end - block_nodes, 0)
-            moves = working_space.rows(0, end - start)
-            in_parts(pool, threads, end - start, grid.fill, start, moves)
-            in_parts(pool, threads, size, moves.sweep, ladder, *store.rows(start, end), of=LANES)
-            store.keep(start, end, pool, threads)
-    return Front(section=section, lambda_w=ladder, value_j=store.value_j, time_to_go_s=store.time_to_go_s)
+    sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes, packed=packed)
+    sweep.come_down_to(0)
+    return sweep.front()
+
+
+def solve_ahead(
+    section: Section,
+    s_m: float,
+    *,
+    threads: int = 2,
+    lambda_w: Floats | None = None,
+    end_value_j: Floats | None = None,
+) -> Front:
+    """The front of a section for a train that is at a position (m): only what is ahead of it is solved.
+
+    The sweep comes from the end, so that what is ahead has the same bits as in the whole front. A question from more
+    than `BEHIND_M` further back is answered as well: the front then solves the rest first. Other arguments as of
+    `solve_front`.
+    """
+    sweep = _Sweep(section, lambda_w, end_value_j, threads=threads)
+    # A run is led by the policies at the nodes ahead of it, not by those at the node that it is on.
+    sweep.come_down_to(node_behind(section, s_m) + 1)
+    return sweep.front()
+
+
+def node_behind(section: Section, s_m: float) -> int:
+    """The decision node from which on a front is solved for a train at a position (m)."""
+    from_m = min(max(s_m - BEHIND_M, section.start_m), float(section.node_m[section.decision[-2]]))
+    return State.at(section, from_m, 0.0).first_node
+
+
+class _Sweep:
+    """The sweep of a section from its end towards its begin, as far as it has come; safe in threads."""
+
+    def __init__(
+        self,
+        section: Section,
+        lambda_w: Floats | None,
+        end_value_j: Floats | None,
+        *,
+        threads: int,
+        block_nodes: int = BLOCK_NODES,
+        packed: bool | None = None,
+    ) -> None:
+        self.grid = DecisionGrid.of(section)
+        self.ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
+        n = len(self.grid.node_m) - 1
+        shape = (n + 1, self.grid.speed_steps + 1, len(self.ladder))
+        self._store = _store(shape, end_value_j, block_nodes, packed)
+        self._threads, self._block_nodes = threads, block_nodes
+        self._known_from = n
+        self._lock = Lock()
+
+    @property
+    def known_from(self) -> int:
+        """The first decision node whose policies are known."""
+        return self._known_from
+
+    def come_down_to(self, first: int) -> None:
+        """Solve all nodes from `first` on that are not solved yet."""
+        with self._lock:
+            last, threads, ladder = self._known_from, self._threads, self.ladder
+            if first >= last:
+                return
+            space = Transitions.empty(min(self._block_nodes, last - first), self.grid.speed_steps + 1)
+            with ThreadPoolExecutor(threads) as pool:
+                for end in range(last, first, -self._block_nodes):
+                    start = max(end - self._block_nodes, first)
+                    moves = space.rows(0, end - start)
+                    in_parts(pool, threads, end - start, self.grid.fill, start, moves)
+                    rows = self._store.rows(start, end)
+                    in_parts(pool, threads, len(ladder), moves.sweep, ladder, *rows, of=LANES)
+                    self._store.keep(start, end, pool, threads)
+            self._known_from = first
+
+    def front(self) -> Front:
+        """The front, which lets the sweep go on where more is asked for."""
+        store = self._store
+        return Front(
+            section=self.grid.section,
+            lambda_w=self.ladder,
+            value_j=store.value_j,
+            time_to_go_s=store.time_to_go_s,
+            sweep=self if self._known_from > 0 else None,
+        )
 
 
 def _store(

@@ -9,7 +9,7 @@ import numpy as np
 
 from das.advice.coach.settings import CoachSettings
 from das.domain.errors import DasError
-from das.solver.calm.calm import CalmFront, solve_calm
+from das.solver.calm.calm import CalmFront, solve_calm, solve_calm_ahead
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
 from das.solver.calm.polish import polished
@@ -69,9 +69,12 @@ def drivers_section(section: Section, settings: CoachSettings) -> Section:
     return section if stuck >= 0 else capped(section, ceiling)
 
 
-def solve_coach(section: Section, settings: CoachSettings, *, threads: int = 2) -> CalmFront:
-    """The calm runs that the coach of a section chooses from."""
-    return solve_calm(drivers_section(section, settings), settings.calm, threads=threads)
+def solve_coach(section: Section, settings: CoachSettings, s_m: float | None = None, *, threads: int = 2) -> CalmFront:
+    """The calm runs that the coach of a section chooses from; for a train at a position (m) those ahead of it."""
+    own = drivers_section(section, settings)
+    if s_m is None:
+        return solve_calm(own, settings.calm, threads=threads)
+    return solve_calm_ahead(own, s_m, settings.calm, threads=threads)
 
 
 def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -17,13 +18,14 @@ from numpy.typing import NDArray
 
 from das.solver.calm.notches import Notches, make_notches
 from das.solver.calm.settings import CalmSettings
+from das.solver.front import Sweep
 from das.solver.in_parts import in_parts
 from das.solver.kernels.calm_moves import calm_moves
 from das.solver.kernels.calm_roll_out import calm_roll_out, run_energy
 from das.solver.kernels.calm_sweep import NO_NOTCH, calm_sweep
 from das.solver.kernels.tuples import SpeedBounds
 from das.solver.section import Section
-from das.solver.solve import DecisionGrid
+from das.solver.solve import DecisionGrid, node_behind
 from das.solver.state import State
 
 Floats = NDArray[np.float64]
@@ -75,6 +77,12 @@ class CalmFront:
     policy: CalmPolicy
     goal_mps: Floats
     """At each integration node the lower speed that brakes lead to."""
+    sweep: Sweep | None = None
+    """The sweep that has not come to the begin of the section yet, of a front for a train under way."""
+
+    def cover(self, s_m: float) -> None:
+        """Have the policies for a train at a position (m), and ahead of it."""
+        self._cover(State.at(self.section, s_m, 0.0))
 
     @property
     def nbytes(self) -> int:
@@ -115,6 +123,7 @@ class CalmFront:
 
     def roll_out(self, state: State, quick: int, slow: int, switch: int, notch: int = NO_NOTCH) -> CalmRun:
         """The run of multiplier `quick` up to decision node `switch`, then of `slow`."""
+        self._cover(state)
         speeds = np.empty(len(state.node_m))
         speeds[0] = state.speed_mps
         notches = np.empty(len(state.step_m), np.uint8)
@@ -132,35 +141,88 @@ class CalmFront:
             time_s=time_s, energy_j=energy_j, lambda_w=float(self.lambda_w[quick]),
         )  # fmt: skip
 
+    def _cover(self, state: State) -> None:
+        if self.sweep is not None and state.first_node < self.sweep.known_from:
+            self.sweep.come_down_to(0)
+
 
 def solve_calm(section: Section, settings: CalmSettings = DEFAULT, *, threads: int = 2) -> CalmFront:
     """The calm policies of a section."""
-    grid, notches = DecisionGrid.of(section), make_notches(settings.traction_shares, settings.brake_shares)
-    n, states, count = len(grid.node_m) - 1, grid.speed_steps + 1, len(notches.kind)
-    shape = (n, states, count)
-    moves = CalmMoves(
-        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int16), np.empty(shape, np.float32)
-    )
-    usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
-    ladder = usable_w * np.geomspace(settings.low_ratio, settings.high_ratio, settings.ladder_size)
-    policy = CalmPolicy(np.empty((n, states, len(ladder)), np.uint8), np.empty((n, states, len(ladder)), np.uint16))
-    value = np.zeros((states, count, len(ladder)))
-    change_j = np.full(len(ladder), settings.change_s * usable_w)
-    goal = goals(section.envelope_mps)
+    sweep = _CalmSweep(section, settings, threads)
+    sweep.come_down_to(0)
+    return sweep.front()
 
-    def fill(first: int, last: int) -> None:
-        calm_moves(
-            first, last, grid.line, grid.bounds, goal[section.decision], grid.speed_steps, notches, section.train,
-            section.loss_params, moves,
+
+def solve_calm_ahead(section: Section, s_m: float, settings: CalmSettings = DEFAULT, *, threads: int = 2) -> CalmFront:
+    """The calm policies of a section for a train at a position (m): only what is ahead of it is solved.
+
+    What is ahead has the same bits as in the whole; a question from more than `BEHIND_M` further back lets the front
+    solve the rest first.
+    """
+    sweep = _CalmSweep(section, settings, threads)
+    sweep.come_down_to(node_behind(section, s_m))
+    return sweep.front()
+
+
+class _CalmSweep:
+    """The sweep of calm runs from the end of a section towards its begin, as far as it has come; safe in threads."""
+
+    def __init__(self, section: Section, settings: CalmSettings, threads: int) -> None:
+        self.grid = DecisionGrid.of(section)
+        self.notches = make_notches(settings.traction_shares, settings.brake_shares)
+        self.goal_mps = goals(section.envelope_mps)
+        usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
+        self.ladder = usable_w * np.geomspace(settings.low_ratio, settings.high_ratio, settings.ladder_size)
+        self._change_j = np.full(len(self.ladder), settings.change_s * usable_w)
+        n, states, size = len(self.grid.node_m) - 1, self.grid.speed_steps + 1, len(self.ladder)
+        self._policy = CalmPolicy(np.empty((n, states, size), np.uint8), np.empty((n, states, size), np.uint16))
+        self._value_j = np.zeros((states, len(self.notches.kind), size))
+        self._threads, self._known_from, self._lock = threads, n, Lock()
+
+    @property
+    def known_from(self) -> int:
+        """The first decision node whose policies are known."""
+        return self._known_from
+
+    def come_down_to(self, first: int) -> None:
+        """Solve all nodes from `first` on that are not solved yet."""
+        with self._lock:
+            last = self._known_from
+            if first >= last:
+                return
+            moves = self._moves(first, last)
+            policy = CalmPolicy(self._policy.choice[first:last], self._policy.stay[first:last])
+            prices = (self.ladder, self._change_j)
+            with ThreadPoolExecutor(self._threads) as pool:
+                in_parts(pool, self._threads, len(self.ladder), calm_sweep, prices, moves, policy, self._value_j)
+            self._known_from = first
+
+    def front(self) -> CalmFront:
+        """The front, which lets the sweep go on where more is asked for."""
+        return CalmFront(
+            section=self.grid.section, lambda_w=self.ladder, notches=self.notches, policy=self._policy,
+            goal_mps=self.goal_mps, sweep=self if self._known_from > 0 else None,
         )  # fmt: skip
 
-    def sweep(first: int, last: int) -> None:
-        calm_sweep(first, last, (ladder, change_j), moves, policy, value)
+    def _moves(self, first: int, last: int) -> CalmMoves:
+        """The moves of the nodes first … last − 1."""
+        grid, section = self.grid, self.grid.section
+        shape = (len(grid.node_m) - 1, grid.speed_steps + 1, len(self.notches.kind))
+        moves = CalmMoves(
+            np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int16),
+            np.empty(shape, np.float32),
+        )  # fmt: skip
 
-    with ThreadPoolExecutor(threads) as pool:
-        in_parts(pool, threads, n, fill)
-        in_parts(pool, threads, len(ladder), sweep)
-    return CalmFront(section=section, lambda_w=ladder, notches=notches, policy=policy, goal_mps=goal)
+        def fill(begin: int, end: int) -> None:
+            calm_moves(
+                first + begin, first + end, grid.line, grid.bounds, self.goal_mps[section.decision], grid.speed_steps,
+                self.notches, section.train, section.loss_params, moves,
+            )  # fmt: skip
+
+        with ThreadPoolExecutor(self._threads) as pool:
+            in_parts(pool, self._threads, last - first, fill)
+        rows = slice(first, last)
+        return CalmMoves(moves.time_s[rows], moves.energy_j[rows], moves.target[rows], moves.weight[rows])
 
 
 def goals(envelope_mps: Floats) -> Floats:

@@ -149,3 +149,21 @@ def test_fronts_are_kept_up_to_a_size_the_last_one_always() -> None:
 def test_no_folder_of_tables_is_an_error() -> None:
     with pytest.raises(DasError, match="no such folder of tables"):
         Fronts(Path("/nowhere"))
+
+
+def test_for_a_train_under_way_only_what_is_ahead_is_solved() -> None:
+    section, whole = build_section(LINE, TRAIN), Fronts(threads=1)
+    fronts = Fronts(threads=1)
+    under_way = fronts.find(section, 3_500.0).front
+    assert under_way.sweep is not None
+    known_from = under_way.sweep.known_from
+    assert 2_300.0 < section.node_m[section.decision[known_from]] <= 2_600.0
+    for s_m in (3_500.0, 2_600.0):
+        found = fronts.find(build_section(LINE, TRAIN), s_m).front
+        assert found is under_way
+        expected = whole.find(section).front.trajectory(400.0, s_m, 20.0)
+        assert found.trajectory(400.0, s_m, 20.0).ledger.input == expected.ledger.input
+    assert under_way.sweep.known_from == known_from
+    # The leg is driven once more from its begin: the same front is solved to its begin.
+    assert fronts.find(section, 0.0).front is under_way
+    assert under_way.sweep.known_from == 0

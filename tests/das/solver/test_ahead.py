@@ -1,0 +1,108 @@
+"""The front of a train under way: solved for what is ahead alone, with the bits of the whole front."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from das.solver.front import Front
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solve import BEHIND_M, solve_ahead, solve_front
+from tests.support.making import make_route, make_train
+
+LADDER_W = np.geomspace(1e4, 1e8, 12)
+LENGTH_M = 12_000.0
+AT_M = 7_300.0
+
+
+def hilly(end_speed_mps: float = 0.0) -> Section:
+    route = make_route(
+        LENGTH_M,
+        [(0.0, 30.0), (3_100.0, 18.0), (5_000.0, 35.0), (10_000.0, 25.0)],
+        [(0.0, 0.0), (2_000.0, 15e-3), (4_500.0, -12e-3), (8_000.0, 6e-3)],
+    )
+    train = make_train(resistance=(1500.0, 20.0, 4.0), power_w=1.5e6)
+    return build_section(route, train, options=SectionOptions(end_speed_mps=end_speed_mps))
+
+
+SECTION = hilly()
+WHOLE = solve_front(SECTION, lambda_w=LADDER_W)
+
+
+def ahead() -> Front:
+    return solve_ahead(SECTION, AT_M, lambda_w=LADDER_W)
+
+
+def known_from(front: Front) -> int:
+    return 0 if front.sweep is None else front.sweep.known_from
+
+
+def assert_same_rows(front: Front, whole: Front, first: int) -> None:
+    assert np.array_equal(front.value_j[first:], whole.value_j[first:])
+    assert np.array_equal(np.asarray(front.time_to_go_s)[first:], np.asarray(whole.time_to_go_s)[first:])
+
+
+def test_only_what_is_ahead_is_solved_and_has_the_same_bits() -> None:
+    front = ahead()
+    first = known_from(front)
+    assert SECTION.node_m[SECTION.decision[first]] == pytest.approx(AT_M - BEHIND_M, abs=150.0)
+    assert_same_rows(front, WHOLE, first)
+
+
+AHEAD = ahead()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(AT_M - BEHIND_M, LENGTH_M - 10.0), st.floats(0.0, 1.0), st.floats(0.001, 0.6))
+def test_a_train_ahead_is_led_as_by_the_whole_front(s_m: float, share: float, buffer_ratio: float) -> None:
+    v_mps = share * float(np.interp(s_m, SECTION.node_m, SECTION.envelope_mps))
+    time_s = WHOLE.least_time_s(s_m, v_mps) * (1 + buffer_ratio)
+    one, other = WHOLE.trajectory(time_s, s_m, v_mps), AHEAD.trajectory(time_s, s_m, v_mps)
+    assert np.array_equal(one.trajectory.v_mps, other.trajectory.v_mps)
+    assert (one.lambda_w, one.table_bound_j, one.fit) == (other.lambda_w, other.table_bound_j, other.fit)
+    assert known_from(AHEAD) > 0
+
+
+@pytest.mark.parametrize("ask", ["trajectory", "by_multiplier", "ladder_times_s", "cover"])
+def test_a_question_from_further_back_is_answered_by_solving_the_rest(ask: str) -> None:
+    front = ahead()
+    if ask == "trajectory":
+        time_s = 1.1 * WHOLE.least_time_s(500.0, 12.0)
+        found = front.trajectory(time_s, 500.0, 12.0).trajectory.v_mps
+        assert np.array_equal(found, WHOLE.trajectory(time_s, 500.0, 12.0).trajectory.v_mps)
+    elif ask == "by_multiplier":
+        for found, expected in zip(front.by_multiplier(500.0, 12.0), WHOLE.by_multiplier(500.0, 12.0), strict=True):
+            assert np.array_equal(found, expected)
+    elif ask == "ladder_times_s":
+        assert np.array_equal(front.ladder_times_s(), WHOLE.ladder_times_s())
+    else:
+        front.cover(0.0)
+    assert known_from(front) == 0
+    assert_same_rows(front, WHOLE, 0)
+
+
+def test_several_threads_may_ask_for_the_rest_at_once() -> None:
+    front = ahead()
+    with ThreadPoolExecutor(4) as pool:
+        times = list(pool.map(lambda s_m: front.trajectory(900.0, s_m, 10.0).time_s, (300.0, 700.0, 1_500.0, 400.0)))
+    assert times == [WHOLE.trajectory(900.0, s_m, 10.0).time_s for s_m in (300.0, 700.0, 1_500.0, 400.0)]
+    assert_same_rows(front, WHOLE, 0)
+
+
+def test_a_free_end_speed_and_a_start_at_the_very_end() -> None:
+    section = hilly(20.0)
+    ends_j = np.linspace(5e7, 0.0, section.speed_steps + 1)
+    whole = solve_front(section, lambda_w=LADDER_W, end_value_j=ends_j)
+    for s_m in (-50.0, 0.0, 6_000.0, LENGTH_M, LENGTH_M + 500.0):
+        front = solve_ahead(section, s_m, lambda_w=LADDER_W, end_value_j=ends_j, threads=1)
+        assert_same_rows(front, whole, known_from(front))
+
+
+def test_a_section_of_one_step() -> None:
+    section = build_section(make_route(20.0, [(0.0, 5.0)]), make_train())
+    front, whole = solve_ahead(section, 0.0, lambda_w=LADDER_W), solve_front(section, lambda_w=LADDER_W)
+    assert front.trajectory(20.0).time_s == whole.trajectory(20.0).time_s
