@@ -101,8 +101,9 @@ def _took(subject: ReviewedDrive) -> list[str]:
     if words:
         told.append(f"Most of that is: {', '.join(words)}.")
     worst = worst_places(account, 1)
-    if worst and kwh(worst[0][2]) >= NAMED_KWH:
-        told.append(f"The most was lost from {worst[0][0]}: {kwh(worst[0][2]):.1f} kWh.")
+    if worst and kwh(worst[0].more_j) >= NAMED_KWH:
+        lost = f"{kwh(worst[0].more_j):.1f} kWh, mainly {worst[0].cause.label}"
+        told.append(f"The most was lost from {worst[0].where}: {lost}.")
     return told
 
 
