@@ -71,6 +71,21 @@ class LegAccount:
             parts[cause] = parts.get(cause, 0.0) + energy_j
         return parts
 
+    def main_cause(self, start_m: float, end_m: float) -> EnergyCause:
+        """The cause of most of the energy above the optimum between two places (m)."""
+        motion, energies, known = self.leg.motion, self.energies, self.committed
+        ends = np.searchsorted(motion.s_m, (start_m, end_m))
+        first, last = (int(one) for one in np.minimum(ends, len(motion.s_m) - 1))
+        parts = {
+            EnergyCause.FRICTION: _between(energies.blended_j - energies.motors_j, first, last),
+            EnergyCause.TRAIN: _between(energies.ledger_j - energies.blended_j, first, last),
+        }
+        rises_j = np.nan_to_num(np.diff(known.energy_j))
+        for sample, cause, rise_j in zip(known.sample[:-1], known.causes, rises_j, strict=True):
+            if first <= sample < last:
+                parts[cause] = parts.get(cause, 0.0) + float(rise_j)
+        return max(parts, key=lambda cause: parts[cause])
+
     @property
     def recovered_j(self) -> float | None:
         """What a late departure cost: the least energy for the time left, less that for the timetable's time (J)."""
@@ -80,6 +95,10 @@ class LegAccount:
     def early_j(self) -> float | None:
         """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
         return None if self.left_j is None else self.optimum_j - self.left_j
+
+
+def _between(sum_j: Floats, first: int, last: int) -> float:
+    return float(sum_j[last] - sum_j[first])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

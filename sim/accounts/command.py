@@ -81,5 +81,5 @@ def _print_places(account: Account) -> None:
 
     worst = worst_places(account)
     if worst:
-        told = "; ".join(f"{where}: {kwh(more_j):.1f} kWh" for where, _, more_j in worst)
+        told = "; ".join(f"{one.where}: {kwh(one.more_j):.1f} kWh, mainly {one.cause.label}" for one in worst)
         tell(f"most lost above the optimum, between two limits: {told}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,14 +66,27 @@ def place_rows(places: Places) -> list[dict[str, float]]:
     ]
 
 
-def worst_places(account: Account, most: int = 5) -> list[tuple[str, float, float]]:
-    """The stretches between limits that lost most above the optimum: where, how long (m) and how much (J)."""
-    found = [
-        (f"km {start / KM:.1f} to {end / KM:.1f}", float(end - start), float(more))
+class WorstPlace(NamedTuple):
+    """A stretch that lost energy above the optimum: where in words, how much (J), and its main cause."""
+
+    where: str
+    more_j: float
+    cause: EnergyCause
+
+
+def worst_places(account: Account, most: int = 5) -> list[WorstPlace]:
+    """The stretches between limits that lost most above the optimum, the worst first."""
+    stretches = [
+        (float(more), leg, float(start), float(end))
         for leg in account.legs
         for start, end, more in zip(leg.by_limit.start_m, leg.by_limit.end_m, leg.by_limit.lost_more_j, strict=True)
+        if more > 0
     ]
-    return sorted((one for one in found if one[2] > 0), key=lambda one: -one[2])[:most]
+    worst = sorted(stretches, key=lambda one: -one[0])[:most]
+    return [
+        WorstPlace(f"km {start / KM:.1f} to {end / KM:.1f}", more, leg.main_cause(start, end))
+        for more, leg, start, end in worst
+    ]
 
 
 def seconds_by_cause(account: Account) -> dict[EnergyCause, float]:

@@ -27,20 +27,21 @@ LONG_SILENT_S: Final = 3.0
 LONG_AWAY_S: Final = 10.0
 """Attention that is away for this long (s) is more than a look at something else."""
 LARGE_DEVIATION_S: Final = 60.0
-"""An arrival that is expected this much (s) from the timetable's is told as a deviation."""
+"""A train that is, or is expected to arrive, this much (s) from the timetable's time is told as a deviation."""
 
 
 def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
     """The events in order of time; those that are bookmarks say so in `mark`."""
     found = sorted(events, key=lambda one: one.time_ns)
-    refused = False
+    # Advice is refused under way, and one refusal for each leg is enough: drivers who refuse do so more than once.
+    may_refuse = not any(one.kind is EventKind.DEPARTURE for one in found)
     marked = []
     for one in found:
-        if one.kind is EventKind.DEPARTURE:
-            refused = False
+        if one.kind in (EventKind.DEPARTURE, EventKind.ARRIVAL):
+            may_refuse = one.kind is EventKind.DEPARTURE
         mark = _mark(one)
-        if mark == REFUSED:  # one for each leg: drivers who refuse do so more than once
-            mark, refused = ("" if refused else mark), True
+        if mark == REFUSED:
+            mark, may_refuse = (mark if may_refuse else ""), False
         marked.append(replace(one, mark=mark) if mark else one)
     return tuple(marked)
 
@@ -77,17 +78,28 @@ def _mark(one: DriveEvent) -> str:
 
 
 def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """The first moment at which the node expected the next arrival a minute from its time; nothing if it never did."""
+    """The first moment at which the train was, or would arrive, a minute from its time; nothing if there was none.
+
+    The operator says how late the train is, the node how late it expects to arrive.
+    """
+    told = recording.columns(topics.DELAY, "time_ns", "delay_s")
     said = recording.columns(topics.ADVICE, "time_ns", "mode", "predicted_deviation_s")
-    large = (np.abs(said["predicted_deviation_s"]) >= LARGE_DEVIATION_S) & (said["mode"] > 0)
-    for first in np.flatnonzero(large)[:1]:
-        late_s = float(said["predicted_deviation_s"][first])
+    expected = np.where(said["mode"] > 0, said["predicted_deviation_s"], 0.0)
+    firsts = [
+        (int(time_ns[at]), float(late_s[at]), words)
+        for time_ns, late_s, words in (
+            (told["time_ns"], told["delay_s"], "the operator says"),
+            (said["time_ns"], expected, "the next arrival is expected"),
+        )
+        for at in np.flatnonzero(np.abs(late_s) >= LARGE_DEVIATION_S)[:1]
+    ]
+    for time_ns, late_s, words in sorted(firsts)[:1]:
         yield DriveEvent(
-            time_ns=int(said["time_ns"][first]),
+            time_ns=time_ns,
             kind=EventKind.DEVIATION,
-            text=f"the next arrival is expected {abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}",
-            s_m=float(trip.at(said["time_ns"][first : first + 1], trip.s_m)[0]),
-            facts={"predicted_deviation_s": late_s},
+            text=f"{words} {abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}",
+            s_m=float(trip.at(np.array([time_ns]), trip.s_m)[0]),
+            facts={"deviation_s": late_s},
         )
 
 

@@ -88,13 +88,22 @@ def calls(recording: Recording, trip: DrivenCourse) -> tuple[RecordedCall, ...]:
                     s_m=stop.s_m,
                     due_arrival_ns=stop.arrival_ns,
                     due_departure_ns=stop.departure_ns,
-                    arrived_ns=0 if stand is None else arrival_ns(trip, stand),
-                    departed_ns=0 if stand is None else departure_ns(trip, stand),
+                    arrived_ns=0 if stand is None else arrival_ns(trip, _at_rest(trip, stand)),
+                    departed_ns=0 if stand is None else departure_ns(trip, _at_rest(trip, stand)),
                     stand=stand,
                     reached=bool(trip.s_m.max() >= stop.s_m - NEAR_M),
                 )
             )
     return tuple(found)
+
+
+def _at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
+    """A stand from its first to its last sample with a speed of exactly 0; the same where there is none.
+
+    A train that begins to move at less than the noise has left.
+    """
+    zeros = stand.first + np.flatnonzero(trip.speed_mps[stand.first : stand.last + 1] == 0)
+    return stand._replace(first=int(zeros[0]), last=int(zeros[-1])) if len(zeros) else stand
 
 
 def arrival_ns(trip: DrivenCourse, stand: StandingTime) -> int:

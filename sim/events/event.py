@@ -32,7 +32,7 @@ class EventKind(StrEnum):
     LAPSE = "lapse"
     """A message stream paused: positions or advice were not heard for a while."""
     DEVIATION = "deviation"
-    """The node expected an arrival far from the timetable's for the first time."""
+    """For the first time the train was, or was expected to arrive, far from the timetable's time."""
     LOG = "log"
     WARNING = "warning"
     NOTE = "note"

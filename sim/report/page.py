@@ -64,7 +64,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "stops": words.stop_rows(subject),
         "causes": [] if account is None else words.cause_rows(account),
         "legs": [] if account is None else words.leg_rows(account),
-        "worst": [(where, f"{kwh(more_j):.1f}") for where, _, more_j in worst],
+        "worst": [(one.where, f"{kwh(one.more_j):.1f}", one.cause.label) for one in worst],
         "why_not": subject.why_not,
         "events": words.event_rows(subject),
         "left_out": words.left_out(subject),

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.accounts.account import Account
 from sim.accounts.causes import EnergyCause
@@ -16,7 +17,8 @@ from sim.accounts.rows import seconds_by_cause, worst_places
 from sim.events.advice_events import place_text
 from sim.events.bookmarks import bookmarks
 from sim.events.clock import minutes, spell
-from sim.events.event import EventKind, Filter
+from sim.events.event import DriveEvent, EventKind, Filter
+from sim.report.circumstances import came_about, moment_words, restrictions_told
 from sim.report.subject import ReviewedDrive
 from sim.review.summary import readable
 
@@ -24,6 +26,10 @@ MAIN_CAUSES: Final = 3
 """Causes that the paragraph names."""
 NAMED_KWH: Final = 0.1
 """A cause of less than this is not named in the paragraph."""
+BEFORE_S: Final = 10.0
+"""Changes of the advice are listed from this long (s) before a bookmark …"""
+AFTER_S: Final = 5.0
+"""… to this long (s) after it was over."""
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
@@ -37,7 +43,7 @@ def paragraph(subject: ReviewedDrive) -> str:
     cut = (
         [] if subject.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
     )
-    return " ".join([*cut, *_ran(subject), *_took(subject), *_kept(subject)])
+    return " ".join([*cut, *_ran(subject), *came_about(subject), *_took(subject), *_kept(subject)])
 
 
 def _ran(subject: ReviewedDrive) -> list[str]:
@@ -95,8 +101,9 @@ def _took(subject: ReviewedDrive) -> list[str]:
     if words:
         told.append(f"Most of that is: {', '.join(words)}.")
     worst = worst_places(account, 1)
-    if worst and kwh(worst[0][2]) >= NAMED_KWH:
-        told.append(f"The most was lost from {worst[0][0]}: {kwh(worst[0][2]):.1f} kWh.")
+    if worst and kwh(worst[0].more_j) >= NAMED_KWH:
+        lost = f"{kwh(worst[0].more_j):.1f} kWh, mainly {worst[0].cause.label}"
+        told.append(f"The most was lost from {worst[0].where}: {lost}.")
     return told
 
 
@@ -122,6 +129,8 @@ def _kept(subject: ReviewedDrive) -> list[str]:
     if gone:
         lasted = sum(one.facts["lasted_s"] for one in gone)
         told.append(f"Advice was withdrawn {_times(len(gone))}, for {lasted:.0f} s in all.")
+    elif subject.recording.of(topics.ADVICE):
+        told.append("Advice was never withdrawn.")
     return told
 
 
@@ -155,10 +164,14 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
         ]
         if recovered:
             rows.append(("price of late departures, in the optimum", f"{kwh(sum(recovered)):+.1f} kWh"))
-            rows.append(("price of early arrivals, in the optimum", f"{kwh(sum(early)):+.1f} kWh"))
+            late = sum(early) < 0
+            what = "saved by arriving late, in the optimum" if late else "price of early arrivals, in the optimum"
+            rows.append((what, f"{abs(kwh(sum(early))):.1f} kWh"))
     for one in () if subject.likely is None else subject.likely.unknowns:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
+    told = restrictions_told(subject)
+    rows += [("temporary restrictions told", told)] if told else []
     followed = compliance(subject)
     if followed is not None:
         rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))
@@ -241,7 +254,7 @@ def event_rows(subject: ReviewedDrive) -> list[Row]:
     told = Filter(kinds=TOLD).choose(subject.chronicle.events)
     unanswered = [one for one in subject.chronicle.events if one.kind is EventKind.DRIVER and not one.facts["followed"]]
     clock = subject.chronicle.clock
-    found = sorted([*told, *unanswered], key=lambda one: one.time_ns)
+    found = sorted([*told, *unanswered, *_advice_at_marks(subject)], key=lambda one: one.time_ns)
     return [
         {
             "time": clock.shown(one.time_ns),
@@ -255,12 +268,25 @@ def event_rows(subject: ReviewedDrive) -> list[Row]:
     ]
 
 
+def _advice_at_marks(subject: ReviewedDrive) -> list[DriveEvent]:
+    """The changes of the advice around the bookmarks that are about the train or the line."""
+    marks = [one for one in subject.chronicle.events if one.mark and one.kind is not EventKind.DRIVER]
+    before_ns, after_ns = round(BEFORE_S / NS), round(AFTER_S / NS)
+    return [
+        one
+        for one in subject.chronicle.events
+        if one.kind is EventKind.ADVICE
+        and any(mark.time_ns - before_ns <= one.time_ns <= mark.last_ns + after_ns for mark in marks)
+    ]
+
+
 def left_out(subject: ReviewedDrive) -> str:
     """How many events the page does not list, in words."""
     counts = {
         kind: sum(one.kind is kind for one in subject.chronicle.events) for kind in (EventKind.ADVICE, EventKind.REPLAN)
     }
-    return f"{counts[EventKind.ADVICE]} changes of the advice and {counts[EventKind.REPLAN]} new plans"
+    counts[EventKind.ADVICE] -= len(_advice_at_marks(subject))
+    return f"{counts[EventKind.ADVICE]} changes of the advice elsewhere and {counts[EventKind.REPLAN]} new plans"
 
 
 def bookmark_rows(subject: ReviewedDrive) -> list[Row]:
@@ -273,8 +299,11 @@ def bookmark_rows(subject: ReviewedDrive) -> list[Row]:
             "place": place_text(one.s_m),
             "mark": one.mark or "note",
             "text": one.text,
+            "driven": driven,
+            "shown": shown,
         }
         for one in bookmarks(subject.chronicle.events)
+        for driven, shown in [moment_words(subject, one.time_ns)]
     ]
 
 

@@ -119,7 +119,9 @@ def test_the_rows_for_programs_have_every_place_and_cause(tmp_path: Path) -> Non
     assert sum(leg["by_cause_kwh"].values()) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
     assert len(leg["per_100_m"]) == 60
     assert sum(row["lost_more_kwh"] for row in leg["per_100_m"]) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
-    assert worst_places(found)[0][2] > 0
+    worst = worst_places(found)[0]
+    assert worst.more_j > 0
+    assert worst.cause is EnergyCause.AGAINST_ADVICE
 
 
 def test_every_cause_has_its_words() -> None:

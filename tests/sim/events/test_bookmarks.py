@@ -52,12 +52,11 @@ def test_what_stands_out_is_marked_with_the_reason(one: DriveEvent, mark: str) -
 
 
 def test_of_advice_that_is_refused_the_first_of_each_leg_is_marked() -> None:
-    leg = [EventKind.DEPARTURE, EventKind.DRIVER, EventKind.DRIVER]
-    found = with_marks(
-        event(kind, at_s, **({"followed": False} if kind is EventKind.DRIVER else {}))
-        for at_s, kind in enumerate([*leg, *leg])
-    )
-    assert [bool(one.mark) for one in found] == [False, True, False, False, True, False]
+    """What is shown to a driver who stands at a stop cannot be followed yet."""
+    leg = [EventKind.DRIVER, EventKind.DEPARTURE, EventKind.DRIVER, EventKind.DRIVER, EventKind.ARRIVAL]
+    facts = {EventKind.DRIVER: {"followed": False}, EventKind.ARRIVAL: {"missed_m": 0.0}}
+    found = with_marks(event(kind, at_s, **facts.get(kind, {})) for at_s, kind in enumerate([*leg, *leg]))
+    assert [bool(one.mark) for one in found] == 2 * [False, False, True, False, False]
 
 
 def test_bookmarks_of_a_recording_are_chosen_and_become_notes(tmp_path: Path) -> None:

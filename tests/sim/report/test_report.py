@@ -20,6 +20,7 @@ from sim.accounts.shown import ShownAdvice
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
 from sim.events.chronicle import Chronicle
+from sim.events.event import EventKind
 from sim.recording.check import check_contents, check_file
 from sim.report import words
 from sim.report.page import as_dict, compared, page
@@ -28,7 +29,7 @@ from sim.report.subject import ReviewedDrive, subject_of
 from sim.world.day import Day, make_day
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
-from tests.support.flat_days import FLAT
+from tests.support.flat_days import FLAT, signal_at
 from tests.support.making import das_sim
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 from tests.support.recordings import write_recording
@@ -69,6 +70,49 @@ def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
     assert f"It drew {account.driven_j / 3.6e6:.1f} kWh" in text
     assert "against the advice" in text
     assert "kept every limit" in text
+
+
+def told_of(**run: str) -> str:
+    """The paragraph of a drive whose recording says this about how it was made."""
+    recording = replace(fast().recording, metadata={"run": run})
+    return words.paragraph(replace(fast(), recording=recording))
+
+
+def test_the_paragraph_says_how_the_drive_came_about() -> None:
+    """A reader who was not there must not take a simulated day, a replay or a what-if for a real one."""
+    text = told_of(kind="run", scenario="flat", seed="3", driver="human", advice="coach", happens="a signal at danger")
+    assert "The day was simulated (scenario flat, seed 3): a simulated human drove and was shown the coach." in text
+    assert "On this day: a signal at danger." in text
+    assert "It is a replay of trip.csv: nobody saw the advice." in told_of(kind="replay", trip="trip.csv")
+    text = told_of(what_if="open loop", what_if_of="day.mcap", what_if_changed="loss level l1")
+    assert "It is a what-if of day.mcap, open loop; otherwise: loss level l1." in text
+
+
+def test_the_page_answers_what_a_reviewer_asks() -> None:
+    """Questions that a page could not answer when somebody read it who was not there."""
+    figures, text = dict(words.figures(fast())), words.paragraph(fast())
+    assert figures["temporary restrictions told"] == "none"
+    assert "Advice was never withdrawn." in text
+    assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh, mainly against the advice\.", text)
+
+
+def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it(tmp_path: Path) -> None:
+    path = tmp_path / "signal.toml"
+    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
+    day = make_day(prepare_service(read_scenario(path)), 1)
+    recording = recorded_day(day, PerfectDriver(day.service.line))
+    found = replace(fast(), recording=recording, chronicle=Chronicle.of(recording), shown=ShownAdvice.of(recording))
+    signal, stand = (
+        next(row for row in words.bookmark_rows(found) if row["mark"] == mark)
+        for mark in ("signal at danger", "stand on the way")
+    )
+    assert re.fullmatch(r"\d+ km/h", signal["driven"])
+    assert re.fullmatch(r"[a-z ]+, \d+ km/h", signal["shown"])
+    assert stand["driven"] in ("0 km/h", "1 km/h")  # between the last sample that moves and the first that stands
+    listed = [row for row in words.event_rows(found) if row["kind"] == "advice"]
+    counted = sum(one.kind is EventKind.ADVICE for one in found.chronicle.events)
+    assert 0 < len(listed) < counted
+    assert words.left_out(found).startswith(f"{counted - len(listed)} changes of the advice elsewhere")
 
 
 def test_the_page_needs_nothing_besides_itself() -> None:

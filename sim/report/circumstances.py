@@ -1,0 +1,79 @@
+"""How a drive came about: simulated, replayed or real, who drove, what he was shown; and what was shown at a moment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from das.advice.modes import mode_name
+from das.bus import topics
+from das.domain.units import kmh
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.report.subject import ReviewedDrive
+from sim.what_if.origin import CHANGED, OF
+from sim.what_if.otherwise import WHAT_IF
+from sim.world.disturbances import NOTHING
+
+DRIVERS: Final[Mapping[str, str]] = {
+    DriverKind.PERFECT: "a driver who follows advice exactly",
+    DriverKind.FAST: "a driver who runs as fast as he may",
+    DriverKind.RMS: "a driver who keeps a reduced maximum speed",
+    DriverKind.TIMETABLE: "a driver who keeps the timetable",
+    DriverKind.HUMAN: "a simulated human",
+}
+SHOWN: Final[Mapping[str, str]] = {
+    Presentation.NONE: "no advice",
+    Presentation.RMS: "one maximum speed",
+    Presentation.FOUR_MODE: "four modes",
+    Presentation.VECTOR: "speed and effort of the moment",
+    Presentation.COACH: "the coach",
+}
+
+
+def came_about(subject: ReviewedDrive) -> list[str]:
+    """Sentences about how the drive came about; none where the recording does not say."""
+    run = subject.recording.metadata.get("run", {})
+    told = []
+    if run.get("kind") == "run":
+        driver, shown = run.get("driver", ""), run.get("advice", "")
+        told.append(
+            f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): "
+            f"{DRIVERS.get(driver, driver)} drove and was shown {SHOWN.get(shown, shown)}."
+        )
+        happens = run.get("happens", NOTHING)
+        told.append("Nothing was to go wrong on this day." if happens == NOTHING else f"On this day: {happens}.")
+    elif run.get("kind") == "replay":
+        told.append(f"It is a replay of {run.get('trip', 'a trip')}: nobody saw the advice.")
+    if WHAT_IF in run:
+        of, changed = run.get(OF, "?"), run.get(CHANGED, "?")
+        told.append(f"It is a what-if of {of}, {run[WHAT_IF]}; otherwise: {changed}.")
+    return told
+
+
+def restrictions_told(subject: ReviewedDrive) -> str:
+    """The temporary restrictions that the node was told, in words; nothing where no list was heard."""
+    lists = subject.recording.of(topics.RESTRICTION)
+    if not lists:
+        return ""
+    told = {
+        (one.start_m, one.end_m, one.limit_mps): f"{kmh(one.limit_mps):.0f} km/h from km {one.start_m / 1000:.2f} to "
+        f"{one.end_m / 1000:.2f}"
+        for entry in lists
+        for one in entry.message.restrictions
+    }
+    return "; ".join(told.values()) or "none"
+
+
+def moment_words(subject: ReviewedDrive, time_ns: int) -> tuple[str, str]:
+    """How fast the train was at a moment, and what the driver was shown then."""
+    trip = subject.chronicle.trip
+    driven = f"{kmh(float(trip.at(np.array([time_ns]), trip.speed_mps)[0])):.0f} km/h"
+    seen = subject.shown.at(time_ns)
+    if seen is None:
+        return driven, "nothing"
+    if seen.top_only:
+        return driven, f"at most {kmh(seen.speed_mps):.0f} km/h"
+    speed = "" if np.isnan(seen.speed_mps) else f", {kmh(seen.speed_mps):.0f} km/h"
+    return driven, f"{mode_name(seen.mode)}{speed}"
