@@ -17,6 +17,7 @@ from sim.accounts.rows import seconds_by_cause, worst_places
 from sim.events.advice_events import place_text
 from sim.events.clock import minutes, spell
 from sim.events.event import DriveEvent, EventKind, Filter
+from sim.recording.saving import saving_rows
 from sim.report.subject import ReviewedDrive
 from sim.review.summary import readable
 
@@ -159,6 +160,7 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
     for one in () if subject.likely is None else subject.likely.unknowns:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
+    rows += [(f"recorded: {name}", text) for name, text in saving_rows(subject.recording)]
     followed = compliance(subject)
     if followed is not None:
         rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))
