@@ -57,13 +57,13 @@ LANE_SHARE: Final = 0.36
 """Each lane adds this much to the share of its view in the height."""
 
 
-def blueprint(story: Story, way: MapTrack | None, *, with_map: bool) -> rrb.Blueprint:
+def blueprint(story: Story, *, with_map: bool) -> rrb.Blueprint:
     """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(_over_distance(), _over_time(story), row_shares=[0.75, 1.0]),
             rrb.Vertical(
-                rrb.Tabs(*_side(story, way, with_map=with_map), name="Now"),
+                rrb.Tabs(*_side(story, with_map=with_map), name="Now"),
                 rrb.Tabs(*_lists(story), name="What happened"),
             ),
             column_shares=[2.4, 1.0],
@@ -87,12 +87,13 @@ def _over_time(story: Story) -> rrb.Container:
     return rrb.Tabs(*(tab for tab in tabs if tab is not None))
 
 
-def _side(story: Story, way: MapTrack | None, *, with_map: bool) -> list[rrb.View]:
+def _side(story: Story, *, with_map: bool) -> list[rrb.View]:
     """What is so at the moment of the cursor, and what is so of the whole drive."""
     found: list[rrb.View] = []
     if story.recording.of(CAB) or story.recording.of(ADVICE):
         found.append(rrb.TextDocumentView(origin=CAB_CARD, name="What the driver saw"))
     found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy by cause"))
+    way = story.way
     if way is not None:
         found += [_track(way), *([_map(way)] if with_map else [])]
     return [*found, rrb.TextDocumentView(origin="summary", name="Summary")]

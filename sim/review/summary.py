@@ -17,12 +17,16 @@ LETTERS = 150
 """Most letters in a line under the headline of a picture."""
 
 
-def summary(recording: Recording) -> str:
-    """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote."""
+def summary(recording: Recording, filled_from: str = "") -> str:
+    """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote.
+
+    `filled_from` says what is estimated because it was not recorded.
+    """
     lines = [f"### Train {recording.train}", ""]
     if not recording.complete:
         lines += ["**This recording was cut off; it holds what was written before.**", ""]
     lines += [f"**Damaged: {one}.**\n" for one in recording.health.damage]
+    lines += [f"**{filled_from[0].upper()}{filled_from[1:]}.**\n"] if filled_from else []
     if len(recording.trains) > 1:
         lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
     lines += _table("Trip", _trip(recording))
