@@ -20,7 +20,7 @@ from sim.review.bookmarks import COLORS, bookmarks
 from sim.review.cab_card import cards
 from sim.review.colors import DARK, rgba
 from sim.review.distance_view import send_distance
-from sim.review.lanes import Lane
+from sim.review.lanes import Lane, lane_entity
 from sim.review.series import STYLES, Floats, MapTrack, Times
 from sim.review.story import Story
 from sim.review.summary import summary
@@ -69,7 +69,7 @@ def send_series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: T
 
 def send_lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     """Send a lane of states, with one row for each change."""
-    entity, states = f"mode/{lane.name.replace(' ', '_')}", list(lane.colors)
+    entity, states = lane_entity(lane.name), list(lane.colors)
     shades = np.array([rgba(lane.color(state, DARK)) for state in states], dtype=np.uint32)
     time_ns = np.array([change.time_ns for change in lane.changes])
     out.log(entity, rr.StateConfiguration(values=states, colors=shades), static=True)
