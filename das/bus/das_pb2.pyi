@@ -1401,6 +1401,98 @@ class Measures(_message.Message):
 Global___Measures: _TypeAlias = Measures  # noqa: Y015
 
 @_typing.final
+class Saving(_message.Message):
+    """What a drive took above the least energy for the same departures and arrivals, once at the end of a run or a replay
+    (sim/<train>/saving). All energies are at the current collector, without comfort systems; NaN: not known.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    @_typing.final
+    class Section(_message.Message):
+        """From the departure at one stop to the arrival at the next."""
+
+        DESCRIPTOR: _descriptor.Descriptor
+
+        START_FIELD_NUMBER: _builtins.int
+        END_FIELD_NUMBER: _builtins.int
+        TRIP_S_FIELD_NUMBER: _builtins.int
+        DRIVEN_J_FIELD_NUMBER: _builtins.int
+        OPTIMUM_J_FIELD_NUMBER: _builtins.int
+        FASTER_THAN_POSSIBLE_FIELD_NUMBER: _builtins.int
+        start: _builtins.str
+        end: _builtins.str
+        trip_s: _builtins.float
+        driven_j: _builtins.float
+        optimum_j: _builtins.float
+        faster_than_possible: _builtins.bool
+        """the train as assumed cannot drive so: the optimum is its fastest run"""
+        def __init__(
+            self,
+            *,
+            start: _builtins.str = ...,
+            end: _builtins.str = ...,
+            trip_s: _builtins.float = ...,
+            driven_j: _builtins.float = ...,
+            optimum_j: _builtins.float = ...,
+            faster_than_possible: _builtins.bool = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["driven_j", b"driven_j", "end", b"end", "faster_than_possible", b"faster_than_possible", "optimum_j", b"optimum_j", "start", b"start", "trip_s", b"trip_s"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    MEASURED_FIELD_NUMBER: _builtins.int
+    COMPARABLE_FIELD_NUMBER: _builtins.int
+    DRIVEN_J_FIELD_NUMBER: _builtins.int
+    OPTIMUM_J_FIELD_NUMBER: _builtins.int
+    LIKELY_LOW_J_FIELD_NUMBER: _builtins.int
+    LIKELY_HIGH_J_FIELD_NUMBER: _builtins.int
+    WORST_LOW_J_FIELD_NUMBER: _builtins.int
+    WORST_HIGH_J_FIELD_NUMBER: _builtins.int
+    SECTIONS_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    measured: _builtins.bool
+    """the simulator measured driven_j; otherwise it is estimated from positions"""
+    comparable: _builtins.bool
+    """drive and optimum can be compared: driven_j - optimum_j is the saving"""
+    driven_j: _builtins.float
+    optimum_j: _builtins.float
+    likely_low_j: _builtins.float
+    """The saving if mass, resistance, wind and smoothing deviate as they likely do, added as squares; where it is
+    measured, the saving itself.
+    """
+    likely_high_j: _builtins.float
+    worst_low_j: _builtins.float
+    """The saving with all unknowns at their worst together, and with all braking by friction. Measured: as likely."""
+    worst_high_j: _builtins.float
+    @_builtins.property
+    def sections(self) -> _containers.RepeatedCompositeFieldContainer[Global___Saving.Section]: ...
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        measured: _builtins.bool = ...,
+        comparable: _builtins.bool = ...,
+        driven_j: _builtins.float = ...,
+        optimum_j: _builtins.float = ...,
+        likely_low_j: _builtins.float = ...,
+        likely_high_j: _builtins.float = ...,
+        worst_low_j: _builtins.float = ...,
+        worst_high_j: _builtins.float = ...,
+        sections: _abc.Iterable[Global___Saving.Section] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["comparable", b"comparable", "driven_j", b"driven_j", "likely_high_j", b"likely_high_j", "likely_low_j", b"likely_low_j", "measured", b"measured", "optimum_j", b"optimum_j", "sections", b"sections", "time_ns", b"time_ns", "worst_high_j", b"worst_high_j", "worst_low_j", b"worst_low_j"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Saving: _TypeAlias = Saving  # noqa: Y015
+
+@_typing.final
 class Truth(_message.Message):
     """What really happens, beside what sensors say (sim/<train>/truth). In a replay: as estimated from the trip, without
     what is after limit_mps.

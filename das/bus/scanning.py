@@ -112,7 +112,10 @@ class Scan:
         if self.ended and at < last:
             self._note(at, last, "bytes behind the end of the index", lost=False)
         if self.has_footer and not self.ended:
-            self._note(at, self.size, "the last bytes of the file", lost=False)
+            if MAGIC.startswith(self._read(at, len(MAGIC))):  # cut within its last bytes
+                self.has_footer, self.cut_byte = False, at
+            else:
+                self._note(at, self.size, "the last bytes of the file", lost=False)
         if self.ended and not self.has_footer:
             self._note(at, last, "the end of the index is missing", lost=False)
         if self.data_proven is not True:

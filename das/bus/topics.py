@@ -56,6 +56,7 @@ CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simul
 CONTROLS: Final = Topic(name="controls", root="sim", message=das_pb2.Controls, publisher="driver", recorded=False)
 DECISION: Final = Topic(name="decision", root="sim", message=das_pb2.Decision, publisher="simulator")
 MEASURES: Final = Topic(name="measures", root="sim", message=das_pb2.Measures, publisher="simulator")
+SAVING: Final = Topic(name="saving", root="sim", message=das_pb2.Saving, publisher="simulator")
 LOG: Final = Topic(name="log", root="sim", message=Log, publisher="simulator")
 RECORDER: Final = Topic(
     name="recorder", root="das", message=das_pb2.RecorderStatus, publisher="recorder", recorded=False
@@ -80,6 +81,7 @@ TOPICS: Final = (
     CONTROLS,
     DECISION,
     MEASURES,
+    SAVING,
     LOG,
     RECORDER,
 )

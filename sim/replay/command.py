@@ -40,19 +40,21 @@ def _replay(trip: Path, options: ReplayOptions, out: Path, as_json: bool) -> Non
         from sim.replay.job import prepare
         from sim.replay.replay import replay as run_replay
         from sim.replay.report import print_result, result
+        from sim.replay.saving import saving_message, trip_saving
 
         warm_up()
     with busy("reading the trip and solving its section …"):
         job = prepare(trip, options, out, typed_command())
+    with busy("estimating the energy of the trip, and how well it is known …"):
+        saving = trip_saving(job)
     interrupt_on_termination()
     try:
         with progress_bar(f"replaying {trip.name}", "starting node and recorder", "s") as progress:
-            outcome = run_replay(job, progress)
+            outcome = run_replay(job, progress, lambda time_ns: saving_message(saving, time_ns))
     except KeyboardInterrupt:
         print(f"stopped; recorded so far: {out}", file=sys.stderr)
         raise
-    with busy("estimating the energy of the trip, and how well it is known …"):
-        found = result(job, outcome)
+    found = result(job, outcome, saving)
     if as_json:
         print(json.dumps(found))
     else:

@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from google.protobuf.message import Message
 
 from das.bus import codec, das_pb2
 from das.bus.codec import Outgoing
-from das.bus.topics import LOCATION, LOG, TRUTH
+from das.bus.topics import LOCATION, LOG, SAVING, TRUTH
 from das.cab.heard import DelayHeard, JourneyHeard, OrderedStop, PositionHeard, RestrictionsHeard
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -98,13 +99,20 @@ def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float | None) -> R
     )
 
 
-def replay(job: ReplayJob, progress: Callable[[int, int], None]) -> ReplayOutcome:
-    """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails."""
+def replay(
+    job: ReplayJob, progress: Callable[[int, int], None], closing: Callable[[int], Message] | None = None
+) -> ReplayOutcome:
+    """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails.
+
+    `closing` gives what is recorded at the end about the saving, for the last tick's time (ns).
+    """
     with Lockstep(job.crew) as lockstep:
         lockstep.begin(_journey(job))
         began = time.perf_counter()
         _play(job, lockstep, progress)
         replay_s = time.perf_counter() - began
+        if closing is not None:
+            lockstep.send(SAVING, closing(job.timing.last_tick_ns))
         lockstep.finish(job.timing.last_tick_ns)
     return ReplayOutcome(traffic=lockstep.traffic, replay_s=replay_s)
 

@@ -12,10 +12,10 @@ from das.command_line.printing import print_table, tell, typed
 from das.domain.units import NS, kwh
 from das.solver.solution import Fit
 from sim.replay.replay import TICK_S, ReplayJob, ReplayOutcome
-from sim.trips.estimate import EnergyRange, energy_range
+from sim.replay.saving import TripSaving
+from sim.trips.estimate import EnergyRange
 from sim.trips.findings import FindingKind
 from sim.trips.report import direction_by_posts, line_not_used, unknowns
-from sim.trips.saving import saving_range
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip
 
@@ -24,7 +24,7 @@ LEAST_CERTAIN_RATIO = 0.01
 it finds 0.5 %."""
 
 
-def result(job: ReplayJob, outcome: ReplayOutcome) -> dict[str, Any]:
+def result(job: ReplayJob, outcome: ReplayOutcome, saving: TripSaving) -> dict[str, Any]:
     """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
 
     `energy_optimum_kwh` is the least energy for the same arrival as driven (of the fastest run, where the train cannot
@@ -46,7 +46,7 @@ def result(job: ReplayJob, outcome: ReplayOutcome) -> dict[str, Any]:
         "advices_given": traffic.advices_given,
         "advices_withdrawn": traffic.advices_withdrawn,
         "advices_above_limit": traffic.above_limit,
-        **_energies(job),
+        **_energies(job, saving),
         **_timetable(job),
         **_messages(outcome),
         **_matching(trip),
@@ -54,34 +54,48 @@ def result(job: ReplayJob, outcome: ReplayOutcome) -> dict[str, Any]:
     }
 
 
-def _energies(job: ReplayJob) -> dict[str, Any]:
-    """Energy as driven, that of the optimum, and what the advice would have saved."""
-    trip = job.trip
-    trip_s, driven_j = float(trip.run.time_s[-1]), job.driven.ledger.input
-    optimum = job.front.trajectory(trip_s)
-    driven_kwh, optimum_kwh = kwh(driven_j), kwh(optimum.ledger.input)
-    spread = energy_range(job.front.section, trip.matched)
-    comparable = optimum.fit is not Fit.LATE and trip.whole and trip.direction_known and not trip.stops_on_the_way
-    saved_kwh = driven_kwh - optimum_kwh if comparable else None
-    saved = saving_range(job.front, trip.matched, trip_s) if comparable else None
+def _energies(job: ReplayJob, saving: TripSaving) -> dict[str, Any]:
+    """Energy as driven, that of the optimum with the same arrivals, and what the advice would have saved."""
+    driven_kwh, optimum_kwh = kwh(saving.whole_j), kwh(saving.optimum_j)
+    spread, saved, likely = saving.spread, saving.saved, saving.likely
+    saved_kwh = None if saved is None else driven_kwh - optimum_kwh
     return {
-        "min_time_s": optimum.least_time_s,
+        "min_time_s": sum(one.least_time_s for one in saving.optima),
         "energy_driven_kwh": driven_kwh,
         "energy_driven_low_kwh": kwh(spread.low_j),
         "energy_driven_high_kwh": kwh(spread.high_j),
         "energy_driven_unknowns": unknowns(spread),
         "energy_optimum_kwh": optimum_kwh,
-        "optimum_time_s": optimum.time_s,
-        "optimum_fit": str(optimum.fit),
+        "optimum_time_s": sum(one.time_s for one in saving.optima),
+        "driving_time_s": sum(one.trip_s for one in saving.sections),
+        "optimum_fit": str(Fit.LATE if saving.late else saving.optima[0].fit),
         "saved_kwh": saved_kwh,
         "saved_ratio": saved_kwh / driven_kwh if saved_kwh is not None and driven_kwh > 0 else None,
+        "saved_likely_low_kwh": None if likely is None else kwh(likely.low_j),
+        "saved_likely_high_kwh": None if likely is None else kwh(likely.high_j),
         "saved_low_kwh": None if saved is None else kwh(saved.low_j),
         "saved_high_kwh": None if saved is None else kwh(saved.high_j),
-        "saving_certain": saved is not None and saving_certain(saved, driven_j),
+        "saving_certain": saved is not None and saving_certain(saved, saving.whole_j),
         "saved_unknowns": [] if saved is None else unknowns(saved),
         "saved_cases_left_out": 0 if saved is None else saved.left_out,
+        "sections": _sections(saving),
         "beyond_vehicle_ratio": job.driven.beyond_ratio,
     }
+
+
+def _sections(saving: TripSaving) -> list[dict[str, Any]]:
+    """Every section of the trip with its energies."""
+    return [
+        {
+            "from": one.start,
+            "to": one.end,
+            "trip_s": one.trip_s,
+            "driven_kwh": kwh(driven_j),
+            "optimum_kwh": kwh(best.ledger.input),
+            "optimum_fit": str(best.fit),
+        }
+        for one, best, driven_j in zip(saving.sections, saving.optima, saving.driven_j, strict=True)
+    ]
 
 
 def _timetable(job: ReplayJob) -> dict[str, Any]:
@@ -162,9 +176,19 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             f"{found['energy_optimum_kwh']:.1f} kWh",
         ),
         *saving_rows(found),
-        ("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh"),
+        *section_rows(found),
         ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
         ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
+    ]
+
+
+def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """The sections of a trip with stops on the way; the optimum for the timetable of one without."""
+    if len(found["sections"]) < 2:
+        return [("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh")]
+    return [
+        (f"  {one['from']} – {one['to']}", f"{one['driven_kwh']:.1f} kWh, optimum {one['optimum_kwh']:.1f} kWh")
+        for one in found["sections"]
     ]
 
 
@@ -177,7 +201,8 @@ def saving_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     certain = f"{found['saved_kwh']:.1f} kWh{ratio}" if found["saving_certain"] else "perhaps nothing"
     return [
         (what, certain),
-        ("  it may have been", f"{found['saved_low_kwh']:z.0f} to {found['saved_high_kwh']:z.0f} kWh"),
+        ("  likely", f"{found['saved_likely_low_kwh']:z.0f} to {found['saved_likely_high_kwh']:z.0f} kWh"),
+        ("  all unknowns at their worst", f"{found['saved_low_kwh']:z.0f} to {found['saved_high_kwh']:z.0f} kWh"),
     ]
 
 
@@ -189,7 +214,7 @@ def notes(found: dict[str, Any]) -> list[str]:
 def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     notes = []
     if found["optimum_fit"] == Fit.LATE:
-        late = found["optimum_time_s"] - found["trip_time_s"]
+        late = found["optimum_time_s"] - found["driving_time_s"]
         notes.append(
             f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {late:.1f} s later"
         )
@@ -203,12 +228,12 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
         )
     if found["stops_on_the_way"]:
         names = ", ".join(found["stops_on_the_way"])
-        notes.append(f"the train stood at {names} on the way, the optimum does not: no saving can be stated")
+        notes.append(f"the train stood at {names} on the way: it is compared section by section with the same stands")
     if found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
     if found["saved_kwh"] is not None and not found["saving_certain"]:
-        notes.append("what the saving may have been reaches down to 0, or all but: no saving is claimed")
+        notes.append("at worst nothing was saved, or all but: no saving is claimed")
     if found["direction_note"]:
         notes.append(f"{found['direction_note']}: no saving is stated before that is known")
     if found["saved_cases_left_out"]:

@@ -18,6 +18,7 @@ from sim.events.advice_events import place_text
 from sim.events.bookmarks import bookmarks
 from sim.events.clock import minutes, spell
 from sim.events.event import DriveEvent, EventKind, Filter
+from sim.recording.saving import saving_rows
 from sim.report.circumstances import came_about, moment_words, restrictions_told
 from sim.report.subject import ReviewedDrive
 from sim.review.summary import readable
@@ -172,6 +173,7 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(subject)
     rows += [("temporary restrictions told", told)] if told else []
+    rows += [(f"recorded: {name}", text) for name, text in saving_rows(subject.recording)]
     followed = compliance(subject)
     if followed is not None:
         rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))

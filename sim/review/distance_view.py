@@ -23,6 +23,8 @@ from sim.review.timelines import Timelines
 WIDTH: Final = 1600.0
 """Width of the trip in the plane."""
 NICE: Final = (1.0, 2.0, 5.0, 10.0)
+FURNITURE: Final = ("grid", "axes", "stops", "names", "key", "here")
+"""Entities over distance about which there is nothing to be told when somebody points at them."""
 SIGNAL_SHARE: Final = 0.12
 LETTER: Final = 6.0
 """Half the width of a letter and its bubble in the window that the layout is made for."""

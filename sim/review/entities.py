@@ -20,7 +20,7 @@ from sim.review.bookmarks import COLORS, bookmarks
 from sim.review.cab_card import cards
 from sim.review.colors import DARK, rgba
 from sim.review.distance_view import send_distance
-from sim.review.lanes import Lane
+from sim.review.lanes import Lane, lane_entity
 from sim.review.series import STYLES, Floats, MapTrack, Times
 from sim.review.story import Story
 from sim.review.summary import summary
@@ -36,7 +36,7 @@ REACHED_M: Final = 200.0
 """A stop this near (m) to where the train came is on its track."""
 
 
-def send(out: rr.RecordingStream, story: Story, chronicle: Chronicle, way: MapTrack | None, *, with_map: bool) -> None:
+def send(out: rr.RecordingStream, story: Story, chronicle: Chronicle, *, with_map: bool) -> None:
     """Send everything that is shown to rerun, but the account of the energy."""
     recording, lines = story.recording, Timelines(trip=story.trip, clock=story.clock)
     for name, (time_ns, values) in story.series.items():
@@ -48,10 +48,10 @@ def send(out: rr.RecordingStream, story: Story, chronicle: Chronicle, way: MapTr
     _bookmarks(out, lines, chronicle)
     _events(out, lines, recording.of(topics.EVENT) + recording.of(topics.LOG))
     _cab(out, lines, story)
-    if way is not None:
-        _location(out, lines, way, story, with_map=with_map)
+    if story.way is not None:
+        _location(out, lines, story.way, story, with_map=with_map)
     send_distance(out, lines, story)
-    out.log("summary", rr.TextDocument(summary(recording), media_type=MARKDOWN), static=True)
+    out.log("summary", rr.TextDocument(summary(recording, story.filled_from), media_type=MARKDOWN), static=True)
 
 
 def send_series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times, values: Floats) -> None:
@@ -69,7 +69,7 @@ def send_series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: T
 
 def send_lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     """Send a lane of states, with one row for each change."""
-    entity, states = f"mode/{lane.name.replace(' ', '_')}", list(lane.colors)
+    entity, states = lane_entity(lane.name), list(lane.colors)
     shades = np.array([rgba(lane.color(state, DARK)) for state in states], dtype=np.uint32)
     time_ns = np.array([change.time_ns for change in lane.changes])
     out.log(entity, rr.StateConfiguration(values=states, colors=shades), static=True)

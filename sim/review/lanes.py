@@ -41,6 +41,11 @@ class Lane(NamedTuple):
         return theme.of[found] if isinstance(found, Meaning) else found
 
 
+def lane_entity(name: str) -> str:
+    """The entity of a lane in the viewer."""
+    return f"mode/{name.replace(' ', '_')}"
+
+
 def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     """The lanes that have something to show."""
     silent = silences(recording, trip)

@@ -6,14 +6,15 @@ ignore what is given. So the plots show the whole trip on the drive's clock, and
 
 from __future__ import annotations
 
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import rerun.blueprint as rrb
 
 from das.bus.topics import ADVICE, CAB, EVENT, LOG
 from das.domain.units import NS
-from sim.review.distance_view import BOTTOM, MARGIN, WIDTH
+from sim.review.distance_view import BOTTOM, FURNITURE, MARGIN, WIDTH
+from sim.review.lanes import lane_entity
 from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, MapTrack
 from sim.review.story import Story
 from sim.review.timelines import DRIVE_CLOCK
@@ -26,17 +27,21 @@ ENERGY, CAB_CARD, BOOKMARKS = "account", "cab", "bookmarks"
 
 
 class Row(NamedTuple):
-    """A view over time: title, origin of its entities, share of the height, corner of its legend."""
+    """A view over time: title, origin of its entities, share of the height, corner of its legend, and its lanes."""
 
     title: str
     origin: str
     share: float
     legend: Literal["LeftTop", "LeftBottom", "RightTop"] | None = None
+    lanes: tuple[str, ...] = ()
 
 
+DRIVING: Final = ("advised", "shown", "signal", "driving cost")
+NODE: Final = ("node", "no advice")
+"""Lanes by name: of the driving, and of the node."""
 REVIEW: Final = (
     Row("Speed (km/h)", "speed", 2.2),
-    Row("Modes advised and shown, node, no advice, signals, and what the driving cost (kWh)", "mode", 0.45),
+    Row("Modes advised and shown, signals, and what the driving cost (kWh)", "mode", 0.8, lanes=DRIVING),
     Row("Controller, shown and set: share of the largest effort (%)", "lever", 1.1),
     Row("Energy lost above the optimum: by all driving, and by other efforts than advised (kWh)", "lost", 1.1),
 )
@@ -48,22 +53,23 @@ MORE: Final = (
     Row("Buffer: time left over the least possible (%)", "buffer", 0.9),
 )
 KNOWN: Final = (
-    Row("Position as the node knows it (m)", "estimate", 1.0, "RightTop"),
-    Row("Mass and resistance as the node finds them, against the plan (%)", "calibration", 1.0, "RightTop"),
+    Row("State of the node, and times without advice", "mode", 0.2, lanes=NODE),
+    Row("Position as the node knows it (m)", "estimate", 2.0, "RightTop"),
+    Row("Mass and resistance as the node finds them, against the plan (%)", "calibration", 2.0, "RightTop"),
 )
-ALWAYS: Final = {"mode", "lost", "energy"}
+ALWAYS: Final = {"lost", "energy"}
 """Views that are there from the beginning, because what they show comes when it is found."""
-LANE_SHARE: Final = 0.36
+LANE_SHARE: Final = 0.42
 """Each lane adds this much to the share of its view in the height."""
 
 
-def blueprint(story: Story, way: MapTrack | None, *, with_map: bool) -> rrb.Blueprint:
+def blueprint(story: Story, *, with_map: bool) -> rrb.Blueprint:
     """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_over_distance(), _over_time(story), row_shares=[0.75, 1.0]),
+            rrb.Vertical(_over_distance(), _over_time(story), row_shares=[0.7, 1.0]),
             rrb.Vertical(
-                rrb.Tabs(*_side(story, way, with_map=with_map), name="Now"),
+                rrb.Tabs(*_side(story, with_map=with_map), name="Now"),
                 rrb.Tabs(*_lists(story), name="What happened"),
             ),
             column_shares=[2.4, 1.0],
@@ -78,7 +84,8 @@ def blueprint(story: Story, way: MapTrack | None, *, with_map: bool) -> rrb.Blue
 def _over_distance() -> rrb.View:
     left, right, below = MARGIN
     bounds = rrb.VisualBounds2D(x_range=(-left, WIDTH + right), y_range=(0.0, BOTTOM + below))
-    return rrb.Spatial2DView(origin="distance", name="Over distance", visual_bounds=bounds)
+    quiet: dict[Any, Any] = {f"distance/{name}": rrb.EntityBehavior(interactive=False) for name in FURNITURE}
+    return rrb.Spatial2DView(origin="distance", name="Over distance", visual_bounds=bounds, overrides=quiet)
 
 
 def _over_time(story: Story) -> rrb.Container:
@@ -87,12 +94,13 @@ def _over_time(story: Story) -> rrb.Container:
     return rrb.Tabs(*(tab for tab in tabs if tab is not None))
 
 
-def _side(story: Story, way: MapTrack | None, *, with_map: bool) -> list[rrb.View]:
+def _side(story: Story, *, with_map: bool) -> list[rrb.View]:
     """What is so at the moment of the cursor, and what is so of the whole drive."""
     found: list[rrb.View] = []
     if story.recording.of(CAB) or story.recording.of(ADVICE):
         found.append(rrb.TextDocumentView(origin=CAB_CARD, name="What the driver saw"))
     found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy by cause"))
+    way = story.way
     if way is not None:
         found += [_track(way), *([_map(way)] if with_map else [])]
     return [*found, rrb.TextDocumentView(origin="summary", name="Summary")]
@@ -112,16 +120,17 @@ def _rows(rows: tuple[Row, ...], story: Story, name: str) -> rrb.Vertical | None
     """The views for which there is something to show, one under the other; None if there are none."""
     found = {series.split("/")[0] for series, (time_ns, _) in story.series.items() if len(time_ns)}
     found |= ALWAYS
-    shown = [row for row in rows if row.origin in found]
-    lanes = len(story.lanes) + 1  # and the one of what the driving cost
-    shares = [row.share + (LANE_SHARE * lanes if row.origin == "mode" else 0.0) for row in shown]
+    lanes = {lane.name for lane in story.lanes} | {"driving cost"}  # which comes when it is found
+    shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
+    shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]
     axis = _whole_trip(story)
     return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=shares, name=name) if shown else None
 
 
 def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
     if row.origin == "mode":
-        return rrb.StateTimelineView(origin=row.origin, name=row.title, time_view=axis)
+        contents = [f"+ /{lane_entity(name)}" for name in row.lanes]
+        return rrb.StateTimelineView(origin=row.origin, contents=contents, name=row.title, time_view=axis)
     legend = rrb.PlotLegend(row.legend, visible=row.legend is not None)
     heights = rrb.ScalarAxis(range=BUFFER_PERCENT) if row.origin == "buffer" else None
     return rrb.TimeSeriesView(origin=row.origin, name=row.title, axis_x=axis, axis_y=heights, plot_legend=legend)

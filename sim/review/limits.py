@@ -46,14 +46,20 @@ def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[Temporar
     return tuple(found)
 
 
-def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Floats]:
+def limit_in_force(
+    recording: Recording, trip: DrivenCourse, line: tuple[Times, Floats] | None = None
+) -> tuple[Times, Floats]:
     """Times and speeds (m/s): the line's limit and under it the restrictions told by then, from the train's head on.
+
+    `line` is the line's limit under the train where the recording does not hold it.
 
     No recording says how long the train is: behind a restriction's end it holds while the node says that it does.
     """
     advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
     truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
     said_mps = np.where(advice["source"] == Source.NONE, np.nan, advice["limit_mps"])
+    if not len(truth["time_ns"]) and line is not None:
+        truth = {"time_ns": line[0], "limit_mps": line[1]}
     if not len(truth["time_ns"]):
         truth = {"time_ns": advice["time_ns"], "limit_mps": said_mps}
     at, limit_mps = truth["time_ns"], truth["limit_mps"].copy()

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
     from sim.events.chronicle import Chronicle
-    from sim.review.series import MapTrack
     from sim.review.story import Story
 
 APPLICATION = "das-review"
@@ -78,21 +77,18 @@ class ReviewView:
     recording: Recording
     story: Story
     chronicle: Chronicle
-    way: MapTrack | None
     with_map: bool
 
     @classmethod
     def of(cls, recording: Recording, *, with_map: bool = False) -> ReviewView:
         """The view of a recording; DasError for one without positions."""
         from sim.events.chronicle import Chronicle
-        from sim.review.series import MapTrack
         from sim.review.story import Story
 
         return cls(
             recording=recording,
             story=Story.of(recording),
             chronicle=Chronicle.of(recording),
-            way=MapTrack.of(recording),
             with_map=with_map,
         )
 
@@ -106,14 +102,14 @@ class ReviewView:
         """The layout of the view."""
         from sim.review import layout
 
-        return layout.blueprint(self.story, self.way, with_map=self.with_map)
+        return layout.blueprint(self.story, with_map=self.with_map)
 
     def send(self, out: rr.RecordingStream) -> None:
         """Send all that was recorded."""
         from sim.review import entities
 
         out.send_recording_name(f"{self.recording.train} ({self.recording.path.name})")
-        entities.send(out, self.story, self.chronicle, self.way, with_map=self.with_map)
+        entities.send(out, self.story, self.chronicle, with_map=self.with_map)
 
     def send_account(self, out: rr.RecordingStream) -> None:
         """Find where the energy went, and send that, or why it is not known."""

@@ -138,10 +138,15 @@ class MapTrack:
         if not fixes:
             return None
         degrees = np.array([(fix.latitude, fix.longitude) for fix in fixes])
+        return cls.through(np.array([fix.timestamp.ToNanoseconds() for fix in fixes]), degrees)
+
+    @classmethod
+    def through(cls, time_ns: Times, degrees: Floats) -> MapTrack:
+        """The track through these places (latitude, longitude; WGS 84)."""
         middle = degrees.mean(axis=0)
         north, east = (np.radians(degrees - middle) * EARTH_RADIUS_M).T
         return cls(
-            time_ns=np.array([fix.timestamp.ToNanoseconds() for fix in fixes]),
+            time_ns=time_ns,
             degrees=degrees,
             plane_m=np.column_stack((east * np.cos(np.radians(middle[0])), -north)),
         )

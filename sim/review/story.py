@@ -10,10 +10,11 @@ import numpy as np
 from das.bus.recording import Recording
 from das.domain.units import KMH
 from sim.events.clock import DriveClock
+from sim.review.filling import filled_in
 from sim.review.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
 from sim.review.lanes import Lane, lanes
 from sim.review.limits import TemporaryLimit, limit_in_force, temporary_limits
-from sim.review.series import DrivenCourse, Found, on_trip, series
+from sim.review.series import DrivenCourse, Found, MapTrack, on_trip, series
 
 FROM_ADVICE: Final = (
     "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
@@ -34,12 +35,17 @@ class Story:
     signals: tuple[Signal, ...]
     points: tuple[Point, ...]
     happenings: tuple[Happening, ...]
+    way: MapTrack | None = None
+    """The way on the map; None where neither places nor the line's geometry are known."""
+    filled_from: str = ""
+    """What is estimated because it was not recorded, in a sentence; empty where nothing is."""
 
     @classmethod
     def of(cls, recording: Recording) -> Story:
         """The story of a recording; DasError if it has no position at all."""
         trip = DrivenCourse.of(recording)
-        silent, (at, limit_mps) = silences(recording, trip), limit_in_force(recording, trip)
+        silent, filled = silences(recording, trip), filled_in(recording, trip)
+        at, limit_mps = limit_in_force(recording, trip, filled.limit)
         return cls(
             recording=recording,
             trip=trip,
@@ -47,6 +53,7 @@ class Story:
             series={
                 "speed/limit": on_trip(trip, at, limit_mps / KMH, held=True),
                 **_broken(series(recording, trip), silent),
+                **filled.series,
             },
             lanes=lanes(recording, trip),
             limits=temporary_limits(recording, trip),
@@ -54,6 +61,8 @@ class Story:
             signals=signals(recording),
             points=points(recording, trip),
             happenings=happenings(recording, trip, silent),
+            way=MapTrack.of(recording) or filled.way,
+            filled_from=filled.source,
         )
 
 

@@ -8,6 +8,7 @@ from textwrap import wrap
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kwh
+from sim.recording.saving import saving_rows
 from sim.review.restlessness import recorded_restlessness
 from sim.world.disturbances import NOTHING
 from sim.world.report import restlessness_rows
@@ -16,12 +17,16 @@ LETTERS = 150
 """Most letters in a line under the headline of a picture."""
 
 
-def summary(recording: Recording) -> str:
-    """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote."""
+def summary(recording: Recording, filled_from: str = "") -> str:
+    """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote.
+
+    `filled_from` says what is estimated because it was not recorded.
+    """
     lines = [f"### Train {recording.train}", ""]
     if not recording.complete:
         lines += ["**This recording was cut off; it holds what was written before.**", ""]
     lines += [f"**Damaged: {one}.**\n" for one in recording.health.damage]
+    lines += [f"**{filled_from[0].upper()}{filled_from[1:]}.**\n"] if filled_from else []
     if len(recording.trains) > 1:
         lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
     lines += _table("Trip", _trip(recording))
@@ -66,6 +71,7 @@ def _trip(recording: Recording) -> list[tuple[str, str]]:
             ("time", f"{(where['time_ns'][-1] - where['time_ns'][0]) * NS:.0f} s"),
             ("energy at the collector", f"{kwh(where['energy_input_j'][-1]):.1f} kWh"),
         ]
+    rows += saving_rows(recording)
     shown = recorded_restlessness(recording)
     rows += [(name.strip(), value) for name, value in restlessness_rows(shown)]
     rows += [("warning", shown.warning)] if shown.warning is not None else []

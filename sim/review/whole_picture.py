@@ -45,7 +45,7 @@ def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
 
     story = Story.of(recording)
     speed, *rest = distance_panels.PANELS
-    day = on_this_day(recording)
+    day = [*on_this_day(recording), *filter(None, [story.filled_from])]
     first = (speed._replace(above_in=speed.above_in + TITLE_IN + LINE_IN * len(day)), *rest)
     below = time_panels.panels(story)
     below["speed"] = below["speed"]._replace(above_in=AXIS_IN + time_panels.LEGEND_IN)

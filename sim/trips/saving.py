@@ -5,42 +5,73 @@ The unknowns are the same for the optimum and for the trip.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import NamedTuple
 
 from das.domain.errors import DasError
-from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
-from sim.trips.estimate import DrivenCase, EnergyRange, driven_energy, over_unknowns
-from sim.trips.matching import MatchedTrip
+from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, driven_energy, over_unknowns
+from sim.trips.sections import DrivenSection
 from sim.trips.settings import SMOOTHING
 
 
-def saving_range(front: Front, matched: MatchedTrip, trip_s: float) -> EnergyRange:
-    """Energy as driven minus that of the optimum with the same arrival (J), in every case of the unknowns.
+class LikelySaving(NamedTuple):
+    """The likely range of a saving (J): the deviations of each unknown but the braking, added as squares."""
 
-    Train, wind and brakes are the same on both sides; the smoothing concerns the record alone. A case in which the
-    train could not have arrived after `trip_s` is left out. `front` is that of the train as assumed, which could.
+    low_j: float
+    high_j: float
+
+
+def saving_range(sections: Sequence[DrivenSection]) -> EnergyRange:
+    """Energy as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
+
+    Train, wind and brakes are the same on both sides and in all sections; the smoothing concerns the record alone. A
+    case in which the train could not have driven a section in its time is left out; the train as assumed could.
     """
-    section = front.section
-    driven_j = driven_energy(section, matched)
+    each = [_saved(section) for section in sections]
+
+    def saved_j(case: DrivenCase) -> float | None:
+        found = [saved(case) for saved in each]
+        return None if any(one is None for one in found) else math.fsum(one for one in found if one is not None)
+
+    return over_unknowns(saved_j)
+
+
+def likely_saving(saved: EnergyRange) -> LikelySaving:
+    """The likely range of a saving: mass, resistance, wind and smoothing are independent of each other.
+
+    How the train braked is no deviation but another train; it is in the outermost range alone.
+    """
+    spread = [one for one in saved.unknowns if one.name != BRAKING]
+    low_j = math.hypot(*(min(one.low_j - saved.estimate_j, 0.0) for one in spread))
+    high_j = math.hypot(*(max(one.high_j - saved.estimate_j, 0.0) for one in spread))
+    return LikelySaving(saved.estimate_j - low_j, saved.estimate_j + high_j)
+
+
+def _saved(driven: DrivenSection) -> Callable[[DrivenCase], float | None]:
+    """What is saved on a section (J) in a case; None where the train could not have driven it so."""
+    section = driven.front.section
+    driven_j = driven_energy(section, driven.matched)
 
     @cache
     def optimum_j(case: DrivenCase) -> float | None:
         try:
-            other = front if case == DrivenCase() else solve_front(section_in(section, case))
+            other = driven.front if case == DrivenCase() else solve_front(section_in(section, case))
         except DasError:  # such a train cannot run here
             return None
-        found = other.trajectory(trip_s)
+        found = other.trajectory(driven.trip_s)
         return None if found.fit is Fit.LATE else found.ledger.input
 
     def saved_j(case: DrivenCase) -> float | None:
         least_j = optimum_j(replace(case, jerk_psd_m2ps5=SMOOTHING.jerk_psd_m2ps5))
         return None if least_j is None else driven_j(case) - least_j
 
-    return over_unknowns(saved_j)
+    return saved_j
 
 
 def section_in(section: Section, case: DrivenCase) -> Section:

@@ -31,10 +31,11 @@ from das.bus.topics import (
     PLAN,
     POSITION,
     RESTRICTION,
+    SAVING,
     STATUS,
     TRUTH,
 )
-from das.domain.units import KMH, NS
+from das.domain.units import KMH, NS, kwh
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.processes.lockstep import Traffic
@@ -211,6 +212,18 @@ def test_the_recording_holds_the_measures_of_the_result_and_gives_them_again(
     assert said.shortest_mode_s == found["shortest_mode_s"] == pytest.approx(again.shortest_mode_s)
     assert said.shown_s == pytest.approx(again.shown_s)
     assert found["warnings"] == ([again.warning] if again.warning else [])
+
+
+@pytest.mark.processes
+def test_the_recording_holds_what_was_taken_above_the_optimum(recording: Recording, found: dict[str, Any]) -> None:
+    (entry,) = recording.of(SAVING)
+    said = entry.message
+    assert said.measured
+    assert kwh(said.driven_j) == pytest.approx(found["energy_kwh"], rel=1e-9)
+    assert kwh(said.optimum_j) == pytest.approx(found["energy_hindsight_kwh"], rel=1e-9)
+    assert said.likely_low_j == said.worst_high_j == pytest.approx(said.driven_j - said.optimum_j)
+    assert sum(one.driven_j for one in said.sections) == pytest.approx(said.driven_j)
+    assert sum(one.optimum_j for one in said.sections) == pytest.approx(said.optimum_j)
 
 
 @pytest.mark.processes

@@ -24,6 +24,7 @@ from sim.replay import report as replay_report
 from sim.replay.job import prepare
 from sim.replay.options import ReplayOptions
 from sim.replay.replay import ReplayOutcome
+from sim.replay.saving import trip_saving
 from sim.trips import command as trip_command
 from sim.trips import picture as trip_picture
 from sim.trips.estimate import (
@@ -35,7 +36,8 @@ from sim.trips.estimate import (
 from sim.trips.options import TripOptions
 from sim.trips.picture import FORCES_SHOWN_RATIO
 from sim.trips.reading import read_trip
-from sim.trips.saving import saving_range
+from sim.trips.saving import likely_saving, saving_range
+from sim.trips.sections import driven_sections
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip, Whereabouts, load_trip
 from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, dropouts, late_end, spikes, write
@@ -247,7 +249,7 @@ def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
         force = train.mass_kg * a + mass * more * C0_N + more * C2 * (v + wind) ** 2
         taken = np.maximum(force, 0.0) if brakes is FRICTION else force
         ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.ledger.input
-    found = saving_range(solve_front(section), trip.matched, trip_s)
+    found = saving_range(driven_sections(trip, solve_front(section)))
     smoothing = next(u for u in found.unknowns if u.name.startswith("smoothing"))
     unsure_j = smoothing.high_j - smoothing.low_j
     scale_j = 0.01 * max(ends.values())
@@ -255,12 +257,14 @@ def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
     assert found.high_j == pytest.approx(max(ends.values()), abs=2 * unsure_j + scale_j)
     assert 0 < found.low_j < found.estimate_j < found.high_j
     assert found.left_out == 0
+    likely = likely_saving(found)
+    assert found.low_j < likely.low_j < found.estimate_j < likely.high_j < found.high_j
 
 
 def test_trains_that_could_not_have_arrived_are_left_out(driven: tuple[Trip, Section, EnergyRange]) -> None:
     trip, section, _ = driven
     front = solve_front(section)
-    found = saving_range(front, trip.matched, front.fastest().time_s + 0.2)
+    found = saving_range([replace(driven_sections(trip, front)[0], trip_s=front.fastest().time_s + 0.2)])
     assert found.left_out > 0
     assert found.low_j <= found.estimate_j <= found.high_j
 
@@ -276,15 +280,18 @@ def test_who_drove_the_optimum_is_not_told_he_could_have_saved(tmp_path: Path) -
         tmp_path, [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)], on_route=True
     )
     trip = load_trip(path, read_trip(path), section.route, Whereabouts())
-    found = saving_range(front, trip.matched, float(trip.run.time_s[-1]))
+    found = saving_range(driven_sections(trip, front))
     least_j = best.ledger(section.vehicle, section.loss).input
     assert abs(found.estimate_j) < 0.01 * least_j
     assert not replay_report.saving_certain(found, least_j)
-    figures = {"saved_kwh": 1.0, "saved_ratio": 0.01, "direction_known": True}
+    figures: dict[str, Any] = {"saved_kwh": 1.0, "saved_ratio": 0.01, "direction_known": True}
+    figures |= {"saved_likely_low_kwh": 0.7, "saved_likely_high_kwh": 1.2}
     told = replay_report.saving_rows({**figures, "saving_certain": False, "saved_low_kwh": -0.8, "saved_high_kwh": 2.0})
-    assert told == [("advice would have saved", "perhaps nothing"), ("  it may have been", "-1 to 2 kWh")]
+    assert told[0] == ("advice would have saved", "perhaps nothing")
+    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  all unknowns at their worst", "-1 to 2 kWh")]
     told = replay_report.saving_rows({**figures, "saving_certain": True, "saved_low_kwh": 0.6, "saved_high_kwh": 2.0})
-    assert told == [("advice would have saved", "1.0 kWh (1 %)"), ("  it may have been", "1 to 2 kWh")]
+    assert told[0] == ("advice would have saved", "1.0 kWh (1 %)")
+    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  all unknowns at their worst", "1 to 2 kWh")]
 
 
 @pytest.mark.parametrize("reverse", [None, False])
@@ -293,9 +300,8 @@ def test_no_saving_is_stated_before_the_direction_is_known(tmp_path: Path, rever
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     trip = write(tmp_path, clean(6000.0), on_route=False)
     options = ReplayOptions(trip=TripOptions(route="flat-6km", vehicle="re460-ic", line=posts, reverse=reverse))
-    found = replay_report.result(
-        prepare(trip, options, tmp_path / "out.mcap", "test"), ReplayOutcome(traffic=Traffic(), replay_s=1.0)
-    )
+    job = prepare(trip, options, tmp_path / "out.mcap", "test")
+    found = replay_report.result(job, ReplayOutcome(traffic=Traffic(), replay_s=1.0), trip_saving(job))
     assert found["direction_known"] == (reverse is not None)
     assert (found["saved_kwh"] is None) == (reverse is None)
     told = [note for note in replay_report.notes(found) if "which way the trip ran" in note]
