@@ -147,7 +147,8 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
     """Print what the check found."""
     tell(f"{design.name}: {design.title}")
     table = Table(box=box.SIMPLE_HEAD)
-    for name in ("factor", "levels", "participants meet", "sensed"):
+    table.add_column("factor", no_wrap=True)
+    for name in ("levels", "participants meet", "sensed"):
         table.add_column(name)
     sensed = {one.factor: one for one in found.sensed}
     for factor in design.factors:
@@ -200,7 +201,8 @@ FAILED_SHOWN: Final = 5
 def print_studies(found: Sequence[Design]) -> None:
     """Print the bundled studies."""
     table = Table(box=box.SIMPLE_HEAD)
-    for name in ("study", "title", "participants", "factors"):
+    table.add_column("study", no_wrap=True)
+    for name in ("title", "participants", "factors"):
         table.add_column(name)
     for one in found:
         table.add_row(one.name, one.title, str(one.people.count), _factors_in_words(one))

@@ -237,6 +237,8 @@ def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: P
         (("run", "smoke", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"), "either --workers or --scheduler"),
         (("run", "smoke", "-o", "x", "--recordings", "--scheduler", "tcp://a:1"), "expected without --scheduler"),
         (("check", "nonsense.toml"), "nonsense.toml: no such file"),
+        (("fly",), "No such command 'fly'"),
+        (("run", "smoke"), "Missing option '--out'"),
     ],
 )
 def test_nonsense_on_the_command_line(place: Path, words: tuple[str, ...], said: str) -> None:
