@@ -72,7 +72,8 @@ class Screen:
         """Whether advice may be shown: it reads as before, it is advice to brake, or the old has stood."""
         assert self._shown is not None
         stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
-        return stood or view.mode in BRAKES or Shown.of(view) == Shown.of(self._shown)
+        reading = Shown.of(view)
+        return stood or reading.mode in BRAKES or reading == Shown.of(self._shown)
 
     def _take(self, view: AdviceView | None, now_s: float) -> None:
         before = None if self._shown is None else Shown.of(self._shown)

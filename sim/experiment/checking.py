@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from rich import box
 from rich.table import Table
 
@@ -38,7 +42,8 @@ class DesignCheck:
     """What the check of a design found.
 
     `person_s` is how long the longest participant is busy, breaks included, and `all_s` all participants together.
-    `notes` are sentences about balance and order; `sensed` says what driving showed of each factor.
+    `notes` are sentences about balance and order; `sensed` says what driving showed of each factor. `drive_s` is the
+    median time by the stopwatch that a simulated drive took here.
     """
 
     digest: str
@@ -50,6 +55,7 @@ class DesignCheck:
     all_s: float
     notes: tuple[str, ...]
     sensed: tuple[Sensed, ...]
+    drive_s: float = math.nan
 
     @property
     def refusals(self) -> list[str]:
@@ -85,16 +91,20 @@ def was_checked(folder: Path, digest: str) -> bool:
     return bool(kept.get(KEY_HASH) == digest and kept.get("refused") == [])
 
 
-def check_design(design: Design) -> DesignCheck:
-    """Check a design, and drive a few of its conditions to see whether every factor is sensed.
+def check_design(design: Design, clock: Callable[[], float] = time.perf_counter) -> DesignCheck:
+    """Check a design, and drive a few of its conditions to see whether every factor is sensed; `clock` times drives.
 
     Raises DasError for files that cannot be used, and for days that cannot be driven.
     """
     trials = trials_of(design)
     digest = resolved(design)[KEY_HASH]
     with progress_bar("check", "solving the lines", "drives") as progress:
+
+        def said(done: int) -> None:
+            progress(done, max(done, _least_drives(design)))
+
         spans_s = _spans_s(design, trials)
-        test = SensingTest(design=design, said=lambda done: progress(done, max(done, _least_drives(design))))
+        test = SensingTest(design=design, said=said, clock=clock)
         sensed = tuple(test.of(factor) for factor in design.factors)
     return DesignCheck(
         digest=digest,
@@ -106,6 +116,7 @@ def check_design(design: Design) -> DesignCheck:
         all_s=sum(spans_s),
         notes=(*imbalances(design, trials), *_order_notes(design)),
         sensed=sensed,
+        drive_s=float(np.median(test.spans_s)),
     )
 
 
@@ -147,7 +158,8 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
     """Print what the check found."""
     tell(f"{design.name}: {design.title}")
     table = Table(box=box.SIMPLE_HEAD)
-    for name in ("factor", "levels", "participants meet", "sensed"):
+    table.add_column("factor", no_wrap=True)
+    for name in ("levels", "participants meet", "sensed"):
         table.add_column(name)
     sensed = {one.factor: one for one in found.sensed}
     for factor in design.factors:
@@ -164,6 +176,11 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
     paragraph(
         f"duration: {found.person_s / MINUTE_S:.0f} min for a participant with breaks, "
         f"{found.all_s / HOUR_S:.1f} h for all"
+    )
+    cores = os.cpu_count() or 1
+    paragraph(
+        f"driving them takes about {math.ceil(found.trials * found.drive_s / cores / MINUTE_S)} min here "
+        f"({found.drive_s:.1f} s a trial, {cores} cores), as busy as this machine is now"
     )
     paragraph(f"measures: {len(design.plan.measures)}; planned comparisons: {_comparison_words(design)}")
     for note in found.notes:
@@ -200,7 +217,8 @@ FAILED_SHOWN: Final = 5
 def print_studies(found: Sequence[Design]) -> None:
     """Print the bundled studies."""
     table = Table(box=box.SIMPLE_HEAD)
-    for name in ("study", "title", "participants", "factors"):
+    table.add_column("study", no_wrap=True)
+    for name in ("title", "participants", "factors"):
         table.add_column(name)
     for one in found:
         table.add_row(one.name, one.title, str(one.people.count), _factors_in_words(one))

@@ -40,6 +40,7 @@ def check(
         from sim.experiment.freezing import freeze
 
         asked = load_design(design)
+    _check_folder(out)
     found = check_design(asked)
     if out is not None and not found.refusals:
         freeze(asked, out)
@@ -74,6 +75,7 @@ def run(
     and frozen there first, unless it was before.
     """
     _check_options(workers, scheduler, recordings=recordings, measures_only=measures_only)
+    _check_folder(out)
     with busy("reading the design …"):
         from sim.batch.table import require_pyarrow
         from sim.experiment.design import load_design
@@ -96,6 +98,12 @@ def run(
     if found.failed:
         print(f"{len(found.failed)} of {found.trials} trials failed: see {out / 'failed.csv'}", file=sys.stderr)
         raise typer.Exit(1)
+
+
+def _check_folder(folder: Path | None) -> None:
+    """Refuse a folder that is a file."""
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise DasError(f"{folder}: is a file, expected a folder")
 
 
 def _check_options(workers: int | None, scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:

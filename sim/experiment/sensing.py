@@ -50,10 +50,13 @@ class SensingTest:
     """Drives a design's conditions on a few days until every two levels of every factor are told apart.
 
     `said` is called after each drive with the number of drives so far. Every condition is driven once a day at most.
+    `clock` is a stopwatch (s), with which drives are timed.
     """
 
     design: Design
     said: Callable[[int], None]
+    clock: Callable[[], float]
+    spans_s: list[float] = field(default_factory=list)
     _traces: dict[tuple[Setting, int], str | None] = field(default_factory=dict)
     _failed: str | None = None
 
@@ -85,10 +88,12 @@ class SensingTest:
         key = (setting, day)
         if key not in self._traces:
             call = TrialCall(trial=self._trial(setting, day), population=self.design.people.population)
+            began_s = self.clock()
             try:
                 self._traces[key] = lever_trace_sha256(drive(call).looks)
             except DasError as error:
                 self._traces[key], self._failed = None, str(error)
+            self.spans_s.append(self.clock() - began_s)
             self.said(len(self._traces))
         return self._traces[key]
 

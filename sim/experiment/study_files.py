@@ -45,7 +45,7 @@ def _head(trial: StudyTrial) -> list[Any]:
 def _cell(value: Any) -> Any:
     if value is None:
         return ""
-    return repr(value) if isinstance(value, float) else value
+    return repr(float(value)) if isinstance(value, float) else value  # numpy's floats have another repr
 
 
 def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes]:

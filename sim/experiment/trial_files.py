@@ -71,7 +71,7 @@ def tab_separated(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> byte
 def _cell(value: Any) -> Any:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return MISSING_TEXT
-    return repr(value) if isinstance(value, float) else value
+    return repr(float(value)) if isinstance(value, float) else value  # numpy's floats have another repr
 
 
 def _event_rows(driven: Driven) -> Iterator[tuple[Any, ...]]:

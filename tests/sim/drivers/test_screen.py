@@ -62,6 +62,16 @@ def test_what_is_read_is_held_but_brakes_and_withdrawals_are_not() -> None:
     assert again.mode == Mode.COAST
 
 
+def test_a_top_speed_is_held_though_the_advice_behind_it_brakes() -> None:
+    """Nothing of braking can be read off a reduced maximum speed."""
+    screen = Screen(ScreenSettings(hold_s=8.0))
+    screen.show(replace(advice(0), presentation=Presentation.RMS), 0.0, stands=False)
+    lower = replace(advice(1, Mode.FULL_BRAKE, speed_mps=10.0), presentation=Presentation.RMS)
+    kept = screen.show(lower, 1.0, stands=False)
+    assert kept is not None
+    assert kept.speed_mps == 20.0
+
+
 def test_a_value_that_reads_alike_is_not_held() -> None:
     display = Screen(ScreenSettings(hold_s=8.0))
     display.show(advice(0), 0.0, stands=False)

@@ -232,11 +232,13 @@ def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: P
     ("words", "said"),
     [
         (("run", "nonsense", "-o", "x"), "nonsense: not a bundled study (level-through-a-driver, pacing"),
-        (("run", "smoke", "-o", "small.toml"), "small.toml: cannot be made (File exists)"),
+        (("run", "smoke", "-o", "small.toml"), "small.toml: is a file, expected a folder"),
         (("run", "smoke", "-o", "x", "--recordings", "--measures-only"), "either --recordings or --measures-only"),
         (("run", "smoke", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"), "either --workers or --scheduler"),
         (("run", "smoke", "-o", "x", "--recordings", "--scheduler", "tcp://a:1"), "expected without --scheduler"),
         (("check", "nonsense.toml"), "nonsense.toml: no such file"),
+        (("fly",), "No such command 'fly'"),
+        (("run", "smoke"), "Missing option '--out'"),
     ],
 )
 def test_nonsense_on_the_command_line(place: Path, words: tuple[str, ...], said: str) -> None:

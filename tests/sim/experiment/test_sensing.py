@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from sim.experiment.checking import check_design
 from sim.experiment.design import read_design
 from sim.experiment.sensing import DAYS_TRIED, Sensed, SensingTest
 
@@ -17,7 +18,7 @@ def sensed(tmp_path: Path, fixed: str, *factors: str) -> list[Sensed]:
     tables = "".join(f"[[factors]]\n{one}\n" for one in factors)
     path.write_text(f"{HEAD}[fixed]\nscenario = 'flat-6km'\n{fixed}\n{tables}")
     design = read_design(path)
-    test = SensingTest(design=design, said=lambda _: None)
+    test = SensingTest(design=design, said=lambda _: None, clock=lambda: 0.0)
     return [test.of(factor) for factor in design.factors]
 
 
@@ -52,6 +53,22 @@ def test_what_no_driver_senses_is_refused(tmp_path: Path, factor: str, fixed: st
     assert "give the same lever trace on 5 of 5 days" in found.refusal
 
 
+def test_a_check_counts_trials_and_says_how_long_they_take(tmp_path: Path) -> None:
+    path = tmp_path / "design.toml"
+    factor = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\n"
+    procedure = "[procedure]\npractice_trials = 1\nbreak_after = 2\nbreak_s = 100\n"
+    path.write_text(f"{HEAD}[fixed]\nscenario = 'flat-6km'\n{procedure}{factor}")
+    ticks = iter(range(100))
+    found = check_design(read_design(path), clock=lambda: 2.0 * next(ticks))
+    assert (found.trials, found.practice, found.conditions, found.participants) == (6, 2, 2, 2)
+    assert found.drive_s == 2.0
+    timetable_s = 234.0  # by the timetable of this day, and 10 s before and after
+    assert found.person_s == pytest.approx(3 * (timetable_s + 20.0) + 100.0)
+    assert found.all_s == pytest.approx(2 * found.person_s)
+    assert found.refusals == []
+    assert [note[:17] for note in found.notes] == ["the order is idle"]
+
+
 def test_a_perfect_follower_senses_the_preview(tmp_path: Path) -> None:
     (found,) = sensed(tmp_path, "driver = 'perfect'", "name = 'preview_s'\nlevels = [0, 'all']")
     assert found == Sensed(factor="preview_s", days=1, alike=())
@@ -66,6 +83,6 @@ def test_a_level_that_cannot_be_driven_is_said(tmp_path: Path) -> None:
     path = tmp_path / "design.toml"
     path.write_text(f"{HEAD}[[factors]]\nname = 'scenario'\nlevels = ['flat-6km', 'stuck.toml']\n")
     design = read_design(path)
-    found = SensingTest(design=design, said=lambda _: None).of(design.factors[0])
+    found = SensingTest(design=design, said=lambda _: None, clock=lambda: 0.0).of(design.factors[0])
     assert found.refusal is not None
     assert "levels flat-6km and stuck cannot be compared: the simulated train did not arrive" in found.refusal
