@@ -67,14 +67,13 @@ class Lapses:
 class Heeded(NamedTuple):
     """What the driver goes by: the advice that he saw last, and whether he follows it.
 
-    `correction_mps2` is the acceleration that he adds because the train is not at the advised speed. `reached`: it has
-    come to the speed that it is advised to accelerate to.
+    `reached`: the train has come to the speed that it is advised to accelerate to. `number` counts what he took up.
     """
 
     view: AdviceView | None = None
     follows: bool = False
-    correction_mps2: float = 0.0
     reached: bool = False
+    number: int = 0
 
     @property
     def by_effort(self) -> bool:
@@ -94,6 +93,7 @@ class DisplayReading:
         self._judged: tuple[object, ...] | None = None
         self._pending: bool | None = None
         self._noticed = 0
+        self._expected_mode, self._expected_s = int(Mode.NONE), math.inf
         self.heeded = Heeded()
         """What he goes by now."""
 
@@ -101,35 +101,34 @@ class DisplayReading:
         """The speed that he is advised to accelerate to is reached; he holds it until something else is advised."""
         self.heeded = self.heeded._replace(reached=True)
 
-    def depart(self, cab: CabView, speed_error_mps: float) -> None:
+    def depart(self, cab: CabView) -> None:
         """The train is set in motion: what was advised up to the stop is over, and he looks at the display anew.
 
         He has waited for the order to depart and has had his reaction time, so that he goes by what he sees at once.
         """
-        self.heeded, self._judged, self._pending = Heeded(), None, None
-        self._glance(cab, speed_error_mps)
+        self.heeded, self._judged, self._pending = Heeded(number=self.heeded.number + 1), None, None
+        self._glance(cab)
         if self._pending is not None:
             self._act_s = cab.time_s
-            self.look(cab, speed_error_mps)
+            self.look(cab)
 
-    def look(self, cab: CabView, speed_error_mps: float) -> None:
-        """Glance at the display if it is time to, and take up a decision if its reaction time is over.
-
-        `speed_error_mps` is by how much he misjudges the advised speed now.
-        """
+    def look(self, cab: CabView) -> None:
+        """Glance at the display if it is time to, and take up a decision if its reaction time is over."""
         if cab.time_s >= self._glance_s:
-            self._glance(cab, speed_error_mps)
+            self._glance(cab)
         if self._pending is not None and cab.time_s >= self._act_s:
             self._diary.note(self._act_s, "acted", float(self._pending))
-            self.heeded, self._pending = self.heeded._replace(follows=self._pending), None
-            self._heed(cab, speed_error_mps)
+            number = self.heeded.number + 1
+            self.heeded = self.heeded._replace(view=self._seen, follows=self._pending, number=number)
+            self._pending = None
 
-    def _glance(self, cab: CabView, speed_error_mps: float) -> None:
+    def _glance(self, cab: CabView) -> None:
         """Look at the display, and judge what is new on it."""
         human, now_s = self._human, cab.time_s
         beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
         self._seen = view = cab.shown
+        self._expect(view, now_s)
         self._diary.note(now_s, "glance", 0 if view is None else view.mode)
         item = None if view is None else _item(view)
         if item != self._judged:
@@ -137,7 +136,21 @@ class DisplayReading:
             self.heeded = self.heeded._replace(reached=False)
             self._judge(view, now_s)
         if self._pending is None:
-            self._heed(cab, speed_error_mps)
+            self.heeded = self.heeded._replace(view=view)
+
+    def _expect(self, view: AdviceView | None, now_s: float) -> None:
+        """Remember the next change that the display announces, and look again when it is due."""
+        if view is None or view.next_mode == Mode.NONE or not math.isfinite(view.next_change_s):
+            return
+        self._expected_mode, self._expected_s = view.next_mode, view.time_s + view.next_change_s
+        if self._expected_s >= now_s + self._human.glance_least_s:
+            self._glance_s = min(self._glance_s, self._expected_s)
+
+    def _reaction_s(self, mode: int, now_s: float) -> float:
+        """How long the reaction takes: shorter to a change that was announced."""
+        tolerance_s = self._settings.expected_within_s
+        expected = mode != Mode.NONE and mode == self._expected_mode and abs(now_s - self._expected_s) <= tolerance_s
+        return self._times.draw(now_s, expected=expected)
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
         """Decide on new advice, and when to act on it; advice that has gone is given up after a reaction as well."""
@@ -147,20 +160,12 @@ class DisplayReading:
         self._noticed = 0 if view is None or kind is None else _shown_mode(view)
         self._diary.note(now_s, "noticed", self._noticed)
         if view is None or kind is None:
-            self._pending, self._act_s = False, now_s + self._times.draw(now_s) if self.heeded.follows else now_s
+            self._pending = False
+            self._act_s = now_s + self._reaction_s(Mode.NONE, now_s) if self.heeded.follows else now_s
             return
         follow = bool(self._chance.choices.random() < getattr(self._human, f"comply_{kind}_ratio"))
         self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
-        self._pending, self._act_s = follow, now_s + self._times.draw(now_s)
-
-    def _heed(self, cab: CabView, speed_error_mps: float) -> None:
-        """Go by what he has seen last until he sees more."""
-        view, correction = self._seen, 0.0
-        if view is not None and view.presentation is Presentation.VECTOR:
-            error = view.shown_speed_mps + speed_error_mps - cab.speed_mps
-            if abs(error) > self._human.dead_band_mps:
-                correction = self._settings.gain_per_s * error
-        self.heeded = self.heeded._replace(view=view, correction_mps2=correction)
+        self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
 
 
 def _item(view: AdviceView) -> tuple[object, ...]:

@@ -78,6 +78,13 @@ class AdviceView:
         """The speed that is read off the display (m/s): as it is written there, or else as it is advised."""
         return self.speed_mps if math.isnan(self.display_speed_mps) else self.display_speed_mps
 
+    def foreseen_mps(self, now_s: float) -> float:
+        """The speed (m/s) for a later moment as the preview shows it; where there is none, the speed that is shown."""
+        after = int(now_s - self.time_s)
+        if not self.horizon_speed_mps or after < 1:
+            return self.shown_speed_mps
+        return self.horizon_speed_mps[min(after, len(self.horizon_speed_mps)) - 1]
+
 
 class PostedRestriction(NamedTuple):
     """A temporary speed limit (m/s) between two positions (m), for the whole train."""

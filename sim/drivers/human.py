@@ -89,7 +89,7 @@ class HumanDriver:
         self._display = DisplayReading(human, settings, chance, times, diary)
         mark = StopMark(human, settings, chance.marks)
         self._handling = Handling(human, settings, self._errors, mark, line.train, friction)
-        self._hand = Hand(human, diary)
+        self._hand = Hand(human, settings, diary)
 
     @property
     def events(self) -> list[DriverEvent]:
@@ -108,10 +108,12 @@ class HumanDriver:
         outlook = self._foresight.outlook(cab)
         if not self._lapses.away(cab, outlook.allowed_mps(cab.s_m)):
             if self._departure.begins():
-                self._display.depart(cab, self._errors.speed_mps)
-            self._display.look(cab, self._errors.speed_mps)
+                self._display.depart(cab)
+            self._display.look(cab)
             self._handling.efforts = Efforts.at(cab.speed_mps, outlook.train)
-            self._hand.move(self._wanted(cab, outlook), cab.time_s, span_s)
+            wanted, heeded = self._wanted(cab, outlook), self._display.heeded
+            urgent = self._handling.brakes_hard or cab.speed_mps > cab.limit_mps
+            self._hand.move(wanted, cab.time_s, span_s, task=heeded.number, urgent=urgent)
         friction_ratio = self._handling.friction_ratio(follows_effort=self._display.heeded.by_effort)
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
@@ -140,9 +142,7 @@ class HumanDriver:
         """The setting that the advice asks for."""
         handling = self._handling
         if view.presentation is Presentation.VECTOR:
-            more_n = self._display.heeded.correction_mps2 * outlook.train.inertial_mass_kg
-            more_ratio = handling.efforts.lever_ratio(more_n)
-            return min(max(self._set(view.lever_ratio) + more_ratio, -1.0), 1.0)
+            return self._by_vector(cab, outlook, view)
         if view.presentation is Presentation.COACH:
             return self._coached(cab, outlook, view, allowed_mps)
         if view.mode == Mode.CRUISE:
@@ -152,6 +152,18 @@ class HumanDriver:
         if view.mode == Mode.FULL_BRAKE:
             return handling.efforts.lever_ratio(-handling.efforts.electric_n)
         return 0.0
+
+    def _by_vector(self, cab: CabView, outlook: Outlook, view: AdviceView) -> float:
+        """The setting for an effort and a speed: the effort, and more or less of it where the speed is another one.
+
+        Nobody corrects while he is told to let the train roll, and at the end of the scale there is no more or less.
+        """
+        if view.mode == Mode.COAST:
+            return 0.0
+        if abs(view.lever_ratio) > self._settings.end_stop_ratio:
+            return self._set(view.lever_ratio)
+        more = self._handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
+        return min(max(self._set(view.lever_ratio) + more, -1.0), 1.0)
 
     def _set(self, lever_ratio: float) -> float:
         """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""
@@ -164,6 +176,8 @@ class HumanDriver:
         target = min(view.shown_speed_mps, allowed_mps)
         if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
             away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * self._settings.eased_off_s
+            if self._hand.setting < 0.5 * view.lever_ratio and self._soon_reached(cab, outlook, view, target):
+                away = 0.0
             if away > 0 and not self._display.heeded.reached:
                 return self._set(view.lever_ratio)
             self._display.reach()
@@ -175,6 +189,12 @@ class HumanDriver:
         if cab.speed_mps <= target:
             return min(self._handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
         return self._set(view.lever_ratio)
+
+    def _soon_reached(self, cab: CabView, outlook: Outlook, view: AdviceView, target_mps: float) -> bool:
+        """Whether an acceleration would be over so soon that he does not begin it, and holds the speed instead."""
+        force_n = view.lever_ratio * self._handling.efforts.traction_n - outlook.resisting_n(cab.s_m, cab.speed_mps)
+        rate_mps2 = max(force_n / outlook.train.inertial_mass_kg, 0.0)
+        return target_mps - cab.speed_mps < rate_mps2 * self._settings.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""

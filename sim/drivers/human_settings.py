@@ -28,6 +28,9 @@ class HumanSettings:
     """The brakes stay applied while at least this share of the planned deceleration is still needed."""
     settled_mps: float = 0.1
     """Braking for a limit ends when the train is no more than this (m/s) above the limit."""
+    regained_s: float = 10.0
+    """A driver keeps the brakes applied on a descent where the train would gain the dead band again within this time
+    (s)."""
     eased_s: float = 6.0
     """A driver brakes a speed above a limit away within about this time (s)."""
     eased_off_s: float = 1.5
@@ -37,6 +40,15 @@ class HumanSettings:
     missed_m: float = 0.5 * AT_STOP_M
     """A driver takes a mark to be at most this (m) off. His braking adds to it, and further off than `AT_STOP_M` the
     train would not count as being at its stop."""
+    waits_s: float = 5.0
+    """A driver who has set the controller waits so long (s) to see what comes of it before he changes it a little. The
+    effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
+    waits_ratio: float = 0.2
+    """A change by this share of the controller's scale, a step of effort as it is read, is not a little one."""
+    expected_within_s: float = 5.0
+    """A change of the advice within this time (s) of when it was announced for is the one that was announced."""
+    least_effort_s: float = 4.0
+    """A driver does not take up an acceleration that would be over within this time (s); he holds the speed instead."""
     end_stop_ratio: float = 0.99
     """An effort above this share of the controller's scale is set at the end of the scale, where the hand feels a
     stop."""
