@@ -25,16 +25,23 @@ _KINDS: dict[int, str] = {
 """The kind of advice by its mode; a reduced maximum speed is a speed to hold."""
 EFFORT_STEP_RATIO = 0.2
 """An effort that differs by this much of the controller's scale is another advice of the coach."""
+DEVIATION_STEP_S = 5.0
+"""A deviation that differs by this much is another one to the driver."""
+WITHOUT_MODE = (Presentation.RMS, Presentation.DEVIATION)
+"""Presentations that say nothing of how to drive but, at most, a highest speed."""
 
 
 def advice_kind(view: AdviceView) -> str | None:
-    """The kind of advice, to which a compliance belongs: traction, hold, coast or brake; None for no advice."""
-    return "hold" if view.presentation is Presentation.RMS else _KINDS.get(view.mode)
+    """The kind of advice, to which a compliance belongs: traction, hold, coast or brake; None for no advice.
+
+    A deviation is heeded as a speed to hold is.
+    """
+    return "hold" if view.presentation in WITHOUT_MODE else _KINDS.get(view.mode)
 
 
 def _shown_mode(view: AdviceView) -> int:
-    """The mode that an advice asks for: a reduced maximum speed asks to hold it."""
-    return int(Mode.CRUISE) if view.presentation is Presentation.RMS else view.mode
+    """The mode that an advice asks for: a reduced maximum speed, and a deviation, ask to hold another speed."""
+    return int(Mode.CRUISE) if view.presentation in WITHOUT_MODE else view.mode
 
 
 class Lapses:
@@ -67,18 +74,22 @@ class Lapses:
 class Heeded(NamedTuple):
     """What the driver goes by: the advice that he saw last, and whether he follows it.
 
-    `reached`: the train has come to the speed that it is advised to accelerate to. `number` counts what he took up.
+    `reached`: the train has come to the speed that it is advised to accelerate to.
     """
 
     view: AdviceView | None = None
     follows: bool = False
     reached: bool = False
-    number: int = 0
+
+    @property
+    def task(self) -> int | None:
+        """What he is at: the mode of the advice that he follows, None if he drives by himself."""
+        return self.view.mode if self.by_effort and self.view is not None else None
 
     @property
     def by_effort(self) -> bool:
         """Whether he follows advice that says more than a highest speed."""
-        return self.follows and self.view is not None and self.view.presentation is not Presentation.RMS
+        return self.follows and self.view is not None and self.view.presentation not in WITHOUT_MODE
 
 
 class DisplayReading:
@@ -106,7 +117,7 @@ class DisplayReading:
 
         He has waited for the order to depart and has had his reaction time, so that he goes by what he sees at once.
         """
-        self.heeded, self._judged, self._pending = Heeded(number=self.heeded.number + 1), None, None
+        self.heeded, self._judged, self._pending = Heeded(), None, None
         self._glance(cab)
         if self._pending is not None:
             self._act_s = cab.time_s
@@ -118,8 +129,7 @@ class DisplayReading:
             self._glance(cab)
         if self._pending is not None and cab.time_s >= self._act_s:
             self._diary.note(self._act_s, "acted", float(self._pending))
-            number = self.heeded.number + 1
-            self.heeded = self.heeded._replace(view=self._seen, follows=self._pending, number=number)
+            self.heeded = self.heeded._replace(view=self._seen, follows=self._pending)
             self._pending = None
 
     def _glance(self, cab: CabView) -> None:
@@ -150,7 +160,7 @@ class DisplayReading:
         """How long the reaction takes: shorter to a change that was announced."""
         tolerance_s = self._settings.expected_within_s
         expected = mode != Mode.NONE and mode == self._expected_mode and abs(now_s - self._expected_s) <= tolerance_s
-        return self._times.draw(now_s, expected=expected)
+        return self._times.draw(now_s, of_itself=self._human.expected_ratio if expected else 1.0)
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
         """Decide on new advice, and when to act on it; advice that has gone is given up after a reaction as well."""
@@ -169,10 +179,15 @@ class DisplayReading:
 
 
 def _item(view: AdviceView) -> tuple[object, ...]:
-    """What makes advice new: another mode, another speed to hold (to 1 m/s); of the coach another speed or effort."""
+    """What makes advice new: another mode, another speed to hold (to 1 m/s); of the coach another speed or effort.
+
+    A deviation is new if it is another one by some seconds.
+    """
     if view.presentation is Presentation.COACH:
         effort = round(view.lever_ratio / EFFORT_STEP_RATIO) if view.mode != Mode.CRUISE else 0
         return (view.presentation, view.mode, round(view.speed_mps / KMH), effort)
+    if view.presentation is Presentation.DEVIATION:
+        return (view.presentation, round(view.deviation_s / DEVIATION_STEP_S))
     if view.presentation is Presentation.VECTOR or math.isnan(view.speed_mps):
         return (view.presentation, view.mode)
     return (view.presentation, advice_kind(view), round(view.speed_mps))

@@ -32,7 +32,7 @@ class Hand:
 
     def release(self) -> None:
         """Put the controller to 0 at once: the train stands."""
-        self.setting = 0.0
+        self.setting, self._left_s, self._begun_s = 0.0, -math.inf, -math.inf
 
     def move(self, wanted: float, now_s: float, span_s: float, *, task: object = None, urgent: bool = False) -> None:
         """Move the controller towards a setting for a time (s)."""

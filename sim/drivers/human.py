@@ -19,6 +19,9 @@ from sim.drivers.rule_settings import RULE
 from sim.drivers.rules import TimeRule
 from sim.plant.plant import COAST, Command, lever
 
+BEGUN_RATIO = 0.5
+"""Who has set this share of an effort has begun with it."""
+
 
 class Motion:
     """The motion that the driver feels: the time of the last look, the speed then, and how it changes."""
@@ -113,7 +116,7 @@ class HumanDriver:
             self._handling.efforts = Efforts.at(cab.speed_mps, outlook.train)
             wanted, heeded = self._wanted(cab, outlook), self._display.heeded
             urgent = self._handling.brakes_hard or cab.speed_mps > cab.limit_mps
-            self._hand.move(wanted, cab.time_s, span_s, task=heeded.number, urgent=urgent)
+            self._hand.move(wanted, cab.time_s, span_s, task=heeded.task, urgent=urgent)
         friction_ratio = self._handling.friction_ratio(follows_effort=self._display.heeded.by_effort)
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
@@ -136,7 +139,7 @@ class HumanDriver:
     def _by_top_speed(self) -> bool:
         """Whether he follows advice that says a highest speed."""
         heeded = self._display.heeded
-        return heeded.follows and not heeded.by_effort
+        return heeded.follows and heeded.view is not None and heeded.view.presentation is Presentation.RMS
 
     def _advised(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting that the advice asks for."""
@@ -176,9 +179,7 @@ class HumanDriver:
         target = min(view.shown_speed_mps, allowed_mps)
         if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
             away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * self._settings.eased_off_s
-            if self._hand.setting < 0.5 * view.lever_ratio and self._soon_reached(cab, outlook, view, target):
-                away = 0.0
-            if away > 0 and not self._display.heeded.reached:
+            if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, view, target):
                 return self._set(view.lever_ratio)
             self._display.reach()
             return self._handling.held(cab, outlook, target)
@@ -188,13 +189,16 @@ class HumanDriver:
             return 0.0
         if cab.speed_mps <= target:
             return min(self._handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
-        return self._set(view.lever_ratio)
+        return 0.0 if self._soon_over(cab, outlook, view, target) else self._set(view.lever_ratio)
 
-    def _soon_reached(self, cab: CabView, outlook: Outlook, view: AdviceView, target_mps: float) -> bool:
-        """Whether an acceleration would be over so soon that he does not begin it, and holds the speed instead."""
-        force_n = view.lever_ratio * self._handling.efforts.traction_n - outlook.resisting_n(cab.s_m, cab.speed_mps)
-        rate_mps2 = max(force_n / outlook.train.inertial_mass_kg, 0.0)
-        return target_mps - cab.speed_mps < rate_mps2 * self._settings.least_effort_s
+    def _soon_over(self, cab: CabView, outlook: Outlook, view: AdviceView, target_mps: float) -> bool:
+        """Whether he has not begun to accelerate or brake to a speed, and would be done so soon that he does not."""
+        if self._hand.setting * math.copysign(1.0, view.lever_ratio) >= BEGUN_RATIO * abs(view.lever_ratio):
+            return False
+        efforts = self._handling.efforts
+        effort_n = view.lever_ratio * (efforts.traction_n if view.lever_ratio > 0 else efforts.brakes_n)
+        rate_mps2 = (effort_n - outlook.resisting_n(cab.s_m, cab.speed_mps)) / outlook.train.inertial_mass_kg
+        return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * self._settings.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""
@@ -202,4 +206,17 @@ class HumanDriver:
         if heeded.view is not None and self._by_top_speed:
             return heeded.view.shown_speed_mps
         keeps = self._rule.cap_mps(cab, outlook)
-        return keeps + self.parameters.haste_ratio * max(outlook.top_mps - keeps, 0.0)
+        return keeps + self._haste_ratio * max(outlook.top_mps - keeps, 0.0)
+
+    @property
+    def _haste_ratio(self) -> float:
+        """How he drives between just in time (0) and as fast as allowed (1), without advice on how to drive.
+
+        Where he is told how late the train is, he drives faster when it is late and slower when it is early, in
+        proportion, up to one end or the other.
+        """
+        haste, heeded = self.parameters.haste_ratio, self._display.heeded
+        if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):
+            return haste
+        part = min(max(heeded.view.deviation_s / self._settings.made_good_s, -1.0), 1.0)
+        return haste + part * ((1.0 - haste) if part > 0 else haste)

@@ -43,12 +43,16 @@ class HumanSettings:
     waits_s: float = 5.0
     """A driver who has set the controller waits so long (s) to see what comes of it before he changes it a little. The
     effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
-    waits_ratio: float = 0.2
+    waits_ratio: float = 0.3
     """A change by this share of the controller's scale, a step of effort as it is read, is not a little one."""
     expected_within_s: float = 5.0
     """A change of the advice within this time (s) of when it was announced for is the one that was announced."""
+    made_good_s: float = 20.0
+    """A driver who is told that he is this much (s) late drives as fast as allowed, and this much early just in
+    time."""
     least_effort_s: float = 4.0
-    """A driver does not take up an acceleration that would be over within this time (s); he holds the speed instead."""
+    """A driver does not begin an acceleration that would be over within this time (s), he holds the speed instead; nor
+    such a brake, he lets the train roll instead."""
     end_stop_ratio: float = 0.99
     """An effort above this share of the controller's scale is set at the end of the scale, where the hand feels a
     stop."""

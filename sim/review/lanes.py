@@ -25,6 +25,9 @@ MODES: Final = {
 
 STATES: Final = {"advising": 0x3D7FD6FF, "withdrawn": 0xD13B3BFF, "ready": 0x7CC576FF, "waiting": 0xB8B8B8FF}
 TOP_SPEED: Final = "a top speed"
+DEVIATION: Final = "early or late"
+WITHOUT_MODE: Final = {TOP_SPEED: 0x6FD0C5FF, DEVIATION: 0xB8A9C9FF}
+"""Colours of displays that show no mode."""
 GREY: Final = 0x8A9499FF
 RED: Final = 0xD13B3BFF
 
@@ -50,7 +53,7 @@ def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
     found = (
         Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
-        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, TOP_SPEED: 0x6FD0C5FF}),
+        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **WITHOUT_MODE}),
         Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),
         Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), GREY)),
         Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), RED)),
@@ -101,9 +104,11 @@ def _state(status: Any) -> str:
 
 
 def _shown(cab: Any) -> str:
-    """What the display shows: a mode, or only the reduced maximum speed where it shows that."""
+    """What the display shows: a mode, or only the reduced maximum speed or the deviation where it shows that."""
     if cab.presentation == das_pb2.Cab.PRESENTATION_NONE:
         return ""
     if cab.presentation == das_pb2.Cab.PRESENTATION_RMS and cab.mode != das_pb2.MODE_STOP:
         return TOP_SPEED
+    if cab.presentation == das_pb2.Cab.PRESENTATION_DEVIATION:
+        return DEVIATION
     return _name(das_pb2.Mode, cab.mode)

@@ -54,7 +54,7 @@ class Surroundings:
     def operators(self, tick: int, now_ns: int, state: PlantState) -> Iterator[Heard]:
         """What operator and traffic management say at a tick that gets through: the delay now and then, and changes."""
         if tick % DELAY_EVERY_S == 1:
-            yield DelayHeard(time_ns=now_ns, delay_s=self._delay_s(state))
+            yield DelayHeard(time_ns=now_ns, delay_s=self.delay_s(state))
         before, self._sent = self._sent, (self.news.told, self.news.targets)
         if self.news.told != before[0]:
             restrictions = tuple(ToldRestriction(*one) for one in self.news.told)
@@ -62,8 +62,11 @@ class Surroundings:
         if self.news.targets != before[1]:
             yield TargetsHeard(time_ns=now_ns, targets=self.news.targets)
 
-    def _delay_s(self, state: PlantState) -> float:
-        """Deviation from the plan for the timetable, as the operator knows it; a train that waits is never early."""
+    def delay_s(self, state: PlantState) -> float:
+        """How late the train is (s) against the plan for the timetable, as the operator knows it (early < 0).
+
+        A train that waits is never early.
+        """
         calls, service = self.calls, self._service
         if calls.finished:
             return calls.arrivals[-1].time_s - service.clock_s(calls.timetable.arrival_ns)
