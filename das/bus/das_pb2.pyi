@@ -1322,10 +1322,10 @@ class Decision(_message.Message):
         """attention went away; value: for how long, s, if no warning ends it"""
         KIND_LEVER: Decision._Kind.ValueType  # 8
         """began to move a controller that had stood still; value: the setting that is meant, -1 to 1"""
-        KIND_EXPECTED: Decision._Kind.ValueType  # 10
-        """saw a change that the display had announced; value: the share of a reaction that it takes"""
         KIND_CHANGED: Decision._Kind.ValueType  # 9
         """noticed other advice before he had acted on the one before; value: the mode that was given up"""
+        KIND_EXPECTED: Decision._Kind.ValueType  # 10
+        """saw a change that the display had announced; value: the share of a reaction that it takes"""
 
     class Kind(_Kind, metaclass=_KindEnumTypeWrapper): ...
     KIND_UNSPECIFIED: Decision.Kind.ValueType  # 0
@@ -1345,10 +1345,10 @@ class Decision(_message.Message):
     """attention went away; value: for how long, s, if no warning ends it"""
     KIND_LEVER: Decision.Kind.ValueType  # 8
     """began to move a controller that had stood still; value: the setting that is meant, -1 to 1"""
-    KIND_EXPECTED: Decision.Kind.ValueType  # 10
-    """saw a change that the display had announced; value: the share of a reaction that it takes"""
     KIND_CHANGED: Decision.Kind.ValueType  # 9
     """noticed other advice before he had acted on the one before; value: the mode that was given up"""
+    KIND_EXPECTED: Decision.Kind.ValueType  # 10
+    """saw a change that the display had announced; value: the share of a reaction that it takes"""
 
     TIME_NS_FIELD_NUMBER: _builtins.int
     KIND_FIELD_NUMBER: _builtins.int

@@ -10,7 +10,7 @@ from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.chance import Chance, ReactionTimes
 from sim.drivers.diary import Diary
-from sim.drivers.human_settings import HumanSettings
+from sim.drivers.human_settings import HEEDING
 from sim.drivers.parameters import HumanParameters
 
 _KINDS: dict[int, str] = {
@@ -47,8 +47,8 @@ def _shown_mode(view: AdviceView) -> int:
 class Lapses:
     """Times at which the driver's attention is away; lapses begin at random and the train's warning ends them."""
 
-    def __init__(self, human: HumanParameters, settings: HumanSettings, chance: Chance, diary: Diary) -> None:
-        self._human, self._settings, self._random, self._diary = human, settings, chance.lapses, diary
+    def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
+        self._human, self._random, self._diary = human, chance.lapses, diary
         self._next_s, self._awake_s = -math.inf, -math.inf
 
     def away(self, cab: CabView, allowed_mps: float) -> bool:
@@ -63,7 +63,7 @@ class Lapses:
             self._diary.note(now_s, "lapse", length_s)
             self._awake_s = now_s + length_s
             self._next_s = self._awake_s + self._until_next()
-        if cab.speed_mps > allowed_mps + human.below_limit_mps + self._settings.warning_mps:
+        if cab.speed_mps > allowed_mps + human.below_limit_mps + HEEDING.warning_mps:
             self._awake_s = min(self._awake_s, now_s)
         return now_s < self._awake_s
 
@@ -92,19 +92,24 @@ class Heeded(NamedTuple):
         return self.follows and self.view is not None and self.view.presentation not in WITHOUT_MODE
 
 
+class Announced(NamedTuple):
+    """The change that the display announced last: the mode, and when it is due (s on the cab's clock)."""
+
+    mode: int = Mode.NONE
+    due_s: float = math.inf
+
+
 class DisplayReading:
     """Glances at the display, decides on new advice, and takes the decision up after a reaction."""
 
-    def __init__(
-        self, human: HumanParameters, settings: HumanSettings, chance: Chance, times: ReactionTimes, diary: Diary
-    ) -> None:
-        self._human, self._settings, self._chance, self._times, self._diary = human, settings, chance, times, diary
+    def __init__(self, human: HumanParameters, chance: Chance, times: ReactionTimes, diary: Diary) -> None:
+        self._human, self._chance, self._times, self._diary = human, chance, times, diary
         self._glance_s, self._act_s = -math.inf, math.inf
         self._seen: AdviceView | None = None
         self._judged: tuple[object, ...] | None = None
         self._pending: bool | None = None
         self._noticed = 0
-        self._expected_mode, self._expected_s = int(Mode.NONE), math.inf
+        self._announced = Announced()
         self.heeded = Heeded()
         """What he goes by now."""
 
@@ -152,14 +157,13 @@ class DisplayReading:
         """Remember the next change that the display announces, and look again when it is due."""
         if view is None or view.next_mode == Mode.NONE or not math.isfinite(view.next_change_s):
             return
-        self._expected_mode, self._expected_s = view.next_mode, view.time_s + view.next_change_s
-        if self._expected_s >= now_s + self._human.glance_least_s:
-            self._glance_s = min(self._glance_s, self._expected_s)
+        self._announced = Announced(view.next_mode, view.time_s + view.next_change_s)
+        if self._announced.due_s >= now_s + self._human.glance_least_s:
+            self._glance_s = min(self._glance_s, self._announced.due_s)
 
     def _reaction_s(self, mode: int, now_s: float) -> float:
         """How long the reaction takes: shorter to a change that was announced."""
-        tolerance_s = self._settings.expected_within_s
-        expected = mode != Mode.NONE and mode == self._expected_mode and abs(now_s - self._expected_s) <= tolerance_s
+        expected = mode == self._announced.mode and abs(now_s - self._announced.due_s) <= HEEDING.expected_within_s
         return self._times.draw(now_s, of_itself=self._human.expected_ratio if expected else 1.0)
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:

@@ -184,6 +184,11 @@ def present(
             next_mode=int(advice.next_four_mode),
             next_change_s=advice.next_four_change_s,
         )
+    return _in_full(view, advice, train)
+
+
+def _in_full(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView:
+    """What the display shows of speed and effort."""
     return replace(
         view,
         speed_mps=advice.advised_speed_mps,

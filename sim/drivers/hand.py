@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from sim.drivers.diary import Diary
-from sim.drivers.human_settings import HumanSettings
+from sim.drivers.human_settings import HAND
 from sim.drivers.parameters import HumanParameters
 
 
@@ -17,8 +17,8 @@ class Hand:
     wait if they have lasted that long.
     """
 
-    def __init__(self, human: HumanParameters, settings: HumanSettings, diary: Diary) -> None:
-        self._human, self._settings, self._diary = human, settings, diary
+    def __init__(self, human: HumanParameters, diary: Diary) -> None:
+        self._human, self._diary = human, diary
         self.setting = 0.0
         self._moving, self._notched_s, self._left_s, self._begun_s = False, -math.inf, -math.inf, -math.inf
         self._task: object = None
@@ -36,10 +36,10 @@ class Hand:
 
     def move(self, wanted: float, now_s: float, span_s: float, *, task: object = None, urgent: bool = False) -> None:
         """Move the controller towards a setting for a time (s)."""
-        before, settings = self.setting, self._settings
-        small = abs(wanted - before) < settings.waits_ratio and abs(wanted) < 1.0 and not self._moving
+        before = self.setting
+        small = abs(wanted - before) < HAND.waits_ratio and abs(wanted) < 1.0 and not self._moving
         since_s = self._begun_s if wanted * before <= 0 else self._left_s
-        if small and now_s < since_s + settings.waits_s and task == self._task and not urgent:
+        if small and now_s < since_s + HAND.waits_s and task == self._task and not urgent:
             return
         self._task = task
         self.setting = self._by_notches(wanted, now_s) if self._human.notches else self._by_percent(wanted, span_s)

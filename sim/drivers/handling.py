@@ -96,6 +96,11 @@ class Handling:
         self.efforts = Efforts.at(0.0, train)
         """What the train can do at the present speed."""
 
+    @property
+    def needs_brakes(self) -> bool:
+        """Whether a limit or a stop asks for brakes, by his own margins."""
+        return self._braking
+
     def stand(self) -> None:
         """The train stands: nothing is being corrected and the driver is not braking for anything."""
         self._braking = False

@@ -11,7 +11,7 @@ from sim.drivers.chance import Chance, Errors, ReactionTimes
 from sim.drivers.diary import Diary, DriverEvent
 from sim.drivers.hand import Hand
 from sim.drivers.handling import Handling, StopMark
-from sim.drivers.human_settings import HumanSettings
+from sim.drivers.human_settings import HAND, HEEDING, HumanSettings
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
@@ -80,7 +80,7 @@ class HumanDriver:
         stream: int = 0,
     ) -> None:
         self.parameters = human = parameters or HumanParameters()
-        self._settings = settings = HumanSettings()
+        settings = HumanSettings()
         self._diary = diary = Diary()
         chance = Chance(seed, stream)
         times = ReactionTimes(human, chance, diary)
@@ -88,11 +88,11 @@ class HumanDriver:
         self._foresight = Foresight(line, Habit(braking_mps2=human.braking_mps2, below_mps=human.below_limit_mps))
         self._rule = TimeRule(RULE.judged_every_s)
         self._motion, self._departure = Motion(), Departure(times)
-        self._lapses = Lapses(human, settings, chance, diary)
-        self._display = DisplayReading(human, settings, chance, times, diary)
+        self._lapses = Lapses(human, chance, diary)
+        self._display = DisplayReading(human, chance, times, diary)
         mark = StopMark(human, settings, chance.marks)
         self._handling = Handling(human, settings, self._errors, mark, line.train, friction)
-        self._hand = Hand(human, settings, diary)
+        self._hand = Hand(human, diary)
 
     @property
     def events(self) -> list[DriverEvent]:
@@ -125,7 +125,7 @@ class HumanDriver:
         handling, heeded, reach_s = self._handling, self._display.heeded, self._hand.reach_s
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
-        near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - self._settings.watched_mps
+        near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - HEEDING.watched_mps
         if heeded.view is not None and heeded.by_effort:
             wanted = self._advised(cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming, ceiling=True)) if near else wanted
@@ -163,14 +163,14 @@ class HumanDriver:
         """
         if view.mode == Mode.COAST:
             return 0.0
-        if abs(view.lever_ratio) > self._settings.end_stop_ratio:
+        if abs(view.lever_ratio) > HAND.end_stop_ratio:
             return self._set(view.lever_ratio)
         more = self._handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
         return min(max(self._set(view.lever_ratio) + more, -1.0), 1.0)
 
     def _set(self, lever_ratio: float) -> float:
         """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""
-        if abs(lever_ratio) > self._settings.end_stop_ratio:
+        if abs(lever_ratio) > HAND.end_stop_ratio:
             return math.copysign(1.0, lever_ratio)
         return min(max(lever_ratio * self._errors.force_ratio, -1.0), 1.0)
 
@@ -178,7 +178,7 @@ class HumanDriver:
         """The setting that the coach asks for; when the speed is reached, he sees it himself and holds it."""
         target = min(view.shown_speed_mps, allowed_mps)
         if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
-            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * self._settings.eased_off_s
+            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s
             if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, view, target):
                 return self._set(view.lever_ratio)
             self._display.reach()
@@ -198,7 +198,7 @@ class HumanDriver:
         efforts = self._handling.efforts
         effort_n = view.lever_ratio * (efforts.traction_n if view.lever_ratio > 0 else efforts.brakes_n)
         rate_mps2 = (effort_n - outlook.resisting_n(cab.s_m, cab.speed_mps)) / outlook.train.inertial_mass_kg
-        return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * self._settings.least_effort_s
+        return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""
@@ -218,5 +218,5 @@ class HumanDriver:
         haste, heeded = self.parameters.haste_ratio, self._display.heeded
         if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):
             return haste
-        part = min(max(heeded.view.deviation_s / self._settings.made_good_s, -1.0), 1.0)
+        part = min(max(heeded.view.deviation_s / HEEDING.made_good_s, -1.0), 1.0)
         return haste + part * ((1.0 - haste) if part > 0 else haste)

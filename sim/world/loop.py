@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,8 +22,6 @@ from sim.world.surroundings import Surroundings
 TICK_S = 1.0
 LOOK_S = 0.2
 """A driver looks and acts this often."""
-COMPARED_EVERY_S = 35.0
-"""A display of the deviation alone shows a new one this often, as SBB's does every 30 to 40 s."""
 BEFORE_S, AFTER_S = 10.0, 10.0
 """A run begins this long before the timetable's departure and ends this long after the arrival."""
 LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
@@ -85,7 +82,6 @@ class World:
         self._command: Command = COAST
         self._counts, self._watch = Counts(), ShownWatch()
         self._told = 0
-        self._compared_s, self._deviation_s = -math.inf, math.nan
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError where the train does not get there."""
@@ -151,12 +147,10 @@ class World:
         told = [*measured, *around.operators(tick, now_ns, state)]
         advice = self.link.exchange(Tick(tick, now_ns, tuple(told)))
         self._counts = self._counts.plus(advice)
-        if state.time_s >= self._compared_s + COMPARED_EVERY_S:
-            self._compared_s, self._deviation_s = state.time_s, around.delay_s(state)
         self._view = present(
             advice,
             self.presentation,
             service.line.train,
             clock_zero_ns=service.timetables[0].departure_ns,
-            deviation_s=self._deviation_s,
+            deviation_s=around.compared_s(state),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterator
 from typing import Any
@@ -27,6 +28,8 @@ from sim.world.sensors import SimulatedLocalisation, TrainControl
 from sim.world.service import Service
 
 DELAY_EVERY_S = 10
+COMPARED_EVERY_S = 35.0
+"""A display of the deviation alone shows a new one this often, as SBB's does every 30 to 40 s."""
 
 
 class Surroundings:
@@ -38,6 +41,7 @@ class Surroundings:
         self._localisation, self._train_control = SimulatedLocalisation(day), TrainControl(day)
         self._limits, self._watch = _LimitSteps(day.service), Watch(day.plant.vehicle.train_length_m)
         # A node is told of restrictions even where there are none: until then it must not advise.
+        self._compared_s, self._deviation_s = -math.inf, math.nan
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
 
     @property
@@ -54,7 +58,7 @@ class Surroundings:
     def operators(self, tick: int, now_ns: int, state: PlantState) -> Iterator[Heard]:
         """What operator and traffic management say at a tick that gets through: the delay now and then, and changes."""
         if tick % DELAY_EVERY_S == 1:
-            yield DelayHeard(time_ns=now_ns, delay_s=self.delay_s(state))
+            yield DelayHeard(time_ns=now_ns, delay_s=self._delay_s(state))
         before, self._sent = self._sent, (self.news.told, self.news.targets)
         if self.news.told != before[0]:
             restrictions = tuple(ToldRestriction(*one) for one in self.news.told)
@@ -62,7 +66,13 @@ class Surroundings:
         if self.news.targets != before[1]:
             yield TargetsHeard(time_ns=now_ns, targets=self.news.targets)
 
-    def delay_s(self, state: PlantState) -> float:
+    def compared_s(self, state: PlantState) -> float:
+        """How late the train was (s) when that was last compared for a display of it alone."""
+        if state.time_s >= self._compared_s + COMPARED_EVERY_S:
+            self._compared_s, self._deviation_s = state.time_s, self._delay_s(state)
+        return self._deviation_s
+
+    def _delay_s(self, state: PlantState) -> float:
         """How late the train is (s) against the plan for the timetable, as the operator knows it (early < 0).
 
         A train that waits is never early.
