@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from itertools import islice
-from multiprocessing import get_context
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from das.command_line.entry import STOP_SIGNALS
 from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy
-from das.command_line.running import interrupt_on_termination, signals_held
+from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from sim.cli.options import DriversOption, FrictionOption, ParticipantsOption, PopulationOption
 from sim.cli.shared import Kind, chosen, progress_bar
@@ -171,46 +165,12 @@ def _work(left: Sequence[BatchJob], of: int, workers: int, journal: Journal) -> 
     """Run what is left, on all workers, and note each run as it ends."""
     if not left:
         return
+    from sim.batch.pool import results
+    from sim.batch.worker import work
+
     done = of - len(left)
     with progress_bar("batch", f"{len(left)} of {of} runs to make", "runs") as progress:
-        for row in _results(left, min(workers, len(left))):
+        for row in results(work, left, min(workers, len(left))):
             journal.add(row)
             done += 1
             progress(done, of)
-
-
-def _results(left: Sequence[BatchJob], workers: int) -> Iterator[dict[str, Any]]:
-    """Yield rows as they are finished; after an interruption, also those of the runs that were under way."""
-    from sim.batch.worker import begin
-
-    # Not forked: the solver's threads would not survive it.
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin, initargs=(os.getpid(),))
-    running: set[Future[dict[str, Any]]] = set()
-    waiting = iter(left)
-    try:
-        while True:
-            _submit(pool, islice(waiting, workers - len(running)), running)
-            if not running:
-                return
-            finished, still = wait(running, return_when=FIRST_COMPLETED)
-            running.intersection_update(still)
-            yield from (future.result() for future in finished)
-    except BrokenProcessPool:
-        raise DasError("a worker of the batch was killed (out of memory?); the same command goes on") from None
-    except KeyboardInterrupt:
-        with contextlib.suppress(BrokenProcessPool):
-            yield from (future.result() for future in running)
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _submit(pool: ProcessPoolExecutor, jobs: Iterable[BatchJob], running: set[Future[dict[str, Any]]]) -> None:
-    """Hand jobs to the pool, which may start workers.
-
-    Ctrl-C waits meanwhile: a worker that is being started does not ignore it yet and would be killed.
-    """
-    from sim.batch.worker import work
-
-    with signals_held(STOP_SIGNALS):
-        running.update(pool.submit(work, job) for job in jobs)

@@ -72,7 +72,7 @@ def work(job: BatchJob) -> dict[str, Any]:
 
 
 def _run(job: BatchJob) -> dict[str, Any]:
-    day = make_day(_service_of(read_scenario(job.scenario), job.level), job.seed, job.participant)
+    day = make_day(service_of(read_scenario(job.scenario), job.level), job.seed, job.participant)
     run = _driven(day, job)
     figures = outcome(day, run, job.driver).as_dict()
     stops = figures.pop("stops")
@@ -101,7 +101,7 @@ def _driven(day: Day, job: BatchJob) -> Run:
     return run
 
 
-def _service_of(scenario: Scenario, level: Level | None) -> Service:
+def service_of(scenario: Scenario, level: Level | None) -> Service:
     """The scenario's service; it is solved anew only if it differs from the last one."""
     global _service  # noqa: PLW0603 (a worker is a process: this is its memory between jobs)
     if _service is None or _service[0] != level or not _service[1].plans(scenario):

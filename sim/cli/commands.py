@@ -40,6 +40,12 @@ ENTRIES: Final = (
         examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice vector,none -o runs",),
     ),
     Entry(
+        name="sensitivity",
+        where="sim.batch.sensitivity_command:sensitivity",
+        summary="Say how much each parameter of the human driver matters for the energy.",
+        examples=("das-sim sensitivity clear-day --advice vector,coach --seeds 0-3",),
+    ),
+    Entry(
         name="view",
         where="sim.review.command:view",
         summary="Look at a recording in the rerun viewer, or draw it as a picture.",
