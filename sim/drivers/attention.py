@@ -143,13 +143,13 @@ class DisplayReading:
         beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
         self._seen = view = cab.shown
-        self._expect(view, now_s)
         self._diary.note(now_s, "glance", 0 if view is None else view.mode)
         item = None if view is None else _item(view)
         if item != self._judged:
             self._judged = item
             self.heeded = self.heeded._replace(reached=False)
             self._judge(view, now_s)
+        self._expect(view, now_s)
         if self._pending is None:
             self.heeded = self.heeded._replace(view=view)
 
