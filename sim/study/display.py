@@ -1,6 +1,6 @@
 """What in a presentation helps a driver: the same days, with the display of the vector varied in one thing at a time.
 
-`python -m sim.study display` writes the table into docs/reference/drivers.md again (about four minutes on one core).
+`python -m sim.study display` writes the table into docs/reference/drivers.md again (about three minutes on one core).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sim.world.loop import World
 from sim.world.outcome import outcome
 from sim.world.service import Service
 
-SEEDS: Final = tuple(range(8))
+SEEDS: Final = tuple(range(6))
 REFRESHED_S: Final = 10.0
 NORMAL_95: Final = 1.96
 
