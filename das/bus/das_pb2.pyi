@@ -1039,6 +1039,7 @@ class Cab(_message.Message):
         PRESENTATION_FOUR_MODE: Cab._Presentation.ValueType  # 2
         PRESENTATION_VECTOR: Cab._Presentation.ValueType  # 3
         PRESENTATION_COACH: Cab._Presentation.ValueType  # 4
+        PRESENTATION_DEVIATION: Cab._Presentation.ValueType  # 5
 
     class Presentation(_Presentation, metaclass=_PresentationEnumTypeWrapper): ...
     PRESENTATION_NONE: Cab.Presentation.ValueType  # 0
@@ -1046,6 +1047,7 @@ class Cab(_message.Message):
     PRESENTATION_FOUR_MODE: Cab.Presentation.ValueType  # 2
     PRESENTATION_VECTOR: Cab.Presentation.ValueType  # 3
     PRESENTATION_COACH: Cab.Presentation.ValueType  # 4
+    PRESENTATION_DEVIATION: Cab.Presentation.ValueType  # 5
 
     @_typing.final
     class LimitAhead(_message.Message):
@@ -1096,6 +1098,7 @@ class Cab(_message.Message):
     DUE_S_FIELD_NUMBER: _builtins.int
     TARGET_WAY_M_FIELD_NUMBER: _builtins.int
     FRICTION_RATIO_FIELD_NUMBER: _builtins.int
+    DEVIATION_S_FIELD_NUMBER: _builtins.int
     HORIZON_SPEED_MPS_FIELD_NUMBER: _builtins.int
     HORIZON_FORCE_N_FIELD_NUMBER: _builtins.int
     LIMITS_AHEAD_FIELD_NUMBER: _builtins.int
@@ -1142,6 +1145,8 @@ class Cab(_message.Message):
     """way to where it is reached"""
     friction_ratio: _builtins.float
     """share of the braking that the controller asks of the friction brake"""
+    deviation_s: _builtins.float
+    """how late the train is (early < 0), where that alone is shown; NaN otherwise"""
     @_builtins.property
     def restrictions(self) -> _containers.RepeatedCompositeFieldContainer[Global___Restrictions.Restriction]:
         """temporary ones that the driver knows of"""
@@ -1188,13 +1193,14 @@ class Cab(_message.Message):
         due_s: _builtins.float = ...,
         target_way_m: _builtins.float = ...,
         friction_ratio: _builtins.float = ...,
+        deviation_s: _builtins.float = ...,
         horizon_speed_mps: _abc.Iterable[_builtins.float] | None = ...,
         horizon_force_n: _abc.Iterable[_builtins.float] | None = ...,
         limits_ahead: _abc.Iterable[Global___Cab.LimitAhead] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "clock_s", b"clock_s", "departure_s", b"departure_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "friction_ratio", b"friction_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "clock_s", b"clock_s", "departure_s", b"departure_s", "deviation_s", b"deviation_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "friction_ratio", b"friction_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1318,6 +1324,8 @@ class Decision(_message.Message):
         """began to move a controller that had stood still; value: the setting that is meant, -1 to 1"""
         KIND_CHANGED: Decision._Kind.ValueType  # 9
         """noticed other advice before he had acted on the one before; value: the mode that was given up"""
+        KIND_EXPECTED: Decision._Kind.ValueType  # 10
+        """saw a change that the display had announced; value: the share of a reaction that it takes"""
 
     class Kind(_Kind, metaclass=_KindEnumTypeWrapper): ...
     KIND_UNSPECIFIED: Decision.Kind.ValueType  # 0
@@ -1339,6 +1347,8 @@ class Decision(_message.Message):
     """began to move a controller that had stood still; value: the setting that is meant, -1 to 1"""
     KIND_CHANGED: Decision.Kind.ValueType  # 9
     """noticed other advice before he had acted on the one before; value: the mode that was given up"""
+    KIND_EXPECTED: Decision.Kind.ValueType  # 10
+    """saw a change that the display had announced; value: the share of a reaction that it takes"""
 
     TIME_NS_FIELD_NUMBER: _builtins.int
     KIND_FIELD_NUMBER: _builtins.int

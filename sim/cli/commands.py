@@ -45,6 +45,12 @@ ENTRIES: Final = (
         where="sim.experiment.commands:ENTRIES",
     ),
     Entry(
+        name="sensitivity",
+        where="sim.batch.sensitivity_command:sensitivity",
+        summary="Say how much each parameter of the human driver matters for the energy.",
+        examples=("das-sim sensitivity clear-day --advice vector,coach --seeds 0-3",),
+    ),
+    Entry(
         name="view",
         where="sim.review.command:view",
         summary="Look at a recording in the rerun viewer, or draw it as a picture.",

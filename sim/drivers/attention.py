@@ -10,7 +10,7 @@ from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.chance import Chance, ReactionTimes
 from sim.drivers.diary import Diary
-from sim.drivers.human_settings import HumanSettings
+from sim.drivers.human_settings import HEEDING
 from sim.drivers.parameters import HumanParameters
 
 _KINDS: dict[int, str] = {
@@ -25,23 +25,30 @@ _KINDS: dict[int, str] = {
 """The kind of advice by its mode; a reduced maximum speed is a speed to hold."""
 EFFORT_STEP_RATIO = 0.2
 """An effort that differs by this much of the controller's scale is another advice of the coach."""
+DEVIATION_STEP_S = 5.0
+"""A deviation that differs by this much is another one to the driver."""
+WITHOUT_MODE = (Presentation.RMS, Presentation.DEVIATION)
+"""Presentations that say nothing of how to drive but, at most, a highest speed."""
 
 
 def advice_kind(view: AdviceView) -> str | None:
-    """The kind of advice, to which a compliance belongs: traction, hold, coast or brake; None for no advice."""
-    return "hold" if view.presentation is Presentation.RMS else _KINDS.get(view.mode)
+    """The kind of advice, to which a compliance belongs: traction, hold, coast or brake; None for no advice.
+
+    A deviation is heeded as a speed to hold is.
+    """
+    return "hold" if view.presentation in WITHOUT_MODE else _KINDS.get(view.mode)
 
 
 def _shown_mode(view: AdviceView) -> int:
-    """The mode that an advice asks for: a reduced maximum speed asks to hold it."""
-    return int(Mode.CRUISE) if view.presentation is Presentation.RMS else view.mode
+    """The mode that an advice asks for: a reduced maximum speed, and a deviation, ask to hold another speed."""
+    return int(Mode.CRUISE) if view.presentation in WITHOUT_MODE else view.mode
 
 
 class Lapses:
     """Times at which the driver's attention is away; lapses begin at random and the train's warning ends them."""
 
-    def __init__(self, human: HumanParameters, settings: HumanSettings, chance: Chance, diary: Diary) -> None:
-        self._human, self._settings, self._random, self._diary = human, settings, chance.lapses, diary
+    def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
+        self._human, self._random, self._diary = human, chance.lapses, diary
         self._next_s, self._awake_s = -math.inf, -math.inf
 
     def away(self, cab: CabView, allowed_mps: float) -> bool:
@@ -56,7 +63,7 @@ class Lapses:
             self._diary.note(now_s, "lapse", length_s)
             self._awake_s = now_s + length_s
             self._next_s = self._awake_s + self._until_next()
-        if cab.speed_mps > allowed_mps + human.below_limit_mps + self._settings.warning_mps:
+        if cab.speed_mps > allowed_mps + human.below_limit_mps + HEEDING.warning_mps:
             self._awake_s = min(self._awake_s, now_s)
         return now_s < self._awake_s
 
@@ -67,33 +74,42 @@ class Lapses:
 class Heeded(NamedTuple):
     """What the driver goes by: the advice that he saw last, and whether he follows it.
 
-    `correction_mps2` is the acceleration that he adds because the train is not at the advised speed. `reached`: it has
-    come to the speed that it is advised to accelerate to.
+    `reached`: the train has come to the speed that it is advised to accelerate to.
     """
 
     view: AdviceView | None = None
     follows: bool = False
-    correction_mps2: float = 0.0
     reached: bool = False
+
+    @property
+    def task(self) -> int | None:
+        """What he is at: the mode of the advice that he follows, None if he drives by himself."""
+        return self.view.mode if self.by_effort and self.view is not None else None
 
     @property
     def by_effort(self) -> bool:
         """Whether he follows advice that says more than a highest speed."""
-        return self.follows and self.view is not None and self.view.presentation is not Presentation.RMS
+        return self.follows and self.view is not None and self.view.presentation not in WITHOUT_MODE
+
+
+class Announced(NamedTuple):
+    """The change that the display announced last: the mode, and when it is due (s on the cab's clock)."""
+
+    mode: int = Mode.NONE
+    due_s: float = math.inf
 
 
 class DisplayReading:
     """Glances at the display, decides on new advice, and takes the decision up after a reaction."""
 
-    def __init__(
-        self, human: HumanParameters, settings: HumanSettings, chance: Chance, times: ReactionTimes, diary: Diary
-    ) -> None:
-        self._human, self._settings, self._chance, self._times, self._diary = human, settings, chance, times, diary
+    def __init__(self, human: HumanParameters, chance: Chance, times: ReactionTimes, diary: Diary) -> None:
+        self._human, self._chance, self._times, self._diary = human, chance, times, diary
         self._glance_s, self._act_s = -math.inf, math.inf
         self._seen: AdviceView | None = None
         self._judged: tuple[object, ...] | None = None
         self._pending: bool | None = None
         self._noticed = 0
+        self._announced = Announced()
         self.heeded = Heeded()
         """What he goes by now."""
 
@@ -101,30 +117,27 @@ class DisplayReading:
         """The speed that he is advised to accelerate to is reached; he holds it until something else is advised."""
         self.heeded = self.heeded._replace(reached=True)
 
-    def depart(self, cab: CabView, speed_error_mps: float) -> None:
+    def depart(self, cab: CabView) -> None:
         """The train is set in motion: what was advised up to the stop is over, and he looks at the display anew.
 
         He has waited for the order to depart and has had his reaction time, so that he goes by what he sees at once.
         """
         self.heeded, self._judged, self._pending = Heeded(), None, None
-        self._glance(cab, speed_error_mps)
+        self._glance(cab)
         if self._pending is not None:
             self._act_s = cab.time_s
-            self.look(cab, speed_error_mps)
+            self.look(cab)
 
-    def look(self, cab: CabView, speed_error_mps: float) -> None:
-        """Glance at the display if it is time to, and take up a decision if its reaction time is over.
-
-        `speed_error_mps` is by how much he misjudges the advised speed now.
-        """
+    def look(self, cab: CabView) -> None:
+        """Glance at the display if it is time to, and take up a decision if its reaction time is over."""
         if cab.time_s >= self._glance_s:
-            self._glance(cab, speed_error_mps)
+            self._glance(cab)
         if self._pending is not None and cab.time_s >= self._act_s:
             self._diary.note(self._act_s, "acted", float(self._pending))
-            self.heeded, self._pending = self.heeded._replace(follows=self._pending), None
-            self._heed(cab, speed_error_mps)
+            self.heeded = self.heeded._replace(view=self._seen, follows=self._pending)
+            self._pending = None
 
-    def _glance(self, cab: CabView, speed_error_mps: float) -> None:
+    def _glance(self, cab: CabView) -> None:
         """Look at the display, and judge what is new on it."""
         human, now_s = self._human, cab.time_s
         beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
@@ -136,8 +149,22 @@ class DisplayReading:
             self._judged = item
             self.heeded = self.heeded._replace(reached=False)
             self._judge(view, now_s)
+        self._expect(view, now_s)
         if self._pending is None:
-            self._heed(cab, speed_error_mps)
+            self.heeded = self.heeded._replace(view=view)
+
+    def _expect(self, view: AdviceView | None, now_s: float) -> None:
+        """Remember the next change that the display announces, and look again when it is due."""
+        if view is None or view.next_mode == Mode.NONE or not math.isfinite(view.next_change_s):
+            return
+        self._announced = Announced(view.next_mode, view.time_s + view.next_change_s)
+        if self._announced.due_s >= now_s + self._human.glance_least_s:
+            self._glance_s = min(self._glance_s, self._announced.due_s)
+
+    def _reaction_s(self, mode: int, now_s: float) -> float:
+        """How long the reaction takes: shorter to a change that was announced."""
+        expected = mode == self._announced.mode and abs(now_s - self._announced.due_s) <= HEEDING.expected_within_s
+        return self._times.draw(now_s, of_itself=self._human.expected_ratio if expected else 1.0)
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
         """Decide on new advice, and when to act on it; advice that has gone is given up after a reaction as well."""
@@ -147,27 +174,24 @@ class DisplayReading:
         self._noticed = 0 if view is None or kind is None else _shown_mode(view)
         self._diary.note(now_s, "noticed", self._noticed)
         if view is None or kind is None:
-            self._pending, self._act_s = False, now_s + self._times.draw(now_s) if self.heeded.follows else now_s
+            self._pending = False
+            self._act_s = now_s + self._reaction_s(Mode.NONE, now_s) if self.heeded.follows else now_s
             return
         follow = bool(self._chance.choices.random() < getattr(self._human, f"comply_{kind}_ratio"))
         self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
-        self._pending, self._act_s = follow, now_s + self._times.draw(now_s)
-
-    def _heed(self, cab: CabView, speed_error_mps: float) -> None:
-        """Go by what he has seen last until he sees more."""
-        view, correction = self._seen, 0.0
-        if view is not None and view.presentation is Presentation.VECTOR:
-            error = view.shown_speed_mps + speed_error_mps - cab.speed_mps
-            if abs(error) > self._human.dead_band_mps:
-                correction = self._settings.gain_per_s * error
-        self.heeded = self.heeded._replace(view=view, correction_mps2=correction)
+        self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
 
 
 def _item(view: AdviceView) -> tuple[object, ...]:
-    """What makes advice new: another mode, another speed to hold (to 1 m/s); of the coach another speed or effort."""
+    """What makes advice new: another mode, another speed to hold (to 1 m/s); of the coach another speed or effort.
+
+    A deviation is new if it is another one by some seconds.
+    """
     if view.presentation is Presentation.COACH:
         effort = round(view.lever_ratio / EFFORT_STEP_RATIO) if view.mode != Mode.CRUISE else 0
         return (view.presentation, view.mode, round(view.speed_mps / KMH), effort)
+    if view.presentation is Presentation.DEVIATION:
+        return (view.presentation, round(view.deviation_s / DEVIATION_STEP_S))
     if view.presentation is Presentation.VECTOR or math.isnan(view.speed_mps):
         return (view.presentation, view.mode)
     return (view.presentation, advice_kind(view), round(view.speed_mps))

@@ -53,7 +53,8 @@ class AdviceView:
     Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
     maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold (`due_s`: the time until it is due,
     `target_way_m`: the way to where it is reached); `display_speed_mps` is the same in whole km/h, as the driver reads
-    it. A simulated driver goes by the former. `lever_ratio` is the advised effort on the controller's scale (see
+    it. A simulated driver goes by the former. In DEVIATION there is only `deviation_s`, how late the train is against
+    the planned run for its timetable (early < 0). `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
     """
 
@@ -72,11 +73,19 @@ class AdviceView:
     due_s: float = 0.0
     target_way_m: float = math.nan
     reason: str = ""
+    deviation_s: float = math.nan
 
     @property
     def shown_speed_mps(self) -> float:
         """The speed that is read off the display (m/s): as it is written there, or else as it is advised."""
         return self.speed_mps if math.isnan(self.display_speed_mps) else self.display_speed_mps
+
+    def foreseen_mps(self, now_s: float) -> float:
+        """The speed (m/s) for a later moment as the preview shows it; where there is none, the speed that is shown."""
+        after = int(now_s - self.time_s)
+        if not self.horizon_speed_mps or after < 1:
+            return self.shown_speed_mps
+        return self.horizon_speed_mps[min(after, len(self.horizon_speed_mps)) - 1]
 
 
 class PostedRestriction(NamedTuple):
@@ -140,11 +149,12 @@ def present(
     train: TrainNumbers,
     *,
     clock_zero_ns: int = 0,
+    deviation_s: float = math.nan,
 ) -> AdviceView | None:
     """What the display shows of an advice; None if it shows nothing.
 
     `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment at which the
-    cab's clock shows 0.
+    cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows this alone.
     """
     mode = int(advice.mode)
     if presentation is Presentation.NONE or mode == Mode.NONE:
@@ -159,6 +169,8 @@ def present(
         top_mps = advice.reduced_max_speed_mps
         # There is nothing to show where the train has arrived.
         return None if math.isnan(top_mps) else replace(view, speed_mps=top_mps, display_speed_mps=top_mps)
+    if presentation is Presentation.DEVIATION:
+        return None if math.isnan(deviation_s) else replace(view, deviation_s=deviation_s)
     if presentation is Presentation.COACH:
         return _coached(view, advice, train)
     if presentation is Presentation.FOUR_MODE:
@@ -172,6 +184,11 @@ def present(
             next_mode=int(advice.next_four_mode),
             next_change_s=advice.next_four_change_s,
         )
+    return _in_full(view, advice, train)
+
+
+def _in_full(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView:
+    """What the display shows of speed and effort."""
     return replace(
         view,
         speed_mps=advice.advised_speed_mps,

@@ -64,10 +64,13 @@ class ReactionTimes:
     def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
         self._human, self._random, self._diary = human, chance.reactions, diary
 
-    def draw(self, now_s: float) -> float:
-        """How long (s) the next reaction takes."""
+    def draw(self, now_s: float, *, of_itself: float = 1.0) -> float:
+        """How long (s) the next reaction takes; to something that was announced it is a share `of_itself`."""
         human = self._human
         normal = float(self._random.standard_normal())
         reaction_s = human.reaction_median_s * math.exp(human.reaction_log_sd * normal)
+        if of_itself < 1.0:
+            self._diary.note(now_s, "expected", of_itself)
+            reaction_s *= of_itself
         self._diary.note(now_s, "reaction", reaction_s)
         return reaction_s

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 KINDS: Final = (
     *("glance", "noticed", "reaction", "followed", "refused"),
-    *("acted", "lapse", "lever", "changed"),
+    *("acted", "lapse", "lever", "changed", "expected"),
 )
 """What is kept, in the order of the numbers of `Decision.Kind` on the bus, which says what each means."""
 
@@ -17,7 +17,8 @@ class DriverEvent(NamedTuple):
 
     What it is (one of `KINDS`), and the number: `glance`, `noticed`, `followed`, `refused` and `changed` (mode of the
     advice, 0 for none), `reaction` (its length in s), `acted` (1: follows the advice), `lapse` (its length as drawn, in
-    s), `lever` (the new setting of a controller that had stood still).
+    s), `lever` (the new setting of a controller that had stood still), `expected` (before `reaction`: what was noticed
+    had been announced, and the share of a reaction that it takes therefore).
     """
 
     time_s: float

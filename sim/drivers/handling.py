@@ -46,17 +46,25 @@ class SpeedHold:
         """The train stands: nothing is being corrected."""
         self._correcting = False
 
-    def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
-        """The wheel force (N) for an error of the speed (wanted − actual, m/s); the speed itself needs `needed_n`.
+    def push_n(self, error_mps: float, mass_kg: float) -> float:
+        """The wheel force (N) that takes an error of the speed (wanted − actual, m/s) away.
 
-        Errors within the dead band are left, a small excess is rolled off. `crawls`: the train is about to stop.
+        One within the dead band is left, one that is being corrected is corrected nearly to the end.
         """
         human, settings = self._human, self._settings
         if abs(error_mps) > human.dead_band_mps:
             self._correcting = True
         elif abs(error_mps) <= settings.settled_ratio * human.dead_band_mps:
             self._correcting = False
-        force_n = needed_n + (settings.gain_per_s * mass_kg * error_mps if self._correcting else 0.0)
+        return settings.gain_per_s * mass_kg * error_mps if self._correcting else 0.0
+
+    def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
+        """The wheel force (N) for an error of the speed (wanted − actual, m/s); the speed itself needs `needed_n`.
+
+        A small excess is rolled off. `crawls`: the train is about to stop.
+        """
+        settings = self._settings
+        force_n = needed_n + self.push_n(error_mps, mass_kg)
         # Downhill the driver brakes until the speed is right, then lets the train roll; otherwise he would brake every
         # few seconds.
         if not self._correcting or error_mps > 0 or crawls:
@@ -82,9 +90,16 @@ class Handling:
         self._friction = friction
         self._hold, self._ceiling = SpeedHold(human, settings), SpeedHold(human, settings)
         self._braking = False
+        self.brakes_hard = False
+        """Whether he brakes for a limit or a stop so hard that the brakes cannot wait."""
         self._roll_off = RollOff()
         self.efforts = Efforts.at(0.0, train)
         """What the train can do at the present speed."""
+
+    @property
+    def needs_brakes(self) -> bool:
+        """Whether a limit or a stop asks for brakes, by his own margins."""
+        return self._braking
 
     def stand(self) -> None:
         """The train stands: nothing is being corrected and the driver is not braking for anything."""
@@ -118,6 +133,11 @@ class Handling:
             hold.force_n(error, needed_n, mass_kg, crawls=crawls) * self._errors.force_ratio
         )
 
+    def corrected(self, cab: CabView, outlook: Outlook, speed_mps: float) -> float:
+        """By how much he sets the controller off an advised effort (−1 … 1), because the train is not at its speed."""
+        error = speed_mps + self._errors.speed_mps - cab.speed_mps
+        return self.efforts.lever_ratio(self._hold.push_n(error, outlook.train.inertial_mass_kg))
+
     def needed_braking(self, cab: CabView, outlook: Outlook, reach_s: float) -> float | None:
         """The deceleration for what lies ahead (m/s²), from shortly before it is needed until it is done; else None.
 
@@ -129,15 +149,18 @@ class Handling:
             way_m = self._mark.at_m(cab) - s
             stopping = v * v / (2.0 * way_m) if way_m > settings.nearest_m else human.braking_mps2
             if stopping >= settings.released_ratio * human.braking_mps2:
-                self._braking = True
+                self._braking = self.brakes_hard = True
                 return stopping
         ahead_m = v * (human.early_braking_s + reach_s)
         if v > outlook.allowed_mps(s + ahead_m) + min(human.dead_band_mps, human.below_limit_mps):
             self._braking = True
         elif needed < settings.released_ratio * human.braking_mps2:
-            self._braking = self._braking and v > max(
-                outlook.allowed_mps(s) + settings.settled_mps, TRACKING.stopping_mps
-            )
+            rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
+            # On a descent that would bring the speed back at once, the brake is eased and kept, not given up.
+            steep = rolls_mps2 * settings.regained_s > human.dead_band_mps
+            settled_mps = -human.dead_band_mps if steep else settings.settled_mps
+            self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)
+        self.brakes_hard = self._braking and needed >= settings.released_ratio * human.braking_mps2
         return needed if self._braking else None
 
     def braked(self, cab: CabView, outlook: Outlook, needed_mps2: float) -> float:

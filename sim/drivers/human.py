@@ -11,13 +11,16 @@ from sim.drivers.chance import Chance, Errors, ReactionTimes
 from sim.drivers.diary import Diary, DriverEvent
 from sim.drivers.hand import Hand
 from sim.drivers.handling import Handling, StopMark
-from sim.drivers.human_settings import HumanSettings
+from sim.drivers.human_settings import HAND, HEEDING, HumanSettings
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.rule_settings import RULE
 from sim.drivers.rules import TimeRule
 from sim.plant.plant import COAST, Command, lever
+
+BEGUN_RATIO = 0.5
+"""Who has set this share of an effort has begun with it."""
 
 
 class Motion:
@@ -77,7 +80,7 @@ class HumanDriver:
         stream: int = 0,
     ) -> None:
         self.parameters = human = parameters or HumanParameters()
-        self._settings = settings = HumanSettings()
+        settings = HumanSettings()
         self._diary = diary = Diary()
         chance = Chance(seed, stream)
         times = ReactionTimes(human, chance, diary)
@@ -85,8 +88,8 @@ class HumanDriver:
         self._foresight = Foresight(line, Habit(braking_mps2=human.braking_mps2, below_mps=human.below_limit_mps))
         self._rule = TimeRule(RULE.judged_every_s)
         self._motion, self._departure = Motion(), Departure(times)
-        self._lapses = Lapses(human, settings, chance, diary)
-        self._display = DisplayReading(human, settings, chance, times, diary)
+        self._lapses = Lapses(human, chance, diary)
+        self._display = DisplayReading(human, chance, times, diary)
         mark = StopMark(human, settings, chance.marks)
         self._handling = Handling(human, settings, self._errors, mark, line.train, friction)
         self._hand = Hand(human, diary)
@@ -108,10 +111,12 @@ class HumanDriver:
         outlook = self._foresight.outlook(cab)
         if not self._lapses.away(cab, outlook.allowed_mps(cab.s_m)):
             if self._departure.begins():
-                self._display.depart(cab, self._errors.speed_mps)
-            self._display.look(cab, self._errors.speed_mps)
+                self._display.depart(cab)
+            self._display.look(cab)
             self._handling.efforts = Efforts.at(cab.speed_mps, outlook.train)
-            self._hand.move(self._wanted(cab, outlook), cab.time_s, span_s)
+            wanted, heeded = self._wanted(cab, outlook), self._display.heeded
+            urgent = self._handling.brakes_hard or cab.speed_mps > cab.limit_mps
+            self._hand.move(wanted, cab.time_s, span_s, task=heeded.task, urgent=urgent)
         friction_ratio = self._handling.friction_ratio(follows_effort=self._display.heeded.by_effort)
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
@@ -120,7 +125,7 @@ class HumanDriver:
         handling, heeded, reach_s = self._handling, self._display.heeded, self._hand.reach_s
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
-        near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - self._settings.watched_mps
+        near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - HEEDING.watched_mps
         if heeded.view is not None and heeded.by_effort:
             wanted = self._advised(cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming, ceiling=True)) if near else wanted
@@ -134,15 +139,13 @@ class HumanDriver:
     def _by_top_speed(self) -> bool:
         """Whether he follows advice that says a highest speed."""
         heeded = self._display.heeded
-        return heeded.follows and not heeded.by_effort
+        return heeded.follows and heeded.view is not None and heeded.view.presentation is Presentation.RMS
 
     def _advised(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting that the advice asks for."""
         handling = self._handling
         if view.presentation is Presentation.VECTOR:
-            more_n = self._display.heeded.correction_mps2 * outlook.train.inertial_mass_kg
-            more_ratio = handling.efforts.lever_ratio(more_n)
-            return min(max(self._set(view.lever_ratio) + more_ratio, -1.0), 1.0)
+            return self._by_vector(cab, outlook, view)
         if view.presentation is Presentation.COACH:
             return self._coached(cab, outlook, view, allowed_mps)
         if view.mode == Mode.CRUISE:
@@ -153,9 +156,21 @@ class HumanDriver:
             return handling.efforts.lever_ratio(-handling.efforts.electric_n)
         return 0.0
 
+    def _by_vector(self, cab: CabView, outlook: Outlook, view: AdviceView) -> float:
+        """The setting for an effort and a speed: the effort, and more or less of it where the speed is another one.
+
+        Nobody corrects while he is told to let the train roll, and at the end of the scale there is no more or less.
+        """
+        if view.mode == Mode.COAST:
+            return 0.0
+        if abs(view.lever_ratio) > HAND.end_stop_ratio:
+            return self._set(view.lever_ratio)
+        more = self._handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
+        return min(max(self._set(view.lever_ratio) + more, -1.0), 1.0)
+
     def _set(self, lever_ratio: float) -> float:
         """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""
-        if abs(lever_ratio) > self._settings.end_stop_ratio:
+        if abs(lever_ratio) > HAND.end_stop_ratio:
             return math.copysign(1.0, lever_ratio)
         return min(max(lever_ratio * self._errors.force_ratio, -1.0), 1.0)
 
@@ -163,8 +178,8 @@ class HumanDriver:
         """The setting that the coach asks for; when the speed is reached, he sees it himself and holds it."""
         target = min(view.shown_speed_mps, allowed_mps)
         if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
-            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * self._settings.eased_off_s
-            if away > 0 and not self._display.heeded.reached:
+            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s
+            if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, view, target):
                 return self._set(view.lever_ratio)
             self._display.reach()
             return self._handling.held(cab, outlook, target)
@@ -174,7 +189,16 @@ class HumanDriver:
             return 0.0
         if cab.speed_mps <= target:
             return min(self._handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
-        return self._set(view.lever_ratio)
+        return 0.0 if self._soon_over(cab, outlook, view, target) else self._set(view.lever_ratio)
+
+    def _soon_over(self, cab: CabView, outlook: Outlook, view: AdviceView, target_mps: float) -> bool:
+        """Whether he has not begun to accelerate or brake to a speed, and would be done so soon that he does not."""
+        if self._hand.setting * math.copysign(1.0, view.lever_ratio) >= BEGUN_RATIO * abs(view.lever_ratio):
+            return False
+        efforts = self._handling.efforts
+        effort_n = view.lever_ratio * (efforts.traction_n if view.lever_ratio > 0 else efforts.brakes_n)
+        rate_mps2 = (effort_n - outlook.resisting_n(cab.s_m, cab.speed_mps)) / outlook.train.inertial_mass_kg
+        return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""
@@ -182,4 +206,17 @@ class HumanDriver:
         if heeded.view is not None and self._by_top_speed:
             return heeded.view.shown_speed_mps
         keeps = self._rule.cap_mps(cab, outlook)
-        return keeps + self.parameters.haste_ratio * max(outlook.top_mps - keeps, 0.0)
+        return keeps + self._haste_ratio * max(outlook.top_mps - keeps, 0.0)
+
+    @property
+    def _haste_ratio(self) -> float:
+        """How he drives between just in time (0) and as fast as allowed (1), without advice on how to drive.
+
+        Where he is told how late the train is, he drives faster when it is late and slower when it is early, in
+        proportion, up to one end or the other.
+        """
+        haste, heeded = self.parameters.haste_ratio, self._display.heeded
+        if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):
+            return haste
+        part = min(max(heeded.view.deviation_s / HEEDING.made_good_s, -1.0), 1.0)
+        return haste + part * ((1.0 - haste) if part > 0 else haste)

@@ -60,6 +60,8 @@ class Presentation(StrEnum):
     """How much of the same advice the display shows."""
 
     NONE = "none"
+    DEVIATION = "deviation"
+    """How many seconds early or late the train is, renewed every 35 s; nothing about how to drive."""
     RMS = "rms"
     """One reduced maximum speed."""
     FOUR_MODE = "four-mode"

@@ -28,6 +28,14 @@ class HumanParameters:
         2.0, "s", 0.2, 20.0, "reaction to new advice once seen, and to the order to depart: median of a lognormal", ROAD
     )
     reaction_log_sd: float = _parameter(0.4, "–", 0.0, 1.5, "standard deviation of the reaction's logarithm")
+    expected_ratio: float = _parameter(
+        0.6,
+        "–",
+        0.1,
+        1.0,
+        "the reaction to a change that the display announced, as a share of the one to another change",
+        "braking for what is expected takes road drivers 0.7 to 0.75 s, for what is not 1.25 s (Green 2000)",
+    )
     glance_mean_s: float = _parameter(
         5.0, "s", 0.2, 60.0, "mean time between glances at the display (exponential beyond the least)"
     )

@@ -19,6 +19,7 @@ class Shown(NamedTuple):
     mode: Mode | None = None
     speed_kmh: int | None = None
     effort: int | None = None
+    deviation_s: int | None = None
 
     @classmethod
     def of(cls, view: AdviceView) -> Shown:
@@ -26,6 +27,8 @@ class Shown(NamedTuple):
         speed_mps = view.speed_mps if math.isnan(view.display_speed_mps) else view.display_speed_mps
         speed_kmh = _whole(speed_mps / KMH)
         match view.presentation:
+            case Presentation.DEVIATION:
+                return cls(deviation_s=_whole(view.deviation_s))
             case Presentation.RMS:
                 return cls(speed_kmh=speed_kmh)
             case Presentation.FOUR_MODE:

@@ -23,7 +23,8 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
 
     Nothing where no decisions were recorded: of a real drive, or with a driver who keeps no diary.
     """
-    kept = [(KINDS[one.message.kind - 1], one.message) for one in recording.of(topics.DECISION)]
+    told = [(KINDS[one.message.kind - 1], one.message) for one in recording.of(topics.DECISION)]
+    kept = [one for one in told if one[0] != "expected"]
     for (kind, one), (after, reaction) in pairwise([*kept, ("", None)]):
         s_m = float(trip.at(np.array([one.time_ns]), trip.s_m)[0])
         if kind in DECIDED:

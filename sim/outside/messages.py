@@ -20,13 +20,14 @@ PRESENTATIONS: Final = {
     Presentation.FOUR_MODE: das_pb2.Cab.PRESENTATION_FOUR_MODE,
     Presentation.VECTOR: das_pb2.Cab.PRESENTATION_VECTOR,
     Presentation.COACH: das_pb2.Cab.PRESENTATION_COACH,
+    Presentation.DEVIATION: das_pb2.Cab.PRESENTATION_DEVIATION,
 }
 """The presentations as the message names them."""
 SHOWN: Final = {number: presentation for presentation, number in PRESENTATIONS.items()}
 """What the numbers in the message mean."""
 _HIDDEN: Final = (
     *("advised_speed_mps", "advised_lever_ratio", "next_change_s", "display_speed_mps", "advice_s", "valid_until_s"),
-    *("advised_force_n", "due_s", "target_way_m"),
+    *("advised_force_n", "due_s", "target_way_m", "deviation_s"),
 )
 """Fields that are NaN while nothing is shown."""
 
@@ -139,6 +140,7 @@ def _advice_fields(view: AdviceView | None, *, horizons: bool) -> dict[str, Any]
         "advised_force_n": view.force_n,
         "due_s": view.due_s,
         "target_way_m": view.target_way_m,
+        "deviation_s": view.deviation_s,
     }
     ahead = {"horizon_speed_mps": view.horizon_speed_mps, "horizon_force_n": view.horizon_force_n}
     return {**shown, **ahead} if horizons else shown
@@ -163,6 +165,7 @@ def _advice_view(message: Any) -> AdviceView | None:
         next_change_s=message.next_change_s,
         due_s=message.due_s,
         target_way_m=message.target_way_m,
+        deviation_s=message.deviation_s,
         reason=message.reason,
     )
 

@@ -113,6 +113,8 @@ MODES: Final = {
 """Colours of the advised modes, as patches in lanes; the same on either background."""
 TOP_SPEED_COLOR: Final = "#5f7d74"
 """Colour of a lane where the display shows a top speed and no mode."""
+DEVIATION_COLOR: Final = "#9a8f6b"
+"""Colour of a lane where the display shows how early or late the train is, and no mode."""
 
 
 def rgba(color: str) -> int:

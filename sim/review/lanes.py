@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM
-from sim.review.colors import MODES, TOP_SPEED_COLOR, Meaning, Theme
+from sim.review.colors import DEVIATION_COLOR, MODES, TOP_SPEED_COLOR, Meaning, Theme
 from sim.review.happenings import NOT_HEARD, Span, signals, silences
 from sim.review.series import DrivenCourse
 
@@ -19,6 +19,9 @@ STATES: Final = {
     "waiting": Meaning.NO_ADVICE,
 }
 TOP_SPEED: Final = "a top speed"
+DEVIATION: Final = "early or late"
+WITHOUT_MODE: Final = {TOP_SPEED: TOP_SPEED_COLOR, DEVIATION: DEVIATION_COLOR}
+"""Colours of displays that show no mode."""
 
 
 class Change(NamedTuple):
@@ -52,7 +55,7 @@ def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
     found = (
         Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
-        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, TOP_SPEED: TOP_SPEED_COLOR}),
+        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **WITHOUT_MODE}),
         Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),
         Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
         Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
@@ -103,9 +106,11 @@ def _state(status: Any) -> str:
 
 
 def _shown(cab: Any) -> str:
-    """What the display shows: a mode, or only the reduced maximum speed where it shows that."""
+    """What the display shows: a mode, or only the reduced maximum speed or the deviation where it shows that."""
     if cab.presentation == das_pb2.Cab.PRESENTATION_NONE:
         return ""
     if cab.presentation == das_pb2.Cab.PRESENTATION_RMS and cab.mode != das_pb2.MODE_STOP:
         return TOP_SPEED
+    if cab.presentation == das_pb2.Cab.PRESENTATION_DEVIATION:
+        return DEVIATION
     return _name(das_pb2.Mode, cab.mode)

@@ -44,5 +44,6 @@ def _shown(cab: Any) -> Shown | None:
         # 0 in a recording that is older than the field, and than the stop in the same message.
         display_speed_mps=cab.display_speed_mps if cab.display_speed_mps or cab.stop_m else math.nan,
         lever_ratio=cab.advised_lever_ratio,
+        deviation_s=cab.deviation_s,
     )
     return Shown.of(view)

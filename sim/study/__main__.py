@@ -1,4 +1,7 @@
-"""`python -m sim.study [price] [days] [loop]`: make figures and pictures of docs/explanation/coach.md again."""
+"""`python -m sim.study [price] [days] [loop] [display]`: make figures and pictures of the documentation again.
+
+The first three are of docs/explanation/coach.md, the last is of docs/reference/drivers.md.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+from sim.study.display import display_table
 from sim.study.loop import DRIVERS, KEPT, SCENARIOS, SEEDS, driver_table, keeping_table
 from sim.study.page import write_table
 from sim.study.pictures import days_table
 from sim.study.price import price_table, zug_luzern
 from sim.study.watching import service_of
 
-PAGE: Final = Path("docs") / "explanation" / "coach.md"
+COACH: Final = Path("docs") / "explanation" / "coach.md"
+DRIVERS_PAGE: Final = Path("docs") / "reference" / "drivers.md"
 
 
 def _price() -> Iterator[tuple[str, Iterator[str]]]:
@@ -30,11 +35,18 @@ def _loop() -> Iterator[tuple[str, Iterator[str]]]:
     yield "keeping", keeping_table(services, SEEDS, KEPT)
 
 
+def _display() -> Iterator[tuple[str, Iterator[str]]]:
+    yield "display", display_table(service_of("clear-day"))
+
+
 PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
     "price": _price,
     "days": _days,
     "loop": _loop,
+    "display": _display,
 }
+PAGES: Final = {"display": DRIVERS_PAGE}
+"""The page of each part that is not of the coach's."""
 
 
 def _told(lines: Iterator[str]) -> Iterator[str]:
@@ -48,14 +60,14 @@ def main() -> None:
     """Make the parts that were asked for, or all of them."""
     parser = argparse.ArgumentParser(prog="python -m sim.study", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"One or more of {', '.join(PARTS)} [default: all].")
-    parser.add_argument("--page", type=Path, default=PAGE, help="The page to write into.")
+    parser.add_argument("--page", type=Path, help="The page to write into [default: the part's own].")
     asked = parser.parse_args()
     unknown = [part for part in asked.parts if part not in PARTS]
     if unknown:
         parser.error(f"{unknown[0]}: expected {', '.join(PARTS)}")
     for part in asked.parts or PARTS:
         for name, lines in PARTS[part]():
-            write_table(asked.page, name, _told(lines))
+            write_table(asked.page or PAGES.get(part, COACH), name, _told(lines))
 
 
 if __name__ == "__main__":

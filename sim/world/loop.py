@@ -161,5 +161,6 @@ class World:
             self.presentation,
             service.line.train,
             clock_zero_ns=service.timetables[0].departure_ns,
+            deviation_s=around.compared_s(state),
         )
         self._view = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterator
 from typing import Any
@@ -27,6 +28,8 @@ from sim.world.sensors import SimulatedLocalisation, TrainControl
 from sim.world.service import Service
 
 DELAY_EVERY_S = 10
+COMPARED_EVERY_S = 35.0
+"""A display of the deviation alone shows a new one this often, as SBB's does every 30 to 40 s."""
 
 
 class Surroundings:
@@ -38,6 +41,7 @@ class Surroundings:
         self._localisation, self._train_control = SimulatedLocalisation(day), TrainControl(day)
         self._limits, self._watch = _LimitSteps(day.service), Watch(day.plant.vehicle.train_length_m)
         # A node is told of restrictions even where there are none: until then it must not advise.
+        self._compared_s, self._deviation_s = -math.inf, math.nan
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
 
     @property
@@ -62,8 +66,17 @@ class Surroundings:
         if self.news.targets != before[1]:
             yield TargetsHeard(time_ns=now_ns, targets=self.news.targets)
 
+    def compared_s(self, state: PlantState) -> float:
+        """How late the train was (s) when that was last compared for a display of it alone."""
+        if state.time_s >= self._compared_s + COMPARED_EVERY_S:
+            self._compared_s, self._deviation_s = state.time_s, self._delay_s(state)
+        return self._deviation_s
+
     def _delay_s(self, state: PlantState) -> float:
-        """Deviation from the plan for the timetable, as the operator knows it; a train that waits is never early."""
+        """How late the train is (s) against the plan for the timetable, as the operator knows it (early < 0).
+
+        A train that waits is never early.
+        """
         calls, service = self.calls, self._service
         if calls.finished:
             return calls.arrivals[-1].time_s - service.clock_s(calls.timetable.arrival_ns)

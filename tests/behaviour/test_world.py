@@ -379,7 +379,7 @@ def test_the_list_of_scenarios(folder: Path) -> None:
         ),
         (
             ["clear-day", "--advice", "all"],
-            "Invalid value for '--advice': Value error, 'all' is not one of 'none', 'rms', 'four-mode', 'vector'",
+            "Invalid value for '--advice': Value error, 'all' is not one of 'none', 'deviation', 'rms',",
         ),
         (["clear-day", "--speed", "fast"], "--speed fast: expected max, real or a number"),
         (["clear-day", "--out", "no/where.mcap"], "no such folder"),

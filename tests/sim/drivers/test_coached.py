@@ -103,6 +103,14 @@ def test_a_human_holds_the_speed_that_he_has_reached() -> None:
     assert settled(replace(BRAKE, speed_mps=20.5), force_n=-6e4) == pytest.approx(0.0, abs=0.1)
 
 
+def test_a_human_does_not_begin_what_would_be_over_at_once() -> None:
+    """Full traction from 20 to 20.4 m/s would last a second: he holds the speed; and a brake to 19.7 he leaves."""
+    efforts = Efforts.at(20.0, LINE.train)
+    assert settled(replace(TRACTION, speed_mps=20.4), force_n=efforts.traction_n) < 0.3
+    assert settled(replace(TRACTION, speed_mps=30.0), force_n=efforts.traction_n) == 1.0
+    assert settled(replace(BRAKE, speed_mps=19.7), force_n=-0.3 * efforts.brakes_n) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_human_never_goes_above_the_limit_for_the_coach() -> None:
     force_n = Efforts.at(20.0, LINE.train).traction_n
     assert settled(replace(TRACTION, speed_mps=30.0), force_n=force_n, limit_mps=20.0) < 0.2

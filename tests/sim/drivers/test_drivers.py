@@ -130,7 +130,8 @@ def test_the_perfect_follower_of_a_live_advisor_is_on_time(name: str, request: p
     case: Case = request.getfixturevalue(name)
     run = case.ride(make_driver(DriverKind.PERFECT, case.line), case.advise(Presentation.VECTOR))
     assert run.arrival_s == pytest.approx(case.time_s, abs=1.0)
-    assert -0.003 < case.input_ratio(run) - 1.0 < 0.005
+    # Asked of a perfect driver: at most 0.3 % on Zug–Luzern and 1.5 % on the 6 km line, where a second is worth 0.8 %.
+    assert -0.003 < case.input_ratio(run) - 1.0 < (0.003 if name == "zug_luzern" else 0.005)
     assert run.states[-1].s_m == pytest.approx(case.leg.stop_m, abs=1.0)
 
 
@@ -352,6 +353,13 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     assert (reduced.speed_mps, reduced.horizon_force_n) == (27.0, ())
     assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.RMS, train) is None
     assert present(given, Presentation.NONE, train) is None
+    late = present(given, Presentation.DEVIATION, train, deviation_s=12.0)
+    assert late is not None
+    assert late.deviation_s == 12.0
+    assert math.isnan(late.speed_mps)
+    assert not late.horizon_speed_mps
+    assert late.next_mode == Mode.NONE
+    assert present(given, Presentation.DEVIATION, train) is None
     assert present(advice(Mode.NONE), Presentation.VECTOR, train) is None
     assert lever_ratio(-1e9, 20.0, train) == -1.0
     assert lever_ratio(-3.5e5, 20.0, train) == pytest.approx(-0.5, rel=0.01)  # 700 kN of both brakes

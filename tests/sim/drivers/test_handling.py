@@ -111,3 +111,45 @@ def test_the_speed_that_is_read_is_the_one_on_the_display() -> None:
     seen = replace(view(Mode.CRUISE, 0.0, 0.0), speed_mps=20.3, display_speed_mps=20.0)
     assert seen.shown_speed_mps == 20.0
     assert replace(seen, display_speed_mps=math.nan).shown_speed_mps == 20.3
+
+
+def announced(mode: Mode, next_mode: Mode, change_s: float, time_s: float) -> AdviceView:
+    return replace(view(mode, 0.0, time_s), next_mode=next_mode, next_change_s=change_s - time_s)
+
+
+def reactions(driver: HumanDriver, *, said: bool) -> tuple[list[float], list[float]]:
+    """Show a change from hold to coast at 30 s, announced or not; the reactions, and the times of glances after it."""
+    for i in range(300):
+        now_s = 0.2 * i
+        mode, change_s = (Mode.CRUISE, 30.0) if now_s < 30.0 else (Mode.COAST, 90.0)
+        following = {Mode.CRUISE: Mode.COAST, Mode.COAST: Mode.FULL_BRAKE}[mode]
+        shown = announced(mode, following, change_s, now_s) if said else view(mode, 0.0, now_s)
+        driver.command(cab_of(PlantState(now_s, 100.0, 20.0), stop_m=50_000.0, advice=shown))
+    glances = [event.time_s for event in driver.events if event.what == "glance" and event.time_s >= 30.0]
+    return [event.value for event in driver.events if event.what == "reaction"], glances
+
+
+def test_a_change_that_was_announced_is_seen_when_it_is_due_and_reacted_to_sooner() -> None:
+    seldom = replace(WILLING, glance_mean_s=20.0, glance_least_s=1.0, reaction_median_s=2.0)
+    said, unsaid = HumanDriver(endless(), seldom, seed=4), HumanDriver(endless(), seldom, seed=4)
+    (first, announced_s), seen = reactions(said, said=True)
+    (alone, unannounced_s), seen_later = reactions(unsaid, said=False)
+    assert (first, alone, unannounced_s) == pytest.approx((2.0, 2.0, 2.0))
+    assert announced_s == pytest.approx(0.6 * 2.0)
+    assert seen[0] == pytest.approx(30.0, abs=0.3)
+    assert seen_later[0] > 31.0
+    assert [event.value for event in said.events if event.what == "expected"] == [0.6]
+
+
+@pytest.mark.parametrize(("deviation_s", "lever"), [(30.0, 1.0), (0.0, 1.0), (-30.0, 0.0)])
+def test_who_is_told_how_late_he_is_drives_faster_or_lets_the_train_roll(deviation_s: float, lever: float) -> None:
+    """At 30 m/s with time in hand: late and on time he goes on to his usual speed, early to the one that will do."""
+    human = HumanDriver(endless(), replace(WILLING, haste_ratio=0.6), seed=1)
+    for i in range(150):
+        shown = AdviceView(
+            time_s=0.2 * i, valid_until_s=0.2 * i + 3.0, presentation=Presentation.DEVIATION, mode=Mode.CRUISE,
+            deviation_s=deviation_s,
+        )  # fmt: skip
+        cab = cab_of(PlantState(0.2 * i, 100.0, 30.0), stop_m=30_000.0, arrival_s=1200.0, advice=shown)
+        command = human.command(cab)
+    assert command.value == pytest.approx(lever, abs=0.5)

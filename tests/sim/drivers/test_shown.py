@@ -22,6 +22,8 @@ def test_each_presentation_shows_what_it_is_for() -> None:
     assert Shown.of(view(Presentation.RMS)) == Shown(mode=None, speed_kmh=82, effort=None)
     assert Shown.of(view(Presentation.FOUR_MODE)) == Shown(mode=Mode.CRUISE, speed_kmh=82, effort=None)
     assert Shown.of(view(Presentation.FOUR_MODE, Mode.COAST)) == Shown(mode=Mode.COAST, speed_kmh=None, effort=None)
+    late = view(Presentation.DEVIATION, deviation_s=12.4)
+    assert Shown.of(late) == Shown(mode=None, speed_kmh=None, effort=None, deviation_s=12)
     assert Shown.of(view(Presentation.VECTOR)) == Shown(mode=Mode.CRUISE, speed_kmh=82, effort=2)
 
 

@@ -14,7 +14,7 @@ from das.advice.coach.coaching import ReplanCause
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drivers.cab import Presentation
-from sim.study.__main__ import PAGE
+from sim.study.__main__ import COACH
 from sim.study.loop import (
     DELAYS_S,
     DRIVERS,
@@ -135,6 +135,6 @@ def test_a_table_is_put_between_its_marks(tmp_path: Path) -> None:
 
 
 def test_the_page_of_the_coach_has_a_place_for_every_table() -> None:
-    text = (REPOSITORY / PAGE).read_text(encoding="utf-8")
+    text = (REPOSITORY / COACH).read_text(encoding="utf-8")
     for name in ("price", "days", "drivers", "keeping"):
         assert text.count(f"<!-- {name}: begin -->\n|") == text.count(f"|\n<!-- {name}: end -->") == 1

@@ -1,0 +1,149 @@
+"""What in a presentation helps a driver: the same days, with the display of the vector varied in one thing at a time.
+
+`python -m sim.study display` writes the table into docs/reference/drivers.md again (about three minutes on one core).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from das.advice.modes import Mode
+from sim.drivers.cab import AdviceView, CabView, Presentation
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind
+from sim.drivers.shown import EFFORT_STEP_RATIO
+from sim.plant.plant import Command
+from sim.world.day import make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import World
+from sim.world.outcome import outcome
+from sim.world.service import Service
+
+SEEDS: Final = tuple(range(6))
+REFRESHED_S: Final = 10.0
+NORMAL_95: Final = 1.96
+
+
+class ShownAsIs:
+    """A display that shows the advice as it is; its kinds show it otherwise. `show` is asked at every look."""
+
+    def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        """The advice as this display shows it."""
+        return view
+
+
+class Steps(ShownAsIs):
+    """Shows effort in steps of 20 % of the controller."""
+
+    def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        return replace(view, lever_ratio=round(view.lever_ratio / EFFORT_STEP_RATIO) * EFFORT_STEP_RATIO)
+
+
+class Refreshed(ShownAsIs):
+    """Is refreshed every 10 s; in between it stands, with the preview as it was."""
+
+    def __init__(self) -> None:
+        self._kept: AdviceView | None = None
+
+    def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        if self._kept is None or now_s >= self._kept.time_s + REFRESHED_S:
+            self._kept = view
+        return replace(self._kept, valid_until_s=view.valid_until_s)
+
+
+class Unannounced(ShownAsIs):
+    """Does not say what comes next, nor when."""
+
+    def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        return replace(view, next_mode=Mode.NONE, next_change_s=float("nan"))
+
+
+class WithoutPreview(ShownAsIs):
+    """Shows speed and effort of now, but not those of the next 30 s."""
+
+    def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        return replace(view, horizon_speed_mps=(), horizon_force_n=())
+
+
+class Looking:
+    """A human driver behind a display; with a `tone` he looks at it at each change of the mode."""
+
+    def __init__(self, human: HumanDriver, display: ShownAsIs, *, tone: bool = False) -> None:
+        self.human, self._display, self._tone = human, display, tone
+        self._mode: int | None = None
+
+    def command(self, cab: CabView) -> Command:
+        """What the driver sets."""
+        view = cab.shown
+        if view is None:
+            return self.human.command(cab)
+        shown = self._display.show(view, cab.time_s)
+        if self._tone and shown.mode != self._mode:
+            self.human._display._glance_s = min(self.human._display._glance_s, cab.time_s)
+        self._mode = shown.mode
+        return self.human.command(cab._replace(advice=shown))
+
+
+class DisplayVariant(NamedTuple):
+    """A display, and whether a tone calls for a look at each change of the mode."""
+
+    says: str
+    display: Callable[[], ShownAsIs]
+    tone: bool = False
+
+
+AS_IT_IS: Final = DisplayVariant("vector as it is", ShownAsIs)
+VARIANTS: Final = (
+    DisplayVariant("a tone at each change of the mode: he looks at once", ShownAsIs, tone=True),
+    DisplayVariant("effort in steps of 20 %", Steps),
+    DisplayVariant("effort in steps of 20 %, and the tone", Steps, tone=True),
+    DisplayVariant("refreshed every 10 s", Refreshed),
+    DisplayVariant("next change not announced", Unannounced),
+    DisplayVariant("no preview of the next 30 s", WithoutPreview),
+)
+
+
+class DisplayFigures(NamedTuple):
+    """The gap of a run to the optimum of its own times (%), how late it was (s), and its moves of the controller."""
+
+    gap_percent: float
+    late_s: float
+    moves: float
+
+
+def figures(service: Service, seed: int, variant: DisplayVariant) -> DisplayFigures:
+    """Drive a day behind a display."""
+    day = make_day(service, seed)
+    human = day.driver(DriverKind.HUMAN)
+    assert isinstance(human, HumanDriver)
+    driver = Looking(human, variant.display(), tone=variant.tone)
+    run = World(day, driver, Presentation.VECTOR, InProcess(service)).run()
+    found = outcome(day, run)
+    gap = found.energies.beyond_hindsight_ratio
+    assert gap is not None
+    moves = sum(event.what == "lever" for event in human.events)
+    return DisplayFigures(100.0 * gap, found.late_s, 60.0 * moves / found.running_time_s)
+
+
+def display_table(
+    service: Service, seeds: Sequence[int] = SEEDS, variants: Sequence[DisplayVariant] = VARIANTS
+) -> Iterator[str]:
+    """The lines of the table: each variant against the display as it is, on the same days."""
+    yield "| display | gap, % | against the first, points | late, s | moves of the controller a minute |"
+    yield "|---|---:|---:|---:|---:|"
+    first: np.ndarray | None = None
+    for variant in (AS_IT_IS, *variants):
+        found = np.array([figures(service, seed, variant) for seed in seeds])
+        gap, late_s, moves = found.mean(axis=0)
+        points = ""
+        if first is None:
+            first = found[:, 0]
+        else:
+            difference = found[:, 0] - first
+            half = NORMAL_95 * float(difference.std(ddof=1)) / len(seeds) ** 0.5
+            points = f"{difference.mean():+.1f} ± {half:.1f}"
+        yield f"| {variant.says} | {gap:.1f} | {points} | {late_s:+.0f} | {moves:.1f} |"
