@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -26,9 +26,9 @@ HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 class Entry:
     """One command of a program.
 
-    `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
-    imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
-    help prints it. `examples`: command lines that a user can copy.
+    `name`: the word the user types, or two words for a command of a group. `where`: module and function, like
+    "precompute.cli.solve:solve"; the module is imported only when the command is called. `summary`: the first line of
+    the function's docstring, as the program's help prints it. `examples`: command lines that a user can copy.
     """
 
     name: str
@@ -45,14 +45,32 @@ class Entry:
 
     def load(self) -> TyperCommand:
         """The command with its options and its help."""
-        return _command(self.name, self.function(), self.examples)
+        return _command(self.word, self.function(), self.examples)
+
+    @property
+    def word(self) -> str:
+        """The last word of its name, which a group lists."""
+        return self.name.split()[-1]
 
 
 def application(
-    name: str, about: str, entries: Sequence[Entry], *, without_command: Callable[[], None] | None = None
+    name: str,
+    about: str,
+    entries: Sequence[Entry],
+    *,
+    groups: Mapping[str, str] | None = None,
+    without_command: Callable[[], None] | None = None,
 ) -> TyperGroup:
-    """A program of several commands; `without_command` is what it does when none is given (default: print its help)."""
-    app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
+    """A program of several commands; `without_command` is what it does when none is given (default: print its help).
+
+    `groups` has, for each first word of the commands whose name has two, what the help of that group says.
+    """
+    own = " " in name
+    app = _typer(
+        add_completion=not own,
+        no_args_is_help=without_command is None,
+        invoke_without_command=without_command is not None,
+    )
 
     @app.callback(help=about, epilog=f"{name} COMMAND -h explains a command.")
     def nothing_yet(context: typer.Context) -> None:
@@ -62,8 +80,17 @@ def application(
     group = get_command(app)
     assert isinstance(group, TyperGroup)
     group.name = name
+    inner = {
+        word: application(
+            f"{name} {word}", said, [one for one in entries if one.name.split()[0] == word and " " in one.name]
+        )
+        for word, said in (groups or {}).items()
+    }
     for entry in entries:
-        group.add_command(_LazyCommand(entry))
+        if own or " " not in entry.name:
+            group.add_command(_LazyCommand(entry))
+    for word, one in inner.items():
+        group.add_command(one, word)
     group.params.append(_version_parameter())
     return group
 
@@ -79,7 +106,7 @@ class _LazyCommand(TyperCommand):
     """Stands for a command in lists and completions; becomes the real one when it is called."""
 
     def __init__(self, entry: Entry) -> None:
-        super().__init__(name=entry.name, help=entry.summary, short_help=entry.summary, rich_markup_mode=None)
+        super().__init__(name=entry.word, help=entry.summary, short_help=entry.summary, rich_markup_mode=None)
         self.entry = entry
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:

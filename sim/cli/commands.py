@@ -40,6 +40,21 @@ ENTRIES: Final = (
         examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice vector,none -o runs",),
     ),
     Entry(
+        name="experiment analyse",
+        where="sim.experiment.analysis.command:analyse",
+        summary="Analyse a study that was run: paired differences with intervals, a mixed model, checks.",
+        examples=("das-sim experiment analyse study -o report.html", "das-sim experiment analyse study --effect 0.78"),
+    ),
+    Entry(
+        name="experiment power",
+        where="sim.experiment.analysis.command:power",
+        summary="Say how often an experiment would find a difference, and how many participants it needs.",
+        examples=(
+            "das-sim experiment power pilot --effect 1 --participants 24,48,76",
+            "das-sim experiment power --effect 0.78 --sd 2.4",
+        ),
+    ),
+    Entry(
         name="view",
         where="sim.review.command:view",
         summary="Look at a recording in the rerun viewer, or draw it as a picture.",
@@ -124,6 +139,7 @@ ENTRIES: Final = (
         examples=("das-sim make-trip --route zurich-luzern --vehicle re460-ic --to Zug --delay 90 --out trip.mcap",),
     ),
 )
+GROUPS: Final = {"experiment": "Experiments with drivers: analyse a study that was run, and plan the size of the next."}
 ABOUT: Final = (
     "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
     "Without a command, das-sim replays the bundled recording and tells how to view it."
@@ -136,7 +152,7 @@ def _replay_bundled() -> None:
     replay_bundled()
 
 
-app = application(NAME, ABOUT, ENTRIES, without_command=_replay_bundled)
+app = application(NAME, ABOUT, ENTRIES, groups=GROUPS, without_command=_replay_bundled)
 
 
 def main() -> None:
