@@ -12,7 +12,7 @@ import numpy as np
 
 from das.domain.errors import DasError
 from sim.experiment.analysis.checks import AssumptionCheck, checks_of
-from sim.experiment.analysis.estimates import Estimate, corrected, group_estimate, paired_estimate
+from sim.experiment.analysis.estimates import DifferenceEstimate, corrected, group_estimate, paired_estimate
 from sim.experiment.analysis.mixed_model import MixedFit, fit_mixed_model
 from sim.experiment.analysis.pairs import PairedTrials, TwoGroups, is_paired, paired_trials, two_groups
 from sim.experiment.analysis.plan import PlannedDifference
@@ -48,7 +48,7 @@ class FoundDifference:
 
     comparison: PlannedDifference
     shown: ShownMeasure
-    estimate: Estimate
+    estimate: DifferenceEstimate
     corrected: float
     pairs: PairedTrials | None
     groups: TwoGroups | None
@@ -159,7 +159,7 @@ def _difference(
 
 def _needed(
     means: Floats,
-    estimate: Estimate,
+    estimate: DifferenceEstimate,
     asked: list[tuple[float, str]],
     shown: ShownMeasure,
     by: tuple[float, np.random.Generator],

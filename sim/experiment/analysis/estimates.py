@@ -23,7 +23,7 @@ NO_RANGE: Final = (math.nan, math.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class DifferenceEstimate:
     """A mean difference between two conditions, in the unit of its measure.
 
     `interval` (95 %) and `probability` come from resampled participants, where there are enough of them, else from
@@ -49,7 +49,7 @@ class Estimate:
         return math.isfinite(self.interval[0])
 
 
-def paired_estimate(differences: Floats, resamples: int, rng: np.random.Generator) -> Estimate:
+def paired_estimate(differences: Floats, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
     """The mean of one difference for each participant (n,), with its interval."""
     from scipy import stats
 
@@ -67,14 +67,14 @@ def paired_estimate(differences: Floats, resamples: int, rng: np.random.Generato
         distances = studentized(*resampled_moments(one, weights(count, resamples, rng)))
         interval = _interval(mean, error, distances[0])
         probability = float(probabilities(np.array([mean]), standard_errors(one), distances)[0])
-    return Estimate(
+    return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=interval, probability=probability,
         t_interval=(mean - reach, mean + reach), t_probability=t_probability,
         size=mean / sd, size_interval=size_interval(mean / sd, count), resampled=resampled,
     )  # fmt: skip
 
 
-def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generator) -> Estimate:
+def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
     """The difference of the means of two groups of participants (a less b), each group resampled by itself."""
     from scipy import stats
 
@@ -94,7 +94,7 @@ def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generato
         distances = studentized(means_a - means_b, np.hypot(errors_a, errors_b))
         interval = _interval(mean, error, distances[0])
         probability = float(probabilities(np.array([mean]), np.array([error]), distances)[0])
-    return Estimate(
+    return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=interval, probability=probability,
         t_interval=(mean - reach, mean + reach), t_probability=float(welch.pvalue),
         size=mean / sd, size_interval=NO_RANGE, resampled=resampled,
@@ -133,10 +133,10 @@ def _without_spread(values: Floats) -> bool:
     return len(values) < 2 or float(np.ptp(values)) <= 1e-12 * max(float(np.abs(values).max()), 1e-300)
 
 
-def _unknown(mean: float, sd: float, count: int) -> Estimate:
+def _unknown(mean: float, sd: float, count: int) -> DifferenceEstimate:
     """An estimate without interval: one participant, or no spread between them."""
     nothing = 1.0 if mean == 0 and sd == 0 else math.nan
-    return Estimate(
+    return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=NO_RANGE, probability=nothing, t_interval=NO_RANGE,
         t_probability=nothing, size=math.nan, size_interval=NO_RANGE, resampled=False,
     )  # fmt: skip

@@ -1,9 +1,10 @@
 """Drawing the participants of a study again, with replacement: the interval of a mean without a bell curve.
 
 The method is the studentized bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5).
-Each resample gives the distance of its mean from the study's mean in standard errors of its own, and the quantiles
-of that distance take the place of those of Student's t. Participants are drawn, not trials, because the trials of one
-person are no independent witnesses. All functions work on many studies at once: one row a study, one column a participant.
+Each resample gives the distance of its mean from that of the study in standard errors of its own, and the quantiles
+of that distance take the place of those of Student's t. Participants are drawn, not trials, because trials of one
+person are no independent witnesses. All functions work on many studies at once: one row for each study, one column for
+each participant.
 """
 
 from __future__ import annotations
