@@ -7,6 +7,7 @@ import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -74,9 +75,10 @@ def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = Tru
 
 
 def as_image(figure: Figure) -> str:
-    """A figure as the address of an image that a page holds itself (SVG)."""
+    """A figure as the address of an image that a page holds itself (SVG); the same figure gives the same address."""
     content = io.BytesIO()
-    figure.savefig(content, format="svg", metadata={"Date": None})
+    with matplotlib.rc_context({"svg.hashsalt": "das"}):  # names inside the picture, else drawn at random
+        figure.savefig(content, format="svg", metadata={"Date": None})
     return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 

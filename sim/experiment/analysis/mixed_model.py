@@ -19,8 +19,9 @@ from das.domain.errors import DasError
 from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Floats, RunStudy, Texts
 
-BOUNDARY: Final = 1e-4
-"""A variance below this share of the residual variance is taken as 0: the fit is at its boundary, or singular."""
+BOUNDARY: Final = 0.01
+"""A variance below this share of the residual variance is taken as 0: the fit is singular. Searches end near 0, not at 0,
+and statsmodels warns of the boundary at the same share."""
 CERTAIN: Final = 0.999
 """A correlation beyond this is a singular fit as well."""
 LEAST_DRIVERS: Final = 5

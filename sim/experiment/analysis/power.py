@@ -17,7 +17,7 @@ import numpy as np
 from das.domain.errors import DasError
 from sim.experiment.analysis.pairs import PairedTrials
 from sim.experiment.analysis.reading import Floats
-from sim.experiment.analysis.resampling import LEAST_PARTICIPANTS, tested, weights
+from sim.experiment.analysis.resampling import LEAST_PARTICIPANTS, probabilities_at_once, weights
 from sim.experiment.analysis.spread import as_table, components
 
 STUDIES: Final = 2000
@@ -130,7 +130,7 @@ def power_of(question: PowerQuestion, participants: int) -> PowerPoint:
     for start in range(0, question.studies, AT_ONCE):
         count = min(AT_ONCE, question.studies - start)
         values = question.source.draw(count, participants, rng) + question.effect
-        found += int(np.sum(tested(values, drawn) < question.alpha))
+        found += int(np.sum(probabilities_at_once(values, drawn) < question.alpha))
     return PowerPoint(
         participants=participants, power=found / question.studies, interval=share_interval(found, question.studies)
     )

@@ -67,7 +67,7 @@ def probabilities(means: Floats, errors: Floats, distances: Floats) -> Floats:
     return np.where(errors > 0, both, np.where(means == 0, 1.0, np.nan))
 
 
-def tested(values: Floats, drawn: Floats) -> Floats:
+def probabilities_at_once(values: Floats, drawn: Floats) -> Floats:
     """Two-sided probabilities (studies,) of paired differences (studies, participants), with shared resamples."""
     means, errors = resampled_moments(values, drawn)
     return probabilities(values.mean(axis=1), standard_errors(values), studentized(means, errors))
