@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -26,9 +26,9 @@ HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 class Entry:
     """One command of a program.
 
-    `name`: the word the user types, or two words for a command of a group. `where`: module and function, like
-    "precompute.cli.solve:solve"; the module is imported only when the command is called. `summary`: the first line of
-    the function's docstring, as the program's help prints it. `examples`: command lines that a user can copy.
+    `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
+    imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
+    help prints it. `examples`: command lines that a user can copy.
     """
 
     name: str
@@ -45,32 +45,52 @@ class Entry:
 
     def load(self) -> TyperCommand:
         """The command with its options and its help."""
-        return _command(self.word, self.function(), self.examples)
+        return _command(self.name, self.function(), self.examples)
 
-    @property
-    def word(self) -> str:
-        """The last word of its name, which a group lists."""
-        return self.name.split()[-1]
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Commands of a program that belong together under one word: `das-sim experiment run`.
+
+    `name`: the word. `summary`: what the program's help says of it. `where`: module and name of the tuple of its
+    entries, like "sim.experiment.commands:ENTRIES".
+    """
+
+    name: str
+    where: str
+    summary: str
+
+    def entries(self) -> tuple[Entry, ...]:
+        """The commands of the group; their list is imported."""
+        module, _, name = self.where.partition(":")
+        found: tuple[Entry, ...] = getattr(importlib.import_module(module), name)
+        return found
+
+    def load(self) -> TyperGroup:
+        """The group with its commands, each of which is imported when it is called."""
+        group = get_command(_group_of(self))
+        assert isinstance(group, TyperGroup)
+        group.name = self.name
+        for entry in self.entries():
+            group.add_command(_LazyCommand(entry))
+        return group
+
+
+def _group_of(group: Group) -> typer.Typer:
+    app = _typer(no_args_is_help=True, add_completion=False)
+
+    @app.callback(help=group.summary, epilog=f"{group.name} COMMAND -h explains a command.")
+    def nothing_yet() -> None:
+        pass
+
+    return app
 
 
 def application(
-    name: str,
-    about: str,
-    entries: Sequence[Entry],
-    *,
-    groups: Mapping[str, str] | None = None,
-    without_command: Callable[[], None] | None = None,
+    name: str, about: str, entries: Sequence[Entry | Group], *, without_command: Callable[[], None] | None = None
 ) -> TyperGroup:
-    """A program of several commands; `without_command` is what it does when none is given (default: print its help).
-
-    `groups` has, for each first word of the commands whose name has two, what the help of that group says.
-    """
-    own = " " in name
-    app = _typer(
-        add_completion=not own,
-        no_args_is_help=without_command is None,
-        invoke_without_command=without_command is not None,
-    )
+    """A program of several commands; `without_command` is what it does when none is given (default: print its help)."""
+    app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
 
     @app.callback(help=about, epilog=f"{name} COMMAND -h explains a command.")
     def nothing_yet(context: typer.Context) -> None:
@@ -80,17 +100,8 @@ def application(
     group = get_command(app)
     assert isinstance(group, TyperGroup)
     group.name = name
-    inner = {
-        word: application(
-            f"{name} {word}", said, [one for one in entries if one.name.split()[0] == word and " " in one.name]
-        )
-        for word, said in (groups or {}).items()
-    }
     for entry in entries:
-        if own or " " not in entry.name:
-            group.add_command(_LazyCommand(entry))
-    for word, one in inner.items():
-        group.add_command(one, word)
+        group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
     group.params.append(_version_parameter())
     return group
 
@@ -106,7 +117,7 @@ class _LazyCommand(TyperCommand):
     """Stands for a command in lists and completions; becomes the real one when it is called."""
 
     def __init__(self, entry: Entry) -> None:
-        super().__init__(name=entry.word, help=entry.summary, short_help=entry.summary, rich_markup_mode=None)
+        super().__init__(name=entry.name, help=entry.summary, short_help=entry.summary, rich_markup_mode=None)
         self.entry = entry
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:

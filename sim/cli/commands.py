@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from das.command_line.application import Entry, application
+from das.command_line.application import Entry, Group, application
 from das.command_line.running import run_app
 
 NAME: Final = "das-sim"
@@ -39,20 +39,10 @@ ENTRIES: Final = (
         summary="Simulate many days on all cores, into one table.",
         examples=("das-sim batch clear-day signal-stop --seeds 0-9 --advice vector,none -o runs",),
     ),
-    Entry(
-        name="experiment analyse",
-        where="sim.experiment.analysis.command:analyse",
-        summary="Analyse a study that was run: paired differences with intervals, a mixed model, checks.",
-        examples=("das-sim experiment analyse study -o report.html", "das-sim experiment analyse study --effect 0.78"),
-    ),
-    Entry(
-        name="experiment power",
-        where="sim.experiment.analysis.command:power",
-        summary="Say how often an experiment would find a difference, and how many participants it needs.",
-        examples=(
-            "das-sim experiment power pilot --effect 1 --participants 24,48,76",
-            "das-sim experiment power --effect 0.78 --sd 2.4",
-        ),
+    Group(
+        name="experiment",
+        summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
+        where="sim.experiment.commands:ENTRIES",
     ),
     Entry(
         name="view",
@@ -139,7 +129,6 @@ ENTRIES: Final = (
         examples=("das-sim make-trip --route zurich-luzern --vehicle re460-ic --to Zug --delay 90 --out trip.mcap",),
     ),
 )
-GROUPS: Final = {"experiment": "Experiments with drivers: analyse a study that was run, and plan the size of the next."}
 ABOUT: Final = (
     "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
     "Without a command, das-sim replays the bundled recording and tells how to view it."
@@ -152,7 +141,7 @@ def _replay_bundled() -> None:
     replay_bundled()
 
 
-app = application(NAME, ABOUT, ENTRIES, groups=GROUPS, without_command=_replay_bundled)
+app = application(NAME, ABOUT, ENTRIES, without_command=_replay_bundled)
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ import das.node.tls_command
 import das.recorder.command
 import precompute.cli.program
 import sim.cli.commands
-from das.command_line.application import single_command
+from das.command_line.application import Group, single_command
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "commands.md"
 BLOCK = re.compile(r"(<!-- options of (?P<command>[a-z -]+): begin -->\n).*?(<!-- options: end -->)", re.DOTALL)
@@ -33,7 +33,10 @@ def commands() -> dict[str, TyperCommand]:
     for entry in precompute.cli.program.COMMANDS:
         found[f"das-precompute {entry.name}"] = entry.load()
     for entry in sim.cli.commands.ENTRIES:
-        found[f"das-sim {entry.name}"] = entry.load()
+        if isinstance(entry, Group):
+            found |= {f"das-sim {entry.name} {one.name}": one.load() for one in entry.entries()}
+        else:
+            found[f"das-sim {entry.name}"] = entry.load()
     found["das-node"] = single_command("das-node", das.node.command.advise, ())
     (tls_init,) = get_command(das.node.tls_command.tls_app).commands.values()  # type: ignore[attr-defined]
     assert isinstance(tls_init, TyperCommand)

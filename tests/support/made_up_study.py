@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.experiment.analysis.plan import AnalysisPlan, PlannedDifference, VariedFactor
+from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, VariedFactor
 from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy
 
 MEASURE = "gap_to_optimum_ratio"
@@ -64,7 +64,7 @@ def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedDifference,
     names = LEVELS[:levels]
     return RunStudy(
         folder=Path("made-up"),
-        plan=AnalysisPlan(
+        plan=StudyPlan(
             name="made-up", hash="0" * 64, seed=1, measures=(MEASURE,),
             factors=(VariedFactor(name="presentation", levels=names, within=True),),
             comparisons=comparisons or (compared("vector" if levels > 2 else names[1], "none"),),

@@ -9,7 +9,7 @@ from typing import Any
 
 from das.domain.errors import DasError
 from sim.experiment.analysis.pairs import is_paired, paired_trials
-from sim.experiment.analysis.plan import DEFAULT_ALPHA, AnalysisPlan, PlannedDifference, read_plan
+from sim.experiment.analysis.plan import DEFAULT_ALPHA, PlannedDifference, StudyPlan, read_plan
 from sim.experiment.analysis.power import (
     MOST_PARTICIPANTS,
     BellCurves,
@@ -115,7 +115,7 @@ def _check(asked: Asked) -> None:
         raise DasError("--sd-pairs: expected together with --sd; a pilot tells this spread itself")
 
 
-def _source(path: Path | None) -> tuple[AnalysisPlan | None, RunStudy | None]:
+def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
     """The plan and, where the source is the folder of a study, the study; nothing for no source."""
     if path is None:
         return None, None
@@ -125,7 +125,7 @@ def _source(path: Path | None) -> tuple[AnalysisPlan | None, RunStudy | None]:
     return read_plan(path), None
 
 
-def _made_up(asked: Asked, plan: AnalysisPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
+def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
     """What draws the differences, the true difference in the same unit, and a sentence about both."""
     if asked.sd is not None:
         curves = BellCurves(between_sd=asked.sd, within_sd=asked.sd_of_pairs, pairs=asked.pairs or 1)

@@ -183,7 +183,7 @@ def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
     days, index = np.unique(pairs.cell, return_inverse=True)
     met = np.bincount(index)
     if met.mean() < 2.0:
-        found, holds = f"{len(days)} days, hardly any shared by drivers", True
+        found, holds = f"{len(days)} days, and nearly every driver has days of his own", True
     else:
         means = np.bincount(index, weights=pairs.differences) / met
         spread = float(means.std(ddof=1)) if len(days) > 1 else math.nan

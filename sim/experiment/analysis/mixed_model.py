@@ -20,8 +20,8 @@ from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Floats, RunStudy, Texts
 
 BOUNDARY: Final = 0.01
-"""A variance below this share of the residual variance is taken as 0: the fit is singular. Searches end near 0, not at 0,
-and statsmodels warns of the boundary at the same share."""
+"""A variance below this share of the residual variance is taken as 0: the fit is singular. Searches end near 0, not at
+0, and statsmodels warns of the boundary at the same share."""
 CERTAIN: Final = 0.999
 """A correlation beyond this is a singular fit as well."""
 LEAST_DRIVERS: Final = 5
@@ -132,7 +132,7 @@ def _fitted(data: _Data, slopes: bool, noisier: float) -> tuple[Any, list[str]]:
     groups = sorted(set(data.driver.tolist()))
     rows = [np.flatnonzero(data.driver == one) for one in groups]
     parts = {"noise": [np.eye(len(one))[:, data.condition[one] == noisier] for one in rows]} if slopes else {}
-    if data.days is not None:
+    if data.days is not None and slopes:  # a day that a driver drove alone, and once, is told from nothing
         parts["day"] = [
             np.column_stack([data.days[one] == day for day in np.unique(data.days[one])]) * 1.0 for one in rows
         ]

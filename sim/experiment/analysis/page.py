@@ -28,6 +28,7 @@ def page(found: StudyFindings) -> str:
     return environment.get_template(TEMPLATE).render(
         title=f"Analysis of the study {plan.name}",
         version=__version__,
+        about=plan.about,
         simulated=plan.simulated,
         hangs_on=words.hangs_on(found),
         in_short=words.in_short(found),

@@ -41,13 +41,14 @@ class PlannedDifference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnalysisPlan:
+class StudyPlan:
     """The part of a frozen design that its analysis needs.
 
-    `simulated` says whether its drivers are simulated; `setting` has, by name, who took part and what was not varied.
+    `simulated` says whether its drivers are simulated; `setting` has, by name, who took part and what was not varied. `about` says in words what is asked.
     """
 
     name: str
+    about: str = ""
     hash: str
     seed: int
     factors: tuple[VariedFactor, ...]
@@ -81,17 +82,18 @@ def as_text(level: object) -> str:
         return str(level)
 
 
-def read_plan(path: Path) -> AnalysisPlan:
+def read_plan(path: Path) -> StudyPlan:
     """Read the frozen design of a folder, or a design file (JSON); DasError where it cannot be used."""
     return plan_of(read_json(path / DESIGN if path.is_dir() else path))
 
 
-def plan_of(fields: Fields) -> AnalysisPlan:
+def plan_of(fields: Fields) -> StudyPlan:
     """The plan of a design that was frozen (the content of its `design.json`); InputError for what is wrong in it."""
     factors = _factors(fields.table("factors"))
     measures = tuple(_texts(fields, "measures"))
-    return AnalysisPlan(
+    return StudyPlan(
         name=fields.name("name"),
+        about=" ".join(filter(None, (fields.text("title", ""), fields.text("description", "")))),
         hash=fields.text("hash", ""),
         seed=_seed(fields),
         factors=factors,

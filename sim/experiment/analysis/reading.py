@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import read_json, read_text
-from sim.experiment.analysis.plan import AnalysisPlan, PlannedDifference, as_text, read_plan
+from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, as_text, read_plan
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,6 +24,7 @@ Texts = NDArray[np.str_]
 
 TRIALS: Final = "trials.csv"
 SIDECAR: Final = "trials.json"
+FAILED: Final = "failed.csv"
 NAMED: Final = ("trial", "participant", "position", "practice", "seed")
 """Columns that the table must have besides those of the factors and of the measures."""
 
@@ -58,12 +59,16 @@ class FinishedTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class RunStudy:
-    """A study that was run: where its files are, its plan of analysis, its trials, and what their columns mean."""
+    """A study that was run: where its files are, its plan of analysis, its trials, and what their columns mean.
+
+    `failed` has, for each trial that failed, who drove it, its condition and why.
+    """
 
     folder: Path
-    plan: AnalysisPlan
+    plan: StudyPlan
     trials: FinishedTrials
     meanings: Mapping[str, MeaningOfColumn]
+    failed: tuple[str, ...] = ()
 
     def chosen(self, comparison: PlannedDifference) -> Bools:
         """Which trials belong to a comparison: none of the practice, at its levels, with its measure."""
@@ -76,16 +81,31 @@ class RunStudy:
 
 
 def read_study(folder: Path) -> RunStudy:
-    """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json`; DasError where unusable."""
+    """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json` and `failed.csv`.
+
+    DasError where one of them cannot be used.
+    """
     if not folder.is_dir():
         raise DasError(f"{folder}: expected the folder of a study that was run")
     plan = read_plan(folder)
     return RunStudy(
-        folder=folder, plan=plan, trials=_trials(folder / TRIALS, plan), meanings=_meanings(folder / SIDECAR, plan)
+        folder=folder,
+        plan=plan,
+        trials=_trials(folder / TRIALS, plan),
+        meanings=_meanings(folder / SIDECAR, plan),
+        failed=_failed(folder / FAILED),
     )
 
 
-def _trials(path: Path, plan: AnalysisPlan) -> FinishedTrials:
+def _failed(path: Path) -> tuple[str, ...]:
+    """The trials that failed, each in a sentence; none where there is no such file."""
+    if not path.is_file():
+        return ()
+    rows = csv.DictReader(io.StringIO(read_text(path)))
+    return tuple(f"{row.get('participant')} with {row.get('condition')}: {row.get('error')}" for row in rows)
+
+
+def _trials(path: Path, plan: StudyPlan) -> FinishedTrials:
     reader = csv.reader(io.StringIO(read_text(path)))
     header = next(reader, [])
     wanted = [*NAMED, *(one.name for one in plan.factors), *plan.measures]
@@ -154,7 +174,7 @@ def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
     return values
 
 
-def _meanings(path: Path, plan: AnalysisPlan) -> dict[str, MeaningOfColumn]:
+def _meanings(path: Path, plan: StudyPlan) -> dict[str, MeaningOfColumn]:
     """What each measure means, from the table's sidecar; from the column's name where that says nothing."""
     fields = read_json(path) if path.is_file() else None
     found = {}

@@ -13,6 +13,10 @@ from sim.experiment.analysis.shown import ShownMeasure, probability
 
 Row = dict[str, str]
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
+MOST_COUNTED: Final = 10_000
+"""Numbers of participants above this are not told apart."""
+MOST_FAILED: Final = 3
+"""Failed trials that the page names; failed.csv has all."""
 SAME: Final = "the same"
 COLUMNS_AT_ONCE: Final = 5
 """Measures beside each other in the table of those that no comparison is about."""
@@ -69,7 +73,7 @@ def hangs_on(found: StudyFindings) -> list[str]:
     """What the answer hangs on: said before any figure."""
     plan, trials = found.study.plan, found.study.trials
     population = dict(plan.setting).get("drivers drawn from the population")
-    drawn = f" from the population {population}" if population else ""
+    drawn = f" from the population “{population}”" if population else ""
     drivers = len(np.unique(trials.participant[~trials.practice]))
     count = int((~trials.practice).sum())
     if not plan.simulated:
@@ -194,7 +198,7 @@ def needed_rows(one: FoundDifference) -> list[Row]:
     """How many participants would find a difference."""
 
     def many(count: int | None) -> str:
-        return "over a million" if count is None else str(count)
+        return f"over {MOST_COUNTED}" if count is None or count > MOST_COUNTED else str(count)
 
     def row(need: NeededParticipants) -> Row:
         low, high = need.interval
@@ -255,7 +259,7 @@ def other_tables(found: StudyFindings) -> list[dict[str, Any]]:
 
 def _mean_and_spread(one: ConditionValues, shown: ShownMeasure) -> str:
     if not len(one.means):
-        return "none"
+        return "–"
     spread = shown.value(float(one.means.std(ddof=1))) if len(one.means) > 1 else ""
     return f"{shown.value(float(one.means.mean()))}{f' ± {spread}' if spread else ''}"
 
@@ -263,7 +267,7 @@ def _mean_and_spread(one: ConditionValues, shown: ShownMeasure) -> str:
 def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
     """What was driven, and what is missing."""
     trials, plan = found.study.trials, found.study.plan
-    driven = ~trials.practice
+    driven, failed = ~trials.practice, found.study.failed
     counts = Counter(trials.participant[driven].tolist())
     most = max(counts.values())
     fewer = sorted(name for name, count in counts.items() if count < most)
@@ -279,6 +283,8 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
             f"{missing}, of {', '.join(fewer)}, against drivers who finished {most}" if fewer else "none: all drivers "
             f"finished {most}",
         ),
+        ("failed trials", f"{len(failed)}: {'; '.join([*failed[:MOST_FAILED], *(['…'] if failed[MOST_FAILED:] else [])])}"
+         if failed else "none"),
         ("trials without a value", gaps or "none"),
         ("comparisons planned", f"{len(plan.comparisons)}, p corrected by {CORRECTION_NAMES[plan.correction]}"
          if plan.correction != "none" else f"{len(plan.comparisons)}, p not corrected"),

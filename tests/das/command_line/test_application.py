@@ -196,7 +196,7 @@ def test_a_program_prints_its_help_without_anything_heavy(module: str) -> None:
 @pytest.mark.processes
 @pytest.mark.parametrize("module", PROGRAMS)
 def test_the_help_of_no_command_waits_for_compiler_science_or_bus(module: str) -> None:
-    commands = [[*entry.name.split(), "--help"] for entry in PROGRAMS[module]] or [["tls-init", "--help"]]
+    commands = [[entry.name, "--help"] for entry in PROGRAMS[module]] or [["tls-init", "--help"]]
     assert imported(module, commands) & {"numba", "scipy", "zenoh", "matplotlib", "rerun"} == set()
 
 
