@@ -44,7 +44,8 @@ class PlannedDifference:
 class StudyPlan:
     """The part of a frozen design that its analysis needs.
 
-    `simulated` says whether its drivers are simulated; `setting` has, by name, who took part and what was not varied. `about` says in words what is asked.
+    `about` says in words what is asked. `simulated` says whether its drivers are simulated. `setting` has, by name, who
+    took part and what was not varied.
     """
 
     name: str

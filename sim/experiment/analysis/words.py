@@ -283,7 +283,7 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
             f"{missing}, of {', '.join(fewer)}, against drivers who finished {most}" if fewer else "none: all drivers "
             f"finished {most}",
         ),
-        ("failed trials", f"{len(failed)}: {'; '.join([*failed[:MOST_FAILED], *(['…'] if failed[MOST_FAILED:] else [])])}"
+        ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
          if failed else "none"),
         ("trials without a value", gaps or "none"),
         ("comparisons planned", f"{len(plan.comparisons)}, p corrected by {CORRECTION_NAMES[plan.correction]}"
