@@ -25,7 +25,6 @@ BOUNDARY: Final = 0.01
 CERTAIN: Final = 0.999
 """A correlation beyond this is a singular fit as well."""
 LEAST_DRIVERS: Final = 5
-NORMAL_95: Final = 1.959964
 METHODS: Final = ("bfgs", "lbfgs", "powell")
 
 
@@ -153,6 +152,8 @@ def _fitted(data: _Data, slopes: bool, noisier: float) -> tuple[Any, list[str]]:
 
 
 def _as_fit(data: _Data, result: Any, warned: list[str], slopes: bool, noisier: float) -> MixedFit:
+    from scipy import stats
+
     scale, residual = data.scale, float(result.scale)
     random = np.atleast_2d(np.asarray(result.cov_re, dtype=np.float64))
     extra = (
@@ -167,10 +168,12 @@ def _as_fit(data: _Data, result: Any, warned: list[str], slopes: bool, noisier: 
     quieter = math.sqrt(residual) * scale
     error = float(np.asarray(result.bse_fe)[1]) * scale
     effect = float(np.asarray(result.fe_params)[1]) * scale
+    # Drivers are the independent witnesses, not trials: the t distribution with one degree less than there are drivers.
+    reach = float(stats.t.ppf(0.975, len(set(data.driver.tolist())) - 1)) * error
     deviations = [math.sqrt(max(float(one), 0.0)) * scale for one in variances]
     return MixedFit(
         effect=effect,
-        interval=(effect - NORMAL_95 * error, effect + NORMAL_95 * error),
+        interval=(effect - reach, effect + reach),
         level_sd=deviations[0],
         effect_sd=deviations[1] if slopes else math.nan,
         noise=(louder, quieter) if noisier > 0 else (quieter, louder),

@@ -25,7 +25,7 @@ def page(found: StudyFindings) -> str:
     )
     plan = found.study.plan
     rows = words.difference_rows(found)
-    return environment.get_template(TEMPLATE).render(
+    content = environment.get_template(TEMPLATE).render(
         title=f"Analysis of the study {plan.name}",
         version=__version__,
         about=plan.about,
@@ -48,6 +48,7 @@ def page(found: StudyFindings) -> str:
         design=words.design_rows(found),
         terms=words.TERMS,
     )
+    return content.replace(" %", "\u00a0%")  # no line ends between a number and its percent sign
 
 
 def _difference_images(found: StudyFindings) -> list[dict[str, str]]:

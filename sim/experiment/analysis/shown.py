@@ -13,7 +13,15 @@ from sim.experiment.analysis.reading import Floats, MeaningOfColumn
 
 RATIOS: Final = frozenset({"ratio", "1", "share"})
 SPEEDS: Final = frozenset({"m/s", "mps"})
-SHOWN_UNITS: Final = {"1": "times", "m/s": "km/h", "mps": "km/h", "kwh": "kWh", "mps3": "m/s³", "min": "per minute"}
+SHOWN_UNITS: Final = {
+    "1": "times",
+    "m/s": "km/h",
+    "mps": "km/h",
+    "kwh": "kWh",
+    "mps3": "m/s³",
+    "1/min": "per minute",
+    "min": "per minute",
+}
 """Units of columns that people read under another name; a ratio is shown in percent."""
 PERCENT: Final = 100.0
 
@@ -38,7 +46,7 @@ class ShownMeasure:
         factor = PERCENT if ratio else float(kmh(1.0)) if meaning.unit in SPEEDS else 1.0
         finite = values[np.isfinite(values)]
         spread = factor * float(finite.std()) if len(finite) else 0.0
-        digits = 2 if spread == 0 else min(max(2 - math.floor(math.log10(spread) + 0.3), 0), 4)
+        digits = 2 if spread == 0 else min(max(2 - math.floor(math.log10(spread)), 0), 4)
         return cls(
             column=column, name=meaning.name, text=meaning.text, unit="%" if ratio else unit,
             difference_unit="points" if ratio else unit, factor=factor, digits=digits,
@@ -46,11 +54,17 @@ class ShownMeasure:
 
     def value(self, value: float) -> str:
         """A value without its unit; nothing where it is NaN."""
-        return f"{self.factor * value:.{self.digits}f}".replace("-", "−") if math.isfinite(value) else ""
+        return self._printed(value).lstrip("+")
 
     def difference(self, value: float) -> str:
         """A difference with its sign, without its unit; nothing where it is NaN."""
-        return f"{self.factor * value:+.{self.digits}f}".replace("-", "−") if math.isfinite(value) else ""
+        return self._printed(value)
+
+    def _printed(self, value: float) -> str:
+        if not math.isfinite(value):
+            return ""
+        rounded = round(self.factor * value, self.digits)
+        return f"{rounded:+.{self.digits}f}".replace("-", "−") if rounded else f"{0:.{self.digits}f}"
 
     def range(self, interval: tuple[float, float]) -> str:
         """An interval of differences, without its unit; nothing where it is not known."""

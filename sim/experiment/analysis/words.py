@@ -104,7 +104,7 @@ def verdict(one: FoundDifference, alpha: float) -> str:
     changed = _changed(shown, estimate.mean)
     with_b = f"{'as' if changed == SAME else 'than'} with {comparison.b}"
     of_what = "; ".join([comparison.factor, *(f"{name}: {level}" for name, level in comparison.where.items())])
-    start = f"{shown.name} was {changed} with {comparison.a} {with_b} ({of_what})"
+    start = f"{shown.name}: {changed} with {comparison.a} {with_b} ({of_what})"
     drivers = _drivers(one)
     if not estimate.known:
         why = "only one driver took part" if estimate.participants < 2 else "the drivers do not differ at all"

@@ -45,7 +45,7 @@ def test_the_page_needs_nothing_besides_itself() -> None:
 def test_what_the_answer_hangs_on_comes_before_every_figure() -> None:
     said = html()
     assert said.index("Nobody drove. 12 simulated drivers") < said.index("points lower")
-    assert said.index("are assumptions") < said.index("95 % interval")
+    assert said.index("are assumptions") < said.index("interval is")
     people = replace(found(), study=replace(found().study, plan=replace(found().study.plan, simulated=False)))
     assert hangs_on(people) == [
         "12 people drove 108 trials. What they did holds for people like them, on this line and train."
@@ -74,7 +74,7 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
     (name, said), _ = in_short(found())
     assert name == "vector against none"
     mean = 100 * found().differences[0].estimate.mean
-    assert f"Gap to the optimum was {-mean:.2f} points lower with vector than with none (presentation)." in said
+    assert f"Gap to the optimum: {-mean:.2f} points lower with vector than with none (presentation)." in said
     assert "points lower, from 12 drivers, 36 pairs. The difference stands out from chance (p below 0.001)." in said
 
 

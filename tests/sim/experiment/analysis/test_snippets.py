@@ -1,4 +1,4 @@
-"""The table of trials opens in one line of pandas, and the lines of the how-to page make figures of the report again."""
+"""The table of trials opens in one line of pandas, and the how-to page makes figures of the report again."""
 
 from __future__ import annotations
 
