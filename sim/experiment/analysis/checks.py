@@ -91,7 +91,7 @@ def _noise(pairs: PairedTrials, comparison: PlannedDifference) -> AssumptionChec
 
 def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasure) -> AssumptionCheck:
     name = "It does not matter which condition came first"
-    what = f"where {comparison.a} came first, the difference {comparison.a} less {comparison.b} is higher by"
+    what = f"where {comparison.a} came first, the difference {comparison.a} less {comparison.b} is"
     follows = "If it matters, a balanced order still gives a fair mean, but people learn between trials."
     count = len(pairs.participants)
     means = []
@@ -115,8 +115,7 @@ def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasu
     from scipy import stats
 
     chance = float(stats.ttest_ind(*only, equal_var=False).pvalue)
-    gap = shown.difference(float(only[0].mean() - only[1].mean()))
-    found = f"{what} {gap} {shown.difference_unit}"
+    found = f"{what} {shown.changed(float(only[0].mean() - only[1].mean()))}"
     return AssumptionCheck(
         name=name, found=f"{found}, p {probability(chance)}", holds=not chance < SURE, follows=follows
     )
@@ -137,12 +136,12 @@ def _along_the_session(study: RunStudy, comparison: PlannedDifference, shown: Sh
     return [
         _against_chance(
             "Drivers neither tire nor improve from trial to trial", "If they do, order must be balanced.",
-            np.array(slopes), shown, "a trial later, the measure is higher by",
+            np.array(slopes), shown, "a trial later, the measure is",
         ),
         _against_chance(
             "A trial does not depend on the condition of the trial before",
             "If it does, a break or another trial must lie between conditions.",
-            found, shown, f"after {comparison.a} rather than {comparison.b}, the measure is higher by",
+            found, shown, f"after {comparison.a} rather than {comparison.b}, the measure is",
         ),
     ]  # fmt: skip
 
@@ -206,7 +205,9 @@ def _against_chance(name: str, follows: str, values: Floats, shown: ShownMeasure
     if float(np.ptp(values)) == 0:
         return AssumptionCheck(name=name, found="no driver differs", holds=bool(values[0] == 0), follows=follows)
     chance = float(stats.ttest_1samp(values, 0.0).pvalue)
-    mean = f"{shown.difference(float(values.mean()))} {shown.difference_unit}"
     return AssumptionCheck(
-        name=name, found=f"{what} {mean}, p {probability(chance)}", holds=chance >= SURE, follows=follows
+        name=name,
+        found=f"{what} {shown.changed(float(values.mean()))}, p {probability(chance)}",
+        holds=chance >= SURE,
+        follows=follows,
     )

@@ -12,6 +12,7 @@ import sim.report
 from das import __version__
 from sim.experiment.analysis import figures, words
 from sim.experiment.analysis.comparing import WANTED_POWER, FoundDifference, StudyFindings
+from sim.experiment.analysis.plan import StudyPlan
 from sim.review.light import as_image
 
 TEMPLATE: Final = "page.html.j2"
@@ -35,7 +36,7 @@ def page(found: StudyFindings) -> str:
         difference_images=_difference_images(found),
         differences=rows,
         any_unpaired=any(one["unpaired"] not in ("", "0") for one in rows),
-        comparisons=[_comparison(one, plan.alpha) for one in found.differences],
+        comparisons=[_comparison(one, plan) for one in found.differences],
         models=words.model_rows(found),
         needs=[
             {"name": one.comparison.name, "rows": words.needed_rows(one)} for one in found.differences if one.needed
@@ -61,10 +62,10 @@ def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
     return images
 
 
-def _comparison(one: FoundDifference, alpha: float) -> dict[str, Any]:
+def _comparison(one: FoundDifference, plan: StudyPlan) -> dict[str, Any]:
     return {
         "name": one.comparison.name,
-        "text": words.verdict(one, alpha),
+        "text": words.verdict(one, plan),
         "image": as_image(figures.pair_figure(one)) if one.pairs is not None else "",
         "checks": one.checks,
     }

@@ -94,7 +94,7 @@ def plan_of(fields: Fields) -> StudyPlan:
     measures = tuple(_texts(fields, "measures"))
     return StudyPlan(
         name=fields.name("name"),
-        about=" ".join(filter(None, (fields.text("title", ""), fields.text("description", "")))),
+        about=_about(fields.text("title", ""), fields.text("description", "")),
         hash=fields.text("hash", ""),
         seed=_seed(fields),
         factors=factors,
@@ -105,6 +105,12 @@ def plan_of(fields: Fields) -> StudyPlan:
         simulated=fields.data.get("drivers", "simulated") != "people",
         setting=tuple(_setting(fields)),
     )
+
+
+def _about(title: str, description: str) -> str:
+    """Title and description as running text."""
+    ended = title if not title or title.endswith((".", "?", "!")) else f"{title}."
+    return f"{ended} {description}".strip()
 
 
 def _seed(fields: Fields) -> int:

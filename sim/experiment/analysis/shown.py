@@ -23,6 +23,7 @@ SHOWN_UNITS: Final = {
     "min": "per minute",
 }
 """Units of columns that people read under another name; a ratio is shown in percent."""
+SAME: Final = "the same"
 PERCENT: Final = 100.0
 
 
@@ -69,6 +70,12 @@ class ShownMeasure:
     def range(self, interval: tuple[float, float]) -> str:
         """An interval of differences, without its unit; nothing where it is not known."""
         return f"{self.difference(interval[0])} to {self.difference(interval[1])}" if math.isfinite(interval[0]) else ""
+
+    def changed(self, difference: float) -> str:
+        """A difference in words: `2.1 points lower`, or `SAME` where it is smaller than what is printed."""
+        if float(self.value(abs(difference))) == 0:
+            return SAME
+        return f"{self.with_unit(difference)} {'lower' if difference < 0 else 'higher'}"
 
     def with_unit(self, value: float) -> str:
         """A difference without sign, with its unit."""

@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from sim.experiment.analysis.comparing import ConditionValues, FoundDifference, NeededParticipants, StudyFindings
-from sim.experiment.analysis.shown import ShownMeasure, probability
+from sim.experiment.analysis.plan import StudyPlan
+from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
 
 Row = dict[str, str]
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
@@ -17,7 +18,6 @@ MOST_COUNTED: Final = 10_000
 """Numbers of participants above this are not told apart."""
 MOST_FAILED: Final = 3
 """Failed trials that the page names; failed.csv has all."""
-SAME: Final = "the same"
 COLUMNS_AT_ONCE: Final = 5
 """Measures beside each other in the table of those that no comparison is about."""
 
@@ -95,13 +95,13 @@ def in_short(found: StudyFindings) -> list[tuple[str, str]]:
     if not found.differences and not found.failed:
         return [("", "No comparison was planned; the tables describe the conditions.")]
     broken = [(name, f"It could not be made. {why}.") for name, why in found.failed]
-    return [*((one.comparison.name, verdict(one, found.study.plan.alpha)) for one in found.differences), *broken]
+    return [*((one.comparison.name, verdict(one, found.study.plan)) for one in found.differences), *broken]
 
 
-def verdict(one: FoundDifference, alpha: float) -> str:
+def verdict(one: FoundDifference, plan: StudyPlan) -> str:
     """What was found on one comparison, and whether it stands out from chance."""
     comparison, shown, estimate = one.comparison, one.shown, one.estimate
-    changed = _changed(shown, estimate.mean)
+    changed = shown.changed(estimate.mean)
     with_b = f"{'as' if changed == SAME else 'than'} with {comparison.b}"
     of_what = "; ".join([comparison.factor, *(f"{name}: {level}" for name, level in comparison.where.items())])
     start = f"{shown.name}: {changed} with {comparison.a} {with_b} ({of_what})"
@@ -110,10 +110,11 @@ def verdict(one: FoundDifference, alpha: float) -> str:
         why = "only one driver took part" if estimate.participants < 2 else "the drivers do not differ at all"
         return f"{start}, for {drivers}. No interval can be given, because {why}."
     said = f"{start}. The 95 % interval is {_reach(shown, estimate.interval)}, from {drivers}."
-    if one.corrected < alpha:
-        return f"{said} The difference stands out from chance (p {probability(one.corrected)})."
+    chance = f"{'p' if plan.correction == 'none' else 'corrected p'} {probability(one.corrected)}"
+    if one.corrected < plan.alpha:
+        return f"{said} The difference stands out from chance ({chance})."
     return (
-        f"{said} It does not stand out from chance (p {probability(one.corrected)}): the study neither shows a "
+        f"{said} It does not stand out from chance ({chance}): the study neither shows a "
         "difference nor rules one out within the interval."
     )
 
@@ -123,12 +124,6 @@ def _drivers(one: FoundDifference) -> str:
         return f"two groups of {len(one.groups.a)} and {len(one.groups.b)} drivers"
     assert one.pairs is not None
     return f"{len(one.pairs.participants)} drivers, {len(one.pairs.owner)} pairs"
-
-
-def _changed(shown: ShownMeasure, mean: float) -> str:
-    if float(shown.value(abs(mean))) == 0:
-        return SAME
-    return f"{shown.with_unit(mean)} {'lower' if mean < 0 else 'higher'}"
 
 
 def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:

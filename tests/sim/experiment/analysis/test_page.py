@@ -75,7 +75,10 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
     assert name == "vector against none"
     mean = 100 * found().differences[0].estimate.mean
     assert f"Gap to the optimum: {-mean:.2f} points lower with vector than with none (presentation)." in said
-    assert "points lower, from 12 drivers, 36 pairs. The difference stands out from chance (p below 0.001)." in said
+    assert (
+        "points lower, from 12 drivers, 36 pairs. The difference stands out from chance (corrected p below 0.001)."
+        in said
+    )
 
 
 def test_what_is_no_difference_is_not_called_one() -> None:

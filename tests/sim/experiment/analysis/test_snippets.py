@@ -26,10 +26,10 @@ def test_the_python_of_the_page_makes_a_row_of_the_report_again(tmp_path: Path) 
     with chdir(tmp_path), redirect_stdout(io.StringIO()):
         exec(compile(code, PAGE.name, "exec"), names)
     test, drivers = names["test"], names["drivers"]
-    assert len(drivers) == row["drivers"]  # type: ignore[arg-type]
-    assert drivers.mean() == pytest.approx(row["mean"])  # type: ignore[attr-defined]
-    assert list(test.confidence_interval()) == pytest.approx(row["t_interval"])  # type: ignore[attr-defined]
-    assert dict(drivers) == pytest.approx(row["by_driver"])  # type: ignore[call-overload]
+    assert len(drivers) == row["drivers"]
+    assert drivers.mean() == pytest.approx(row["mean"])
+    assert list(test.confidence_interval()) == pytest.approx(row["t_interval"])
+    assert dict(drivers) == pytest.approx(row["by_driver"])
 
 
 def test_the_r_of_the_page_uses_columns_that_are_there_under_names_that_r_leaves_alone(tmp_path: Path) -> None:
