@@ -25,4 +25,19 @@ ENTRIES: Final = (
         summary="List the bundled studies and where their files are.",
         examples=("das-sim experiment studies",),
     ),
+    Entry(
+        name="analyse",
+        where="sim.experiment.analysis.command:analyse",
+        summary="Analyse a study that was run: paired differences with intervals, a mixed model, checks.",
+        examples=("das-sim experiment analyse study -o report.html", "das-sim experiment analyse study --effect 0.78"),
+    ),
+    Entry(
+        name="power",
+        where="sim.experiment.analysis.command:power",
+        summary="Say how often an experiment would find a difference, and how many participants it needs.",
+        examples=(
+            "das-sim experiment power pilot --effect 1 --participants 24,48,76",
+            "das-sim experiment power --effect 0.78 --sd 2.4",
+        ),
+    ),
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -27,13 +25,6 @@ GRID_POINTS: Final = 90
 LEAST_LATE_S: Final = 5.0
 """The axis of punctuality reaches at least this far (s), so that fractions of a second do not look large."""
 BAR_IN: Final = 0.28
-
-
-def as_image(figure: Figure) -> str:
-    """A figure as the address of an image that a page holds itself (SVG)."""
-    content = io.BytesIO()
-    figure.savefig(content, format="svg", metadata={"Date": None})
-    return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
 def speed_figure(subject: ReviewedDrive) -> Figure:

@@ -20,7 +20,7 @@ from sim.compare.rows import sentences
 from sim.recording.check import RATE_COLUMNS
 from sim.report import figures, words
 from sim.report.subject import ReviewedDrive
-from sim.review.light import comparison_figure
+from sim.review.light import as_image, comparison_figure
 
 TEMPLATE: Final = "page.html.j2"
 
@@ -86,14 +86,14 @@ def _images(subject: ReviewedDrive) -> dict[str, str]:
         made["efficiency"] = figures.efficiency_figure(subject)
     names = ("speed", "compliance", "punctuality", "causes", "places", "efficiency")
     found = {name: made.get(name) for name in names}
-    return {name: "" if figure is None else figures.as_image(figure) for name, figure in found.items()}
+    return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}
 
 
 def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
     others = range(1, len(aligned.drives))
     return {
         "sentences": [line for index in others for line in sentences(aligned, index)],
-        "image": figures.as_image(comparison_figure(aligned)),
+        "image": as_image(comparison_figure(aligned)),
         "tables": [
             {
                 "label": aligned.drives[index].label,

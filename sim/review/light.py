@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -69,6 +72,14 @@ def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = Tru
                 s_m / KM, 0.99, f" {name}", transform=axis.get_xaxis_transform(), rotation=90, ha="right", va="top",
                 color=INK, fontsize=TEXT_POINTS - 1.5,
             )  # fmt: skip
+
+
+def as_image(figure: Figure) -> str:
+    """A figure as the address of an image that a page holds itself (SVG); the same figure gives the same address."""
+    content = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "das"}):  # names inside the picture, else drawn at random
+        figure.savefig(content, format="svg", metadata={"Date": None})
+    return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:

@@ -1,0 +1,219 @@
+"""The analysis of a study: its planned comparisons with interval, model and checks, and the spread of its drivers."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from das.domain.errors import DasError
+from sim.experiment.analysis.checks import AssumptionCheck, checks_of
+from sim.experiment.analysis.estimates import DifferenceEstimate, corrected, group_estimate, paired_estimate
+from sim.experiment.analysis.mixed_model import MixedFit, fit_mixed_model
+from sim.experiment.analysis.pairs import PairedTrials, TwoGroups, is_paired, paired_trials, two_groups
+from sim.experiment.analysis.plan import PlannedDifference
+from sim.experiment.analysis.power import normal_participants
+from sim.experiment.analysis.reading import Bools, Floats, RunStudy
+from sim.experiment.analysis.resampling import RESAMPLES
+from sim.experiment.analysis.shown import ShownMeasure
+from sim.experiment.analysis.spread import DriverSpread, sd_interval, spread_of
+
+WANTED_POWER: Final = 0.8
+ASKED_POINTS: Final = (0.005, 0.01, 0.02)
+"""Differences of a ratio for which the report says how many participants would show them."""
+ASKED: Final = "asked for"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeededParticipants:
+    """How many participants find a difference of `effect` in 80 % of studies; a range for the spread's uncertainty.
+
+    None stands for more than a million. `given` says that the difference was given, and did not come out of the study.
+    """
+
+    effect: float
+    given: bool
+    reason: str
+    participants: int | None
+    interval: tuple[int | None, int | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundDifference:
+    """All that was found on a planned comparison. `model_missing` says why there is no model, where there is none."""
+
+    comparison: PlannedDifference
+    shown: ShownMeasure
+    estimate: DifferenceEstimate
+    corrected: float
+    pairs: PairedTrials | None
+    groups: TwoGroups | None
+    model: MixedFit | None
+    model_missing: str
+    checks: tuple[AssumptionCheck, ...]
+    needed: tuple[NeededParticipants, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConditionValues:
+    """A measure in one condition: the participants' means, and how far drivers and days differ (None: too few)."""
+
+    condition: str
+    measure: str
+    trials: int
+    means: Floats
+    spread: DriverSpread | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFindings:
+    """What the analysis of a study found; `failed` has, for each comparison that could not be made, why."""
+
+    study: RunStudy
+    measures: tuple[ShownMeasure, ...]
+    differences: tuple[FoundDifference, ...]
+    failed: tuple[tuple[str, str], ...]
+    conditions: tuple[ConditionValues, ...]
+
+    def shown(self, measure: str) -> ShownMeasure:
+        """How a measure is shown."""
+        return {one.column: one for one in self.measures}[measure]
+
+
+def analyse_study(
+    study: RunStudy,
+    effects: tuple[float, ...] = (),
+    resamples: int = RESAMPLES,
+    progress: Callable[[str], None] = lambda _: None,
+) -> StudyFindings:
+    """Analyse every planned comparison of a study and describe every condition.
+
+    `effects` are differences, as the report shows them, for which it is to say how many participants show them. The
+    same study gives the same figures: resampling begins at the study's seed.
+    """
+    measures = tuple(
+        ShownMeasure.of(name, study.meanings[name], study.trials.values[name]) for name in study.plan.measures
+    )
+    shown = {one.column: one for one in measures}
+    found, failed = [], []
+    for comparison in study.plan.comparisons:
+        progress(comparison.name)
+        try:
+            found.append(_difference(study, comparison, shown[comparison.measure], effects, resamples))
+        except DasError as error:
+            failed.append((comparison.name, str(error)))
+    # Comparisons that could not be made count as well: they were planned.
+    chances = np.array([one.estimate.probability for one in found] + [math.nan] * len(failed))
+    after = corrected(chances, study.plan.correction)
+    progress("conditions")
+    return StudyFindings(
+        study=study,
+        measures=measures,
+        differences=tuple(_with(one, float(value)) for one, value in zip(found, after[: len(found)], strict=True)),
+        failed=tuple(failed),
+        conditions=tuple(_conditions(study)),
+    )
+
+
+def generator(study: RunStudy, what: str) -> np.random.Generator:
+    """The numbers at random for one part of the analysis, which no other part changes."""
+    return np.random.default_rng([study.plan.seed % 2**32, zlib.crc32(what.encode())])
+
+
+def _with(found: FoundDifference, chance: float) -> FoundDifference:
+    from dataclasses import replace
+
+    return replace(found, corrected=chance)
+
+
+def _difference(
+    study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure, effects: tuple[float, ...], resamples: int
+) -> FoundDifference:
+    rng = generator(study, comparison.name)
+    if not is_paired(study, comparison):
+        groups = two_groups(study, comparison)
+        return FoundDifference(
+            comparison=comparison, shown=shown, estimate=group_estimate(groups.a, groups.b, resamples, rng),
+            corrected=math.nan, pairs=None, groups=groups, model=None,
+            model_missing="each participant drove one of the two conditions", checks=(), needed=(),
+        )  # fmt: skip
+    pairs = paired_trials(study, comparison)
+    means = pairs.by_participant(pairs.differences)
+    estimate = paired_estimate(means, resamples, rng)
+    model, missing = None, ""
+    try:
+        model = fit_mixed_model(study, comparison)
+    except DasError as error:
+        missing = str(error)
+    asked = [(one / shown.factor, ASKED) for one in effects]
+    return FoundDifference(
+        comparison=comparison, shown=shown, estimate=estimate, corrected=math.nan, pairs=pairs, groups=None,
+        model=model, model_missing=missing, checks=tuple(checks_of(study, comparison, pairs, shown)),
+        needed=tuple(_needed(means, estimate, asked, shown, (study.plan.alpha, rng))),
+    )  # fmt: skip
+
+
+def _needed(
+    means: Floats,
+    estimate: DifferenceEstimate,
+    asked: list[tuple[float, str]],
+    shown: ShownMeasure,
+    by: tuple[float, np.random.Generator],
+) -> list[NeededParticipants]:
+    """How many participants find the difference that was found here, half of it, and some others."""
+    alpha, rng = by
+    if not estimate.resampled:
+        return []
+    low, high = sd_interval(means, rng)
+    effects = [*asked, (estimate.mean, "as found here"), (estimate.mean / 2, "half of that")]
+    if shown.factor != 1.0:
+        effects += [(one, "") for one in ASKED_POINTS]
+    return [
+        NeededParticipants(
+            effect=abs(effect), given=reason in ("", ASKED), reason=reason,
+            participants=_participants(effect, estimate.sd, alpha),
+            interval=(_participants(effect, low, alpha), _participants(effect, high, alpha)),
+        )
+        for effect, reason in effects
+    ]  # fmt: skip
+
+
+def _participants(effect: float, sd: float, alpha: float) -> int | None:
+    return normal_participants(effect / sd, alpha, WANTED_POWER) if sd > 0 else 2
+
+
+def _conditions(study: RunStudy) -> list[ConditionValues]:
+    """Every measure in every condition, in the order of the design's levels."""
+    trials, found = study.trials, []
+    for condition, mine in conditions_of(study):
+        for measure in study.plan.measures:
+            values = trials.values[measure]
+            kept = mine & np.isfinite(values)
+            names = np.unique(trials.participant[kept])
+            means = np.array([values[kept & (trials.participant == name)].mean() for name in names])
+            spread = None
+            if len(names) > 1:
+                days = trials.day[kept]
+                spread = spread_of(values[kept], trials.participant[kept], days, generator(study, condition + measure))
+            found.append(
+                ConditionValues(
+                    condition=condition, measure=measure, trials=int(kept.sum()), means=means, spread=spread
+                )
+            )
+    return found
+
+
+def conditions_of(study: RunStudy) -> list[tuple[str, Bools]]:
+    """The combinations of levels that were driven, each with its trials without practice."""
+    trials, factors = study.trials, study.plan.factors
+    ranks = np.array([[one.levels.index(str(level)) for level in trials.levels[one.name]] for one in factors])
+    found = []
+    for combination in np.unique(ranks[:, ~trials.practice], axis=1).T:
+        names = [one.levels[rank] for one, rank in zip(factors, combination, strict=True)]
+        mine = (ranks == combination[:, None]).all(axis=0) & ~trials.practice
+        found.append((", ".join(names), mine))
+    return found

@@ -1,0 +1,108 @@
+"""The pictures of an analysis: dark on white, with units, for people with any colour vision."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from sim.experiment.analysis.comparing import ConditionValues, FoundDifference
+from sim.experiment.analysis.shown import ShownMeasure
+from sim.review.light import COLORS, INK, TEXT_POINTS, WIDTH_IN, light_figure, named, plain
+
+if TYPE_CHECKING:
+    from sim.experiment.analysis.reading import Floats
+
+BLUE, ORANGE = COLORS[0], COLORS[1]
+FAINT: Final = "#9aa0a6"
+ROW_IN: Final = 0.42
+SCATTER: Final = 0.16
+"""Points of drivers lie at most this far (rows) beside their row, so that equal ones can be counted."""
+
+
+def differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure:
+    """The planned differences of one measure: the mean with its 95 % interval, and a point for each driver."""
+    shown = found[0].shown
+    figure, (axis,) = light_figure((max(ROW_IN * len(found) + 0.3, 0.9),))
+    for row, one in enumerate(reversed(found)):
+        holds = one.corrected < alpha
+        if one.pairs is not None:
+            values = shown.factor * one.pairs.by_participant(one.pairs.differences)
+            axis.plot(values, row - beside(len(values)) - 0.12, ".", color=FAINT, markersize=4.0, zorder=1)
+        if one.estimate.known:
+            low, high = (shown.factor * bound for bound in one.estimate.interval)
+            axis.plot([low, high], [row + 0.12] * 2, color=BLUE, linewidth=2.6, solid_capstyle="butt", zorder=2)
+        axis.plot(
+            shown.factor * one.estimate.mean, row + 0.12, "o", color=BLUE, markersize=8.0, zorder=3,
+            markerfacecolor=BLUE if holds else "white", markeredgewidth=1.6,
+        )  # fmt: skip
+    axis.axvline(0.0, color=INK, linewidth=0.9)
+    axis.set_yticks(range(len(found)), [one.comparison.name for one in reversed(found)])
+    axis.set_ylim(-0.6, len(found) - 0.4)
+    axis.grid(visible=False, axis="y")
+    named(axis, x=f"{shown.name}: difference ({shown.difference_unit})")
+    return figure
+
+
+def beside(count: int) -> Floats:
+    """How far (rows) each of some points is drawn beside its row: back and forth, always the same."""
+    steps = np.array([0.0, 0.5, -0.5, 1.0, -1.0])
+    return np.asarray(SCATTER * steps[np.arange(count) % len(steps)])
+
+
+def pair_figure(one: FoundDifference) -> Figure:
+    """A comparison driver by driver: both conditions joined by a line, and the differences in order of size."""
+    assert one.pairs is not None
+    pairs, shown = one.pairs, one.shown
+    b, a = (shown.factor * pairs.by_participant(values) for values in (pairs.b, pairs.a))
+    figure = Figure(figsize=(WIDTH_IN, 3.1), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.6])
+    for axis in (left, right):
+        plain(axis)
+    for before, after in zip(b, a, strict=True):
+        color = BLUE if after < before else ORANGE
+        left.plot(
+            [0, 1], [before, after], color=color, linewidth=0.9, linestyle="-" if after < before else "--", alpha=0.8
+        )
+    left.plot([0, 1], [b.mean(), a.mean()], color=INK, linewidth=2.6, marker="o")
+    left.set_xticks([0, 1], [one.comparison.b, one.comparison.a])
+    left.set_xlim(-0.25, 1.25)
+    named(left, y=f"{shown.name} ({shown.unit})")
+    _sorted_differences(right, a - b, one, shown)
+    return figure
+
+
+def _sorted_differences(axis: Any, differences: Floats, one: FoundDifference, shown: ShownMeasure) -> None:
+    ordered = np.sort(differences)
+    numbers = np.arange(1, len(ordered) + 1)
+    lower = ordered < 0
+    axis.plot(numbers[lower], ordered[lower], "o", color=BLUE, markersize=5.0)
+    axis.plot(numbers[~lower], ordered[~lower], "D", color=ORANGE, markersize=4.6)
+    axis.axhline(0.0, color=INK, linewidth=0.9)
+    axis.axhline(shown.factor * one.estimate.mean, color=INK, linewidth=2.0)
+    if one.estimate.known:
+        low, high = (shown.factor * bound for bound in one.estimate.interval)
+        axis.axhspan(low, high, color=COLORS[4], alpha=0.3, linewidth=0.0)
+    named(
+        axis, x="Drivers in order of their difference",
+        y=f"{one.comparison.a} less {one.comparison.b} ({shown.difference_unit})",
+    )  # fmt: skip
+
+
+def condition_figure(values: Sequence[ConditionValues], shown: ShownMeasure) -> Figure:
+    """A measure in every condition: a point for each driver's mean, and the mean of the drivers."""
+    figure, (axis,) = light_figure((max(0.36 * len(values) + 0.3, 0.9),))
+    for row, one in enumerate(reversed(values)):
+        means = shown.factor * one.means
+        axis.plot(means, row + beside(len(means)), ".", color=FAINT, markersize=5.0)
+        if len(means):
+            axis.plot(means.mean(), row, "D", color=BLUE, markersize=7.0)
+    axis.set_yticks(range(len(values)), [one.condition for one in reversed(values)])
+    axis.set_ylim(-0.6, len(values) - 0.4)
+    axis.tick_params(axis="y", labelsize=TEXT_POINTS)
+    named(axis, x=f"{shown.name} ({shown.unit})")
+    return figure

@@ -1,0 +1,206 @@
+"""What a study's frozen design says about its analysis: factors, measures, planned comparisons and their correction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from das.domain.errors import MISSING, DasError
+from das.domain.files.reading import Fields, number, read_json
+
+DESIGN: Final = "design.json"
+CORRECTIONS: Final = ("holm", "bonferroni", "none")
+MOST_COMPARISONS: Final = 200
+DEFAULT_ALPHA: Final = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariedFactor:
+    """A factor of the study and its levels as texts; `within` says whether each participant drives every level."""
+
+    name: str
+    levels: tuple[str, ...]
+    within: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedDifference:
+    """A comparison that was planned before the run: `measure` at level `a` of `factor`, less that at level `b`.
+
+    `where` fixes levels of other factors; the comparison is over all levels of those that it does not name.
+    """
+
+    name: str
+    measure: str
+    factor: str
+    a: str
+    b: str
+    where: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyPlan:
+    """The part of a frozen design that its analysis needs.
+
+    `about` says in words what is asked. `simulated` says whether its drivers are simulated. `setting` has, by name, who
+    took part and what was not varied.
+    """
+
+    name: str
+    about: str = ""
+    hash: str
+    seed: int
+    factors: tuple[VariedFactor, ...]
+    measures: tuple[str, ...]
+    comparisons: tuple[PlannedDifference, ...]
+    alpha: float = DEFAULT_ALPHA
+    correction: str = CORRECTIONS[0]
+    simulated: bool = True
+    setting: tuple[tuple[str, str], ...] = ()
+
+    def factor(self, name: str) -> VariedFactor:
+        """The factor of a name; KeyError where there is none."""
+        return {one.name: one for one in self.factors}[name]
+
+    def chosen(self, name: str | None) -> PlannedDifference:
+        """The planned comparison of a name, or the first one; DasError where there is none."""
+        for one in self.comparisons:
+            if name in (None, one.name):
+                return one
+        names = ", ".join(one.name for one in self.comparisons) or "none is planned"
+        raise DasError(f"--comparison {name}: expected one of the planned comparisons ({names})")
+
+
+def as_text(level: object) -> str:
+    """A level as the table of trials writes it; numbers that are equal have one text."""
+    if isinstance(level, bool):
+        return str(level).lower()
+    try:
+        return f"{float(level):.12g}" if isinstance(level, int | float | str) else str(level)
+    except ValueError:
+        return str(level)
+
+
+def read_plan(path: Path) -> StudyPlan:
+    """Read the frozen design of a folder, or a design file (JSON); DasError where it cannot be used."""
+    return plan_of(read_json(path / DESIGN if path.is_dir() else path))
+
+
+def plan_of(fields: Fields) -> StudyPlan:
+    """The plan of a design that was frozen (the content of its `design.json`); InputError for what is wrong in it."""
+    factors = _factors(fields.table("factors"))
+    measures = tuple(_texts(fields, "measures"))
+    return StudyPlan(
+        name=fields.name("name"),
+        about=_about(fields.text("title", ""), fields.text("description", "")),
+        hash=fields.text("hash", ""),
+        seed=_seed(fields),
+        factors=factors,
+        measures=measures,
+        comparisons=_comparisons(fields, factors, measures),
+        alpha=_alpha(fields),
+        correction=_correction(fields),
+        simulated=fields.data.get("drivers", "simulated") != "people",
+        setting=tuple(_setting(fields)),
+    )
+
+
+def _about(title: str, description: str) -> str:
+    """Title and description as running text."""
+    ended = title if not title or title.endswith((".", "?", "!")) else f"{title}."
+    return f"{ended} {description}".strip()
+
+
+def _seed(fields: Fields) -> int:
+    value = fields.data.get("seed", 0)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise fields.error("seed", value, "a whole number of at least 0")
+    return value
+
+
+def _setting(fields: Fields) -> Iterator[tuple[str, str]]:
+    """Who took part and what was not varied, as far as the design says it."""
+    people = fields.data.get("participants")
+    if isinstance(people, Mapping) and people.get("population"):
+        yield "drivers drawn from the population", str(people["population"])
+    fixed = fields.data.get("fixed")
+    if isinstance(fixed, Mapping) and fixed:
+        yield "not varied", ", ".join(f"{name}: {value}" for name, value in fixed.items())
+
+
+def _texts(fields: Fields, key: str) -> list[str]:
+    listed = fields.rows(key, "a list of texts")
+    for one in listed:
+        if not isinstance(one, str):
+            raise fields.error(key, one, "a text")
+    return list(listed)
+
+
+def _factors(fields: Fields) -> tuple[VariedFactor, ...]:
+    found = []
+    for name in fields.data:
+        table = fields.table(name)
+        levels = tuple(as_text(level) for level in table.rows("levels", "a list of levels"))
+        found.append(VariedFactor(name=name, levels=levels, within=table.flag("within", True)))
+    return tuple(found)
+
+
+def _comparisons(
+    fields: Fields, factors: tuple[VariedFactor, ...], measures: tuple[str, ...]
+) -> tuple[PlannedDifference, ...]:
+    """The planned comparisons; none is no error, because a study may only describe."""
+    listed = fields.data.get("comparisons", [])
+    if not isinstance(listed, list):
+        raise fields.error("comparisons", listed, "a list of tables")
+    fields.check_count("comparisons", listed, MOST_COMPARISONS)
+    levels = {one.name: one.levels for one in factors}
+    found = [
+        _comparison(Fields.of(fields.source, one, f"comparisons[{i}]."), levels, measures)
+        for i, one in enumerate(listed)
+    ]
+    names = [one.name for one in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise fields.error("comparisons", name, "a name of its own for each comparison")
+    return tuple(found)
+
+
+def _comparison(fields: Fields, levels: Mapping[str, tuple[str, ...]], measures: tuple[str, ...]) -> PlannedDifference:
+    factor, measure = fields.text("factor"), fields.text("measure")
+    if factor not in levels:
+        raise fields.error("factor", factor, f"one of the factors {', '.join(levels)}")
+    if measure not in measures:
+        raise fields.error("measure", measure, f"one of the measures {', '.join(measures)}")
+    a, b = (_level(fields, key, levels[factor]) for key in ("a", "b"))
+    if a == b:
+        raise fields.error("b", b, "another level than a")
+    where = {}
+    fixed = fields.table("where") if fields.has("where") else Fields.of(fields.source, {}, fields.prefix)
+    for name in fixed.data:
+        if name not in levels or name == factor:
+            raise fixed.error(name, fixed.data[name], "a level of another factor of the design")
+        where[name] = _level(fixed, name, levels[name])
+    return PlannedDifference(name=fields.name("name"), measure=measure, factor=factor, a=a, b=b, where=where)
+
+
+def _level(fields: Fields, key: str, levels: tuple[str, ...]) -> str:
+    value: Any = fields.data.get(key, MISSING)
+    if value is MISSING or as_text(value) not in levels:
+        raise fields.error(key, value, f"one of the levels {', '.join(levels)}")
+    return as_text(value)
+
+
+def _alpha(fields: Fields) -> float:
+    value = number(fields.source, "alpha", fields.data.get("alpha", DEFAULT_ALPHA))
+    if not 0.0 < value < 1.0:
+        raise fields.error("alpha", value, "a probability between 0 and 1")
+    return value
+
+
+def _correction(fields: Fields) -> str:
+    value = fields.text("correction", CORRECTIONS[0])
+    if value not in CORRECTIONS:
+        raise fields.error("correction", value, f"one of {', '.join(CORRECTIONS)}")
+    return value

@@ -1,0 +1,189 @@
+"""Reading a study that was run: its plan of analysis, and its table of trials with what every column means."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.reading import read_json, read_text
+from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, as_text, read_plan
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Texts = NDArray[np.str_]
+
+TRIALS: Final = "trials.csv"
+SIDECAR: Final = "trials.json"
+FAILED: Final = "failed.csv"
+NAMED: Final = ("trial", "participant", "position", "practice", "seed")
+"""Columns that the table must have besides those of the factors and of the measures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeaningOfColumn:
+    """What a column of the table of trials holds: a name for people, a sentence and its unit."""
+
+    name: str
+    text: str
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinishedTrials:
+    """The trials of a study, practice among them: each array has one entry for each trial.
+
+    `levels` has the level of each factor as text. `values` has the measures in the units of their columns; NaN where
+    the table has none. `position` counts the trials of one participant.
+    """
+
+    participant: Texts
+    position: Ints
+    practice: Bools
+    day: Texts
+    levels: Mapping[str, Texts]
+    values: Mapping[str, Floats]
+
+    def __len__(self) -> int:
+        return len(self.participant)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunStudy:
+    """A study that was run: where its files are, its plan of analysis, its trials, and what their columns mean.
+
+    `failed` has, for each trial that failed, who drove it, its condition and why.
+    """
+
+    folder: Path
+    plan: StudyPlan
+    trials: FinishedTrials
+    meanings: Mapping[str, MeaningOfColumn]
+    failed: tuple[str, ...] = ()
+
+    def chosen(self, comparison: PlannedDifference) -> Bools:
+        """Which trials belong to a comparison: none of the practice, at its levels, with its measure."""
+        trials = self.trials
+        kept = ~trials.practice & np.isfinite(trials.values[comparison.measure])
+        kept &= np.isin(trials.levels[comparison.factor], (comparison.a, comparison.b))
+        for name, level in comparison.where.items():
+            kept &= trials.levels[name] == level
+        return kept
+
+
+def read_study(folder: Path) -> RunStudy:
+    """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json` and `failed.csv`.
+
+    DasError where one of them cannot be used.
+    """
+    if not folder.is_dir():
+        raise DasError(f"{folder}: expected the folder of a study that was run")
+    plan = read_plan(folder)
+    return RunStudy(
+        folder=folder,
+        plan=plan,
+        trials=_trials(folder / TRIALS, plan),
+        meanings=_meanings(folder / SIDECAR, plan),
+        failed=_failed(folder / FAILED),
+    )
+
+
+def _failed(path: Path) -> tuple[str, ...]:
+    """The trials that failed, each in a sentence; none where there is no such file."""
+    if not path.is_file():
+        return ()
+    rows = csv.DictReader(io.StringIO(read_text(path)))
+    return tuple(f"{row.get('participant')} with {row.get('condition')}: {row.get('error')}" for row in rows)
+
+
+def _trials(path: Path, plan: StudyPlan) -> FinishedTrials:
+    reader = csv.reader(io.StringIO(read_text(path)))
+    header = next(reader, [])
+    wanted = [*NAMED, *(one.name for one in plan.factors), *plan.measures]
+    for name in wanted:
+        if name not in header:
+            raise InputError(path, f"column {name}", MISSING, f"a column of this name among {', '.join(header)}")
+        if header.count(name) > 1:
+            raise InputError(path, f"column {name}", header.count(name), "one column of this name")
+    rows: list[list[str]] = []
+    for row in reader:
+        if row and len(row) != len(header):
+            raise InputError(path, f"line {reader.line_num}", len(row), f"{len(header)} values")
+        if row:
+            rows.append(row)
+    cells = {name: [row[header.index(name)] for row in rows] for name in wanted}
+    trials = FinishedTrials(
+        participant=np.array(cells["participant"], dtype=np.str_),
+        position=_whole(path, "position", cells["position"]),
+        practice=_whole(path, "practice", cells["practice"], most=1) == 1,
+        day=np.array([as_text(one) for one in cells["seed"]], dtype=np.str_),
+        levels={one.name: _levels(path, one.name, cells[one.name], one.levels) for one in plan.factors},
+        values={name: _numbers(path, name, cells[name]) for name in plan.measures},
+    )
+    if not len(trials) or trials.practice.all():
+        raise DasError(f"{path}: no finished trial that is not practice, so there is nothing to analyse")
+    _check_once(path, cells["trial"])
+    return trials
+
+
+def _check_once(path: Path, trials: list[str]) -> None:
+    """InputError where two rows are of one trial."""
+    seen: set[str] = set()
+    for line, trial in enumerate(trials, start=2):
+        if trial in seen:
+            raise InputError(path, f"line {line}, trial", trial, "each trial once")
+        seen.add(trial)
+
+
+def _whole(path: Path, name: str, texts: list[str], most: int = 1_000_000) -> Ints:
+    for line, text in enumerate(texts, start=2):
+        if not (text.isascii() and text.isdigit() and int(text) <= most):
+            raise InputError(path, f"line {line}, {name}", text, f"a whole number from 0 to {most}")
+    return np.array([int(text) for text in texts], dtype=np.int64)
+
+
+def _levels(path: Path, name: str, texts: list[str], levels: tuple[str, ...]) -> Texts:
+    found = [as_text(text) for text in texts]
+    for line, level in enumerate(found, start=2):
+        if level not in levels:
+            raise InputError(path, f"line {line}, {name}", level, f"one of the design's levels {', '.join(levels)}")
+    return np.array(found, dtype=np.str_)
+
+
+def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
+    """A column of numbers; what is empty, or says in pandas' or R's way that there is none, is NaN."""
+    values = np.full(len(texts), np.nan)
+    for row, text in enumerate(texts):
+        if text.strip().lower() in ("", "nan", "na", "n/a"):
+            continue
+        try:
+            values[row] = float(text)
+        except ValueError:
+            values[row] = math.inf
+        if not math.isfinite(values[row]):
+            raise InputError(path, f"line {row + 2}, {name}", text, "a finite number, or nothing where it is missing")
+    return values
+
+
+def _meanings(path: Path, plan: StudyPlan) -> dict[str, MeaningOfColumn]:
+    """What each measure means, from the table's sidecar; from the column's name where that says nothing."""
+    fields = read_json(path) if path.is_file() else None
+    found = {}
+    for name in plan.measures:
+        about = fields.table(name) if fields is not None and fields.has(name) else None
+        plain, _, suffix = name.rpartition("_")
+        found[name] = MeaningOfColumn(
+            name=(plain or suffix).replace("_", " ") if about is None else about.text("LongName", name),
+            text="" if about is None else about.text("Description", ""),
+            unit=suffix if about is None else about.text("Units", suffix),
+        )
+    return found

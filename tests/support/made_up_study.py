@@ -1,0 +1,138 @@
+"""Studies whose truth is known: made-up trials of made-up drivers, in memory or as the folder of a study.
+
+Drivers differ in their level and in their effect, both skewed; conditions differ in noise, 7-fold at most.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, VariedFactor
+from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy
+
+MEASURE = "gap_to_optimum_ratio"
+LEVELS = ("none", "top-speed", "vector")
+NOISE = (0.0034, 0.023, 0.018)
+"""Residual standard deviations that were measured on the simulated driver (a ratio)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is true of a made-up study: means of the conditions, standard deviations of what is random."""
+
+    drivers: int = 24
+    days: int = 3
+    means: tuple[float, ...] = (0.26, 0.25, 0.24)
+    noise: tuple[float, ...] = NOISE
+    level_sd: float = 0.03
+    effect_sd: float = 0.015
+    day_sd: float = 0.01
+    shared_days: bool = True
+    skewed: bool = True
+    extra: dict[str, float] = field(default_factory=dict)
+    """`drift`: added for each trial that came before. `carried`: added after a trial with the last level."""
+
+
+def drawn(rng: np.random.Generator, shape: tuple[int, ...], skewed: bool) -> Floats:
+    """Numbers with mean 0 and standard deviation 1; skewed ones are those of a gamma distribution (skewness 1.2)."""
+    return rng.gamma(3.0, size=shape) / np.sqrt(3.0) - np.sqrt(3.0) if skewed else rng.normal(size=shape)
+
+
+def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedDifference, ...] = ()) -> RunStudy:
+    """A study in memory: each driver drives every level on each of his days, in an order of his own."""
+    rng = np.random.default_rng(seed)
+    n, k, levels = truth.drivers, truth.days, len(truth.means)
+    level = truth.level_sd * drawn(rng, (n, 1, 1), truth.skewed)
+    effects = truth.effect_sd * drawn(rng, (n, 1, levels), truth.skewed)
+    effects[:, :, 0] = 0.0
+    days = truth.day_sd * np.broadcast_to(rng.normal(size=(1 if truth.shared_days else n, k, 1)), (n, k, 1))
+    noise = np.array(truth.noise) * rng.normal(size=(n, k, levels))
+    values = np.array(truth.means) + level + effects + days + noise
+    order = np.argsort(rng.random((n, k * levels)), axis=1)
+    position = np.argsort(order, axis=1).reshape(n, k, levels)
+    values = (
+        values + truth.extra.get("drift", 0.0) * position + truth.extra.get("carried", 0.0) * after_last(order, levels)
+    )
+    driver, day, which = np.broadcast_arrays(*np.ogrid[:n, :k, :levels])
+    names = LEVELS[:levels]
+    return RunStudy(
+        folder=Path("made-up"),
+        plan=StudyPlan(
+            name="made-up", hash="0" * 64, seed=1, measures=(MEASURE,),
+            factors=(VariedFactor(name="presentation", levels=names, within=True),),
+            comparisons=comparisons or (compared("vector" if levels > 2 else names[1], "none"),),
+        ),
+        trials=FinishedTrials(
+            participant=np.array([f"sub-{one + 1:03d}" for one in driver.ravel()]),
+            position=position.ravel() + 1,
+            practice=np.zeros(n * k * levels, dtype=bool),
+            day=np.array([str(one) for one in (day if truth.shared_days else driver * k + day).ravel()]),
+            levels={"presentation": np.array(names)[which.ravel()]},
+            values={MEASURE: values.ravel()},
+        ),
+        meanings={MEASURE: MeaningOfColumn(name="Gap to the optimum", text="E / E_opt − 1.", unit="1")},
+    )  # fmt: skip
+
+
+def after_last(order: Any, levels: int) -> Floats:
+    """1 for each trial that came right after one with the last level, else 0; (drivers, days, levels)."""
+    n, trials = order.shape
+    result = np.zeros((n, trials))
+    for row in range(n):
+        for place in range(1, trials):
+            result[row, order[row, place]] = order[row, place - 1] % levels == levels - 1
+    return result.reshape(n, -1, levels)
+
+
+def compared(a: str, b: str, **settings: Any) -> PlannedDifference:
+    """A planned comparison of two presentations."""
+    given = {"name": f"{a} against {b}", "measure": MEASURE, "factor": "presentation", **settings}
+    return PlannedDifference(a=a, b=b, **given)
+
+
+def design_of(study: RunStudy) -> dict[str, Any]:
+    """The content of `design.json`, as das-sim experiment run freezes it."""
+    plan = study.plan
+    return {
+        "hash": plan.hash,
+        "name": plan.name,
+        "seed": plan.seed,
+        "participants": {"count": 24, "population": "default"},
+        "fixed": {"scenario": "clear-day"},
+        "factors": {one.name: {"levels": list(one.levels), "within": one.within} for one in plan.factors},
+        "measures": list(plan.measures),
+        "comparisons": [
+            {"name": one.name, "measure": one.measure, "factor": one.factor, "a": one.a, "b": one.b, "where": {}}
+            for one in plan.comparisons
+        ],
+        "alpha": plan.alpha,
+        "correction": plan.correction,
+    }
+
+
+def write_study(study: RunStudy, folder: Path) -> Path:
+    """Write a study in memory as a folder; the same trials can be read from it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "design.json").write_text(json.dumps(design_of(study)), encoding="utf-8")
+    text = io.StringIO()
+    table, trials = csv.writer(text, lineterminator="\n"), study.trials
+    head = ["trial", "participant", "session", "position", "practice", "condition"]
+    table.writerow([*head, *trials.levels, "seed", *trials.values])
+    for row in range(len(trials)):
+        levels = [str(one[row]) for one in trials.levels.values()]
+        values = ["" if np.isnan(one[row]) else repr(float(one[row])) for one in trials.values.values()]
+        start = [row + 1, trials.participant[row], "ses-01", trials.position[row], int(trials.practice[row])]
+        table.writerow([*start, "_".join(levels), *levels, trials.day[row], *values])
+    (folder / "trials.csv").write_text(text.getvalue(), encoding="utf-8")
+    meanings = {
+        name: {"LongName": one.name, "Description": one.text, "Units": one.unit} for name, one in study.meanings.items()
+    }
+    (folder / "trials.json").write_text(json.dumps(meanings), encoding="utf-8")
+    return folder
