@@ -19,6 +19,8 @@ from sim.experiment.analysis.resampling import (
 )
 
 CONFIDENCE: Final = 0.95
+MOST_WITHOUT_SPREAD: Final = 0.005
+"""Largest share of resamples without spread; an interval of 95 % leaves out 2.5 % at either end."""
 NO_RANGE: Final = (math.nan, math.nan)
 
 
@@ -26,7 +28,7 @@ NO_RANGE: Final = (math.nan, math.nan)
 class DifferenceEstimate:
     """A mean difference between two conditions, in the unit of its measure.
 
-    `interval` (95 %) and `probability` come from resampled participants, where there are enough of them, else from
+    `interval` (95 %) and `probability` come from resampled participants, where there are enough that differ, else from
     Student's t; `resampled` says which. `t_interval` and `t_probability` are Student's (Welch's for two groups).
     `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups); its interval is
     that of the noncentral t distribution, NaN for two groups.
@@ -65,8 +67,10 @@ def paired_estimate(differences: Floats, resamples: int, rng: np.random.Generato
     if resampled:
         one = differences[None, :]
         distances = studentized(*resampled_moments(one, weights(count, resamples, rng)))
-        interval = _interval(mean, error, distances[0])
-        probability = float(probabilities(np.array([mean]), standard_errors(one), distances)[0])
+        resampled = _enough_spread(distances[0])
+        if resampled:
+            interval = _interval(mean, error, distances[0])
+            probability = float(probabilities(np.array([mean]), standard_errors(one), distances)[0])
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=interval, probability=probability,
         t_interval=(mean - reach, mean + reach), t_probability=t_probability,
@@ -92,8 +96,10 @@ def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generato
             resampled_moments(one[None, :], weights(len(one), resamples, rng)) for one in (a, b)
         )
         distances = studentized(means_a - means_b, np.hypot(errors_a, errors_b))
-        interval = _interval(mean, error, distances[0])
-        probability = float(probabilities(np.array([mean]), np.array([error]), distances)[0])
+        resampled = _enough_spread(distances[0])
+        if resampled:
+            interval = _interval(mean, error, distances[0])
+            probability = float(probabilities(np.array([mean]), np.array([error]), distances)[0])
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=interval, probability=probability,
         t_interval=(mean - reach, mean + reach), t_probability=float(welch.pvalue),
@@ -121,6 +127,11 @@ def size_interval(size: float, participants: int) -> tuple[float, float]:
     except ValueError:  # no sign change: the effect is so large that the distribution cannot be computed
         return NO_RANGE
     return (low, high) if size >= 0 else (-high, -low)
+
+
+def _enough_spread(distances: Floats) -> bool:
+    """Whether few enough resamples are without spread: where hardly any driver differs, many draw equal ones only."""
+    return float(np.mean(np.isinf(distances))) < MOST_WITHOUT_SPREAD
 
 
 def _interval(mean: float, error: float, distances: Floats) -> tuple[float, float]:

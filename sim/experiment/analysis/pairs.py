@@ -91,9 +91,10 @@ def _paired(study: RunStudy, comparison: PlannedDifference, *, with_day: bool) -
         cells[cell][str(level[row])].append(int(row))
     whole = {cell: (one[comparison.a], one[comparison.b]) for cell, one in sorted(cells.items()) if all(one.values())}
     names = tuple(sorted({cell.participant for cell in whole}))
+    number = {name: index for index, name in enumerate(names)}
     return PairedTrials(
         participants=names,
-        owner=np.array([names.index(cell.participant) for cell in whole], dtype=np.int64),
+        owner=np.array([number[cell.participant] for cell in whole], dtype=np.int64),
         cell=np.array([" ".join((*cell.others, cell.day)) for cell in whole], dtype=np.str_),
         a=np.array([values[a].mean() for a, _ in whole.values()]),
         b=np.array([values[b].mean() for _, b in whole.values()]),

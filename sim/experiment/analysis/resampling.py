@@ -17,12 +17,16 @@ from sim.experiment.analysis.reading import Floats
 
 RESAMPLES: Final = 19_999
 """Resamples of an analysis: a probability of 0.05 is known to 0.003, and the smallest is 0.0001."""
+LEAST_RESAMPLES: Final = 999
+MOST_CELLS: Final = 20_000_000
+"""Most numbers of a table of resamples by participants (160 MB); with very many participants fewer resamples do."""
 LEAST_PARTICIPANTS: Final = 6
 """With fewer participants too few different resamples exist; Student's t is used alone."""
 
 
 def weights(participants: int, resamples: int, rng: np.random.Generator) -> Floats:
-    """How often each resample draws each participant, (resamples, participants)."""
+    """How often each resample draws each participant, (resamples, participants); see `MOST_CELLS`."""
+    resamples = min(resamples, max(MOST_CELLS // participants, LEAST_RESAMPLES))
     even = np.full(participants, 1.0 / participants)
     return rng.multinomial(participants, even, size=resamples).astype(np.float64)
 

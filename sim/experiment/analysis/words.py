@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from sim.experiment.analysis.comparing import ConditionValues, FoundDifference, NeededParticipants, StudyFindings
-from sim.experiment.analysis.plan import StudyPlan
+from sim.experiment.analysis.plan import PlannedDifference, StudyPlan
 from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
 
 Row = dict[str, str]
@@ -142,6 +142,7 @@ def difference_rows(found: StudyFindings) -> list[Row]:
         rows.append(
             {
                 "name": one.comparison.name,
+                "less": _less(one.comparison),
                 "measure": f"{shown.name} ({shown.difference_unit})",
                 "mean": shown.difference(estimate.mean),
                 "interval": shown.range(estimate.interval)
@@ -157,6 +158,12 @@ def difference_rows(found: StudyFindings) -> list[Row]:
             }
         )
     return rows
+
+
+def _less(comparison: PlannedDifference) -> str:
+    """What is taken from what, in words."""
+    where = "".join(f", {name}: {level}" for name, level in comparison.where.items())
+    return f"{comparison.a} less {comparison.b}{where}"
 
 
 def _plain_range(interval: tuple[float, float]) -> str:

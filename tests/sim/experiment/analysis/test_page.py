@@ -170,6 +170,7 @@ def test_the_commands_analyse_a_folder_and_plan_the_next_study(tmp_path: Path) -
     [
         (("analyse", "nothing"), "nothing: expected the folder of a study that was run"),
         (("analyse", "nothing", "-o", "page.txt"), "page.txt: expected a file name that ends in .html or .htm"),
+        (("analyse", "nothing", "--pdf", "page.html"), "page.html: expected a file name that ends in .pdf"),
         (("analyse", "nothing", "--effect", "-1"), "--effect -1: expected a number above 0"),
         (("power", "--effect", "1"), "--sd: expected the standard deviation between participants"),
         (("power", "--effect", "1", "--sd", "0"), "--sd 0: expected a number above 0"),

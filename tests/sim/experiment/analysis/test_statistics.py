@@ -233,3 +233,15 @@ def test_few_drivers_are_judged_by_students_t_alone() -> None:
     found = paired_estimate(np.array([1.0, 2.0, 3.0, 2.5]), RESAMPLES, np.random.default_rng(1))
     assert not found.resampled
     assert found.interval == found.t_interval
+
+
+def test_where_hardly_any_driver_differs_resampling_is_not_used() -> None:
+    """A measure such as the time above limits is 0 for nearly all; a third of the resamples would be of zeros only."""
+    found = paired_estimate(np.array([0.0] * 19 + [5.0]), RESAMPLES, np.random.default_rng(1))
+    assert not found.resampled
+    assert found.interval == found.t_interval
+    enough = paired_estimate(
+        np.array([0.0] * 12 + [5.0, 3.0, 1.0, 2.0, 4.0, 1.0, 2.0, 6.0]), RESAMPLES, np.random.default_rng(1)
+    )
+    assert enough.resampled
+    assert np.isfinite(enough.interval).all()
