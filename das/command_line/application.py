@@ -79,7 +79,7 @@ class Group:
 def _group_of(group: Group) -> typer.Typer:
     app = _typer(no_args_is_help=True, add_completion=False)
 
-    @app.callback(help=group.summary, epilog=f"{group.name} COMMAND -h explains a command.")
+    @app.callback(help=group.summary, epilog="-h after a command explains it.")
     def nothing_yet() -> None:
         pass
 

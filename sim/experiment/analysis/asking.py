@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from das.domain.errors import DasError
+from das.domain.files.reading import Fields
 from sim.experiment.analysis.pairs import is_paired, paired_trials
-from sim.experiment.analysis.plan import DEFAULT_ALPHA, PlannedDifference, StudyPlan, read_plan
+from sim.experiment.analysis.plan import DEFAULT_ALPHA, PlannedDifference, StudyPlan, plan_of, read_plan
 from sim.experiment.analysis.power import (
     MOST_PARTICIPANTS,
     BellCurves,
@@ -122,7 +123,12 @@ def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
     if path.is_dir():
         study = read_study(path)
         return study.plan, study
-    return read_plan(path), None
+    if path.suffix.lower() == ".json":
+        return read_plan(path), None
+    from sim.experiment.design import load_design
+    from sim.experiment.freezing import resolved
+
+    return plan_of(Fields.of(path, resolved(load_design(str(path))))), None
 
 
 def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:

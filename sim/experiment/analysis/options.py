@@ -32,8 +32,8 @@ PilotArgument = Annotated[
     Path | None,
     typer.Argument(
         metavar="DIR|DESIGN",
-        help="Folder of a pilot study, whose drivers are drawn again; or a frozen design (design.json), for its level "
-        "and number of comparisons (then --sd is needed).",
+        help="Folder of a pilot study, whose drivers are drawn again; or a design (design file, frozen design.json or "
+        "bundled study), for its level and number of comparisons (then --sd is needed).",
         show_default=False,
     ),
 ]

@@ -163,6 +163,10 @@ def test_the_commands_analyse_a_folder_and_plan_the_next_study(tmp_path: Path) -
     assert [one["participants"] for one in answer["power"]] == [12, 24]
     assert answer["power_corrected"][1]["power"] < answer["power"][1]["power"]
     assert answer["participants_needed"] < answer["participants_needed_corrected"]
+    words = ("--effect", "1", "--sd", "2", "--participants", "12", "--json")
+    bundled = das_sim("experiment", "power", "presentations", *words, cwd=tmp_path)
+    assert bundled.returncode == 0, bundled.stderr
+    assert json.loads(bundled.stdout)["power_corrected"]
 
 
 @pytest.mark.parametrize(
