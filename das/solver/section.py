@@ -112,6 +112,14 @@ class Section(LineProfile):
         """Where the section ends (route position)."""
         return float(self.node_m[-1])
 
+    @property
+    def asked_decision_m(self) -> Floats | None:
+        """Positions of the decision nodes where they are not those of the solver's settings but were asked for."""
+        decision_m = self.node_m[self.decision]
+        usual_m = _decision_nodes(self.route, (self.start_m, self.end_m), self.train_length_m, None)
+        # Shorter steps are more steps.
+        return None if len(decision_m) == len(usual_m) else decision_m
+
     @cached_property
     def loss_params(self) -> LossParams:
         """The losses as the kernels take them."""
@@ -173,6 +181,8 @@ class SectionOptions:
     """The train's length is taken as 0, as in the public benchmark and in the paper."""
     brakes: BrakePolicy | None = None
     """The brakes that a planned run may use; None stands for those of the vehicle at the level of the section."""
+    longest_step_m: float | None = None
+    """The decision nodes are at most this far apart (m); None: as far as the settings of the solver say."""
 
 
 ORDINARY = SectionOptions()
@@ -204,7 +214,7 @@ def build_section(
     train = train_params(vehicle, brakes)
     length_m = 0.0 if options.point_mass else vehicle.train_length_m
 
-    decision_m = _decision_nodes(route, start_m, end_m, length_m)
+    decision_m = _decision_nodes(route, (start_m, end_m), length_m, options.longest_step_m)
     coarse = LineProfile.on(route, vehicle, decision_m, length_m)
     speeds = (options.start_speed_mps, options.end_speed_mps)
     _, envelope, fastest = _bounding_speeds(route, coarse, train, *speeds)
@@ -263,15 +273,18 @@ def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
     return Stretches(start_m=np.array(starts), value=np.array(values))
 
 
-def _decision_nodes(route: Route, start_m: float, end_m: float, length_m: float) -> Floats:
+def _decision_nodes(route: Route, ends_m: tuple[float, float], length_m: float, longest_m: float | None) -> Floats:
+    """Positions of the decision nodes between two ends, at most `longest_m` apart where that is given (m)."""
+    start_m, end_m = ends_m
     breaks = route.breakpoints_m()
     offsets = np.array([x for x in tol.STOP_OFFSETS_M if x < (end_m - start_m) / 2])
     nodes = np.concatenate((breaks, breaks + length_m, start_m + offsets, end_m - offsets))
     nodes = np.unique(nodes[(nodes > start_m + tol.MIN_STEP_M) & (nodes < end_m - tol.MIN_STEP_M)])
     nodes = np.concatenate(([start_m], nodes, [end_m]))
     nodes = nodes[np.concatenate(([True], np.diff(nodes) > tol.MIN_STEP_M))]
-    longest_m = np.clip((end_m - start_m) / tol.STEPS_OF_A_SECTION, tol.SHORTEST_MAX_STEP_M, tol.MAX_STEP_M)
-    return _subdivide(nodes, np.ceil(np.diff(nodes) / longest_m - 1e-9).astype(np.int64))
+    usual_m = float(np.clip((end_m - start_m) / tol.STEPS_OF_A_SECTION, tol.SHORTEST_MAX_STEP_M, tol.MAX_STEP_M))
+    step_m = usual_m if longest_m is None else min(longest_m, usual_m)
+    return _subdivide(nodes, np.ceil(np.diff(nodes) / step_m - 1e-9).astype(np.int64))
 
 
 def _subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:

@@ -67,6 +67,8 @@ class Course:
     start_speed_mps: float = 0.0
     end_speed_mps: float = 0.0
     length_m: float | None = None
+    decision_m: Floats | None = None
+    """Positions of the decision nodes (m) where they are not those of the solver's settings."""
 
 
 def section_hashes(route: Route, vehicle: Vehicle, course: Course) -> dict[str, str]:
@@ -81,12 +83,14 @@ def section_hashes(route: Route, vehicle: Vehicle, course: Course) -> dict[str, 
         if field.name not in _LINE_IGNORES
     }
     train = {field.name: getattr(vehicle, field.name) for field in fields(vehicle) if field.name not in _TRAIN_IGNORES}
+    grid = {} if course.decision_m is None else {"decision_m": course.decision_m}
+    settings = {name: value for name, value in vars(tol).items() if name.isupper() and name not in _SOLVER_IGNORES}
     parts = {
         "line": line,
         "train": {**train, "length_m": length_m, "brakes": vehicle.brakes_at(course.level)},
         "losses": vehicle.loss_model(course.level),
         "ends": (course.start_m, course.end_m, course.start_speed_mps, course.end_speed_mps),
-        "solver": {name: value for name, value in vars(tol).items() if name.isupper() and name not in _SOLVER_IGNORES},
+        "solver": {**settings, **grid},
     }
     return {name: _sha256(part) for name, part in parts.items()}
 
@@ -100,6 +104,7 @@ def hashes_of(section: Section) -> dict[str, str]:
         start_speed_mps=section.start_speed_mps,
         end_speed_mps=section.end_speed_mps,
         length_m=section.train_length_m,
+        decision_m=section.asked_decision_m,
     )
     return section_hashes(section.route, section.vehicle, course)
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from precompute.bench.measuring import Figure
 
 NAMES = (
-    *("front", "transitions", "sweep", "trajectory", "re-solve", "look-up", "verify", "build", "exact", "growth"),
-    "memory",
+    *("front", "steps", "transitions", "sweep", "trajectory", "re-solve", "look-up", "verify", "build", "exact"),
+    *("growth", "memory"),
 )
 """The figures, in order."""
 ROUTE, VEHICLE = "zurich-luzern", "re460-ic"

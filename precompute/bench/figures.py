@@ -39,6 +39,7 @@ FLOP_PER_RELAXATION = 6
 MILLION, MEGA = 1e6, 1e6
 BUFFERS = (0.005, 0.3)
 """The trajectories that are timed have buffers from the first to the second, as shares of the least time."""
+SHORT_STEP_M = 25.0
 RESOLVED_BUFFER = 0.1
 RESOLVED_SPEED_RATIO = 0.9
 """The section is solved anew from half-way, at this share of the speed of the braking envelope."""
@@ -155,6 +156,40 @@ def front_of_reference(reference: Reference) -> list[Figure]:
                 bound=FRONT_BOUND,
             ),
             reference.workload.least_s(reference.all_threads),
+        )
+    ]
+
+
+def short_steps(reference: Reference) -> list[Figure]:
+    """The price of shorter decision steps, against those that the solver takes by itself."""
+    section, threads = reference.section, reference.threads
+    options = SectionOptions(
+        start_speed_mps=section.start_speed_mps, end_speed_mps=section.end_speed_mps,
+        point_mass=section.train_length_m == 0, longest_step_m=SHORT_STEP_M,
+    )  # fmt: skip
+    fine = build_section(
+        section.route, section.vehicle, level=section.level, start_m=section.start_m, end_m=section.end_m,
+        options=options,
+    )  # fmt: skip
+    times = in_turns(
+        lambda: solve_front(fine, threads=threads),
+        lambda: solve_front(section, threads=threads),
+        rounds=reference.effort.rounds,
+    )
+    time_s = reference.front.fastest().time_s * (1 + RESOLVED_BUFFER)
+    usual_j, fine_j = (front.trajectory(time_s).ledger.input for front in (reference.front, solve_front(fine)))
+    return [
+        times.figure(
+            Subject(
+                name="steps",
+                what=f"front with decision steps of {SHORT_STEP_M:g} m, {len(fine.decision) - 1} instead of "
+                f"{len(section.decision) - 1}; a run with {RESOLVED_BUFFER:.0%} more time needs "
+                f"{fine_j / usual_j - 1:+.3%} energy",
+                unit="ms",
+                baseline="the solver's own steps",
+                bound=FRONT_BOUND,
+            ),
+            Workload.of(fine).least_s(reference.all_threads),
         )
     ]
 

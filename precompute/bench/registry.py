@@ -10,6 +10,7 @@ from precompute.bench.measuring import Figure
 
 FIGURES: dict[str, Callable[[Reference], list[Figure]]] = {
     "front": figures.front_of_reference,
+    "steps": figures.short_steps,
     "transitions": figures.transition_rate,
     "sweep": figures.sweep_rate,
     "trajectory": figures.trajectory,

@@ -31,6 +31,8 @@ MOST_PERCENT = 1e4
 FASTEST_END_MPS = 200.0
 LARGEST = 1e9
 """Upper bound of powers (kW), forces (kN) and speeds (km/h) on the command line."""
+SHORTEST_STEP_M, LONGEST_STEP_M = 5.0, 100.0
+"""Decision steps that can be asked for (m)."""
 
 TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
 BufferOption = Annotated[
@@ -76,6 +78,26 @@ class EndsOptions:
             value = getattr(self, name)
             if value is not None and not 0 <= value < FASTEST_END_MPS:
                 raise DasError(f"{_spelled(name)} {value}: expected a speed from 0 to {FASTEST_END_MPS:g} m/s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridOptions:
+    """How finely the solver decides. Raises DasError for a step that cannot be."""
+
+    step_m: Annotated[
+        float | None,
+        typer.Option(
+            "--step",
+            metavar="M",
+            help="Decide at least every so many metres: 25 for dense limits, steep gradients, short sections "
+            "[default: an 80th of the section, 25 to 100 m].",
+            show_default=False,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.step_m is not None and not SHORTEST_STEP_M <= self.step_m <= LONGEST_STEP_M:
+            raise DasError(f"--step {self.step_m:g}: expected a step from {SHORTEST_STEP_M:g} to {LONGEST_STEP_M:g} m")
 
 
 @dataclass(frozen=True, kw_only=True)

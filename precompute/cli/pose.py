@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from das.command_line.loading import load_route, load_vehicle
 from das.domain.units import KMH, KN, KW
-from precompute.cli.options import EndsOptions, LineOptions, TrainOptions, WorldOptions
+from precompute.cli.options import EndsOptions, GridOptions, LineOptions, TrainOptions, WorldOptions
 
 if TYPE_CHECKING:
     from das.domain.conditions import Conditions
@@ -77,6 +77,7 @@ class Pose(TrainOnLine):
     """One section as a user poses it."""
 
     ends: EndsOptions
+    grid: GridOptions
 
     def section(self, conditions: Conditions | None = None) -> Section:
         """Read the files and build the section (default: the user's conditions); DasError for anything unusable."""
@@ -95,6 +96,7 @@ class Pose(TrainOnLine):
                 start_speed_mps=_either(ends.start_speed_mps, ends.boundary_speed_mps),
                 end_speed_mps=_either(ends.end_speed_mps, ends.boundary_speed_mps),
                 point_mass=self.driven.point_mass,
+                longest_step_m=self.grid.step_m,
             ),
         )
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict, fields, replace
 
+import numpy as np
 import pytest
 
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
 from das.solver.kernels.landings import LANDINGS
 from das.solver.section import SectionOptions, build_section
+from das.solver.solve import solve_front
 from das.solver.tolerances import GridSettings, JourneySettings, LadderSettings, SolverSettings, Tolerances
-from tests.support.making import flat, make_train
+from das.table.hashes import hashes_of
+from tests.support.making import flat, make_route, make_train
 
 
 def test_defaults() -> None:
@@ -65,6 +68,30 @@ def test_every_setting_is_a_constant_of_the_kernels() -> None:
 
 def test_the_landings_of_the_kernels_follow_the_settings() -> None:
     assert LANDINGS == tol.LANDINGS_EFFORT + tol.LANDINGS_BRAKE + 2
+
+
+def test_decision_steps_are_as_short_as_asked_and_never_longer_than_usual() -> None:
+    usual = build_section(flat(9_000.0), make_train())
+    options = {step_m: SectionOptions(longest_step_m=step_m) for step_m in (25.0, 60.0, 100.0)}
+    sections = {step_m: build_section(flat(9_000.0), make_train(), options=one) for step_m, one in options.items()}
+    steps_m = {step_m: np.diff(one.node_m[one.decision]) for step_m, one in sections.items()}
+    assert steps_m[25.0].max() <= 25.0
+    assert 25.0 < steps_m[60.0].max() <= 60.0
+    assert np.array_equal(sections[100.0].node_m, usual.node_m)
+    # Whoever keeps fronts by what determines them keeps these apart.
+    hashes = [hashes_of(one)["solver"] for one in (usual, *sections.values())]
+    assert hashes[3] == hashes[0]
+    assert len(set(hashes)) == 3
+
+
+def test_shorter_decision_steps_need_less_energy_where_the_limit_changes_often() -> None:
+    rng = np.random.default_rng(5)
+    limits = [(at, float(rng.uniform(12.0, 40.0))) for at in np.arange(0.0, 4_000.0, 100.0)]
+    route, train = make_route(4_000.0, limits), make_train(resistance=(1500.0, 20.0, 4.0), power_w=2e6)
+    usual = solve_front(build_section(route, train))
+    time_s = 1.05 * usual.fastest().time_s
+    fine = solve_front(build_section(route, train, options=SectionOptions(longest_step_m=12.5)))
+    assert fine.trajectory(time_s).ledger.input < usual.trajectory(time_s).ledger.input
 
 
 def test_the_options_of_a_section() -> None:

@@ -208,5 +208,7 @@ def test_the_longest_section_is_taken() -> None:
 
 def test_a_figure_there_is_not_is_refused() -> None:
     assert chosen("sweep, front") == ["front", "sweep"]
-    with pytest.raises(DasError, match=r"--only front,speed: no figure 'speed'; expected some of front, transitions"):
+    with pytest.raises(
+        DasError, match=r"--only front,speed: no figure 'speed'; expected some of front, steps, transitions"
+    ):
         chosen("front,speed")

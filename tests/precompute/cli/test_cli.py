@@ -287,6 +287,10 @@ REFUSED = {
         [*SOLVE, "--buffer", "7", "--refine", "much"],
         "--refine much: expected off, on, or a number of seconds from 0",
     ),
+    "steps too short": (
+        ["front", "flat-6km", "re460-ic", "--step", "2"],
+        "--step 2: expected a step from 5 to 100 m",
+    ),
     "l3 without map": (
         ["solve", "flat-6km", "train.json", "--buffer", "7", "--level", "l3"],
         "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map",
