@@ -155,18 +155,7 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
     account, events = subject.account, subject.chronicle.events
     rows: list[tuple[str, str]] = []
     if account is not None:
-        recovered = [leg.recovered_j for leg in account.legs if leg.recovered_j is not None]
-        early = [leg.early_j for leg in account.legs if leg.early_j is not None]
-        rows += [
-            ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
-            ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
-            ("above that optimum", f"{kwh(account.difference_j):+.1f} kWh"),
-        ]
-        if recovered:
-            rows.append(("price of late departures, in the optimum", f"{kwh(sum(recovered)):+.1f} kWh"))
-            late = sum(early) < 0
-            what = "saved by arriving late, in the optimum" if late else "price of early arrivals, in the optimum"
-            rows.append((what, f"{abs(kwh(sum(early))):.1f} kWh"))
+        rows += _energy_rows(account)
     for one in () if subject.likely is None else subject.likely.unknowns:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
@@ -182,6 +171,22 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
         if seconds:
             rows.append(("median answer", f"{float(np.median(seconds)):.0f} s"))
     return rows
+
+
+def _energy_rows(account: Account) -> list[tuple[str, str]]:
+    """From the optimum for the timetable to the energy as driven, in steps that sum."""
+    rows = []
+    against = account.against_timetable
+    if against is not None and account.timetable_j is not None:
+        rows.append(("optimum for the timetable", f"{kwh(account.timetable_j):.1f} kWh"))
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
+            rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
+    return [
+        *rows,
+        ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
+        ("above that optimum", f"{kwh(account.difference_j):+.1f} kWh"),
+        ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
+    ]
 
 
 def stop_rows(subject: ReviewedDrive) -> list[Row]:
@@ -223,6 +228,16 @@ def cause_rows(account: Account) -> list[Row]:
             "meaning": cause.meaning,
         }
         for cause, energy_j in told_causes(account)
+    ]
+
+
+def time_rows(account: Account) -> list[Row]:
+    """What the times themselves cost against the timetable; nothing without one."""
+    against = account.against_timetable
+    return [
+        {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL)
+        if against is not None
     ]
 
 
