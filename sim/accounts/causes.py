@@ -63,5 +63,5 @@ MEANINGS = {
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; what samples of 1 s blur is in it as well.",
     EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
-    EnergyCause.ARRIVAL: "The train arrived before the timetable's time, which costs energy, or after it.",
+    EnergyCause.ARRIVAL: "Arriving before the timetable's time costs energy, arriving after it saves some.",
 }

@@ -164,7 +164,7 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
     followed = compliance(subject)
     if followed is not None:
         rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))
-    answers = [one.facts for one in events if one.kind is EventKind.DRIVER]
+    answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
         rows.append(("changes of advice that were followed", f"{len(seconds)} of {len(answers)}"))
@@ -267,7 +267,11 @@ def leg_rows(account: Account) -> list[Row]:
 def event_rows(subject: ReviewedDrive) -> list[Row]:
     """What happened: everything but the single changes of the advice, and answers that were as they should be."""
     told = Filter(kinds=TOLD).choose(subject.chronicle.events)
-    unanswered = [one for one in subject.chronicle.events if one.kind is EventKind.DRIVER and not one.facts["followed"]]
+    unanswered = [
+        one
+        for one in subject.chronicle.events
+        if one.kind is EventKind.DRIVER and not one.facts.get("followed")  # refused, or attention was away
+    ]
     clock = subject.chronicle.clock
     found = sorted([*told, *unanswered, *_advice_at_marks(subject)], key=lambda one: one.time_ns)
     return [
