@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +96,13 @@ class LegAccount:
         """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
         return None if self.left_j is None else self.optimum_j - self.left_j
 
+    @property
+    def against_timetable(self) -> dict[EnergyCause, float] | None:
+        """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
+        if self.recovered_j is None or self.early_j is None:
+            return None
+        return {**self.by_cause, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
+
 
 def _between(sum_j: Floats, first: int, last: int) -> float:
     return float(sum_j[last] - sum_j[first])
@@ -128,12 +135,27 @@ class Account:
     @property
     def by_cause(self) -> Mapping[EnergyCause, float]:
         """The difference by cause (J), in the order of the causes; all causes that any leg has."""
-        parts = [leg.by_cause for leg in self.legs]
-        return {
-            cause: sum(one.get(cause, 0.0) for one in parts)
-            for cause in EnergyCause
-            if any(cause in one for one in parts)
-        }
+        return _summed([leg.by_cause for leg in self.legs])
+
+    @property
+    def timetable_j(self) -> float | None:
+        """Energy of the optimum for the timetable (J); None where a leg has none."""
+        known = [leg.timetable_j for leg in self.legs if leg.timetable_j is not None]
+        return sum(known) if len(known) == len(self.legs) else None
+
+    @property
+    def against_timetable(self) -> Mapping[EnergyCause, float] | None:
+        """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
+        parts = [leg.against_timetable for leg in self.legs]
+        known = [one for one in parts if one is not None]
+        return _summed(known) if len(known) == len(parts) else None
+
+
+def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, float]:
+    """The parts of several legs together, in the order of the causes."""
+    return {
+        cause: sum(one.get(cause, 0.0) for one in parts) for cause in EnergyCause if any(cause in one for one in parts)
+    }
 
 
 def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Account:

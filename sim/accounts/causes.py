@@ -19,6 +19,9 @@ class EnergyCause(StrEnum):
     RESTRICTION = "restriction"
     TRAIN = "train"
     REST = "rest"
+    RECOVERED = "lateness-recovered"
+    """Only against the timetable's optimum, as `ARRIVAL`: the optimum for the same times holds both."""
+    ARRIVAL = "arrival-off-timetable"
 
     @property
     def label(self) -> str:
@@ -43,6 +46,8 @@ LABELS = {
     EnergyCause.RESTRICTION: "temporary restriction",
     EnergyCause.TRAIN: "train, wind, rail",
     EnergyCause.REST: "rest, not told apart",
+    EnergyCause.RECOVERED: "lateness recovered",
+    EnergyCause.ARRIVAL: "arrival off the timetable",
 }
 
 MEANINGS = {
@@ -57,4 +62,6 @@ MEANINGS = {
     EnergyCause.RESTRICTION: "Restrictions that the optimum does not know were told or lifted.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; what samples of 1 s blur is in it as well.",
     EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
+    EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
+    EnergyCause.ARRIVAL: "Arriving before the timetable's time costs energy, arriving after it saves some.",
 }

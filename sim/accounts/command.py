@@ -44,6 +44,7 @@ def _print_causes(account: Account) -> None:
     from rich.table import Table
 
     from das.domain.units import kwh
+    from sim.accounts.causes import EnergyCause
 
     columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in account.legs]
     table = Table(title="energy at the current collector, kWh", title_justify="left")
@@ -51,6 +52,14 @@ def _print_causes(account: Account) -> None:
     for name, _, _ in columns:
         table.add_column(name, justify="right")
     table.add_column("all", justify="right", no_wrap=True)
+    told = dict(account.by_cause)
+    if account.against_timetable is not None and account.timetable_j is not None:
+        due = [kwh(leg.timetable_j or 0.0) for _, _, leg in columns]
+        table.add_row("optimum for the timetable", *(f"{x:.1f}" for x in due), f"{kwh(account.timetable_j):.1f}")
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
+            told[cause] = account.against_timetable[cause]
+            cells = (f"{kwh((leg.against_timetable or {}).get(cause, 0.0)):+.1f}" for _, _, leg in columns)
+            table.add_row(f"  {cause.label}", *cells, f"{kwh(told[cause]):+.1f}")
     best = [kwh(leg.optimum_j) for _, _, leg in columns]
     table.add_row("optimum for the same times", *(f"{x:.1f}" for x in best), f"{sum(best):.1f}")
     for cause, energy_j in account.by_cause.items():
@@ -58,21 +67,7 @@ def _print_causes(account: Account) -> None:
         table.add_row(f"  {cause.label}", *cells, f"{kwh(energy_j):+.1f}")
     driven = [kwh(leg.driven_j) for _, _, leg in columns]
     table.add_row("as driven", *(f"{x:.1f}" for x in driven), f"{sum(driven):.1f}")
-    print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in account.by_cause})
-    for _, _, leg in columns:
-        _tell_time(leg.leg.end.name, leg.recovered_j, leg.early_j)
-
-
-def _tell_time(stop: str, recovered_j: float | None, early_j: float | None) -> None:
-    """Say what the times of a leg cost by themselves, where that is worth a line."""
-    from das.domain.units import kwh
-
-    if recovered_j is None or early_j is None or max(abs(kwh(recovered_j)), abs(kwh(early_j))) < TOLD_KWH:
-        return
-    tell(
-        f"{stop}: leaving when the train did, instead of by the timetable, costs {kwh(recovered_j):+.1f} kWh; "
-        f"arriving when it did, {kwh(early_j):+.1f} kWh. Both are within the optimum for the same times."
-    )
+    print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
 
 
 def _print_places(account: Account) -> None:

@@ -14,12 +14,17 @@ from sim.accounts.places import Places
 
 def as_dict(account: Account) -> dict[str, Any]:
     """The account for programs: energies in kWh at the current collector, times in s, positions in m."""
+    against = account.against_timetable
     return {
         "driven_kwh": kwh(account.driven_j),
         "optimum_same_times_kwh": kwh(account.optimum_j),
         "above_optimum_kwh": kwh(account.difference_j),
         "measured": account.measured,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in account.by_cause.items()},
+        "optimum_timetable_kwh": None if account.timetable_j is None else kwh(account.timetable_j),
+        "by_cause_against_timetable_kwh": None
+        if against is None
+        else {str(cause): kwh(energy_j) for cause, energy_j in against.items()},
         "legs": [leg_dict(leg) for leg in account.legs],
     }
 

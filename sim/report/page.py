@@ -63,6 +63,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "figures": words.figures(subject),
         "stops": words.stop_rows(subject),
         "causes": [] if account is None else words.cause_rows(account),
+        "times": [] if account is None else words.time_rows(account),
         "legs": [] if account is None else words.leg_rows(account),
         "worst": [(one.where, f"{kwh(one.more_j):.1f}", one.cause.label) for one in worst],
         "why_not": subject.why_not,

@@ -156,18 +156,7 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
     account, events = subject.account, subject.chronicle.events
     rows: list[tuple[str, str]] = []
     if account is not None:
-        recovered = [leg.recovered_j for leg in account.legs if leg.recovered_j is not None]
-        early = [leg.early_j for leg in account.legs if leg.early_j is not None]
-        rows += [
-            ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
-            ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
-            ("above that optimum", f"{kwh(account.difference_j):+.1f} kWh"),
-        ]
-        if recovered:
-            rows.append(("price of late departures, in the optimum", f"{kwh(sum(recovered)):+.1f} kWh"))
-            late = sum(early) < 0
-            what = "saved by arriving late, in the optimum" if late else "price of early arrivals, in the optimum"
-            rows.append((what, f"{abs(kwh(sum(early))):.1f} kWh"))
+        rows += _energy_rows(account)
     for one in () if subject.likely is None else subject.likely.unknowns:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
@@ -177,13 +166,29 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
     followed = compliance(subject)
     if followed is not None:
         rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))
-    answers = [one.facts for one in events if one.kind is EventKind.DRIVER]
+    answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
         rows.append(("changes of advice that were followed", f"{len(seconds)} of {len(answers)}"))
         if seconds:
             rows.append(("median answer", f"{float(np.median(seconds)):.0f} s"))
     return rows
+
+
+def _energy_rows(account: Account) -> list[tuple[str, str]]:
+    """From the optimum for the timetable to the energy as driven, in steps that sum."""
+    rows = []
+    against = account.against_timetable
+    if against is not None and account.timetable_j is not None:
+        rows.append(("optimum for the timetable", f"{kwh(account.timetable_j):.1f} kWh"))
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
+            rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
+    return [
+        *rows,
+        ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
+        ("above that optimum", f"{kwh(account.difference_j):+.1f} kWh"),
+        ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
+    ]
 
 
 def stop_rows(subject: ReviewedDrive) -> list[Row]:
@@ -228,6 +233,16 @@ def cause_rows(account: Account) -> list[Row]:
     ]
 
 
+def time_rows(account: Account) -> list[Row]:
+    """What the times themselves cost against the timetable; nothing without one."""
+    against = account.against_timetable
+    return [
+        {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL)
+        if against is not None
+    ]
+
+
 def told_causes(account: Account) -> list[tuple[EnergyCause, float]]:
     """The causes with their energies (J), the largest first; without those that nobody could measure."""
     parts = [one for one in account.by_cause.items() if one[1] or account.measured]
@@ -254,7 +269,11 @@ def leg_rows(account: Account) -> list[Row]:
 def event_rows(subject: ReviewedDrive) -> list[Row]:
     """What happened: everything but the single changes of the advice, and answers that were as they should be."""
     told = Filter(kinds=TOLD).choose(subject.chronicle.events)
-    unanswered = [one for one in subject.chronicle.events if one.kind is EventKind.DRIVER and not one.facts["followed"]]
+    unanswered = [
+        one
+        for one in subject.chronicle.events
+        if one.kind is EventKind.DRIVER and not one.facts.get("followed")  # refused, or attention was away
+    ]
     clock = subject.chronicle.clock
     found = sorted([*told, *unanswered, *_advice_at_marks(subject)], key=lambda one: one.time_ns)
     return [

@@ -196,7 +196,8 @@ def _print(found: Changed, new: Otherwise, files: tuple[Path, Path], notes: list
         table.add_column(name, justify="right")
     for row in found.rows():
         table.add_row(*row)
-    print_table(table)
+    if table.row_count:
+        print_table(table)
     for line in found.sentences():
         paragraph(line)
     for note in notes:

@@ -117,6 +117,8 @@ class Changed:
             told.append(f"The advice differs at {advice.differing} of {advice.moments} moments{by}.")
         if first is not None:
             told.append(f"It differs first at {place(first.s_m)}: {first.first}, and now {first.other}.")
+        if self.kind is WhatIfKind.DRIVEN_ANEW and self.aligned is not None and not self.aligned.drives[0].measured:
+            told.append("The recorded energy is an estimate, with motors that brake first; the new one is measured.")
         if self.aligned is None:
             told.append(f"The drives cannot be put beside each other: {self.why_not}.")
         return told

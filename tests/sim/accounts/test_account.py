@@ -111,6 +111,25 @@ def test_a_train_that_is_heavier_than_planned_is_told_apart(tmp_path: Path) -> N
     assert heavier.by_cause[EnergyCause.TRAIN] > 0.4 * heavier.difference_j
 
 
+def test_lateness_that_is_recovered_has_its_price_in_the_sum_against_the_timetable(tmp_path: Path) -> None:
+    """A driver who leaves 15 s late and goes for the timetable pays for it although he drives as well as possible."""
+    late = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 15\n"
+    in_time, delayed = (
+        account(day, PerfectDriver(day.service.line)) for day in (short_day(tmp_path), short_day(tmp_path, late))
+    )
+    for found in (in_time, delayed):
+        against, timetable_j = found.against_timetable, found.timetable_j
+        assert against is not None
+        assert timetable_j is not None
+        assert sum(against.values()) == pytest.approx(found.driven_j - timetable_j, abs=1e-3 * found.driven_j)
+    assert in_time.timetable_j == pytest.approx(delayed.timetable_j)
+    price_j = (delayed.against_timetable or {})[EnergyCause.RECOVERED]
+    more_j = delayed.driven_j - in_time.driven_j
+    assert price_j > 0.05 * in_time.driven_j
+    assert price_j + (delayed.against_timetable or {})[EnergyCause.ARRIVAL] == pytest.approx(more_j, rel=0.15)
+    assert abs((in_time.against_timetable or {})[EnergyCause.RECOVERED]) < 0.2 * price_j
+
+
 def test_the_rows_for_programs_have_every_place_and_cause(tmp_path: Path) -> None:
     day = short_day(tmp_path)
     found = account(day, DrivesFaster(PerfectDriver(day.service.line), FIVE_KMH))

@@ -20,7 +20,7 @@ from sim.accounts.shown import ShownAdvice
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
 from sim.events.chronicle import Chronicle
-from sim.events.event import EventKind
+from sim.events.event import DriveEvent, EventKind
 from sim.recording.check import check_contents, check_file
 from sim.report import words
 from sim.report.page import as_dict, compared, page
@@ -94,6 +94,18 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     assert figures["temporary restrictions told"] == "none"
     assert "Advice was never withdrawn." in text
     assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh, mainly against the advice\.", text)
+
+
+def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
+    """A simulated driver's lapses are events of the driver like his answers, and used to end the command."""
+    away = DriveEvent(
+        time_ns=fast().chronicle.clock.zero_ns, kind=EventKind.DRIVER, text="attention is away for 12 s", s_m=0.0,
+        facts={"away_s": 12.0},
+    )  # fmt: skip
+    chronicle = replace(fast().chronicle, events=(*fast().chronicle.events, away))
+    found = replace(fast(), chronicle=chronicle)
+    assert words.figures(found) == words.figures(fast())
+    assert away.text in [row["text"] for row in words.event_rows(found)]
 
 
 def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections import defaultdict
 from pathlib import Path
 from tempfile import mkdtemp
@@ -14,6 +15,7 @@ from das.bus.recording import Recording, read_recording
 from das.bus.topics import ADVICE, JOURNEY, RESTRICTION
 from das.cab.heard import ToldRestriction
 from das.domain.errors import DasError
+from das.domain.files.load import catalogue
 from das.domain.levels import Level
 from sim.accounts.shown import ShownAdvice
 from sim.compare.aligned import AlignedDrives
@@ -88,15 +90,23 @@ def anew(path: Path, out: Path, new: Otherwise | None = None) -> Path:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A simulated day with a restriction, a late departure and a restart of the node, over the bus."""
+    """A simulated day with a restriction, a late departure and a restart of the node, over the bus.
+
+    Line and train are files of the user's own. They are gone afterwards: the recording brings along what is needed.
+    """
     folder = tmp_path_factory.mktemp("what-if")
-    scenario = folder / "flat.toml"
-    scenario.write_text(DAY, encoding="utf-8")
+    inputs = folder / "inputs"
+    inputs.mkdir()
+    for kind, name in (("routes", "flat-6km"), ("vehicles", "re460-ic")):
+        shutil.copy(catalogue(kind)[name], inputs)
+    scenario = inputs / "flat.toml"
+    own = DAY.replace('"flat-6km"', '"flat-6km.toml"').replace('"re460-ic"', '"re460-ic.toml"')
+    scenario.write_text(own, encoding="utf-8")
     day = make_day(prepare_service(read_scenario(scenario)), 3)
     how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
     out = folder / "day.mcap"
     run_over_bus(day, day.driver(DriverKind.HUMAN), how.advice, make_crew(day, how, out))
-    scenario.unlink()  # the recording brings along what is needed
+    shutil.rmtree(inputs)
     return out
 
 
