@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from das.bus.recording import Recording
+from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from sim.review.viewer import check_display, free_port, run_viewer, viewer_address
@@ -49,7 +51,7 @@ def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> N
 
 
 def open_view(recording: Recording, *, with_map: bool = False) -> None:
-    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C closes it.
+    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and a request to end close it.
 
     The viewer opens with what was recorded; where the energy went follows as soon as that is found. It listens on
     127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
@@ -57,11 +59,16 @@ def open_view(recording: Recording, *, with_map: bool = False) -> None:
     _check_installed()
     check_display()
     shown, port = ReviewView.of(recording, with_map=with_map), free_port()
+    interrupt_on_termination()
     run_viewer(port, lambda: feed_viewer(shown, port))
 
 
 def feed_viewer(shown: ReviewView, port: int) -> None:
-    """Send a view to the viewer that listens on a port of this machine: what was recorded, then the account."""
+    """Send a view to the viewer that listens on a port of this machine: what was recorded, then the account.
+
+    A viewer that is closed meanwhile is no error; rerun's own words about it are kept from the terminal.
+    """
+    os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
     with shown.stream() as out:
         out.connect_grpc(viewer_address(port), default_blueprint=shown.blueprint())
         shown.send(out)
