@@ -6,12 +6,11 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 from rich import box
 from rich.table import Table
 
@@ -25,6 +24,7 @@ from sim.experiment.driving import service_of
 from sim.experiment.files import KEY_HASH
 from sim.experiment.freezing import resolved
 from sim.experiment.sensing import Sensed, SensingTest
+from sim.experiment.setting import Setting
 from sim.experiment.trials import StudyTrial, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
 
@@ -42,8 +42,8 @@ class DesignCheck:
     """What the check of a design found.
 
     `person_s` is how long the longest participant is busy, breaks included, and `all_s` all participants together.
-    `notes` are sentences about balance and order; `sensed` says what driving showed of each factor. `drive_s` is the
-    median time by the stopwatch that a simulated drive took here.
+    `notes` are sentences about balance and order; `sensed` says what driving showed of each factor. `work_s` is how
+    long one core of this machine would take to drive all trials, as fast as it drove those of the check.
     """
 
     digest: str
@@ -55,7 +55,7 @@ class DesignCheck:
     all_s: float
     notes: tuple[str, ...]
     sensed: tuple[Sensed, ...]
-    drive_s: float = math.nan
+    work_s: float = math.nan
 
     @property
     def refusals(self) -> list[str]:
@@ -101,9 +101,10 @@ def check_design(design: Design, clock: Callable[[], float] = time.perf_counter)
     with progress_bar("check", "solving the lines", "drives") as progress:
 
         def said(done: int) -> None:
-            progress(done, max(done, _least_drives(design)))
+            progress(done, max(done + 1, _least_drives(design)))
 
-        spans_s = _spans_s(design, trials)
+        lengths_s = _lengths_s(design)
+        spans_s = _spans_s(design, trials, lengths_s)
         test = SensingTest(design=design, said=said, clock=clock)
         sensed = tuple(test.of(factor) for factor in design.factors)
     return DesignCheck(
@@ -116,7 +117,7 @@ def check_design(design: Design, clock: Callable[[], float] = time.perf_counter)
         all_s=sum(spans_s),
         notes=(*imbalances(design, trials), *_order_notes(design)),
         sensed=sensed,
-        drive_s=float(np.median(test.spans_s)),
+        work_s=_work_s(test, trials, lengths_s),
     )
 
 
@@ -125,19 +126,29 @@ def _least_drives(design: Design) -> int:
     return 1 + sum(len(factor.levels) - 1 for factor in design.factors)
 
 
-def _spans_s(design: Design, trials: Sequence[StudyTrial]) -> list[float]:
-    """How long each participant is busy (s): the trips by their timetables, and the breaks."""
-    length_s = {}
-    for setting in sorted({trial.setting for trial in trials}, key=str):
+def _lengths_s(design: Design) -> dict[Setting, float]:
+    """How long a trial of each setting takes by its timetable (s), as simulated time."""
+    found = {}
+    for setting in sorted(set(design.settings()), key=str):
         service = service_of(setting)
-        length_s[setting] = BEFORE_S + service.clock_s(service.timetables[-1].arrival_ns) + AFTER_S
-    spans = [0.0] * design.people.count
-    sessions = [1] * design.people.count
+        found[setting] = BEFORE_S + service.clock_s(service.timetables[-1].arrival_ns) + AFTER_S
+    return found
+
+
+def _spans_s(design: Design, trials: Sequence[StudyTrial], lengths_s: Mapping[Setting, float]) -> list[float]:
+    """How long each participant is busy (s): the trips by their timetables, and the breaks."""
+    spans, sessions = [0.0] * design.people.count, [1] * design.people.count
     for trial in trials:
-        spans[trial.who - 1] += length_s[trial.setting]
+        spans[trial.who - 1] += lengths_s[trial.setting]
         sessions[trial.who - 1] = trial.session
     breaks = design.procedure.break_s
     return [span + breaks * (count - 1) for span, count in zip(spans, sessions, strict=True)]
+
+
+def _work_s(test: SensingTest, trials: Sequence[StudyTrial], lengths_s: Mapping[Setting, float]) -> float:
+    """How long one core takes to drive all trials (s), by how long it took for what the check drove."""
+    driven_s = sum(lengths_s[setting] for setting, _ in test.timed)
+    return sum(span_s for _, span_s in test.timed) / driven_s * sum(lengths_s[trial.setting] for trial in trials)
 
 
 def _order_notes(design: Design) -> list[str]:
@@ -179,8 +190,8 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
     )
     cores = os.cpu_count() or 1
     paragraph(
-        f"driving them takes about {math.ceil(found.trials * found.drive_s / cores / MINUTE_S)} min here "
-        f"({found.drive_s:.1f} s a trial, {cores} cores), as busy as this machine is now"
+        f"driving them takes about {math.ceil(found.work_s / cores / MINUTE_S)} min on {cores} cores, as busy as this "
+        "machine is now"
     )
     paragraph(f"measures: {len(design.plan.measures)}; planned comparisons: {_comparison_words(design)}")
     for note in found.notes:

@@ -283,13 +283,17 @@ def _people(table: Fields) -> People:
 
 
 def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
-    table.check_keys(list(Procedure.__dataclass_fields__))
+    keys = [name for name in Procedure.__dataclass_fields__ if name != "break_s"]
+    table.check_keys([*keys, *table.quantity_keys({"break": "time"})])
+    break_s = table.quantity("break", "time", Procedure.break_s)
+    if not 0 <= break_s <= LONGEST_BREAK_S:
+        raise table.error("break", break_s, f"0 to {LONGEST_BREAK_S:g} s")
     found = Procedure(
         order=_one_of(ConditionOrder, table, "order", Procedure.order),
         repetitions=_whole(table, "repetitions", (1, MOST_TRIALS_EACH), Procedure.repetitions),
         practice_trials=_whole(table, "practice_trials", (0, MOST_TRIALS_EACH), Procedure.practice_trials),
         break_after=_whole(table, "break_after", (0, MOST_TRIALS_EACH), Procedure.break_after),
-        break_s=_real(table, "break_s", (0.0, LONGEST_BREAK_S), Procedure.break_s),
+        break_s=break_s,
         days=_one_of(Days, table, "days", Procedure.days),
         chances=_one_of(Chances, table, "chances", Procedure.chances),
     )

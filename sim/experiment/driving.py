@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
@@ -24,8 +24,9 @@ from sim.world.outcome import outcome
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.service import Service
 
-_services = ServiceMemory(most=2)
-"""The services of this process: that of the true train's losses, and that of the advice's."""
+LINES_KEPT: Final = 3
+"""Solved lines that a process keeps: that of the true train's losses, and those of two levels of the advice's."""
+_services = ServiceMemory(most=LINES_KEPT)
 
 
 class TrialRecording(NamedTuple):

@@ -18,12 +18,14 @@ from das.domain.errors import DasError
 from sim.batch.plan import code_sha256
 from sim.drivers.population import load_population
 from sim.experiment.design import Design
-from sim.experiment.driving import TrialCall, TrialRecording, drive
+from sim.experiment.driving import LINES_KEPT, TrialCall, TrialRecording, drive
 from sim.experiment.freezing import setting_files
 from sim.experiment.measures import measured
+from sim.experiment.setting import Setting
 from sim.experiment.trial_files import events_file, recording_file, series_file, trial_files
 from sim.experiment.trials import StudyTrial, trials_of
 from sim.recording.inputs import sha256
+from sim.world.service import PLANNED
 
 
 class Keep(StrEnum):
@@ -124,13 +126,21 @@ def worked_off(job: TrialJob) -> DrivenTrial:
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
-    """The jobs so that those of one line, train and loss level follow each other: a worker solves each only once."""
-    return sorted(jobs, key=lambda job: (*_service_key(job), job.trial.number))
+    """The jobs so that those of one solved line follow each other, and else in the order of the trials.
+
+    A worker keeps the lines of a few loss levels. Up to so many of them are driven in turn, so that what is finished of
+    a study that was stopped is balanced.
+    """
+    settings = {job.trial.setting for job in jobs}
+    many_levels = len({setting.loss_level for setting in settings}) >= LINES_KEPT
+    lines = {setting: _line_of(setting, by_level=many_levels) for setting in settings}
+    return sorted(jobs, key=lambda job: (lines[job.trial.setting], job.trial.number))
 
 
-def _service_key(job: TrialJob) -> tuple[str, str, str]:
-    setting = job.trial.setting
-    return setting.scenario, setting.train or "", str(setting.loss_level or "")
+def _line_of(setting: Setting, *, by_level: bool) -> str:
+    """What the solved lines of a setting depend on: line, train and timetable, and the advice's losses."""
+    scenario = setting.read_scenario()
+    return repr([*(getattr(scenario, name) for name in PLANNED), setting.loss_level if by_level else None])
 
 
 def is_finished(job: TrialJob, rows: Mapping[str, Mapping[str, Any]]) -> bool:

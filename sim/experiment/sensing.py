@@ -56,7 +56,8 @@ class SensingTest:
     design: Design
     said: Callable[[int], None]
     clock: Callable[[], float]
-    spans_s: list[float] = field(default_factory=list)
+    timed: list[tuple[Setting, float]] = field(default_factory=list)
+    """What was driven, and how long that took by the stopwatch (s)."""
     _traces: dict[tuple[Setting, int], str | None] = field(default_factory=dict)
     _failed: str | None = None
 
@@ -93,7 +94,7 @@ class SensingTest:
                 self._traces[key] = lever_trace_sha256(drive(call).looks)
             except DasError as error:
                 self._traces[key], self._failed = None, str(error)
-            self.spans_s.append(self.clock() - began_s)
+            self.timed.append((setting, self.clock() - began_s))
             self.said(len(self._traces))
         return self._traces[key]
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,17 @@ def test_every_column_of_the_folder_is_described(study: Path) -> None:
         metadata = {key.decode(): text.decode() for key, text in entry.metadata.items()}
         assert metadata["meaning"] == sidecar[entry.name]["Description"]
         assert metadata.get("unit", "n/a") == sidecar[entry.name]["Units"]
+
+
+def test_the_folder_is_named_as_bids_names_it_or_says_what_is_not(study: Path) -> None:
+    validator = pytest.importorskip("bids_validator").BIDSValidator()
+    ignored = (study / ".bidsignore").read_text().split()
+    files = [path.relative_to(study) for path in study.rglob("*") if path.is_file() and path.name[0] != "."]
+    known = [path for path in files if validator.is_bids(f"/{path.as_posix()}")]
+    assert {"participants.tsv", "dataset_description.json", "task-drive_events.json"} <= {str(one) for one in known}
+    assert sum(path.name.endswith("_events.tsv") for path in known) == 6
+    left = [path for path in files if path not in known]
+    assert [path for path in left if not any(fnmatch(path.name, one) for one in ignored)] == []
 
 
 def test_the_folder_opens_in_one_line_a_table(study: Path) -> None:

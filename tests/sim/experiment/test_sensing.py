@@ -61,7 +61,7 @@ def test_a_check_counts_trials_and_says_how_long_they_take(tmp_path: Path) -> No
     ticks = iter(range(100))
     found = check_design(read_design(path), clock=lambda: 2.0 * next(ticks))
     assert (found.trials, found.practice, found.conditions, found.participants) == (6, 2, 2, 2)
-    assert found.drive_s == 2.0
+    assert found.work_s == pytest.approx(6 * 2.0)
     timetable_s = 234.0  # by the timetable of this day, and 10 s before and after
     assert found.person_s == pytest.approx(3 * (timetable_s + 20.0) + 100.0)
     assert found.all_s == pytest.approx(2 * found.person_s)

@@ -10,6 +10,7 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.experiment.design import ConditionOrder, read_design
+from sim.experiment.jobs import Keep, in_order_of_work, jobs_of
 from sim.experiment.orders import order_of, williams
 from sim.experiment.trials import StudyTrial, imbalances, trials_of
 
@@ -95,3 +96,19 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(tmp_path: Path) -> Non
         "3 orders in each group, expected a multiple of 6 for order williams",
         "conditions have between 2 and 3 trials",
     ]
+
+
+def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(tmp_path: Path) -> None:
+    """The two bundled scenarios share the line of Zürich to Luzern; the flat line is another one."""
+    text = HEAD.replace("[fixed]\nscenario = 'flat-6km'\n", "") + "[participants]\ncount = 2\n"
+    text += "[[factors]]\nname = 'scenario'\nlevels = ['clear-day', 'flat-6km', 'signal-stop']\n"
+    text += "[[factors]]\nname = 'loss_level'\nlevels = ['l2', 'l3']\n"
+    path = tmp_path / "design.toml"
+    path.write_text(text)
+    jobs = in_order_of_work(jobs_of(read_design(path), Keep.MEASURES, tmp_path))
+    lines = [job.trial.setting.scenario == "flat-6km" for job in jobs]
+    assert lines == sorted(lines) or lines == sorted(lines, reverse=True)
+    numbers = [job.trial.number for job in jobs]
+    for one in (True, False):
+        own = [number for number, flat in zip(numbers, lines, strict=True) if flat is one]
+        assert own == sorted(own)
