@@ -48,8 +48,13 @@ class Departure:
         self._depart_s = math.inf
         self._stood = False
 
-    def begins(self) -> bool:
-        """Whether this is the first look since the train stood; asked once."""
+    def begins(self, cab: CabView) -> bool:
+        """Whether this is the first look since the train stood; asked once.
+
+        A train that moves has departed: where it stands next, even between stops, it is set in motion anew.
+        """
+        if cab.speed_mps > 0:
+            self._depart_s = math.inf
         stood, self._stood = self._stood, False
         return stood
 
@@ -110,7 +115,7 @@ class HumanDriver:
             return COAST
         outlook = self._foresight.outlook(cab)
         if not self._lapses.away(cab, outlook.allowed_mps(cab.s_m)):
-            if self._departure.begins():
+            if self._departure.begins(cab):
                 self._display.depart(cab)
             self._display.look(cab)
             self._handling.efforts = Efforts.at(cab.speed_mps, outlook.train)

@@ -92,6 +92,23 @@ def test_at_departure_the_advice_up_to_the_stop_is_over() -> None:
     assert set_to[-1] == 1.0
 
 
+def test_who_comes_to_a_stand_between_stops_releases_the_brakes_and_goes_on_after_a_reaction() -> None:
+    """Advice to brake was followed to a stand far from any stop; then full traction is shown."""
+    human = HumanDriver(endless(), replace(WILLING, reaction_median_s=3.0), seed=1)
+    assert driven(human, Mode.FULL_TRACTION, 1.0, looks=50).value == 1.0
+    set_to = []
+    for i in range(50, 150):
+        now_s, mode, ratio = 0.2 * i, Mode.FULL_TRACTION, 1.0
+        if i < 100:
+            mode, ratio = Mode.REDUCED_BRAKE, -0.4
+        shown, v_mps = view(mode, ratio, now_s, 3.0), 3.0 if i < 100 else 0.0
+        cab = cab_of(PlantState(now_s, 300.0, v_mps), stop_m=50_000.0, advice=shown)
+        set_to.append(human.command(cab).value)
+    assert set_to[49] == pytest.approx(-0.4)
+    assert set_to[50:64] == [0.0] * 14
+    assert set_to[-1] == 1.0
+
+
 def test_advice_that_is_withdrawn_is_given_up_after_a_reaction() -> None:
     human = HumanDriver(endless(), replace(WILLING, reaction_median_s=3.0), seed=1)
     assert driven(human, Mode.FULL_TRACTION, 1.0, looks=100).value == 1.0
