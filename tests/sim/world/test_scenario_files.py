@@ -15,7 +15,7 @@ from sim.world.disturbances import (
     described,
 )
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
-from sim.world.service import prepare_service
+from sim.world.service import lay_out, prepare_service
 from tests.support.flat_days import FLAT
 
 RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 1\nto_km = 2\nspeed_kmh = 60\nannounced_m = 500\n"
@@ -157,3 +157,22 @@ def test_what_happens_is_said_as_people_say_it() -> None:
     assert described(load_scenario("clear-day").day(0)) == "nothing"
     for name in bundled_scenarios():
         assert described(load_scenario(name).day(0))
+
+
+@pytest.mark.parametrize(("calls", "stops"), [("[]", 2), ('["thalwil"]', 3), ('["Thalwil", "Zug"]', 4)])
+def test_a_train_calls_where_the_scenario_says(tmp_path: Path, calls: str, stops: int) -> None:
+    text = FLAT.replace('"flat-6km"', '"zurich-luzern"').replace("[timetable]", f"calls = {calls}\n[timetable]")
+    path = tmp_path / "calls.toml"
+    path.write_text(text, encoding="utf-8")
+    assert len(lay_out(read_scenario(path))[2]) == stops
+
+
+@pytest.mark.parametrize(
+    ("calls", "message"),
+    [('["Bern"]', r"scenario.calls has 'Bern': expected some of A, B"), ("3", "scenario.calls = 3")],
+)
+def test_a_call_that_cannot_be_is_refused(tmp_path: Path, calls: str, message: str) -> None:
+    path = tmp_path / "calls.toml"
+    path.write_text(FLAT.replace("[timetable]", f"calls = {calls}\n[timetable]"), encoding="utf-8")
+    with pytest.raises(DasError, match=message):
+        lay_out(read_scenario(path))
