@@ -39,7 +39,6 @@ def test_what_a_human_driver_goes_by_is_admitted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("factor", "fixed"),
     [
-        ("name = 'preview_s'\nlevels = [0, 'all']", ""),
         ("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'"),
         ("name = 'hold_s'\nlevels = [0, 20]", "presentation = 'none'"),
         ("name = 'friction'\nlevels = ['as-measured', 'electric-first']", "driver = 'perfect'"),
@@ -69,8 +68,9 @@ def test_a_check_counts_trials_and_says_how_long_they_take(tmp_path: Path) -> No
     assert [note[:17] for note in found.notes] == ["the order is idle"]
 
 
-def test_a_perfect_follower_senses_the_preview(tmp_path: Path) -> None:
-    (found,) = sensed(tmp_path, "driver = 'perfect'", "name = 'preview_s'\nlevels = [0, 'all']")
+@pytest.mark.parametrize("driver", ["human", "perfect"])
+def test_a_driver_senses_the_preview(tmp_path: Path, driver: str) -> None:
+    (found,) = sensed(tmp_path, f"driver = '{driver}'", "name = 'preview_s'\nlevels = [0, 'all']")
     assert found == Sensed(factor="preview_s", days=1, alike=())
 
 
