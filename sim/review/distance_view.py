@@ -109,13 +109,17 @@ def send_distance(out: rr.RecordingStream, lines: Timelines, story: Story) -> Pl
     _grid(out, plane)
     _stops(out, plane, story)
     _places(out, plane, story)
-    for name, at_m, values in _curves(story):
+    for number, (name, at_m, values) in enumerate(_curves(story)):
         strip, style = name.split("/")[0], STYLES[name]
         pieces = unbroken(plane.x(at_m), plane.y(strip, values), values)
         if style.held:
             pieces = [stepped(piece) for piece in pieces]
         radius, color = rr.Radius.ui_points(0.6 * style.width), rgba(VIEWER.of[style.meaning])
-        out.log(f"distance/{name}", rr.LineStrips2D(pieces, colors=color, radii=radius), static=True)
+        out.log(
+            f"distance/{name}",
+            rr.LineStrips2D(pieces, colors=color, radii=radius, draw_order=20.0 + number),
+            static=True,
+        )
     _key(out, story)
     _here(out, plane, lines, story)
     return plane
@@ -170,7 +174,7 @@ def _grid(out: rr.RecordingStream, plane: Plane) -> None:
             lines.append(np.array([(0.0, y), (WIDTH, y)]))
             text = f"{value + 0.0:g}{f' {strip.title}' if value == top else ''}"
             texts.append((-14.0 - LETTER * len(text), y, text))
-    out.log("distance/grid", rr.LineStrips2D(lines, colors=GRID, radii=THIN), static=True)
+    out.log("distance/grid", rr.LineStrips2D(lines, colors=GRID, radii=THIN, draw_order=10.0), static=True)
     _texts(out, "distance/axes", texts, [INK] * len(texts))
 
 
@@ -240,5 +244,9 @@ def _here(out: rr.RecordingStream, plane: Plane, lines: Timelines, story: Story)
     blue = rgba(VIEWER.of[Meaning.DRIVEN])
     out.log("distance/here", rr.LineStrips2D.from_fields(colors=INK, radii=rr.Radius.ui_points(1.2)), static=True)
     out.send_columns("distance/here", index, rr.LineStrips2D.columns(strips=strips))
-    out.log("distance/train", rr.Points2D.from_fields(colors=blue, radii=rr.Radius.ui_points(5.0)), static=True)
+    out.log(
+        "distance/train",
+        rr.Points2D.from_fields(colors=blue, radii=rr.Radius.ui_points(6.0), draw_order=40.0),
+        static=True,
+    )
     out.send_columns("distance/train", index, rr.Points2D.columns(positions=np.column_stack((x, y))))
