@@ -1,4 +1,4 @@
-"""The colours of all pictures and views: one meaning each, once for dark and once for white backgrounds.
+"""The colours of all pictures and views: one meaning each, for dark and for white backgrounds, and for the viewer.
 
 The colours on white are those of `das-sim report`. tests/sim/review/test_colors.py holds that people can tell them
 apart, also with the common kinds of colour blindness where lines share an axis.
@@ -98,6 +98,32 @@ LIGHT: Final = Theme(
         Meaning.NO_ADVICE: "#7a858a",
     },
 )
+VIEWER: Final = Theme(
+    name="viewer",
+    background="#1c1f21",
+    ink="#7c878d",
+    grid="#7c878d",
+    of={
+        Meaning.DRIVEN: "#2f86d6",
+        Meaning.ADVISED: "#d9730d",
+        Meaning.SHOWN: "#4848f0",
+        Meaning.LIMIT: "#b5313a",
+        Meaning.OPTIMUM: "#14996b",
+        Meaning.OPERATOR: "#9673d3",
+        Meaning.GRADIENT: "#9c8150",
+        Meaning.LOST: "#e0558f",
+        Meaning.AGAINST: "#57a80a",
+        Meaning.ERROR: "#1591a8",
+        Meaning.MASS: "#a800f0",
+        Meaning.RESISTANCE: "#5d9c93",
+        Meaning.NOTE: "#d43cc6",
+        Meaning.WARNING: "#b98900",
+        Meaning.DANGER: "#ec3c31",
+        Meaning.NO_ADVICE: "#7c878d",
+    },
+)
+"""Colours for the viewer, whose ground is dark or light as the desktop is: middle tones that are readable on either."""
+VIEWER_GROUNDS: Final = ("#1c1f21", "#f2f2f2")
 THEMES: Final = {theme.name: theme for theme in (DARK, LIGHT)}
 
 MODES: Final = {

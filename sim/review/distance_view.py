@@ -15,7 +15,7 @@ import rerun as rr
 
 from das.bus import topics
 from das.domain.units import KM, KMH
-from sim.review.colors import DARK, Meaning, rgba
+from sim.review.colors import VIEWER, Meaning, rgba
 from sim.review.series import STYLES, FirstPlans, Floats
 from sim.review.story import Story
 from sim.review.timelines import Timelines
@@ -28,8 +28,9 @@ FURNITURE: Final = ("grid", "axes", "stops", "names", "key", "here")
 SIGNAL_SHARE: Final = 0.12
 LETTER: Final = 6.0
 """Half the width of a letter and its bubble in the window that the layout is made for."""
-GRID: Final = rgba(DARK.grid)
-INK: Final = rgba(DARK.ink)
+INK: Final = rgba(VIEWER.ink)
+GRID: Final = INK & ~0xFF | 0x40
+"""The grid is a faint ink."""
 THIN: Final = rr.Radius.ui_points(0.5)
 
 
@@ -108,13 +109,17 @@ def send_distance(out: rr.RecordingStream, lines: Timelines, story: Story) -> Pl
     _grid(out, plane)
     _stops(out, plane, story)
     _places(out, plane, story)
-    for name, at_m, values in _curves(story):
+    for number, (name, at_m, values) in enumerate(_curves(story)):
         strip, style = name.split("/")[0], STYLES[name]
         pieces = unbroken(plane.x(at_m), plane.y(strip, values), values)
         if style.held:
             pieces = [stepped(piece) for piece in pieces]
-        radius, color = rr.Radius.ui_points(0.6 * style.width), rgba(DARK.of[style.meaning])
-        out.log(f"distance/{name}", rr.LineStrips2D(pieces, colors=color, radii=radius), static=True)
+        radius, color = rr.Radius.ui_points(0.6 * style.width), rgba(VIEWER.of[style.meaning])
+        out.log(
+            f"distance/{name}",
+            rr.LineStrips2D(pieces, colors=color, radii=radius, draw_order=20.0 + number),
+            static=True,
+        )
     _key(out, story)
     _here(out, plane, lines, story)
     return plane
@@ -169,7 +174,7 @@ def _grid(out: rr.RecordingStream, plane: Plane) -> None:
             lines.append(np.array([(0.0, y), (WIDTH, y)]))
             text = f"{value + 0.0:g}{f' {strip.title}' if value == top else ''}"
             texts.append((-14.0 - LETTER * len(text), y, text))
-    out.log("distance/grid", rr.LineStrips2D(lines, colors=GRID, radii=THIN), static=True)
+    out.log("distance/grid", rr.LineStrips2D(lines, colors=GRID, radii=THIN, draw_order=10.0), static=True)
     _texts(out, "distance/axes", texts, [INK] * len(texts))
 
 
@@ -200,7 +205,7 @@ def _stops(out: rr.RecordingStream, plane: Plane, story: Story) -> None:
 def _places(out: rr.RecordingStream, plane: Plane, story: Story) -> None:
     """Send what has a place of its own: restrictions, signals at danger and targets."""
     strip, (_, top) = STRIPS[0], plane.ranges["speed"]
-    limit, danger, told = (rgba(DARK.of[one]) for one in (Meaning.LIMIT, Meaning.DANGER, Meaning.OPERATOR))
+    limit, danger = rgba(VIEWER.of[Meaning.LIMIT]), rgba(VIEWER.of[Meaning.DANGER])
     if story.limits:
         boxes = [
             (float(plane.x(one.start_m)), strip.top, float(plane.x(one.end_m)), float(plane.y("speed", kmh)))
@@ -218,7 +223,7 @@ def _places(out: rr.RecordingStream, plane: Plane, story: Story) -> None:
         out.log("distance/signals", rr.LineStrips2D(posts, colors=danger, radii=rr.Radius.ui_points(1.5)), static=True)
         _texts(out, "distance/danger", [(x, height, "at danger") for x in ends], [danger] * len(ends))
     texts = [(float(plane.x(one.s_m)), height, one.text) for one in story.points]
-    _texts(out, "distance/targets", texts, [told] * len(texts))
+    _texts(out, "distance/targets", texts, [rgba(VIEWER.of[Meaning.OPERATOR])] * len(texts))
 
 
 def _key(out: rr.RecordingStream, story: Story) -> None:
@@ -226,7 +231,7 @@ def _key(out: rr.RecordingStream, story: Story) -> None:
     named = dict.fromkeys(STYLES[name].meaning for name, _, _ in _curves(story))
     x = np.linspace(0.0, WIDTH, len(named) + 2)[1:-1]
     texts = [(float(at), BOTTOM + 60.0, meaning.value) for at, meaning in zip(x, named, strict=True)]
-    _texts(out, "distance/key", texts, [rgba(DARK.of[meaning]) for meaning in named])
+    _texts(out, "distance/key", texts, [rgba(VIEWER.of[meaning]) for meaning in named])
 
 
 def _here(out: rr.RecordingStream, plane: Plane, lines: Timelines, story: Story) -> None:
@@ -234,9 +239,14 @@ def _here(out: rr.RecordingStream, plane: Plane, lines: Timelines, story: Story)
     trip = story.trip
     x, y = plane.x(trip.s_m), plane.y("speed", trip.speed_mps / KMH)
     index = lines.of(trip.time_ns)
-    strips = [((at, STRIPS[0].top), (at, BOTTOM)) for at in x]
-    white = rgba("#ffffff")
-    out.log("distance/here", rr.LineStrips2D.from_fields(colors=white, radii=THIN), static=True)
+    strips = np.empty((len(x), 2, 2), np.float32)
+    strips[:, :, 0], strips[:, 0, 1], strips[:, 1, 1] = x[:, None], STRIPS[0].top, BOTTOM
+    blue = rgba(VIEWER.of[Meaning.DRIVEN])
+    out.log("distance/here", rr.LineStrips2D.from_fields(colors=INK, radii=rr.Radius.ui_points(1.2)), static=True)
     out.send_columns("distance/here", index, rr.LineStrips2D.columns(strips=strips))
-    out.log("distance/train", rr.Points2D.from_fields(colors=white, radii=rr.Radius.ui_points(5.0)), static=True)
+    out.log(
+        "distance/train",
+        rr.Points2D.from_fields(colors=blue, radii=rr.Radius.ui_points(6.0), draw_order=40.0),
+        static=True,
+    )
     out.send_columns("distance/train", index, rr.Points2D.columns(positions=np.column_stack((x, y))))

@@ -18,7 +18,7 @@ from sim.events.chronicle import Chronicle
 from sim.events.event import DriveEvent
 from sim.review.bookmarks import COLORS, bookmarks
 from sim.review.cab_card import cards
-from sim.review.colors import DARK, rgba
+from sim.review.colors import VIEWER, Meaning, rgba
 from sim.review.distance_view import send_distance
 from sim.review.lanes import Lane, lane_entity
 from sim.review.series import STYLES, Floats, MapTrack, Times
@@ -27,9 +27,9 @@ from sim.review.summary import summary
 from sim.review.timelines import Timelines
 
 TRACK_PIECES: Final = 300
-WHITE: Final = rgba("#ffffff")
-SLOW, FAST = np.array([0x1C, 0x38, 0x5C]), np.array([0xCF, 0xE8, 0xFF])
-"""Ends of the colours of the track: the blue of what was driven, from standing to the highest speed."""
+TRAIN: Final = rgba(VIEWER.of[Meaning.DRIVEN])
+SLOW, FAST = np.array([0x70, 0x78, 0x80]), np.array([0x2F, 0x86, 0xD6])
+"""Ends of the colours of the track, from standing to the highest speed: grey, and the blue of what was driven."""
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
 MARKDOWN: Final = rr.MediaType.MARKDOWN
 REACHED_M: Final = 200.0
@@ -58,7 +58,7 @@ def send_series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: T
     """Send a series in its style."""
     style, modes = STYLES[name], rr.components.InterpolationMode
     looks = rr.SeriesLines(
-        colors=rgba(DARK.of[style.meaning]),
+        colors=rgba(VIEWER.of[style.meaning]),
         names=style.label,
         widths=style.width,
         interpolation_mode=modes.StepAfter if style.held else modes.Linear,
@@ -70,7 +70,7 @@ def send_series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: T
 def send_lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     """Send a lane of states, with one row for each change."""
     entity, states = lane_entity(lane.name), list(lane.colors)
-    shades = np.array([rgba(lane.color(state, DARK)) for state in states], dtype=np.uint32)
+    shades = np.array([rgba(lane.color(state, VIEWER)) for state in states], dtype=np.uint32)
     time_ns = np.array([change.time_ns for change in lane.changes])
     out.log(entity, rr.StateConfiguration(values=states, colors=shades), static=True)
     columns = rr.StateChange.columns(state=[change.state for change in lane.changes])
@@ -82,7 +82,9 @@ def _marks(out: rr.RecordingStream, lines: Timelines, chronicle: Chronicle) -> N
     found, trip = bookmarks(chronicle), lines.trip
     if found:
         time_ns = np.array([one.time_ns for one in found])
-        points = rr.SeriesPoints(colors=WHITE, names="bookmark (see the list)", markers="Diamond", marker_sizes=5.0)
+        points = rr.SeriesPoints(
+            colors=rgba(VIEWER.ink), names="bookmark (see the list)", markers="Diamond", marker_sizes=5.0
+        )
         out.log("speed/bookmarks", points, static=True)
         values = trip.at(time_ns, trip.speed_mps) / KMH
         out.send_columns("speed/bookmarks", lines.of(time_ns), rr.Scalars.columns(scalars=values))
@@ -92,7 +94,7 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, chronicle: Chronicle) 
     """Send the list of bookmarks: a click on one leads to its time."""
     found = bookmarks(chronicle)
     if found:
-        colors = [rgba(DARK.of[COLORS[one.kind]] if one.kind in COLORS else DARK.ink) for one in found]
+        colors = [rgba(VIEWER.of[COLORS[one.kind]] if one.kind in COLORS else VIEWER.ink) for one in found]
         columns = rr.TextLog.columns(
             text=[_bookmark_text(lines, one) for one in found],
             level=["INFO"] * len(found),
@@ -142,12 +144,12 @@ def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, story: S
     pieces = [way.plane_m[a : b + 1] for a, b in pairwise(ends)]
     out.log("track/way", rr.LineStrips2D(pieces, colors=shades, radii=radius), static=True)
     _track_stops(out, way, story)
-    out.log("track/train", rr.Points2D.from_fields(colors=WHITE, radii=dot), static=True)
+    out.log("track/train", rr.Points2D.from_fields(colors=TRAIN, radii=dot), static=True)
     out.send_columns("track/train", index, rr.Points2D.columns(positions=way.plane_m))
     if with_map:
-        color = rgba(DARK.of[STYLES["speed/driven"].meaning])
+        color = rgba(VIEWER.of[STYLES["speed/driven"].meaning])
         out.log("map/way", rr.GeoLineStrings(lat_lon=[way.degrees], colors=color, radii=radius), static=True)
-        out.log("map/train", rr.GeoPoints.from_fields(colors=WHITE, radii=dot), static=True)
+        out.log("map/train", rr.GeoPoints.from_fields(colors=TRAIN, radii=dot), static=True)
         out.send_columns("map/train", index, rr.GeoPoints.columns(positions=way.degrees))
 
 
@@ -165,4 +167,4 @@ def _track_stops(out: rr.RecordingStream, way: MapTrack, story: Story) -> None:
         places: Sequence[Floats] = [place for _, place in reached]
         names = [name for name, _ in reached]
         radius = rr.Radius.ui_points(4.0)
-        out.log("track/stops", rr.Points2D(places, labels=names, colors=rgba(DARK.ink), radii=radius), static=True)
+        out.log("track/stops", rr.Points2D(places, labels=names, colors=rgba(VIEWER.ink), radii=radius), static=True)

@@ -133,7 +133,9 @@ def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
         return rrb.StateTimelineView(origin=row.origin, contents=contents, name=row.title, time_view=axis)
     legend = rrb.PlotLegend(row.legend, visible=row.legend is not None)
     heights = rrb.ScalarAxis(range=BUFFER_PERCENT) if row.origin == "buffer" else None
-    return rrb.TimeSeriesView(origin=row.origin, name=row.title, axis_x=axis, axis_y=heights, plot_legend=legend)
+    return rrb.TimeSeriesView(
+        origin=row.origin, name=row.title, axis_x=axis, axis_y=heights, plot_legend=legend,
+    )  # fmt: skip
 
 
 def _whole_trip(story: Story) -> rrb.TimeAxis:
@@ -148,7 +150,7 @@ def _track(way: MapTrack) -> rrb.View:
     margin = 2.0 * MARGIN_RATIO * max(float((high - low).max()), 100.0)
     (left, top), (right, bottom) = low - margin, high + margin
     bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
-    return rrb.Spatial2DView(origin="track", name="Track (the brighter, the faster)", visual_bounds=bounds)
+    return rrb.Spatial2DView(origin="track", name="Track (the bluer, the faster)", visual_bounds=bounds)
 
 
 def _map(way: MapTrack) -> rrb.View:

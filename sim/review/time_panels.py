@@ -58,7 +58,8 @@ def over_time(axes: dict[str, Any], story: Story, theme: Theme) -> None:
             curve(axis, name, along(at), values, theme)
     start, end = along(trip.time_ns[[0, -1]]).tolist()
     margin = max(0.01 * (end - start), 1.0 / MINUTE_S)
-    share_x(list(axes.values()), (start - margin, end + margin), f"Time since {story.clock.zero_is} (min)", theme)
+    zero = f"{story.clock.zero_is}, {story.clock.of_day(story.clock.zero_ns)} UTC"
+    share_x(list(axes.values()), (start - margin, end + margin), f"Time since {zero} (min)", theme)
     for name, axis in axes.items():
         if name == "lanes":
             _lanes(axis, story, along, theme)

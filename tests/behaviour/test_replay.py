@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from das.bus.recording import read_recording
-from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, STATUS, TRUTH
+from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, SAVING, STATUS, TRUTH
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
@@ -56,7 +56,7 @@ def test_the_recording_holds_every_topic_and_its_inputs(
     _, folder = default_run
     recording = read_recording(next((folder / "recordings").glob("*.mcap")))
     assert recording.complete
-    for topic in (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION, LOG):
+    for topic in (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION, SAVING, LOG):
         assert recording.of(topic), topic.name
     run = recording.metadata["run"]
     assert run["kind"] == "replay"

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.review.colors import DARK, LIGHT, MODES, TOP_SPEED_COLOR, Meaning, Theme, rgba
+from sim.review.colors import DARK, LIGHT, MODES, TOP_SPEED_COLOR, VIEWER, VIEWER_GROUNDS, Meaning, Theme, rgba
 from sim.review.series import STYLES
 
 Floats = NDArray[np.float64]
-THEMES = (DARK, LIGHT)
+THEMES = (DARK, LIGHT, VIEWER)
 
 TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 """Linear sRGB to XYZ (IEC 61966-2-1)."""
@@ -63,11 +63,17 @@ def test_lines_on_one_axis_differ_for_any_colour_vision(theme: Theme, eye: str) 
             assert apart(theme.of[one], theme.of[other], eye) > 12.0, (panel, one, other)
 
 
-@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
+@pytest.mark.parametrize("theme", [DARK, LIGHT], ids=lambda theme: theme.name)
 def test_every_colour_stands_out_from_its_background(theme: Theme) -> None:
     faint = {meaning: contrast(color, theme.background) for meaning, color in theme.of.items()}
     assert {meaning: ratio for meaning, ratio in faint.items() if ratio < 3.0} == {}
     assert contrast(theme.ink, theme.background) > 7.0
+
+
+@pytest.mark.parametrize("ground", VIEWER_GROUNDS)
+def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(ground: str) -> None:
+    faint = {color: contrast(color, ground) for color in (VIEWER.ink, *VIEWER.of.values())}
+    assert {color: ratio for color, ratio in faint.items() if ratio < 2.5} == {}
 
 
 def test_the_number_for_rerun() -> None:
