@@ -1,4 +1,4 @@
-"""Vehicles, routes, journeys, plans of tables, scenarios and manifests with mutations: refused in one line, or used.
+"""Vehicles, routes, journeys, plans, scenarios, manifests and recordings with mutations: refused in one line, or used.
 
 A few hundred; `DAS_MUTATED_FILES=100000 pytest tests/property/test_mutated_files.py` reads more (`DAS_MUTATED_FIRST`:
 the number of the first). No mutation may lead to another error than one for the user, take longer than 10 s, or more
@@ -24,6 +24,8 @@ from typing import NamedTuple
 
 import pytest
 
+from das.bus.contents import read_contents
+from das.bus.recording import recording_of
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, load_route, load_vehicle
@@ -32,8 +34,10 @@ from das.table.format import MANIFEST
 from das.table.reading import Table, read_front
 from precompute.tables.plan import read_plan
 from precompute.tables.writing import make_table, write_table
+from sim.recording.check import check_contents
 from sim.world.scenario import read_scenario
 from tests.support.making import REPOSITORY
+from tests.support.recordings import write_recording
 from tests.support.small_tables import SETTINGS, line, seal_anew, train
 
 MUTATIONS = int(os.environ.get("DAS_MUTATED_FILES", "400"))
@@ -52,11 +56,12 @@ LINE = re.compile(r"^(\s*\"?[\w.-]+\"?\s*[=:]\s*)(.+?)(,?)$", re.MULTILINE)
 
 
 class Kind(NamedTuple):
-    """A kind of file: an example, and what is done with a mutated one."""
+    """A kind of file: an example, what is done with a mutated one, and how it is mutated."""
 
     name: str
     example: Path
     use: Callable[[Path], object]
+    mutated: Callable[[bytes, random.Random], bytes]
 
 
 class Wrong(NamedTuple):
@@ -95,16 +100,28 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
 
     sealed = folder / "manifest.json"
     sealed.write_bytes((table / MANIFEST).read_bytes())
-    return [
-        Kind("vehicle", CATALOGUE / "vehicles" / "re460-ic.toml", _vehicle),
-        Kind("route", CATALOGUE / "routes" / "flat-6km.toml", _route),
-        Kind("long route", CATALOGUE / "routes" / "zurich-luzern.toml", _route),
-        Kind("journey", CATALOGUE / "journeys" / "zurich-luzern.toml", lambda path: load_journey(path, ROUTE)),
-        Kind("plan", plan, read_plan),
-        Kind("scenario", REPOSITORY / "sim" / "world" / "scenarios" / "train-ahead.toml", read_scenario),
-        Kind("manifest", sealed, manifest),
-        Kind("resealed manifest", sealed, lambda path: _resealed(path, table, sealed, section)),
+    recording = folder / "recording.mcap"
+    write_recording(recording, seconds=20)
+    texts: list[tuple[str, Path, Callable[[Path], object]]] = [
+        ("vehicle", CATALOGUE / "vehicles" / "re460-ic.toml", _vehicle),
+        ("route", CATALOGUE / "routes" / "flat-6km.toml", _route),
+        ("long route", CATALOGUE / "routes" / "zurich-luzern.toml", _route),
+        ("journey", CATALOGUE / "journeys" / "zurich-luzern.toml", lambda path: load_journey(path, ROUTE)),
+        ("plan", plan, read_plan),
+        ("scenario", REPOSITORY / "sim" / "world" / "scenarios" / "train-ahead.toml", read_scenario),
+        ("manifest", sealed, manifest),
+        ("resealed manifest", sealed, lambda path: _resealed(path, table, sealed, section)),
     ]
+    return [*(Kind(*one, mutated_text) for one in texts), Kind("recording", recording, _recording, mutated_bytes)]
+
+
+def _recording(path: Path) -> None:
+    """Read what is sound, and check it; everything that is wrong is said in one line."""
+    contents = read_contents(path)
+    said = [*contents.health.warnings(), *check_contents(contents, recording_of(contents)).lines()]
+    wrong = next((one for one in said if "\n" in one or "\x1b" in one), None)
+    if wrong is not None:
+        raise ValueError(f"not one line: {wrong!r}")
 
 
 def _resealed(path: Path, table: Path, sealed: Path, section: Section) -> None:
@@ -141,9 +158,30 @@ def _change_somewhere(facts: object, chance: random.Random) -> None:
         return
 
 
-def mutated(text: str, chance: random.Random) -> bytes:
+def mutated_bytes(raw: bytes, chance: random.Random) -> bytes:
+    """A binary file with one to three mutations: flipped bits, huge lengths, pieces cut out, doubled or put in."""
+    content = bytearray(raw)
+    for _ in range(chance.choice((1, 1, 1, 2, 3))):
+        at, size = chance.randrange(len(content)), chance.choice((1, 8, 100, 3000))
+        kind = chance.randrange(6)
+        if kind == 0:
+            content[at] ^= 1 << chance.randrange(8)
+        elif kind == 1:
+            content[at : at + 8] = chance.choice((b"\xff" * 8, b"\0" * 8, (10**12).to_bytes(8, "little")))
+        elif kind == 2:
+            del content[at : at + size]
+        elif kind == 3:
+            content[at:at] = content[at : at + size]
+        elif kind == 4:
+            content[at:at] = chance.randbytes(size)
+        else:
+            del content[max(at, 1) :]
+    return bytes(content)
+
+
+def mutated_text(original: bytes, chance: random.Random) -> bytes:
     """A text with one to three mutations."""
-    content = text
+    content = original.decode("utf-8")
     for _ in range(chance.choice((1, 1, 1, 2, 3))):
         content = chance.choice((_number, _value, _line_moved, _cut, _key))(content, chance)
     raw = content.encode("utf-8", errors="replace")
@@ -230,7 +268,7 @@ def read_mutated(first: int, count: int, folder: Path) -> tuple[Counter[str], li
     for number in range(first, first + count):
         kind, chance = kinds[number % len(kinds)], random.Random(number)
         path = folder / f"mutated{kind.example.suffix}"
-        path.write_bytes(mutated(kind.example.read_text(encoding="utf-8"), chance))
+        path.write_bytes(kind.mutated(kind.example.read_bytes(), chance))
         try:
             with bounded(), warnings.catch_warnings():
                 warnings.simplefilter("error", RuntimeWarning)  # a computation with what is no number
@@ -256,4 +294,5 @@ def test_mutated_files_are_refused_in_one_line_or_used(tmp_path: Path) -> None:
     assert not wrong, "\n".join(map(str, wrong[:20]))
     names = {name.partition(":")[0] for name in counts}
     assert len(names) > 4
-    assert MUTATIONS < 100 or all(counts[f"{name}: refused"] for name in names)
+    # A recording is nearly always of use: what is damaged is left out.
+    assert MUTATIONS < 100 or all(counts[f"{name}: refused"] for name in names - {"recording"})

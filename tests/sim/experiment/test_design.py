@@ -85,7 +85,7 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("levels = [0, 5.5]", "levels = [0]", "factors[1].levels = [0]: expected at least 2 levels"),
         ("levels = [0, 5.5]", "levels = [5, 5.0]", "expected at least 2 levels, each once"),
         ("levels = [0, 5.5]", "levels = [0, nan]", "factors[1].levels = nan: expected a number from 0 to 600 (s)"),
-        ('levels = ["none", "vector"]', 'levels = ["none", 3]', "factors[0].levels = 3: expected one of none, deviation, rms"),
+        ('levels = ["none", "vector"]', 'levels = ["none", 3]', "factors[0].levels = 3: expected one of none"),
         ('measure = "energy_kwh"', 'measure = "joy"', "comparisons[0].measure = 'joy': expected one of the measures"),
         ('b = "vector"', 'b = "coach"', "comparisons[0].b = 'coach': expected one of the levels none, vector"),
         ('b = "vector"', 'b = "none"', "comparisons[0].b = 'none': expected another level than a"),
