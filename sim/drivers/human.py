@@ -20,7 +20,7 @@ from sim.drivers.rules import TimeRule
 from sim.plant.plant import COAST, Command, lever
 
 BEGUN_RATIO = 0.5
-"""Who has set this share of an effort has begun with it."""
+"""A driver who has set this share of an effort has begun with it."""
 
 
 class Motion:

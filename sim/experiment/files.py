@@ -16,6 +16,9 @@ A value that is missing is empty. No column depends on the wall clock: the same 
 TRIALS_SIDECAR: Final = "trials.json"
 """What every column of the table means: column → {LongName, Description, Units}, as in BIDS."""
 
+FAILED_TABLE: Final = "failed.csv"
+"""The trials that failed, each with the reason; it is there only where some did."""
+
 KEY_HASH: Final = "hash"
 """SHA-256 of the canonical design."""
 KEY_NAME: Final = "name"

@@ -24,20 +24,18 @@ from sim.batch.pool import worked
 from sim.cli.shared import progress_bar, typed_command
 from sim.experiment.cluster import worked_on_cluster
 from sim.experiment.design import Design
-from sim.experiment.files import KEY_HASH, TRIALS_TABLE
+from sim.experiment.files import FAILED_TABLE, KEY_HASH, TRIALS_TABLE
 from sim.experiment.freezing import resolved
 from sim.experiment.jobs import DrivenTrial, TrialJob, in_order_of_work, is_finished, worked_off
 from sim.experiment.study_files import study_files, trials_table
 
-FAILED: Final = "failed.csv"
-"""The trials that failed, and why; not there where none did."""
 PROVENANCE: Final = "provenance.json"
 """Which program made the data from which files, when and how."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """Who drives the trials: a number of processes on this machine, or the workers of a Dask cluster."""
+    """The workers that drive the trials: a number of processes on this machine, or those of a Dask cluster."""
 
     count: int
     scheduler: str | None = None
@@ -126,9 +124,9 @@ def _write_results(
     failed = [row for row in known.values() if row.get("error") is not None]
     write_whole(folder / TRIALS_TABLE, trials_table(design, [job.trial for job in jobs], good))
     if failed:
-        write_whole(folder / FAILED, _failures(failed))
+        write_whole(folder / FAILED_TABLE, _failures(failed))
     else:
-        (folder / FAILED).unlink(missing_ok=True)
+        (folder / FAILED_TABLE).unlink(missing_ok=True)
     return failed
 
 

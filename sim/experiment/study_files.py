@@ -12,14 +12,14 @@ from das import __version__
 from sim.drivers.population import load_population
 from sim.experiment.describing import events_sidecar, participants_sidecar, series_sidecar, trials_sidecar
 from sim.experiment.design import Design
-from sim.experiment.files import TRIALS_SIDECAR, TRIALS_TABLE, columns
+from sim.experiment.files import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE, columns
 from sim.experiment.trial_files import TASK, tab_separated
 from sim.experiment.trials import StudyTrial
 
 BIDS_VERSION: Final = "1.10.0"
 IGNORED: Final = (
     *("*.parquet", "*.mcap", "*.jsonl", "*.csv", "*.toml", "*.html"),
-    *("design.json", "trials.json", "check.json", "provenance.json", f"task-{TASK}_series.json"),
+    *(DESIGN_JSON, TRIALS_SIDECAR, "check.json", "provenance.json", f"task-{TASK}_series.json"),
 )
 """What a BIDS validator is not to look at: BIDS has no place for it."""
 

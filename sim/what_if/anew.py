@@ -112,7 +112,7 @@ def _seed(origin: Origin) -> int:
 
 
 def _how(origin: Origin, new: Otherwise) -> How:
-    """Who drives, what the display shows, and how a human brakes: as is asked for, else as recorded."""
+    """The driver, the display and the policy of braking: each as the user asks for, else as recorded."""
     run, driven = origin.run if origin.is_simulated else {}, new.driven
     if driven.driver is not None:
         driver = named_driver("--driver", driven.driver)

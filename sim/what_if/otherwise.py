@@ -80,7 +80,7 @@ class CabOtherwise:
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenOtherwise:
-    """Who is to drive, and what the display shows; None means as recorded."""
+    """The driver and the display of a day driven anew; None means as recorded."""
 
     driver: Annotated[
         str | None,

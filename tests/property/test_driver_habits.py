@@ -153,9 +153,8 @@ def test_all_that_is_advised_is_set(presentation: Presentation) -> None:
     for day in days(presentation):
         since_s = 0.0
         for look in day.looks:
-            goes = (
-                look.mode in TRACTION and look.speed_mps > 0
-            )  # Who waits at a stop sets nothing, whatever he saw last.
+            # A driver who waits at a stop sets nothing, whatever he saw last.
+            goes = look.mode in TRACTION and look.speed_mps > 0
             full = goes and look.advised_ratio > 0.995 and look.below_mps > BELOW_MPS
             since_s = since_s + LOOK_S if full else 0.0
             if since_s > SET_S:

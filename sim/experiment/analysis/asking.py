@@ -10,7 +10,7 @@ from typing import Any
 from das.domain.errors import DasError
 from das.domain.files.reading import Fields
 from sim.experiment.analysis.pairs import is_paired, paired_trials
-from sim.experiment.analysis.plan import DEFAULT_ALPHA, PlannedDifference, StudyPlan, plan_of, read_plan
+from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, plan_of, read_plan
 from sim.experiment.analysis.power import (
     MOST_PARTICIPANTS,
     BellCurves,
@@ -23,6 +23,7 @@ from sim.experiment.analysis.power import (
 )
 from sim.experiment.analysis.reading import RunStudy, read_study
 from sim.experiment.analysis.shown import ShownMeasure
+from sim.experiment.files import DEFAULT_ALPHA
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,6 +29,7 @@ from sim.experiment.analysis.options import (
     StudyArgument,
     WantedOption,
 )
+from sim.experiment.files import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.asking import PowerAnswer
@@ -81,7 +82,7 @@ def _check(folder: Path, out: Path | None, pdf: Path | None, effects: Sequence[f
     for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
         if path is not None and path.suffix.lower() not in suffixes:
             raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
-    check_outputs(out, pdf, inputs=[folder / name for name in ("design.json", "trials.csv", "trials.json")])
+    check_outputs(out, pdf, inputs=[folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)])
     for one in effects:
         _check_effect(one)
     if pdf is not None:

@@ -9,11 +9,9 @@ from typing import Any, Final
 
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, number, read_json
+from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA, DESIGN_JSON
 
-DESIGN: Final = "design.json"
-CORRECTIONS: Final = ("holm", "bonferroni", "none")
 MOST_COMPARISONS: Final = 200
-DEFAULT_ALPHA: Final = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +83,7 @@ def as_text(level: object) -> str:
 
 def read_plan(path: Path) -> StudyPlan:
     """Read the frozen design of a folder, or a design file (JSON); DasError where it cannot be used."""
-    return plan_of(read_json(path / DESIGN if path.is_dir() else path))
+    return plan_of(read_json(path / DESIGN_JSON if path.is_dir() else path))
 
 
 def plan_of(fields: Fields) -> StudyPlan:
@@ -121,7 +119,7 @@ def _seed(fields: Fields) -> int:
 
 
 def _setting(fields: Fields) -> Iterator[tuple[str, str]]:
-    """Who took part and what was not varied, as far as the design says it."""
+    """The population of the participants, and what was not varied, as far as the design says it."""
     people = fields.data.get("participants")
     if isinstance(people, Mapping) and people.get("population"):
         yield "drivers drawn from the population", str(people["population"])

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import read_json, read_text
 from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, as_text, read_plan
+from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
-TRIALS: Final = "trials.csv"
-SIDECAR: Final = "trials.json"
-FAILED: Final = "failed.csv"
 NAMED: Final = ("trial", "participant", "position", "practice", "seed")
 """Columns that the table must have besides those of the factors and of the measures."""
 
@@ -91,9 +89,9 @@ def read_study(folder: Path) -> RunStudy:
     return RunStudy(
         folder=folder,
         plan=plan,
-        trials=_trials(folder / TRIALS, plan),
-        meanings=_meanings(folder / SIDECAR, plan),
-        failed=_failed(folder / FAILED),
+        trials=_trials(folder / TRIALS_TABLE, plan),
+        meanings=_meanings(folder / TRIALS_SIDECAR, plan),
+        failed=_failed(folder / FAILED_TABLE),
     )
 
 

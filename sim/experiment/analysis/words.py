@@ -48,7 +48,7 @@ TERMS: Final = (
     ),
     (
         "Corrected p",
-        "Who asks many questions finds something by chance. The p is therefore raised for the number of "
+        "Among many comparisons, chance alone makes some look large. The p is therefore raised for the number of "
         "comparisons planned.",
     ),
     (

@@ -78,7 +78,7 @@ def test_decision_steps_are_as_short_as_asked_and_never_longer_than_usual() -> N
     assert steps_m[25.0].max() <= 25.0
     assert 25.0 < steps_m[60.0].max() <= 60.0
     assert np.array_equal(sections[100.0].node_m, usual.node_m)
-    # Whoever keeps fronts by what determines them keeps these apart.
+    # Fronts that are kept by what determines them are kept apart for these grids.
     hashes = [hashes_of(one)["solver"] for one in (usual, *sections.values())]
     assert hashes[3] == hashes[0]
     assert len(set(hashes)) == 3

@@ -19,9 +19,9 @@ import pytest
 
 from sim.batch.journal import Journal
 from sim.experiment.design import Design, read_design
-from sim.experiment.files import TRIALS_SIDECAR, TRIALS_TABLE
+from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.experiment.jobs import Keep, TrialJob, jobs_of, worked_off
-from sim.experiment.running import FAILED, Workers, run_study
+from sim.experiment.running import Workers, run_study
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim
 
@@ -205,14 +205,14 @@ def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp
         assert "martians: not a bundled population" in journal.rows[lost.inputs_sha256]["error"]
     found = run_study(design, [jobs[0], lost], tmp_path, Workers(count=1))
     assert (found.trials, found.made, len(found.failed)) == (2, 1, 1)
-    listed = list(csv.DictReader(io.StringIO((tmp_path / FAILED).read_text())))
+    listed = list(csv.DictReader(io.StringIO((tmp_path / FAILED_TABLE).read_text())))
     assert [(row["trial"], row["participant"], row["condition"]) for row in listed] == [
         ("2", "sub-01", lost.trial.condition)
     ]
     assert (tmp_path / TRIALS_TABLE).read_text().count("\n") == 2
     again = run_study(design, jobs[:2], tmp_path, Workers(count=1))
     assert (again.made, again.failed) == (1, ())
-    assert not (tmp_path / FAILED).exists()
+    assert not (tmp_path / FAILED_TABLE).exists()
     whole = (study / TRIALS_TABLE).read_text().splitlines()
     assert (tmp_path / TRIALS_TABLE).read_text().splitlines() == whole[:3]
     assert not list(tmp_path.rglob("*_series.parquet"))
