@@ -1,7 +1,7 @@
 """One brain: a run in this process gives the same advice, byte for byte, as one over the bus with real processes.
 
-`DAS_ONE_BRAIN=all pytest tests/behaviour/test_one_brain.py` drives every bundled scenario; without it, those in which
-something is said or happens on the bus that the others do not have.
+One day has the disturbances of every bundled scenario in which something is said or happens on the bus that the others
+do not have. `DAS_ONE_BRAIN=all pytest tests/behaviour/test_one_brain.py` drives every bundled scenario as well.
 """
 
 from __future__ import annotations
@@ -111,23 +111,52 @@ def advices_over_bus(day: Day, hostile: bool, out: Path, shown: Presentation = P
     return [one.message.SerializeToString() for one in read_recording(out).of(ADVICE)]
 
 
-ON_THE_BUS = ("bus-outage", "delay-on-the-way", "restriction-ahead", "signal-stop", "train-ahead")
-"""Scenarios with delays, restrictions, targets, signals or a lost bus; the hostile cases have a node that is killed and
-positions that are missing. On the other days the node hears the same kinds of messages with other figures."""
-CASES = [(name, False) for name in (sorted(bundled_scenarios()) if os.environ.get("DAS_ONE_BRAIN") else ON_THE_BUS)]
-HOSTILE_CASES = [("node-restart", True), ("gps-dropouts", True)]
+EVENTFUL = (
+    "bus-outage",
+    "delay-on-the-way",
+    "gps-dropouts",
+    "node-restart",
+    "restriction-ahead",
+    "signal-stop",
+    "train-ahead",
+)
+"""Scenarios with delays, restrictions, targets, signals, missing positions, a lost bus or a node that is killed. On the
+other days the node hears the same kinds of messages with other figures."""
+EVERY_SCENARIO = sorted(bundled_scenarios()) if os.environ.get("DAS_ONE_BRAIN") else []
 
 
-@pytest.mark.parametrize(("name", "hostile"), CASES + HOSTILE_CASES)
-def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(
-    name: str, hostile: bool, tmp_path: Path
-) -> None:
-    service = prepare_service(read_scenario(bundled_scenarios()[name]))
+def eventful_scenario() -> str:
+    """The text of a scenario whose day has the disturbances of all eventful scenarios."""
+    begin = "[[disturbances]]"
+    first, *others = (bundled_scenarios()[name].read_text() for name in EVENTFUL)
+    return "\n".join([first, *(begin + other.partition(begin)[2] for other in others)])
+
+
+def same_advices(scenario: Path, hostile: bool, out: Path) -> list[das_pb2.Advice]:
+    """Drive one day of the scenario in process and over the bus, compare the advices, and give them."""
+    service = prepare_service(read_scenario(scenario))
     here = advices_in_process(make_day(service, SEED), hostile)
-    there = advices_over_bus(make_day(service, SEED), hostile, tmp_path / "run.mcap")
+    there = advices_over_bus(make_day(service, SEED), hostile, out)
     assert len(here) == len(there) > 100
     differing = [tick for tick, (a, b) in enumerate(zip(here, there, strict=True), 1) if a != b]
     assert not differing
+    return [das_pb2.Advice.FromString(one) for one in here]
+
+
+@pytest.mark.parametrize("hostile", [False, True])
+def test_on_an_eventful_day_the_advice_is_the_same_byte_for_byte(hostile: bool, tmp_path: Path) -> None:
+    scenario = tmp_path / "eventful.toml"
+    scenario.write_text(eventful_scenario())
+    advices = same_advices(scenario, hostile, tmp_path / "run.mcap")
+    # What happens on the day reaches the advice: it is withdrawn, and given again.
+    causes = {one.cause for one in advices}
+    assert das_pb2.CAUSE_NONE in causes
+    assert len(causes) > 1
+
+
+@pytest.mark.parametrize("name", EVERY_SCENARIO)
+def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(name: str, tmp_path: Path) -> None:
+    same_advices(bundled_scenarios()[name], hostile=False, out=tmp_path / "run.mcap")
 
 
 def test_the_coach_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
