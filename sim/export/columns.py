@@ -35,6 +35,7 @@ LEFT_OUT: Final = {
 }
 """Fields that our programs do not fill, and times that have a column of their own."""
 LOG_TIME, TIME, SINCE_START = "log_time_ns", "time_ns", "time_s"
+ON_THE_CLOCK: Final = "on the drive's clock: 0 at the timetable's first departure, without one at the first position"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,11 +94,10 @@ def tables_of(name: str, entries: Sequence[Stamped], zero_ns: int) -> list[DataT
 
 
 def _times(log_ns: list[int], time_ns: list[int], zero_ns: int) -> list[Column]:
-    since = "time since the departure by the timetable, or since the first message where there is none"
     return [
         Column(name=LOG_TIME, kind="int", values=log_ns, meaning="when it was recorded, since 1970 (UTC)"),
         Column(name=TIME, kind="int", values=time_ns, meaning="the time that the message states, since 1970 (UTC)"),
-        Column(name=SINCE_START, kind="float", values=[(t - zero_ns) / 1e9 for t in time_ns], meaning=since),
+        Column(name=SINCE_START, kind="float", values=[(t - zero_ns) / 1e9 for t in time_ns], meaning=ON_THE_CLOCK),
     ]
 
 
