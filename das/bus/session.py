@@ -87,6 +87,8 @@ class Bus:
             self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:
             raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
+        # Asked for once: a session that is being closed answers nothing, and messages may still come meanwhile.
+        self._own = str(self._session.zid())
         try:
             self._subscribe()
         except BaseException:
@@ -143,8 +145,7 @@ class Bus:
         """Publishers of the topics that are watched which have come or gone since this was last asked, but for this
         session itself.
         """
-        own = str(self._session.zid())
-        return [one for one in self._presences.take() if one.source != own]
+        return [one for one in self._presences.take() if one.source != self._own]
 
     @property
     def dropped(self) -> int:
@@ -181,7 +182,7 @@ class Bus:
         """
         stamp = sample.timestamp
         source = str(stamp.get_id()) if stamp is not None else UNSTAMPED
-        return UNSTAMPED if source == str(self._session.zid()) else source
+        return UNSTAMPED if source == self._own else source
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
