@@ -73,9 +73,8 @@ class Bus:
     ) -> None:
         self.train = check_train_name(train)
         self.listen = check_endpoint(listen) if listen else None
-        self.connect = [check_endpoint(x) for x in connect]
         self._hear = frozenset(topic.name for topic in hear)
-        self._config = file.config(train) if file else locked_down(self.listen, self.connect)
+        self._config = file.config(train) if file else locked_down(self.listen, [check_endpoint(x) for x in connect])
         self._place = str(file.path) if file else self.listen or "a session"
         self._inbox, self._presences = Inbox(waiting), Presences()
         self._stack = ExitStack()
