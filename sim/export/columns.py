@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 from das.bus.recorder import message_time_ns
 from das.bus.recording import Stamped
+from das.bus.schemas import comments
 
 UNITS: Final = {
     "_mps2": "m/s²",
@@ -115,7 +114,7 @@ def _columns(messages: Sequence[Any | None], prefix: str) -> Iterator[Column]:
             if not one.is_repeated:
                 yield from _columns(_inner(messages, one.name), f"{name}_")
         else:
-            yield _column(one, messages, name, _meanings().get(kind.full_name, {}).get(one.name, ""))
+            yield _column(one, messages, name, _meaning(one))
 
 
 def _inner(messages: Sequence[Any | None], name: str) -> list[Any | None]:
@@ -181,19 +180,6 @@ def _lists(kind: Any, prefix: str, get: Callable[[Any], Any]) -> Iterator[tuple[
             yield from _lists(one.message_type, f"{prefix}{one.name}_", inner)
 
 
-@cache
-def _meanings() -> dict[str, dict[str, str]]:
-    """What each field means, by message: the remarks behind the fields in das.proto."""
-    text = (files("das.bus") / "das.proto").read_text(encoding="utf-8")
-    found: dict[str, dict[str, str]] = {}
-    nested: list[str] = []
-    for line in text.splitlines():
-        begun = re.match(r"\s*(message|enum|oneof) (\w+) \{", line)
-        remark = re.match(r"\s*(?:repeated )?[\w.]+ (\w+) = \d+;\s*//\s*(.+)", line)
-        if begun:
-            nested.append("" if begun[1] == "oneof" else begun[2])  # The fields of a oneof are those of its message.
-        elif line.strip() == "}":
-            nested.pop()
-        elif remark:
-            found.setdefault(".".join(["das", *filter(None, nested)]), {})[remark[1]] = remark[2].strip()
-    return found
+def _meaning(field: Any) -> str:
+    """What a field means: the comment in das.proto, without the unit, which has a column of its own."""
+    return re.sub(r"^\[[^]]*\] ?", "", comments().get(field.full_name, ""))
