@@ -15,12 +15,12 @@ from typing import IO, Any
 from google.protobuf.message import Message
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from mcap_protobuf.schema import register_schema
 
 from das import __version__
 from das.bus import das_pb2
 from das.bus.contents import CHANNELS, NUMBERED
 from das.bus.received import Received
+from das.bus.schemas import schema_of
 from das.bus.sealing import sealed
 from das.bus.session import Bus
 from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Topic
@@ -106,7 +106,7 @@ class RecordingFile:
         name = topic.message.DESCRIPTOR.full_name
         schema = self._schemas.get(name)
         if schema is None:
-            schema = self._schemas[name] = register_schema(self._writer, topic.message)
+            schema = self._schemas[name] = self._writer.register_schema(name, "protobuf", schema_of(topic.message))
         channel = int(self._writer.register_channel(key, "protobuf", schema))
         # The chunk that describes the channel may be lost; the messages in later ones must not be lost with it.
         self.add_metadata(

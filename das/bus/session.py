@@ -73,9 +73,8 @@ class Bus:
     ) -> None:
         self.train = check_train_name(train)
         self.listen = check_endpoint(listen) if listen else None
-        self.connect = [check_endpoint(x) for x in connect]
         self._hear = frozenset(topic.name for topic in hear)
-        self._config = file.config(train) if file else locked_down(self.listen, self.connect)
+        self._config = file.config(train) if file else locked_down(self.listen, [check_endpoint(x) for x in connect])
         self._place = str(file.path) if file else self.listen or "a session"
         self._inbox, self._presences = Inbox(waiting), Presences()
         self._stack = ExitStack()
@@ -87,6 +86,8 @@ class Bus:
             self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:
             raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
+        # Asked for once: a session that is being closed answers nothing, and messages may still come meanwhile.
+        self._own = str(self._session.zid())
         try:
             self._subscribe()
         except BaseException:
@@ -143,8 +144,7 @@ class Bus:
         """Publishers of the topics that are watched which have come or gone since this was last asked, but for this
         session itself.
         """
-        own = str(self._session.zid())
-        return [one for one in self._presences.take() if one.source != own]
+        return [one for one in self._presences.take() if one.source != self._own]
 
     @property
     def dropped(self) -> int:
@@ -181,7 +181,7 @@ class Bus:
         """
         stamp = sample.timestamp
         source = str(stamp.get_id()) if stamp is not None else UNSTAMPED
-        return UNSTAMPED if source == str(self._session.zid()) else source
+        return UNSTAMPED if source == self._own else source
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)

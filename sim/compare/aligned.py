@@ -55,12 +55,14 @@ class AlignedDrives:
     """Drives at the same positions; arrays have the shape (drives, rows), and the first drive is compared with.
 
     `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
-    before and after it. Times and energies count from the first row.
+    before and after it. Times and energies count from the first row, at which the clock of each drive shows `start_s`
+    (drives,).
     """
 
     drives: tuple[DriveOnTrack, ...]
     s_m: Floats
     limit_mps: Floats
+    start_s: Floats
     time_s: Floats
     speed_mps: Floats
     energy_j: Floats
@@ -86,11 +88,17 @@ class AlignedDrives:
             drives=tuple(drives),
             s_m=s_m,
             limit_mps=limit_mps,
+            start_s=time[:, 0],
             time_s=time - time[:, :1],
             speed_mps=speed,
             energy_j=energy - energy[:, :1],
             lost_j=lost - lost[:, :1],
         )
+
+    @property
+    def clock_s(self) -> Floats:
+        """What the clock of each drive shows at each row (s): 0 at the timetable's first departure."""
+        return self.start_s[:, None] + self.time_s
 
     @property
     def trains_differ(self) -> bool:

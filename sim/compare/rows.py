@@ -64,11 +64,15 @@ def _number(value: float) -> float | None:
 
 
 def as_csv(aligned: AlignedDrives) -> bytes:
-    """One row a position; a change of the limit is two rows. Columns of a drive end in its number, from 1 on."""
+    """One row a position; a change of the limit is two rows. Columns of a drive end in its number, from 1 on.
+
+    `clock_s` is on the drive's clock, `time_s` and the energies count from the first row.
+    """
     columns = {"s_m": aligned.s_m, "limit_kmh": kmh(aligned.limit_mps)}
     for number in range(1, len(aligned.drives) + 1):
         i = number - 1
         columns |= {
+            f"clock_s_{number}": aligned.clock_s[i],
             f"time_s_{number}": aligned.time_s[i],
             f"speed_kmh_{number}": kmh(aligned.speed_mps[i]),
             f"energy_kwh_{number}": kwh(aligned.energy_j[i]),

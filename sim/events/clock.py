@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
@@ -12,12 +13,17 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
+from sim.review.series import DrivenCourse
 
 MINUTE_S: Final = 60
 HOUR_S: Final = 3600
 DAY_S: Final = 86400
-FORMS: Final = "12:34 (minutes and seconds on the drive's clock), 1:02:03 or 08:16:34Z (time of day, UTC)"
+FORMS: Final = (
+    "12:34 (minutes and seconds on the drive's clock), 1:02:03, 754 (seconds), 08:16:34Z (time of day, UTC) or "
+    "2026-11-21T08:16:34"
+)
 _ON_CLOCK: Final = re.compile(r"(?P<sign>[+−-]?)(?:(?P<h>\d+):(?=\d\d:))?(?P<m>\d+):(?P<s>[0-5]\d(?:\.\d+)?)")
+_SECONDS: Final = re.compile(r"(?P<sign>[+−-]?)(?P<s>\d{1,9}(?:\.\d+)?)")
 _OF_DAY: Final = re.compile(r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(?::(?P<s>[0-5]\d(?:\.\d+)?))?Z", re.IGNORECASE)
 
 
@@ -32,6 +38,17 @@ class DriveClock:
     zero_ns: int
     zero_is: str = "the timetable's departure"
     """What happens at zero, in words."""
+
+    @classmethod
+    def of_recording(cls, recording: Recording) -> DriveClock:
+        """The clock of any recording; without a timetable and positions, 0 is the first message."""
+        try:
+            first_ns = int(DrivenCourse.of(recording).time_ns[0])
+        except DasError:
+            first_ns = min(entries[0].log_time_ns for entries in recording.messages.values())
+            found = cls.of(recording, first_ns)
+            return found if found.zero_ns != first_ns else cls(zero_ns=first_ns, zero_is="the first message")
+        return cls.of(recording, first_ns)
 
     @classmethod
     def of(cls, recording: Recording, first_ns: int) -> DriveClock:
@@ -57,11 +74,13 @@ class DriveClock:
 
     def moment_ns(self, text: str) -> int:
         """The moment (ns since 1970) that a user's text names; DasError where it is none (see `FORMS`)."""
-        found = _ON_CLOCK.fullmatch(text.strip())
-        if found is not None:
-            seconds = HOUR_S * int(found["h"] or 0) + MINUTE_S * int(found["m"]) + float(found["s"])
-            return self.zero_ns + round((seconds if found["sign"] in ("", "+") else -seconds) / NS)
-        found = _OF_DAY.fullmatch(text.strip())
+        text = text.strip()
+        for form in (_ON_CLOCK, _SECONDS):
+            if found := form.fullmatch(text):
+                return self.zero_ns + round(_seconds(found.groupdict()) / NS)
+        if "T" in text.upper():
+            return _of_date_ns(text)
+        found = _OF_DAY.fullmatch(text)
         if found is None:
             raise DasError(f"time {text!r}: expected {FORMS}")
         zero = datetime.fromtimestamp(self.zero_ns * NS, UTC)
@@ -70,6 +89,21 @@ class DriveClock:
         # The moment nearest to the zero: a drive may pass midnight.
         away = round((zero - at) / timedelta(days=1))
         return round((at + timedelta(days=away)).timestamp() / NS)
+
+
+def _seconds(parts: Mapping[str, str | None]) -> float:
+    """Seconds of the named parts of a time: its sign, hours, minutes and seconds, as far as there are any."""
+    hours, minute, second = (float(parts.get(name) or 0.0) for name in ("h", "m", "s"))
+    return (HOUR_S * hours + MINUTE_S * minute + second) * (1.0 if parts["sign"] in ("", "+") else -1.0)
+
+
+def _of_date_ns(text: str) -> int:
+    """A date with a time of day (ISO 8601; UTC where it does not say otherwise) in ns since 1970."""
+    try:
+        moment = datetime.fromisoformat(text)
+        return round((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / NS)
+    except (ValueError, OverflowError):
+        raise DasError(f"time {text!r}: expected {FORMS}") from None
 
 
 def spell(time_s: float) -> str:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
 from das.bus.recorder import message_time_ns
 from das.bus.recording import Stamped
+from das.bus.schemas import comments
 
 UNITS: Final = {
     "_mps2": "m/s²",
@@ -35,6 +34,7 @@ LEFT_OUT: Final = {
 }
 """Fields that our programs do not fill, and times that have a column of their own."""
 LOG_TIME, TIME, SINCE_START = "log_time_ns", "time_ns", "time_s"
+ON_THE_CLOCK: Final = "on the drive's clock: 0 at the timetable's first departure, without one at the first position"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,11 +93,10 @@ def tables_of(name: str, entries: Sequence[Stamped], zero_ns: int) -> list[DataT
 
 
 def _times(log_ns: list[int], time_ns: list[int], zero_ns: int) -> list[Column]:
-    since = "time since the departure by the timetable, or since the first message where there is none"
     return [
         Column(name=LOG_TIME, kind="int", values=log_ns, meaning="when it was recorded, since 1970 (UTC)"),
         Column(name=TIME, kind="int", values=time_ns, meaning="the time that the message states, since 1970 (UTC)"),
-        Column(name=SINCE_START, kind="float", values=[(t - zero_ns) / 1e9 for t in time_ns], meaning=since),
+        Column(name=SINCE_START, kind="float", values=[(t - zero_ns) / 1e9 for t in time_ns], meaning=ON_THE_CLOCK),
     ]
 
 
@@ -115,7 +114,7 @@ def _columns(messages: Sequence[Any | None], prefix: str) -> Iterator[Column]:
             if not one.is_repeated:
                 yield from _columns(_inner(messages, one.name), f"{name}_")
         else:
-            yield _column(one, messages, name, _meanings().get(kind.full_name, {}).get(one.name, ""))
+            yield _column(one, messages, name, _meaning(one))
 
 
 def _inner(messages: Sequence[Any | None], name: str) -> list[Any | None]:
@@ -181,19 +180,6 @@ def _lists(kind: Any, prefix: str, get: Callable[[Any], Any]) -> Iterator[tuple[
             yield from _lists(one.message_type, f"{prefix}{one.name}_", inner)
 
 
-@cache
-def _meanings() -> dict[str, dict[str, str]]:
-    """What each field means, by message: the remarks behind the fields in das.proto."""
-    text = (files("das.bus") / "das.proto").read_text(encoding="utf-8")
-    found: dict[str, dict[str, str]] = {}
-    nested: list[str] = []
-    for line in text.splitlines():
-        begun = re.match(r"\s*(message|enum|oneof) (\w+) \{", line)
-        remark = re.match(r"\s*(?:repeated )?[\w.]+ (\w+) = \d+;\s*//\s*(.+)", line)
-        if begun:
-            nested.append("" if begun[1] == "oneof" else begun[2])  # The fields of a oneof are those of its message.
-        elif line.strip() == "}":
-            nested.pop()
-        elif remark:
-            found.setdefault(".".join(["das", *filter(None, nested)]), {})[remark[1]] = remark[2].strip()
-    return found
+def _meaning(field: Any) -> str:
+    """What a field means: the comment in das.proto, without the unit, which has a column of its own."""
+    return re.sub(r"^\[[^]]*\] ?", "", comments().get(field.full_name, ""))

@@ -22,7 +22,7 @@ def export(
         typer.Option(
             "--from",
             metavar="TIME",
-            help="Leave out what was before: seconds or min:s since the departure, or a time of day (ISO 8601, UTC).",
+            help="Leave out what was before: 12:34 on the drive's clock, or 08:16:34Z.",
             show_default=False,
         ),
     ] = None,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +16,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.writing import write_folder_whole
-from das.domain.units import NS
+from sim.events.clock import DriveClock
 from sim.export.anonymity import anonymous
 from sim.export.columns import TIME, DataTable, tables_of
 from sim.export.joining import by_position, by_time
@@ -39,7 +38,7 @@ class FileFormat(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportSettings:
-    """What of a recording is exported, and how. Times are as the user wrote them (see `moment_ns`)."""
+    """What of a recording is exported, and how. Times are as the user wrote them (see `DriveClock.moment_ns`)."""
 
     start: str | None = None
     end: str | None = None
@@ -66,8 +65,8 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
     if settings.format is not FileFormat.CSV:
         require_parquet()
     recording = open_recording(path, train)
-    zero_ns, zero_m = zero_of(recording)
-    span = _span(recording, settings, zero_ns)
+    clock, zero_m = DriveClock.of_recording(recording), first_m(recording)
+    zero_ns, span = clock.zero_ns, _span(recording, settings, clock)
     tables = _tables(recording, zero_ns, span)
     if not any(len(one) for one in tables):
         raise DasError(f"{path}: there is nothing between --from and --to")
@@ -89,44 +88,20 @@ def check_folder(folder: Path) -> None:
         raise DasError(f"{folder}: no such folder {folder.parent}")
 
 
-def zero_of(recording: Recording) -> tuple[int, float]:
-    """Where time (ns since 1970) and position (m) begin: at the journey's first stop, else at the first message."""
+def first_m(recording: Recording) -> float:
+    """The position (m) of the journey's first stop, else of the first message that says one; 0 without any."""
     for entry in recording.of(topics.JOURNEY)[:1]:
-        stops = entry.message.stops
-        if len(stops) and stops[0].departure_ns:
-            return int(stops[0].departure_ns), float(stops[0].s_m)
-    first_ns = min(entries[0].log_time_ns for entries in recording.messages.values())
+        if len(entry.message.stops):
+            return float(entry.message.stops[0].s_m)
     positions = recording.columns(topics.POSITION, "s_m")["s_m"]
     known = positions[np.isfinite(positions)]
-    return int(first_ns), float(known[0]) if len(known) else 0.0
+    return float(known[0]) if len(known) else 0.0
 
 
-def moment_ns(option: str, text: str, zero_ns: int) -> int:
-    """A moment (ns since 1970): seconds, minutes:seconds or h:min:s since the zero, or a time of day (UTC).
-
-    A time of day is in ISO 8601. Raises DasError for anything else.
-    """
-    sign, bare = (-1, text[1:]) if text.startswith("-") else (1, text)
-    try:
-        if "T" in text or text.count("-") > 1:
-            moment = datetime.fromisoformat(text)
-            moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-            return round(moment.timestamp() / NS)
-        seconds = 0.0
-        for part in bare.split(":"):
-            seconds = 60 * seconds + float(part)
-        if not np.isfinite(seconds) or bare.count(":") > 2:
-            raise ValueError(text)
-        return zero_ns + sign * round(seconds / NS)
-    except (ValueError, OverflowError):
-        expected = "seconds or minutes:seconds since the departure, or a time like 2026-11-21T08:04:00"
-        raise DasError(f"{option} {text}: expected {expected}") from None
-
-
-def _span(recording: Recording, settings: ExportSettings, zero_ns: int) -> tuple[int, int]:
+def _span(recording: Recording, settings: ExportSettings, clock: DriveClock) -> tuple[int, int]:
     """From when to when (ns) is exported."""
-    start_ns = moment_ns("--from", settings.start, zero_ns) if settings.start is not None else 0
-    end_ns = moment_ns("--to", settings.end, zero_ns) if settings.end is not None else LAST_NS
+    start_ns = clock.moment_ns(settings.start) if settings.start is not None else 0
+    end_ns = clock.moment_ns(settings.end) if settings.end is not None else LAST_NS
     if end_ns < start_ns:
         raise DasError(f"--to {settings.end}: expected a time after --from")
     if not settings.trim_ends:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import NS
-from sim.export.columns import SINCE_START, TIME, Column, DataTable
+from sim.export.columns import ON_THE_CLOCK, SINCE_START, TIME, Column, DataTable
 
 STEP_M: Final = 10.0
 """Distance between two rows of the table along the way."""
@@ -82,10 +82,9 @@ def _times(table: DataTable) -> NDArray[np.int64]:
 
 
 def _moments(at_ns: NDArray[np.int64], zero_ns: int) -> list[Column]:
-    since = "time since the departure by the timetable, or since the first message where there is none"
     return [
         Column(name=TIME, kind="int", values=at_ns.tolist(), meaning="since 1970 (UTC)"),
-        Column(name=SINCE_START, kind="float", values=((at_ns - zero_ns) / 1e9).tolist(), meaning=since),
+        Column(name=SINCE_START, kind="float", values=((at_ns - zero_ns) / 1e9).tolist(), meaning=ON_THE_CLOCK),
     ]
 
 

@@ -19,6 +19,7 @@ from das.bus.recording import Recording, Stamped, recording_of
 from das.bus.topics import TOPICS
 from das.cab.outputs import NodeState
 from das.domain.units import NS
+from sim.events.clock import DriveClock
 from sim.recording.findings import CheckFinding, CheckKind, find, is_session, to_recorder_s, versions
 from sim.recording.rates import Rate, rate_of
 
@@ -73,7 +74,8 @@ class Checked:
     def lines(self) -> list[str]:
         """What should be known and what is wrong, in words; at the end how much is."""
         noted = [f"note: {note}" for note in self.notes]
-        wrong = [_line(one) for one in self.findings]
+        clock = DriveClock.of_recording(self.recording)
+        wrong = [_line(one, clock) for one in self.findings]
         count = f"{len(wrong)} finding{'s' if len(wrong) > 1 else ''}"
         return [*noted, *wrong, count if wrong else "nothing is wrong with this recording"]
 
@@ -196,8 +198,8 @@ def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
     return found
 
 
-def _line(one: CheckFinding) -> str:
-    when = f" at {utc(one.time_ns)} UTC" if one.time_ns else ""
+def _line(one: CheckFinding, clock: DriveClock) -> str:
+    when = f" at {clock.shown(one.time_ns)}, {utc(one.time_ns)} UTC" if one.time_ns else ""
     return f"finding ({one.kind}){when}: {one.text}"
 
 

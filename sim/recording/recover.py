@@ -17,6 +17,7 @@ from mcap.writer import Writer as McapWriter
 from das.bus.contents import CHANNELS, NUMBERED, RECOVERED, Raw, read_raw
 from das.bus.damage import Health
 from das.bus.recorder import CHUNK_BYTES, LIBRARY
+from das.bus.schemas import schema_of
 from das.bus.sealing import UNCHECKED, sealed
 from das.bus.topics import topic_of
 from das.domain.errors import DasError
@@ -180,9 +181,7 @@ class _Channels:
         if schema.id not in self._schemas:
             ours = topic_of(topic)
             if not schema.data and ours is not None:  # its chunk was lost; what it holds is known
-                from mcap_protobuf.schema import build_file_descriptor_set
-
-                data = build_file_descriptor_set(ours.message).SerializeToString()
+                data = schema_of(ours.message)
                 self._schemas[schema.id] = self._writer.register_schema(schema.name, "protobuf", data)
             else:
                 self._schemas[schema.id] = self._writer.register_schema(schema.name, schema.encoding, schema.data)

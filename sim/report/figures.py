@@ -10,21 +10,24 @@ from das.domain.units import KM, KMH, KN, kmh, kwh
 from sim.accounts.judging import OVER_MPS
 from sim.report.subject import ReviewedDrive
 from sim.report.words import told_causes
-from sim.review.light import COLORS, INK, LIMIT, legend, light_figure, named, stops
+from sim.review.colors import EFFICIENCY_GREYS, LIGHT, Meaning
+from sim.review.light import INK, legend, light_figure, named, stops
 from sim.review.limits import limit_in_force
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DRIVEN, ADVISED, OPTIMUM = COLORS[0], COLORS[1], COLORS[2]
+DRIVEN, ADVISED, OPTIMUM, LIMIT, LOST = (
+    LIGHT.of[meaning] for meaning in (Meaning.DRIVEN, Meaning.ADVISED, Meaning.OPTIMUM, Meaning.LIMIT, Meaning.LOST)
+)
 EFFICIENCIES: Final = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
 """Levels of the efficiency map."""
-SHADES: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
-"""Shades between the levels: light, so that the points stand out."""
 GRID_POINTS: Final = 90
 LEAST_LATE_S: Final = 5.0
 """The axis of punctuality reaches at least this far (s), so that fractions of a second do not look large."""
 BAR_IN: Final = 0.28
+FAINT: Final = 0.45
+"""Share of its colour that a departure has beside an arrival."""
 
 
 def speed_figure(subject: ReviewedDrive) -> Figure:
@@ -60,7 +63,7 @@ def cause_figure(subject: ReviewedDrive) -> Figure:
     parts = told_causes(subject.account)[::-1]
     figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
     values = np.array([kwh(energy_j) for _, energy_j in parts])
-    axis.barh([cause.label for cause, _ in parts], values, color=DRIVEN, height=0.7)
+    axis.barh([cause.label for cause, _ in parts], values, color=LOST, height=0.7)
     reach = max(float(np.abs(values).max(initial=0.0)), 0.1)
     for row, value in enumerate(values):
         axis.text(max(value, 0.0) + 0.01 * reach, row, f"{value:+.1f}", va="center", color=INK, fontsize=8.0)
@@ -80,7 +83,7 @@ def place_figure(subject: ReviewedDrive) -> Figure:
         per_km = kwh(places.lost_more_j) / ((places.end_m - places.start_m) / KM)
         middle = 0.5 * (places.start_m + places.end_m) / KM
         wide = (places.end_m - places.start_m) / KM
-        bars.bar(middle, per_km, width=wide, color=np.where(per_km > 0, ADVISED, DRIVEN).tolist(), linewidth=0.0)
+        bars.bar(middle, per_km, width=wide, color=LOST, linewidth=0.0)
         upto = before_j + np.concatenate(([0.0], np.cumsum(places.lost_more_j)))
         total.plot(np.concatenate((places.start_m, places.end_m[-1:])) / KM, kwh(upto), color=INK, linewidth=1.2)
         before_j = float(upto[-1])
@@ -133,7 +136,11 @@ def _shade(axis: Any, section: Any, force_n: Any, speed_mps: Any) -> None:
     pulling = force_n[0, 0] > 0
     efficiency = mechanical_w / (mechanical_w + loss_w) if pulling else (mechanical_w - loss_w) / mechanical_w
     filled = axis.contourf(
-        kmh(speed_mps), force_n / KN, np.clip(efficiency, 0.0, 1.0), levels=(0.0, *EFFICIENCIES, 1.0), colors=SHADES
+        kmh(speed_mps),
+        force_n / KN,
+        np.clip(efficiency, 0.0, 1.0),
+        levels=(0.0, *EFFICIENCIES, 1.0),
+        colors=EFFICIENCY_GREYS,
     )
     if pulling:
         bar = axis.figure.colorbar(filled, ax=axis, pad=0.01, fraction=0.04)
@@ -146,12 +153,12 @@ def punctuality_figure(subject: ReviewedDrive) -> Figure:
     made = [call for call in subject.chronicle.calls if call.reached]
     figure, (axis,) = light_figure((1.6,))
     rows = np.arange(len(made))
-    for shift, name, values, color in (
-        (-0.18, "arrival", [call.arrived_late_s for call in made], DRIVEN),
-        (0.18, "departure", [call.departed_late_s for call in made], ADVISED),
+    for shift, name, values, share in (
+        (-0.18, "arrival", [call.arrived_late_s for call in made], 1.0),
+        (0.18, "departure", [call.departed_late_s for call in made], FAINT),
     ):
         late = np.array(values, dtype=float)
-        axis.bar(rows + shift, late, width=0.34, color=color, label=name)
+        axis.bar(rows + shift, late, width=0.34, color=DRIVEN, alpha=share, label=name)
         for row, value in enumerate(late):
             if np.isfinite(value):
                 axis.text(
@@ -178,7 +185,7 @@ def compliance_figure(subject: ReviewedDrive) -> Figure | None:
     at = shown.time_ns
     apart = np.where(given, kmh(trip.at(at, trip.speed_mps) - shown.speed_mps), np.nan)
     over = OVER_MPS / KMH
-    axis.axhspan(-over, over, color=COLORS[4], alpha=0.25, linewidth=0.0, label=f"within {over:.0f} km/h")
+    axis.axhspan(-over, over, color=LIGHT.grid, alpha=0.6, linewidth=0.0, label=f"within {over:.0f} km/h")
     axis.plot(trip.at(at, trip.s_m) / KM, apart, color=DRIVEN, linewidth=1.0, label="driven less shown")
     axis.set_ylim(*_usual(apart[np.isfinite(apart)]))
     stops(axis, _stops(subject), written=False)

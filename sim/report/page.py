@@ -20,6 +20,7 @@ from sim.compare.rows import sentences
 from sim.recording.check import RATE_COLUMNS
 from sim.report import figures, words
 from sim.report.subject import ReviewedDrive
+from sim.review.colors import LIGHT
 from sim.review.light import as_image, comparison_figure
 
 TEMPLATE: Final = "page.html.j2"
@@ -47,6 +48,7 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
     return environment.get_template(TEMPLATE).render(
         title=f"Report of {names}",
         version=__version__,
+        theme=LIGHT,
         drives=[_drive(subject) for subject in subjects],
         comparison=None if aligned is None else _comparison(aligned),
         not_compared=not_compared,

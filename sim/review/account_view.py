@@ -1,23 +1,19 @@
-"""The account of the energy in the viewer: by cause, over time, and as a lane of what the driving cost."""
+"""The account of the energy as views and pictures show it: by cause, over time, and as a lane of what driving cost."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-import rerun as rr
 
 from das.domain.units import NS, kwh
 from sim.accounts.account import Account, LegAccount
 from sim.accounts.causes import EnergyCause
 from sim.review.colors import Meaning
-from sim.review.entities import MARKDOWN, send_lane, send_series
-from sim.review.lanes import Change, Lane
-from sim.review.layout import ENERGY
+from sim.review.lanes import COST, Change, Lane
 from sim.review.series import Found
-from sim.review.timelines import Timelines
 
 LEAST_KWH: Final = 0.05
 """A span that cost less than this (kWh) is not in the lane."""
@@ -42,34 +38,48 @@ class CostSpan(NamedTuple):
     cause: EnergyCause
     energy_j: float
 
+    @property
+    def meaning(self) -> Meaning:
+        """What the colour of the span says."""
+        return COLORS.get(self.cause, Meaning.LOST)
+
 
 @dataclass(frozen=True, kw_only=True)
 class AccountView:
-    """The account as it is shown: a text, series by the names of `STYLES`, and a lane."""
+    """The account as it is shown: a text (Markdown), series by the names of `STYLES`, and the spans of the lane."""
 
     text: str
     series: Found
-    lane: Lane
+    spans: tuple[CostSpan, ...]
 
+    @classmethod
+    def of(cls, account: Account) -> AccountView:
+        """What of an account is shown."""
+        return cls(
+            text=_text(account),
+            series=_series(account),
+            spans=tuple(span for leg in account.legs for span in spans_of(leg)),
+        )
 
-def account_view(account: Account) -> AccountView:
-    """What of an account is shown."""
-    spans = tuple(span for leg in account.legs for span in spans_of(leg))
-    return AccountView(text=_text(account), series=_series(account), lane=_lane(spans))
+    @property
+    def worth(self) -> tuple[CostSpan, ...]:
+        """The spans that are worth a word."""
+        return tuple(span for span in self.spans if abs(kwh(span.energy_j)) >= LEAST_KWH)
 
-
-def send_account(out: rr.RecordingStream, lines: Timelines, shown: AccountView) -> None:
-    """Send an account to rerun."""
-    out.log(ENERGY, rr.TextDocument(shown.text, media_type=MARKDOWN), static=True)
-    for name, (time_ns, values) in shown.series.items():
-        send_series(out, lines, name, time_ns, values)
-    if shown.lane.changes:
-        send_lane(out, lines, shown.lane)
-
-
-def send_no_account(out: rr.RecordingStream, why: str) -> None:
-    """Say why there is no account (yet)."""
-    out.log(ENERGY, rr.TextDocument(why, media_type=MARKDOWN), static=True)
+    @property
+    def lane(self) -> Lane:
+        """The lane of what the driving cost: a cause and its energy where it is worth a word, else nothing."""
+        changes: list[Change] = []
+        colors: dict[str, str | Meaning] = {}
+        for span in self.spans:
+            worth = abs(kwh(span.energy_j)) >= LEAST_KWH
+            text = f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" if worth else ""
+            if text:
+                colors[text] = span.meaning
+            while changes and changes[-1].time_ns >= span.start_ns:
+                changes.pop()
+            changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
+        return Lane(COST, tuple(changes), colors)
 
 
 def spans_of(leg: LegAccount) -> Iterator[CostSpan]:
@@ -86,21 +96,6 @@ def spans_of(leg: LegAccount) -> Iterator[CostSpan]:
         open_ = CostSpan(start_ns, end_ns, rise.cause, rise.energy_j)
     if open_ is not None:
         yield open_
-
-
-def _lane(spans: Sequence[CostSpan]) -> Lane:
-    """The lane of what the driving cost: a cause and its energy where it is worth a word, else nothing."""
-    changes: list[Change] = []
-    colors: dict[str, str | Meaning] = {}
-    for span in spans:
-        worth = abs(kwh(span.energy_j)) >= LEAST_KWH
-        text = f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" if worth else ""
-        if text:
-            colors[text] = COLORS.get(span.cause, Meaning.LOST)
-        while changes and changes[-1].time_ns >= span.start_ns:
-            changes.pop()
-        changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
-    return Lane("driving cost", tuple(changes), colors)
 
 
 def _series(account: Account) -> Found:

@@ -34,6 +34,12 @@ ROW_IN: Final = 0.185
 LETTERS: Final = 78
 """Most letters in a row of a column of the list."""
 
+LETTER_SHARE: Final = 0.0072
+"""Width of a letter of a stop's name, as a share of the axis."""
+NAMES_AT_POINTS: Final = (17.0, 29.0)
+"""Rows (points above an axis) for the names of stops, over the legend: one that has no room in the first is in the
+second, and one that has none there is left out."""
+
 Along = Callable[[Times], Floats]
 """Tells where times lie on an axis."""
 
@@ -88,6 +94,23 @@ def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None
             x, values, color=theme.of[style.meaning], linewidth=LINE_RATIO * style.width,
             drawstyle="steps-post" if style.held else "default", label=style.label.rsplit(",", 1)[0],
             zorder=2.5 if name == "speed/limit" else 2.0,
+        )  # fmt: skip
+
+
+def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> None:
+    """Write the names of stops (name, place on the axis) above the axis, as far as they do not cover each other."""
+    low, high = axis.get_xlim()
+    ends = [-1.0] * len(NAMES_AT_POINTS)
+    for name, place in sorted(stops, key=lambda stop: stop[1]):
+        share, width = (place - low) / (high - low), LETTER_SHARE * (len(name) + 1)
+        start = min(max(share - 0.5 * width, 0.0), 1.0 - width)
+        row = next((row for row, end in enumerate(ends) if start >= end), None)
+        if not 0.0 <= share <= 1.0 or row is None:
+            continue
+        ends[row] = start + width
+        axis.annotate(
+            name, (start + 0.5 * width, 1.0), (0.0, NAMES_AT_POINTS[row]), xycoords="axes fraction",
+            textcoords="offset points", ha="center", color=theme.ink, fontsize=SMALL + 1.0,
         )  # fmt: skip
 
 

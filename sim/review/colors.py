@@ -1,7 +1,7 @@
-"""The colours of all pictures and views: one meaning each, for dark and for white backgrounds, and for the viewer.
+"""The colours of all pictures, pages and views: one meaning each, for dark and white backgrounds, and for the viewer.
 
-The colours on white are those of `das-sim report`. tests/sim/review/test_colors.py holds that people can tell them
-apart, also with the common kinds of colour blindness where lines share an axis.
+No other module of the review, the report and the comparison has colours of its own. tests/sim/review/test_colors.py
+holds that people can tell them apart, also with the common kinds of colour blindness where lines share an axis.
 """
 
 from __future__ import annotations
@@ -141,6 +141,14 @@ TOP_SPEED_COLOR: Final = "#5f7d74"
 """Colour of a lane where the display shows a top speed and no mode."""
 DEVIATION_COLOR: Final = "#9a8f6b"
 """Colour of a lane where the display shows how early or late the train is, and no mode."""
+
+SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+"""Colours of drives that are compared, or of groups, in their order: those of Okabe and Ito, which people with any
+colour vision tell apart. They say nothing but which is which; lines differ in style as well."""
+EFFICIENCY_GREYS: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
+"""Greys of an efficiency map, from bad to good: light, so that points stand out."""
+STANDING_GREY: Final = "#707880"
+"""Grey of a train that stands, where the colour of a way tells the speed."""
 
 
 def rgba(color: str) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, KMH
-from sim.review.canvas import SMALL, Panel, bands, curve, legend, marks, share_x
+from sim.review.canvas import SMALL, Panel, bands, curve, legend, marks, name_stops, share_x
 from sim.review.colors import Meaning, Theme
 from sim.review.series import FirstPlans, Floats, Times
 from sim.review.story import Story
@@ -114,14 +114,9 @@ def _label(axis: Any, at: tuple[float, float], text: str, meaning: Meaning, them
 
 
 def _stops(axis: Any, story: Story, theme: Theme) -> None:
-    low, high = axis.get_xlim()
-    for journey in story.recording.of(topics.JOURNEY)[-1:]:
-        for stop in journey.message.stops:
-            share = (stop.s_m / KM - low) / (high - low)
-            if 0.0 <= share <= 1.0:
-                axis.axvline(stop.s_m / KM, color=theme.ink, linewidth=0.6, alpha=0.5)
-                side = "left" if share < 0.03 else "right" if share > 0.97 else "center"
-                place = axis.get_xaxis_transform()
-                axis.text(
-                    stop.s_m / KM, 1.075, stop.name, transform=place, ha=side, color=theme.ink, fontsize=SMALL + 1.0
-                )
+    stops = [
+        (stop.name, stop.s_m / KM) for one in story.recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
+    ]
+    for _, at_km in stops:
+        axis.axvline(at_km, color=theme.ink, linewidth=0.6, alpha=0.5)
+    name_stops(axis, stops, theme)

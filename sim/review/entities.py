@@ -16,11 +16,13 @@ from das.domain.units import KMH, NS
 from sim.events.advice_events import place_text
 from sim.events.chronicle import Chronicle
 from sim.events.event import DriveEvent
+from sim.review.account_view import AccountView
 from sim.review.bookmarks import COLORS, bookmarks
 from sim.review.cab_card import cards
-from sim.review.colors import VIEWER, Meaning, rgba
+from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.distance_view import send_distance
 from sim.review.lanes import Lane, lane_entity
+from sim.review.layout import ENERGY
 from sim.review.series import STYLES, Floats, MapTrack, Times
 from sim.review.story import Story
 from sim.review.summary import summary
@@ -28,7 +30,7 @@ from sim.review.timelines import Timelines
 
 TRACK_PIECES: Final = 300
 TRAIN: Final = rgba(VIEWER.of[Meaning.DRIVEN])
-SLOW, FAST = np.array([0x70, 0x78, 0x80]), np.array([0x2F, 0x86, 0xD6])
+SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, VIEWER.of[Meaning.DRIVEN]))
 """Ends of the colours of the track, from standing to the highest speed: grey, and the blue of what was driven."""
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
 MARKDOWN: Final = rr.MediaType.MARKDOWN
@@ -52,6 +54,20 @@ def send(out: rr.RecordingStream, story: Story, chronicle: Chronicle, *, with_ma
         _location(out, lines, story.way, story, with_map=with_map)
     send_distance(out, lines, story)
     out.log("summary", rr.TextDocument(summary(recording, story.filled_from), media_type=MARKDOWN), static=True)
+
+
+def send_account(out: rr.RecordingStream, lines: Timelines, shown: AccountView) -> None:
+    """Send the account of the energy."""
+    out.log(ENERGY, rr.TextDocument(shown.text, media_type=MARKDOWN), static=True)
+    for name, (time_ns, values) in shown.series.items():
+        send_series(out, lines, name, time_ns, values)
+    if shown.lane.changes:
+        send_lane(out, lines, shown.lane)
+
+
+def send_no_account(out: rr.RecordingStream, why: str) -> None:
+    """Say why there is no account of the energy."""
+    out.log(ENERGY, rr.TextDocument(why, media_type=MARKDOWN), static=True)
 
 
 def send_series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times, values: Floats) -> None:

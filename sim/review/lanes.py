@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2, topics
@@ -11,6 +12,7 @@ from das.domain.units import KM
 from sim.review.colors import DEVIATION_COLOR, MODES, TOP_SPEED_COLOR, Meaning, Theme
 from sim.review.happenings import NOT_HEARD, Span, signals, silences
 from sim.review.series import DrivenCourse
+from sim.review.stops import AtStop, at_stops
 
 STATES: Final = {
     "advising": Meaning.ADVISED,
@@ -18,6 +20,10 @@ STATES: Final = {
     "ready": Meaning.NO_ADVICE,
     "waiting": Meaning.NO_ADVICE,
 }
+WAY: Final = "way"
+"""The lane of where the train was: at which stop, or on the way to which."""
+COST: Final = "driving cost"
+"""The lane of what the driving cost above the optimum."""
 TOP_SPEED: Final = "a top speed"
 DEVIATION: Final = "early or late"
 WITHOUT_MODE: Final = {TOP_SPEED: TOP_SPEED_COLOR, DEVIATION: DEVIATION_COLOR}
@@ -54,6 +60,7 @@ def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     silent = silences(recording, trip)
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
     found = (
+        lane_of_stops(at_stops(recording, trip)),
         Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
         Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **WITHOUT_MODE}),
         Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),
@@ -78,6 +85,21 @@ def _changes(
         if on_trip and (not found or change.state != found[-1].state):
             found.append(change)
     return tuple(found)
+
+
+def lane_of_stops(stops: Sequence[AtStop]) -> Lane:
+    """The lane of where the train was: standing at a stop, or on the way to the next."""
+    changes, colors = [], {}
+    for stop, following in pairwise([*stops, None]):
+        assert stop is not None
+        if stop.end_ns > stop.start_ns:
+            changes.append(Change(stop.start_ns, stop.name))
+            colors[stop.name] = MODES["stop"]
+        on_the_way = "" if following is None else f"to {following.name}"
+        changes.append(Change(stop.end_ns, on_the_way))
+        if on_the_way:
+            colors[on_the_way] = Meaning.DRIVEN
+    return Lane(WAY, tuple(changes), colors)
 
 
 def _spans(trip: DrivenCourse, spans: Iterable[Span]) -> tuple[Change, ...]:

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from das.bus.topics import ADVICE, CAB, EVENT, LOG
 from das.domain.units import NS
 from sim.review.distance_view import BOTTOM, FURNITURE, MARGIN, WIDTH
-from sim.review.lanes import lane_entity
+from sim.review.lanes import COST, WAY, lane_entity
 from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, MapTrack
 from sim.review.story import Story
 from sim.review.timelines import DRIVE_CLOCK
@@ -36,12 +36,12 @@ class Row(NamedTuple):
     lanes: tuple[str, ...] = ()
 
 
-DRIVING: Final = ("advised", "shown", "signal", "driving cost")
+DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
 NODE: Final = ("node", "no advice")
 """Lanes by name: of the driving, and of the node."""
 REVIEW: Final = (
     Row("Speed (km/h)", "speed", 2.2),
-    Row("Modes advised and shown, signals, and what the driving cost (kWh)", "mode", 0.8, lanes=DRIVING),
+    Row("Stops, modes advised and shown, signals, and what the driving cost (kWh)", "mode", 0.8, lanes=DRIVING),
     Row("Controller, shown and set: share of the largest effort (%)", "lever", 1.1),
     Row("Energy lost above the optimum: by all driving, and by other efforts than advised (kWh)", "lost", 1.1),
 )
@@ -120,7 +120,7 @@ def _rows(rows: tuple[Row, ...], story: Story, name: str) -> rrb.Vertical | None
     """The views for which there is something to show, one under the other; None if there are none."""
     found = {series.split("/")[0] for series, (time_ns, _) in story.series.items() if len(time_ns)}
     found |= ALWAYS
-    lanes = {lane.name for lane in story.lanes} | {"driving cost"}  # which comes when it is found
+    lanes = {lane.name for lane in story.lanes} | {COST}  # which comes when it is found
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
     shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]
     axis = _whole_trip(story)

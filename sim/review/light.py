@@ -13,21 +13,21 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from das.domain.units import KM, kmh, kwh
+from sim.review.colors import LIGHT, SEVERAL, Meaning
 
 if TYPE_CHECKING:
     from sim.compare.aligned import AlignedDrives
 
-COLORS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
-"""Colours of Okabe and Ito, which people with any colour vision tell apart; lines differ in style as well."""
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
-INK, GRID, LIMIT = "#222222", "#d9d9d9", "#8c1d18"
+"""Styles of lines that are beside each other, in their order."""
+INK: Final = LIGHT.ink
 WIDTH_IN: Final = 9.0
 TEXT_POINTS: Final = 8.5
 
 
 def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
     """A figure with axes of these heights (in) under each other, which share their horizontal axis."""
-    figure = Figure(figsize=(WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor=LIGHT.background)
     FigureCanvasAgg(figure)
     ratios = list(heights_in)
     axes = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0].tolist()
@@ -38,7 +38,7 @@ def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
 
 def plain(axis: Any) -> None:
     """Make an axis dark on white, with a light grid behind everything."""
-    axis.grid(color=GRID, linewidth=0.6)
+    axis.grid(color=LIGHT.grid, linewidth=0.6)
     axis.set_axisbelow(True)
     axis.tick_params(colors=INK, labelsize=TEXT_POINTS)
     for side in ("top", "right"):
@@ -86,15 +86,19 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     """Drives beside each other over the track: speeds, and time and energy more than the first drive."""
     figure, (speed, time, energy) = light_figure((2.6, 1.5, 1.5))
     at_km = aligned.s_m / KM
-    speed.plot(at_km, kmh(aligned.limit_mps), color=LIMIT, linewidth=1.0, label="limit")
+    speed.plot(at_km, kmh(aligned.limit_mps), color=LIGHT.of[Meaning.LIMIT], linewidth=1.0, label="limit")
     for i, drive in enumerate(aligned.drives):
-        style = {"color": COLORS[i % len(COLORS)], "linestyle": LINES[i % len(LINES)], "linewidth": 1.3}
+        style = {
+            "color": SEVERAL[i % len(SEVERAL)],
+            "linestyle": LINES[i % len(LINES)],
+            "linewidth": 1.3,
+        }
         speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)
         if i:
             time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)
             energy.plot(at_km, kwh(aligned.lost_j[i] - aligned.lost_j[0]), **style)
     for axis in (time, energy):
-        axis.axhline(0.0, color=COLORS[0], linewidth=1.0)
+        axis.axhline(0.0, color=SEVERAL[0], linewidth=1.0)
     legs = aligned.drives[0].legs
     places = [(legs[0].start.name, legs[0].start.s_m), *((leg.end.name, leg.end.s_m) for leg in legs)]
     for axis in (speed, time, energy):

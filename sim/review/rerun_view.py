@@ -121,12 +121,13 @@ class ReviewView:
     def send_account(self, out: rr.RecordingStream) -> None:
         """Find where the energy went, and send that, or why it is not known."""
         from sim.accounts.account import account_of
-        from sim.review.account_view import account_view, send_account, send_no_account
+        from sim.review.account_view import AccountView
+        from sim.review.entities import send_account, send_no_account
         from sim.review.timelines import Timelines
 
         lines = Timelines(trip=self.story.trip, clock=self.story.clock)
         try:
-            send_account(out, lines, account_view(account_of(self.recording)))
+            send_account(out, lines, AccountView.of(account_of(self.recording)))
         except DasError as error:
             why = str(error).removeprefix(f"{self.recording.path}: ")
             send_no_account(out, f"Where the energy went is not known: {why}.")

@@ -30,7 +30,8 @@ from sim.accounts.likely import LikelyRange, likely_range
 from sim.replay.job import prepare
 from sim.replay.options import ReplayOptions
 from sim.replay.replay import replay
-from sim.review.light import COLORS, INK, LIMIT, LINES, legend, light_figure, named
+from sim.review.colors import LIGHT, SEVERAL, Meaning
+from sim.review.light import INK, LINES, legend, light_figure, named
 from sim.study.page import write_table
 from sim.trips.options import TripOptions
 
@@ -45,6 +46,7 @@ TRAINS: Final = {
 }
 """Trains that the trips may have been driven with, by their files in ttobench/trains: the true one is not known."""
 FIRST: Final = "KISS"
+LIMIT: Final = LIGHT.of[Meaning.LIMIT]
 ENTRY_M: Final = 18_000.0
 """From here on (m) both trips were much slower than the line allows, as if something held them back."""
 PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
@@ -187,7 +189,7 @@ def trip_figure(found: Sequence[TripAccount]) -> Figure:
             speed.step(section.node_m / KM, _held(kmh(section.limit_mps), section.node_m), where="post", color=LIMIT,
                        linewidth=1.0, label="limit")  # fmt: skip
             speed.plot(motion.s_m / KM, kmh(motion.speed_mps), color=INK, linewidth=1.6, label="driven")
-        style: dict[str, Any] = {"color": COLORS[i], "linestyle": LINES[i], "linewidth": 1.3}
+        style: dict[str, Any] = {"color": SEVERAL[i], "linestyle": LINES[i], "linewidth": 1.3}
         speed.plot(run.s_m / KM, kmh(run.v_mps), label=f"optimum, {one.train}", **style)
         upto = np.concatenate(([0.0], np.cumsum(kwh(leg.even.lost_more_j))))
         at_km = np.concatenate((leg.even.start_m, leg.even.end_m[-1:])) / KM
@@ -211,13 +213,13 @@ def saving_figure(found: Sequence[TripAccount]) -> Figure:
     for row, one in enumerate(found[::-1]):
         low, high = kwh(one.likely.low_j), kwh(one.likely.high_j)
         first = row == 0
-        axis.plot([low, high], [row, row], color=COLORS[0], linewidth=5.0, alpha=0.45, solid_capstyle="butt",
+        axis.plot([low, high], [row, row], color=SEVERAL[0], linewidth=5.0, alpha=0.45, solid_capstyle="butt",
                   label="likely" if first else None)  # fmt: skip
-        axis.plot(kwh(one.account.difference_j), row, "o", color=COLORS[0], label="estimate" if first else None)
-        axis.plot(kwh(one.entry_j), row, "s", markerfacecolor="none", color=COLORS[2],
+        axis.plot(kwh(one.account.difference_j), row, "o", color=SEVERAL[0], label="estimate" if first else None)
+        axis.plot(kwh(one.entry_j), row, "s", markerfacecolor="none", color=SEVERAL[2],
                   label="if the entry had to be slow" if first else None)  # fmt: skip
         if not np.isnan(one.likely.by_friction_j):
-            axis.plot(kwh(one.likely.by_friction_j), row, "D", markerfacecolor="none", color=COLORS[1],
+            axis.plot(kwh(one.likely.by_friction_j), row, "D", markerfacecolor="none", color=SEVERAL[1],
                       label="if friction did all braking" if first else None)  # fmt: skip
     axis.set_yticks(range(len(found)), [f"{one.trip}, {one.train}" for one in found[::-1]])
     axis.set_xlim(left=0.0)

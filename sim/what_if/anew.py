@@ -76,7 +76,7 @@ def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:
     """The scenario with another train or other braking of the coach; `true_level`: the losses that the train keeps."""
     if cab.vehicle is not None:
-        scenario = replace(scenario, vehicle=cab.vehicle, load=cab.load)
+        scenario = replace(scenario, vehicle=cab.vehicle, load=cab.load, loss_map=None)
     elif cab.load is not None:
         scenario = replace(scenario, load=cab.load)
     coach = scenario.coach

@@ -43,6 +43,7 @@ def attached_scenario(origin: Origin) -> Scenario:
         scenario,
         route=_file(origin, "route", scenario.route),
         vehicle=_vehicle(origin, "", scenario.vehicle),
+        loss_map=None if scenario.loss_map is None else _attached(origin, "loss_map"),
         truth=_truth(origin, scenario.truth),
     )
 
@@ -91,18 +92,11 @@ def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
-    _check(origin, options)
     text = "\n".join(_lines(origin, options))
     path = put(origin.folder / "scenario" / f"{_id(origin)}.toml", text.encode())
     scenario = read_scenario(path)
-    return replace(scenario, route=options.line.route, vehicle=options.driven.vehicle)
-
-
-def _check(origin: Origin, options: NodeOptions) -> None:
-    """Raise DasError for what a scenario cannot say."""
-    for name, given in (("--loss-map", options.driven.loss_map), ("--point-mass", options.driven.point_mass)):
-        if given:
-            raise DasError(f"{origin.path}: its node was started with {name}, with which no day can be driven anew")
+    driven = options.driven
+    return replace(scenario, route=options.line.route, vehicle=driven.vehicle, loss_map=driven.loss_map)
 
 
 def _id(origin: Origin) -> str:
@@ -124,6 +118,8 @@ def _lines(origin: Origin, options: NodeOptions) -> Iterator[str]:
     yield f"route = {_quoted(_bare(line.route))}"
     yield f"vehicle = {_quoted(_bare(driven.vehicle))}"
     yield from [f"load = {_quoted(load)}"] if load else []
+    yield from [f"loss_map = {_quoted(driven.loss_map.name)}"] if driven.loss_map else []
+    yield from ["point_mass = true"] if driven.point_mass else []
     yield f"reverse = {'true' if journey.reversed else 'false'}"
     yield f"from = {_quoted(stops[0].name)}"
     yield f"to = {_quoted(stops[-1].name)}"

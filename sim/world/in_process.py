@@ -36,7 +36,12 @@ class InProcess:
     def restart(self) -> None:
         """Begin with a cab that has heard nothing but what the bus keeps: journey, restrictions, targets."""
         service = self._service
-        situation = Situation(route=service.route, vehicle=service.vehicle, level=service.level)
+        situation = Situation(
+            route=service.route,
+            vehicle=service.vehicle,
+            level=service.level,
+            point_mass=service.scenario.point_mass,
+        )
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
         braking = service.scenario.coach

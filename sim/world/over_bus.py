@@ -163,6 +163,10 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
     arguments += ["--from", service.stops[0].name, "--to", service.stops[-1].name]
     if scenario.load is not None:
         arguments += ["--load", scenario.load]
+    if scenario.loss_map is not None:
+        arguments += ["--loss-map", str(scenario.loss_map)]
+    if scenario.point_mass:
+        arguments.append("--point-mass")
     if scenario.reverse:
         arguments.append("--reverse")
     if scenario.sensors.force_noise_ratio is not None:

@@ -37,6 +37,11 @@ LONGEST_DWELL_S = 86_400.0
 _ID = re.compile(r"\w[\w.-]{0,63}")
 """What an id looks like; it becomes part of the names of files."""
 
+KEYS = (
+    *("id", "title", "description", "route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from", "to"),
+    "calls",
+)
+"""The keys of the table `[scenario]`."""
 _STRETCH = {"from": "length", "to": "length"}
 _QUANTITIES: dict[str, dict[str, str]] = {
     "departure-delay": {"delay": "time"},
@@ -110,7 +115,8 @@ class PlannedBraking:
 class Scenario:
     """A day to be simulated. `human` are the human drivers, from whom each seed draws one.
 
-    `calls` names the stops on the way at which the train calls; None: at all of them.
+    `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map` is the file of the
+    losses (L3) that the advice is planned with in place of the vehicle's own, `point_mass` plans without its length.
     """
 
     id: str
@@ -132,6 +138,8 @@ class Scenario:
     coach: PlannedBraking
     disturbances: tuple[PlannedDisturbance, ...]
     calls: tuple[str, ...] | None = None
+    loss_map: Path | None = None
+    point_mass: bool = False
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
         """Draw the disturbances of a seed's day."""
@@ -164,7 +172,7 @@ def read_scenario(path: Path) -> Scenario:
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "coach", "disturbances"])
     main = fields.table("scenario")
-    main.check_keys(["id", "title", "description", "route", "vehicle", "load", "reverse", "from", "to", "calls"])
+    main.check_keys(KEYS)
     timetable = _optional(fields, "timetable")
     timetable.check_keys(["departure", *timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})])
     return Scenario(
@@ -187,6 +195,8 @@ def read_scenario(path: Path) -> Scenario:
         coach=_planned_braking(_optional(fields, "coach")),
         disturbances=_disturbances(fields),
         calls=_calls(main),
+        loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
+        point_mass=main.flag("point_mass", False),
     )
 
 

@@ -14,12 +14,13 @@ from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
+from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
-from das.solver.section import build_section
+from das.solver.section import SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drivers.knowledge import LineKnowledge
@@ -32,7 +33,7 @@ KEPT_BYTES = 300_000_000
 TIMETABLE_STEP_S = 6.0
 """Timetables are made in tenths of a minute."""
 PLANNED = (
-    *("route", "vehicle", "load", "reverse", "from_stop", "to_stop", "calls"),
+    *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "dwell_s"),
 )
 """The fields of a scenario that decide its service."""
@@ -103,8 +104,11 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
     Raises DasError for anything unusable, InfeasibleError where the train cannot run.
     """
     route, vehicle, stops = lay_out(scenario, level=level)
+    options = SectionOptions(point_mass=scenario.point_mass)
     fronts = tuple(
-        solve_front(build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m))
+        solve_front(
+            build_section(route, vehicle, level=level, start_m=a.position_m, end_m=b.position_m, options=options)
+        )
         for a, b in pairwise(stops)
     )
     timetables = _timetables(scenario, fronts)
@@ -127,6 +131,8 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
     route, vehicle = load_route(scenario.route), load_vehicle(scenario.vehicle)
     route = route.reversed() if scenario.reverse else route
     vehicle = vehicle if scenario.load is None else vehicle.loaded(scenario.load)
+    if scenario.loss_map is not None:
+        vehicle = vehicle.with_loss_map(read_loss_map(scenario.loss_map))
     level = vehicle.default_level if level is None else level
     vehicle.loss_model(level)
     stops = _stops(scenario, route)
@@ -140,6 +146,7 @@ def scenario_files(scenario: Scenario) -> dict[str, Path]:
         return {
             "scenario": scenario.source,
             **input_files(scenario.route, scenario.vehicle),
+            **({} if scenario.loss_map is None else {"loss_map": _there("scenario.loss_map", scenario.loss_map)}),
             **{f"true_{name}": path for name, path in _true_files(scenario.truth).items()},
         }
     except DasError as error:
@@ -149,11 +156,14 @@ def scenario_files(scenario: Scenario) -> dict[str, Path]:
 def _true_files(truth: Truth) -> dict[str, Path]:
     """The files of the true train that the plan does not use; raises DasError if one is missing."""
     files = {} if truth.vehicle is None else vehicle_files(truth.vehicle)
-    if truth.loss_map is None:
-        return files
-    if not truth.loss_map.is_file():
-        raise DasError(f"truth.loss_map = {str(truth.loss_map)!r}: no such file")
-    return {**files, "loss_map": truth.loss_map}
+    return files if truth.loss_map is None else {**files, "loss_map": _there("truth.loss_map", truth.loss_map)}
+
+
+def _there(key: str, path: Path) -> Path:
+    """A file that a scenario names; DasError where it is none."""
+    if not path.is_file():
+        raise DasError(f"{key} = {str(path)!r}: no such file")
+    return path
 
 
 def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:

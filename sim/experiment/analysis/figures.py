@@ -11,12 +11,13 @@ from matplotlib.figure import Figure
 
 from sim.experiment.analysis.comparing import ConditionValues, FoundDifference
 from sim.experiment.analysis.shown import ShownMeasure
-from sim.review.light import COLORS, INK, TEXT_POINTS, WIDTH_IN, light_figure, named, plain
+from sim.review.colors import SEVERAL
+from sim.review.light import INK, TEXT_POINTS, WIDTH_IN, light_figure, named, plain
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.reading import Floats
 
-BLUE, ORANGE = COLORS[0], COLORS[1]
+BLUE, ORANGE = SEVERAL[0], SEVERAL[1]
 FAINT: Final = "#9aa0a6"
 ROW_IN: Final = 0.42
 SCATTER: Final = 0.16
@@ -86,7 +87,7 @@ def _sorted_differences(axis: Any, differences: Floats, one: FoundDifference, sh
     axis.axhline(shown.factor * one.estimate.mean, color=INK, linewidth=2.0)
     if one.estimate.known:
         low, high = (shown.factor * bound for bound in one.estimate.interval)
-        axis.axhspan(low, high, color=COLORS[4], alpha=0.3, linewidth=0.0)
+        axis.axhspan(low, high, color=SEVERAL[4], alpha=0.3, linewidth=0.0)
     named(
         axis, x="Drivers in order of their difference",
         y=f"{one.comparison.a} less {one.comparison.b} ({shown.difference_unit})",

@@ -13,6 +13,7 @@ from das import __version__
 from sim.experiment.analysis import figures, words
 from sim.experiment.analysis.comparing import WANTED_POWER, FoundDifference, StudyFindings
 from sim.experiment.analysis.plan import StudyPlan
+from sim.review.colors import LIGHT
 from sim.review.light import as_image
 
 TEMPLATE: Final = "page.html.j2"
@@ -29,6 +30,7 @@ def page(found: StudyFindings) -> str:
     content = environment.get_template(TEMPLATE).render(
         title=f"Analysis of the study {plan.name}",
         version=__version__,
+        theme=LIGHT,
         about=plan.about,
         simulated=plan.simulated,
         hangs_on=words.hangs_on(found),

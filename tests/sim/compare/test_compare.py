@@ -95,7 +95,9 @@ def test_positions_are_a_constant_step_apart_and_a_change_of_the_limit_is_two_ro
     np.testing.assert_allclose(np.diff(even)[:-1], 50.0)
     lines = as_csv(aligned).decode().splitlines()
     assert len(lines) == len(aligned.s_m) + 1
-    assert lines[0].startswith("s_m,limit_kmh,time_s_1,speed_kmh_1,energy_kwh_1,lost_kwh_1,time_s_2")
+    assert lines[0].startswith(
+        "s_m,limit_kmh,clock_s_1,time_s_1,speed_kmh_1,energy_kwh_1,lost_kwh_1,clock_s_2,time_s_2"
+    )
 
 
 def test_drives_of_another_line_are_refused_and_other_trains_are_said_to_be() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
+from das.domain.units import NS
 from sim.events.calls import calls, stands
 from sim.events.chronicle import Chronicle
 from sim.events.clock import DriveClock
@@ -176,8 +178,11 @@ def test_the_clock_reads_what_it_shows() -> None:
     for t_s in (0.0, 59.0, 754.0, 3723.0, -10.0):
         assert clock.moment_ns(clock.shown(at_ns(t_s))) == at_ns(t_s)
         assert clock.moment_ns(f"{clock.of_day(at_ns(t_s))}Z") == at_ns(t_s)
-    assert clock.moment_ns("1:02:03") == at_ns(3723.0)
-    for bad in ("", "12", "12:99", "noon", "25:00:00Z"):
+    for text, t_s in (("1:02:03", 3723.0), ("90.5", 90.5), ("-0:10", -10.0), ("-10", -10.0), ("1:00:00.5", 3600.5)):
+        assert clock.moment_ns(text) == at_ns(t_s)
+    day = datetime.fromtimestamp(at_ns(90.0) * NS, UTC).replace(tzinfo=None)
+    assert clock.moment_ns(day.isoformat()) == clock.moment_ns(f"{day.isoformat()}+00:00") == at_ns(90.0)
+    for bad in ("", "x", "12:99", "noon", "25:00:00Z", "1:2:3:4", "nan", "inf", "1e400", "2026-13-01T00:00"):
         with pytest.raises(DasError, match="expected"):
             clock.moment_ns(bad)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,6 +76,14 @@ def test_every_colour_stands_out_from_its_background(theme: Theme) -> None:
 def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(ground: str) -> None:
     faint = {color: contrast(color, ground) for color in (VIEWER.ink, *VIEWER.of.values())}
     assert {color: ratio for color, ratio in faint.items() if ratio < 2.5} == {}
+
+
+@pytest.mark.parametrize("folder", ["review", "report", "compare"])
+def test_no_picture_or_page_has_colours_of_its_own(folder: str) -> None:
+    """All colours are in sim/review/colors.py, each once."""
+    for path in (Path("sim") / folder).iterdir():
+        if path.suffix in (".py", ".css", ".j2") and path.name != "colors.py":
+            assert not re.search(r"#[0-9a-fA-F]{3}(?:[0-9a-fA-F]{3})?\b|\btab:|\"C\d\"", path.read_text()), path
 
 
 def test_the_number_for_rerun() -> None:

@@ -78,13 +78,14 @@ def test_notes_are_bookmarks(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.processes
 def test_the_account_in_the_viewer_sums_to_the_account(tmp_path: Path) -> None:
-    from sim.review.account_view import LEAST_KWH, OTHER_THAN_ADVISED, account_view, spans_of
+    from sim.review.account_view import LEAST_KWH, OTHER_THAN_ADVISED, AccountView, spans_of
+    from sim.review.whole_picture import picture_of
 
     path = tmp_path / "run.mcap"
     answer = das_sim("run", "clear-day", "--driver", "human", "--seed", "2", "--out", str(path), cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
     account = account_of(read_recording(path))
-    shown = account_view(account)
+    shown = AccountView.of(account)
     beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     driving = sum(energy_j for cause, energy_j in account.by_cause.items() if cause not in beside)
     motion = sum(leg.energies.motors_j[-1] - leg.committed.energy_j[0] for leg in account.legs)
@@ -101,3 +102,8 @@ def test_the_account_in_the_viewer_sums_to_the_account(tmp_path: Path) -> None:
     in_lane = [change.state for change in shown.lane.changes if change.state]
     assert in_lane == [f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" for span in worth]
     assert f"{kwh(account.difference_j):.1f} kWh above" in shown.text
+    names = [
+        axis.get_ylabel() or axis.get_yticklabels()[0].get_text() for axis in picture_of(read_recording(path)).axes
+    ]
+    assert {"cost (kWh)", "Lost (kWh)"} <= set(names)
+    assert names.index("cost (kWh)") == names.index("Controller (%)") + 1  # under the effort shown and set

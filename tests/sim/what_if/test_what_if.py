@@ -8,20 +8,24 @@ from collections import defaultdict
 from pathlib import Path
 from tempfile import mkdtemp
 
+import numpy as np
 import pytest
 
 from das.bus.contents import read_contents
+from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.bus.topics import ADVICE, JOURNEY, RESTRICTION
 from das.cab.heard import ToldRestriction
 from das.domain.errors import DasError
-from das.domain.files.load import catalogue
+from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
+from sim.accounts.inputs import inputs_of
 from sim.accounts.shown import ShownAdvice
 from sim.compare.aligned import AlignedDrives
 from sim.compare.on_track import drives_on_track
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.recording.check import check_file
+from sim.recording.inputs import sha256
 from sim.replay.command import bundled_recording
 from sim.reproduce.reproduce import reproduce
 from sim.what_if.anew import day_again, drive_again
@@ -35,11 +39,13 @@ from sim.what_if.otherwise import (
     WhatIfKind,
     read_restriction,
 )
+from sim.what_if.recorded_scenario import scenario_of_drive
 from sim.world.day import make_day
 from sim.world.disturbances import DepartureDelay
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
+from sim.world.service import lay_out, prepare_service, scenario_files
+from tests.sim.world.test_truth import write_map
 from tests.support.flat_days import FLAT
 from tests.support.reference_recordings import FOLDER
 
@@ -191,6 +197,34 @@ def test_the_day_of_a_drive_without_a_simulator_is_made_from_what_was_heard() ->
     assert delay.delay_s == pytest.approx(90.0, abs=2.0)
     (table,) = day.service.timetables
     assert (table.arrival_ns - table.departure_ns) * 1e-9 == pytest.approx(1248.0)
+
+
+def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_path: Path) -> None:
+    """The recording brings the map along, and the day, its new recording and its account of the energy have both."""
+    own_map = tmp_path / "own.csv"
+    write_map(own_map, 1.2)
+    contents = read_contents(REPLAY)
+    run = contents.metadata["run"]
+    words = [*json.loads(run["node_arguments"]), "--loss-map", "/nowhere/own.csv", "--point-mass"]
+    file = RecordingFile(tmp_path / "replay.mcap")
+    file.add_metadata("run", {**run, "node_arguments": json.dumps(words), "loss_map_sha256": sha256(own_map)})
+    for one in contents.attachments:
+        file.add_attachment(one.name, one.media_type, one.data)
+    file.add_attachment("own.csv", "text/csv", own_map.read_bytes())
+    for one in contents.messages:
+        file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
+    file.close()
+    own_map.unlink()
+    scenario = scenario_of_drive(origin_of(file.path), None)
+    _, vehicle, _ = lay_out(scenario)
+    planned, given = load_vehicle("re460-ic").loss_model(Level.L3), vehicle.loss_model(Level.L3)
+    at = np.array([1e5]), np.array([20.0])
+    np.testing.assert_allclose(given.loss_w(*at), 1.2 * planned.loss_w(*at), rtol=0.02)
+    assert scenario.point_mass
+    assert scenario_files(scenario)["loss_map"].name == "own.csv"
+    inputs = inputs_of(read_recording(file.path))
+    np.testing.assert_allclose(inputs.vehicle.loss_model(Level.L3).loss_w(*at), given.loss_w(*at))
+    assert inputs.vehicle.train_length_m == 0.0
 
 
 @pytest.mark.slow
