@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -181,6 +183,28 @@ def test_the_folder_opens_in_one_line_a_table(study: Path) -> None:
     description = json.loads((study / "dataset_description.json").read_text())
     assert description["BIDSVersion"]
     assert description["Name"] == "A small study"
+
+
+@pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
+def test_the_tables_open_in_one_line_of_r(study: Path) -> None:
+    """The lines are those of the page; a table of Parquet needs a package that is rarely there."""
+    page = (REPOSITORY / "docs" / "how-to" / "run-an-experiment.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```r\n(.*?)```", page, re.DOTALL)
+    lines = [line for line in code.splitlines() if "parquet" not in line]
+    lines = [line.replace("study/", f"{study.name}/") for line in lines]
+    told = [f"cat(dim({name}), names({name}), '\\n')" for name in ("trials", "participants", "events")]
+    done = subprocess.run(
+        ["Rscript", "--vanilla", "-e", "\n".join([*lines, *told, "cat(class(events$value))"])], cwd=study.parent,
+        capture_output=True, text=True, timeout=60, check=False,
+        env={**os.environ, "LC_ALL": "C.UTF-8"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *shapes, kind = [line.split() for line in done.stdout.splitlines()]
+    events = study / "sub-01" / "ses-01" / "beh" / "sub-01_ses-01_task-drive_run-001_events.tsv"
+    for shape, path in zip(shapes, (study / TRIALS_TABLE, study / "participants.tsv", events), strict=True):
+        table = pandas.read_csv(path, sep="\t" if path.suffix == ".tsv" else ",")
+        assert shape == [*map(str, table.shape), *table.columns]
+    assert kind == ["numeric"]
 
 
 def test_provenance_and_design_are_kept(study: Path) -> None:
