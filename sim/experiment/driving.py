@@ -100,9 +100,10 @@ def _run(day: Day, driver: WatchedDriver, setting: Setting, record: TrialRecordi
         advice=setting.presentation,
         train="train-1",
         command=record.command,
+        screen=setting.screen,
     )
     crew = make_crew(day, how, record.file)
-    run, traffic = run_over_bus(day, driver, setting.presentation, crew, screen=setting.screen)
+    run, traffic = run_over_bus(day, driver, setting.presentation, crew, screen=how.screen)
     if traffic.lost:
         raise DasError(f"{record.file}: {traffic.lost} messages were lost")
     return run

@@ -22,7 +22,7 @@ from sim.experiment.driving import LINES_KEPT, TrialCall, TrialRecording, drive
 from sim.experiment.freezing import setting_files
 from sim.experiment.measures import measured
 from sim.experiment.setting import Setting
-from sim.experiment.trial_files import events_file, recording_file, series_file, trial_files
+from sim.experiment.trial_files import events_file, recording_file, series_file, setting_file, trial_files
 from sim.experiment.trials import StudyTrial, trials_of
 from sim.recording.inputs import sha256
 from sim.world.service import PLANNED
@@ -70,7 +70,8 @@ class TrialJob:
     @property
     def kept_files(self) -> tuple[str, ...]:
         """The files that are to be there when the trial is finished, without its recording."""
-        return () if self.keep is Keep.MEASURES else (events_file(self.trial), series_file(self.trial))
+        of_trial = (events_file, setting_file, series_file)
+        return () if self.keep is Keep.MEASURES else tuple(of(self.trial) for of in of_trial)
 
     @property
     def record(self) -> TrialRecording | None:

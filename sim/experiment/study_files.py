@@ -99,7 +99,8 @@ def _readme(design: Design) -> str:
         f"{design.title}\n\n{described}"
         f"{TRIALS_TABLE} has one row for each trial, and {TRIALS_SIDECAR} says what each column is.\n"
         "design.toml is the design as it was frozen, and design.json the same with all defaults and its hash.\n"
-        "sub-XX/ses-YY/beh has for each trial what the driver decided (events.tsv) and a series of one row a second\n"
-        f"(series.parquet); task-{TASK}_events.json and task-{TASK}_series.json say what their columns are.\n"
+        "sub-XX/ses-YY/beh has for each trial what the driver decided (events.tsv), how the trial was set up\n"
+        "(events.json) and a series of one row a second (series.parquet).\n"
+        f"task-{TASK}_events.json and task-{TASK}_series.json say what their columns are.\n"
         "All participants are simulated drivers. Their clocks are those of the simulated day.\n"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
@@ -11,8 +12,10 @@ from typing import Any, Final
 from das.advice.modes import Mode, mode_name
 from das.domain.units import NS
 from sim.drivers.shown import Shown
-from sim.experiment.describing import EVENT_COLUMNS, SERIES_COLUMNS
+from sim.experiment.describing import EVENT_COLUMNS, NO_UNIT, SERIES_COLUMNS, Sidecar
 from sim.experiment.driven import Driven
+from sim.experiment.factors import FACTORS
+from sim.experiment.setting import Setting
 from sim.experiment.trials import StudyTrial
 from sim.export.columns import Column, DataTable
 from sim.export.writing import as_parquet
@@ -40,6 +43,11 @@ def events_file(trial: StudyTrial) -> str:
     return f"{trial_folder(trial)}/{trial_name(trial)}_events.tsv"
 
 
+def setting_file(trial: StudyTrial) -> str:
+    """Path of the sidecar that says how a trial was set up, beside its events within the study's folder."""
+    return f"{trial_folder(trial)}/{trial_name(trial)}_events.json"
+
+
 def series_file(trial: StudyTrial) -> str:
     """Path of a trial's series within the study's folder."""
     return f"{trial_folder(trial)}/{trial_name(trial)}_series.parquet"
@@ -51,11 +59,27 @@ def recording_file(trial: StudyTrial) -> str:
 
 
 def trial_files(trial: StudyTrial, driven: Driven) -> dict[str, bytes]:
-    """The files of events and series of a trial, by their paths within the study's folder."""
+    """The files of events, setting and series of a trial, by their paths within the study's folder."""
+    setting = setting_sidecar(trial.setting, driven)
     about = {"participant": trial.participant, "condition": trial.condition, "trial": str(trial.number)}
+    about |= {name: str(entry["Value"]) for name, entry in setting.items()}
     return {
+        setting_file(trial): json.dumps({"Setting": setting}, indent=2, ensure_ascii=False).encode() + b"\n",
         events_file(trial): tab_separated(EVENT_COLUMNS, _event_rows(driven)),
         series_file(trial): as_parquet(_series(driven), about),
+    }
+
+
+def setting_sidecar(setting: Setting, driven: Driven) -> Sidecar:
+    """How a trial was set up: the value of every factor, whether it was varied or not, with unit and meaning."""
+    service = driven.day.service
+    named = {"scenario": service.scenario.id, "train": service.vehicle.id, "loss_level": str(service.level)}
+    values = {**setting.figures(), **named}
+    if values["preview_s"] is None:
+        values["preview_s"] = "all"
+    return {
+        name: {"Value": values[name], "Units": one.unit or NO_UNIT, "Description": one.meaning}
+        for name, one in FACTORS.items()
     }
 
 

@@ -1,6 +1,7 @@
-"""`python -m sim.study [price] [days] [loop] [display]`: make figures and pictures of the documentation again.
+"""`python -m sim.study [price] [days] [loop] [display] [truth]`: make figures and pictures of the documentation again.
 
-The first three are of docs/explanation/coach.md, the last is of docs/reference/drivers.md.
+The first three are of docs/explanation/coach.md, `display` is of docs/reference/drivers.md, and `truth` is of
+docs/explanation/experiment-statistics.md.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from sim.study.display import display_table
+from sim.study.known_truth import known_truth_table
 from sim.study.loop import DRIVERS, KEPT, SCENARIOS, SEEDS, driver_table, keeping_table
 from sim.study.page import write_table
 from sim.study.pictures import days_table
@@ -19,6 +21,7 @@ from sim.study.watching import service_of
 
 COACH: Final = Path("docs") / "explanation" / "coach.md"
 DRIVERS_PAGE: Final = Path("docs") / "reference" / "drivers.md"
+STATISTICS_PAGE: Final = Path("docs") / "explanation" / "experiment-statistics.md"
 
 
 def _price() -> Iterator[tuple[str, Iterator[str]]]:
@@ -39,13 +42,18 @@ def _display() -> Iterator[tuple[str, Iterator[str]]]:
     yield "display", display_table(service_of("clear-day"))
 
 
+def _truth() -> Iterator[tuple[str, Iterator[str]]]:
+    yield "known-truth", known_truth_table()
+
+
 PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
     "price": _price,
     "days": _days,
     "loop": _loop,
     "display": _display,
+    "truth": _truth,
 }
-PAGES: Final = {"display": DRIVERS_PAGE}
+PAGES: Final = {"display": DRIVERS_PAGE, "truth": STATISTICS_PAGE}
 """The page of each part that is not of the coach's."""
 
 

@@ -25,6 +25,7 @@ from sim.world.day import Day, make_day, with_disturbances
 from sim.world.disturbances import AnnouncedRestriction
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import Scenario
+from sim.world.screen_text import recorded_screen
 from sim.world.service import prepare_service
 
 TRUE_LEVEL: Final = "what_if_true_level"
@@ -70,7 +71,7 @@ def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
     crew = make_crew(day, how, out)
     crew = replace(crew, metadata={**crew.metadata, **again.metadata})
     assert not isinstance(how.driver, External)
-    run_over_bus(day, day.driver(how.driver, how.friction), how.advice, crew, progress)
+    run_over_bus(day, day.driver(how.driver, how.friction), how.advice, crew, progress, screen=how.screen)
 
 
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:
@@ -131,6 +132,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
             advice=driven.advice or Presentation(run.get("advice", shown)),
             train=origin.train,
             command=typed_command(),
+            screen=recorded_screen(run),
         )
     except ValueError as error:
         raise DasError(f"{origin.path}: how it was driven is not known to this version ({error})") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,6 +36,7 @@ from sim.world.hindsight import hindsight, true_fronts
 from sim.world.link import Tick, Told
 from sim.world.loop import BEFORE_S, Progress, Run, World
 from sim.world.restlessness import Restlessness
+from sim.world.screen_text import screen_metadata
 from sim.world.service import Service, scenario_files
 
 
@@ -121,6 +122,7 @@ class How:
     command: str
     bus: BusFolder | None = None
     driver_at: str | None = None
+    screen: ScreenSettings = field(default_factory=ScreenSettings)
 
 
 def make_crew(day: Day, how: How, out: Path) -> Crew:
@@ -138,6 +140,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         "friction_policy": str(how.friction),
         **driver_versions(how.driver),
         "advice": str(how.advice),
+        **screen_metadata(how.screen),
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
         "route": service.route.name,

@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,12 +18,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 
 from sim.batch.journal import Journal
+from sim.drivers.screen import ScreenSettings
 from sim.experiment.design import Design, read_design
+from sim.experiment.factors import FACTORS
 from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.experiment.jobs import Keep, TrialJob, jobs_of, worked_off
 from sim.experiment.running import Workers, run_study
+from sim.world.screen_text import screen_metadata
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim
 
@@ -43,6 +49,8 @@ practice_trials = 1
 break_after = 2
 [fixed]
 scenario = "flat-6km"
+hold_s = 5
+preview_s = 600
 [[factors]]
 name = "presentation"
 levels = ["none", "vector"]
@@ -183,6 +191,28 @@ def test_the_folder_opens_in_one_line_a_table(study: Path) -> None:
     assert description["Name"] == "A small study"
 
 
+@pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
+def test_the_tables_open_in_one_line_of_r(study: Path) -> None:
+    """The lines are those of the page; a table of Parquet needs a package that is rarely there."""
+    page = (REPOSITORY / "docs" / "how-to" / "run-an-experiment.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```r\n(.*?)```", page, re.DOTALL)
+    lines = [line for line in code.splitlines() if "parquet" not in line]
+    lines = [line.replace("study/", f"{study.name}/") for line in lines]
+    told = [f"cat(dim({name}), names({name}), '\\n')" for name in ("trials", "participants", "events")]
+    done = subprocess.run(
+        ["Rscript", "--vanilla", "-e", "\n".join([*lines, *told, "cat(class(events$value))"])], cwd=study.parent,
+        capture_output=True, text=True, timeout=60, check=False,
+        env={**os.environ, "LC_ALL": "C.UTF-8"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *shapes, kind = [line.split() for line in done.stdout.splitlines()]
+    events = study / "sub-01" / "ses-01" / "beh" / "sub-01_ses-01_task-drive_run-001_events.tsv"
+    for shape, path in zip(shapes, (study / TRIALS_TABLE, study / "participants.tsv", events), strict=True):
+        table = pandas.read_csv(path, sep="\t" if path.suffix == ".tsv" else ",")
+        assert shape == [*map(str, table.shape), *table.columns]
+    assert kind == ["numeric"]
+
+
 def test_provenance_and_design_are_kept(study: Path) -> None:
     provenance = json.loads((study / "provenance.json").read_text())
     design = json.loads((study / "design.json").read_text())
@@ -233,7 +263,18 @@ def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: P
     some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("vector",)][:1]
     found = run_study(designed(place), some, tmp_path, Workers(count=1))
     assert found.failed == ()
-    assert len(list(tmp_path.rglob("*_recording.mcap"))) == 1
+    (recording,) = tmp_path.rglob("*_recording.mcap")
+    with recording.open("rb") as file:
+        run = next(one.metadata for one in make_reader(file).iter_metadata() if one.name == "run")
+    shown = {name: text for name, text in run.items() if name.startswith("screen_")}
+    assert shown == screen_metadata(ScreenSettings(hold_s=5.0, preview_s=600.0))
+    (sidecar,) = tmp_path.rglob("*run-*_events.json")
+    setting = json.loads(sidecar.read_text(encoding="utf-8"))["Setting"]
+    assert {name: setting[name]["Value"] for name in ("hold_s", "preview_s", "reason", "update_interval_s")} == {
+        "hold_s": 5.0, "preview_s": 600.0, "reason": True, "update_interval_s": 0.0,
+    }  # fmt: skip
+    assert set(setting) == set(FACTORS)
+    assert all(one["Description"] and one["Units"] for one in setting.values())
     whole = {row["trial"]: row for row in csv.DictReader(io.StringIO((study / TRIALS_TABLE).read_text()))}
     (own,) = csv.DictReader(io.StringIO((tmp_path / TRIALS_TABLE).read_text()))
     assert own == whole[own["trial"]]  # to the last bit: the node on the bus is the same cab
