@@ -1,6 +1,6 @@
-"""`python -m sim.study [price] [days] [loop] [display]`: make figures and pictures of the documentation again.
+"""`python -m sim.study [price] [days] [loop] [display] [braking]`: make the documentation's figures and pictures again.
 
-The first three are of docs/explanation/coach.md, the last is of docs/reference/drivers.md.
+The first three are of docs/explanation/coach.md, the others are of docs/reference/drivers.md.
 """
 
 from __future__ import annotations
@@ -10,12 +10,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+from sim.experiment.setting import day_of
 from sim.study.display import display_table
 from sim.study.loop import DRIVERS, KEPT, SCENARIOS, SEEDS, driver_table, keeping_table
+from sim.study.own_braking import braking_table
 from sim.study.page import write_table
 from sim.study.pictures import days_table
 from sim.study.price import price_table, zug_luzern
 from sim.study.watching import service_of
+from sim.world.service import prepare_service
 
 COACH: Final = Path("docs") / "explanation" / "coach.md"
 DRIVERS_PAGE: Final = Path("docs") / "reference" / "drivers.md"
@@ -36,7 +39,11 @@ def _loop() -> Iterator[tuple[str, Iterator[str]]]:
 
 
 def _display() -> Iterator[tuple[str, Iterator[str]]]:
-    yield "display", display_table(service_of("clear-day"))
+    yield "display", display_table([service_of("clear-day"), prepare_service(day_of("flat-6km"))])
+
+
+def _braking() -> Iterator[tuple[str, Iterator[str]]]:
+    yield "braking", braking_table()
 
 
 PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
@@ -44,8 +51,9 @@ PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
     "days": _days,
     "loop": _loop,
     "display": _display,
+    "braking": _braking,
 }
-PAGES: Final = {"display": DRIVERS_PAGE}
+PAGES: Final = {"display": DRIVERS_PAGE, "braking": DRIVERS_PAGE}
 """The page of each part that is not of the coach's."""
 
 
