@@ -26,6 +26,8 @@ from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_ahead, solve_front
 
 Floats = NDArray[np.float64]
+SAME_W = 1e-6
+"""Squares of speeds (m²/s²) nearer to each other than this are the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +152,13 @@ def _parts(section: Section, at_m: float) -> tuple[Section, Section]:
     (hop,) = build_hops(
         journey, section.route, section.vehicle, level=section.level, point_mass=section.train_length_m == 0
     )
-    return hop.part(0, 1), hop.part(1, 2)
+    return _under(section, hop.part(0, 1)), _under(section, hop.part(1, 2))
+
+
+def _under(section: Section, part: Section) -> Section:
+    """A part of a section, nowhere faster than the section lets the train be: its drivers may brake earlier."""
+    lower_w = np.interp(part.node_m, section.node_m, section.envelope_mps**2)
+    return capped(part, np.sqrt(lower_w)) if np.any(lower_w < part.envelope_mps**2 - SAME_W) else part
 
 
 def _price_index(after: Front, v_mps: float, time_s: float) -> int:

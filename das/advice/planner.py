@@ -13,6 +13,7 @@ import numpy as np
 
 from das.advice import plan_kernels
 from das.advice.advice import Source
+from das.advice.own_braking import as_driven
 from das.advice.passing import PassingFronts, PassingTarget, time_at
 from das.advice.plan import Plan
 from das.advice.reduced import ReducedSpeed
@@ -62,9 +63,10 @@ class Goal:
 class PlanBasis:
     """What a section is planned with.
 
-    `front` is None while none is known; then the plan is the fastest safe run, nowhere faster than `before`, the plan
-    under which the train came so far. `passing` serves a point that is to be passed in a window of time, and
-    `meanwhile` says why no front is known yet.
+    `section` is the section as the train can drive it; the `front` may be of the same section with the braking and the
+    margins of the site's drivers. `front` is None while none is known; then the plan is the fastest safe run, nowhere
+    faster than `before`, the plan under which the train came so far. `passing` serves a point that is to be passed in a
+    window of time, and `meanwhile` says why no front is known yet.
     """
 
     section: Section
@@ -81,6 +83,9 @@ class Planner:
     def __init__(self, basis: PlanBasis, settings: AdviceSettings = DEFAULT) -> None:
         self.basis, self.section = basis, basis.section
         self.envelope_w = self.section.envelope_mps**2
+        driver = settings.coach.driver
+        self._own = basis.front.section if basis.front is not None else as_driven(basis.section, driver)
+        self._own_w = self._own.envelope_mps**2
         self.plan: Plan | None = None
         """The plan that is being advised; None: the next state asks for a new one."""
         self.reduced = ReducedSpeed(self.section)
@@ -103,10 +108,10 @@ class Planner:
         Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
         """
         if self.plan is None or not self._follows(self.plan, state):
-            allowed, v_mps = self.allowed_mps(state.s_m), state.v_mps
-            eased = allowed < v_mps <= allowed + self._settings.plan.overspeed_eased_mps
+            planned, v_mps = self._planned_mps(state.s_m), state.v_mps
+            eased = planned < v_mps <= self.allowed_mps(state.s_m) + self._settings.plan.overspeed_eased_mps
             at_least_s = self._settings.plan.braked_early_s if self._brakes_early(state) else 0.0
-            start = state._replace(v_mps=allowed) if eased else state
+            start = state._replace(v_mps=planned) if eased else state
             solution = self._solution(start, goal, at_least_s)
             self.plan = Plan.of(solution, self.section, state.now_ns, self._settings.modes)
         return self.plan
@@ -115,6 +120,11 @@ class Planner:
         """The highest speed (m/s) from which limits and the stop can still be kept."""
         section = self.section
         return float(plan_kernels.allowed(section.node_m, self.envelope_w, section.limit_mps, s_m))
+
+    def _planned_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) that is planned: what is allowed, or less where the site's drivers brake earlier."""
+        own = self._own
+        return float(plan_kernels.allowed(own.node_m, self._own_w, own.limit_mps, s_m))
 
     def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
         """The least of what is allowed (m/s) on the way between two positions (m); 0 from the end of the section on."""
@@ -155,7 +165,7 @@ class Planner:
         slower = self.plan is not None and self.plan.at(s_m).speed_mps - v_mps > settings.slower_than_planned_mps
         ahead = self.section.node_m > s_m + self._settings.stop.standstill_m
         way_m = self.section.node_m[ahead] - s_m
-        falls = v_mps**2 - self.envelope_w[ahead] > 2.0 * settings.braking_ahead_mps2 * way_m
+        falls = v_mps**2 - self._own_w[ahead] > 2.0 * settings.braking_ahead_mps2 * way_m
         brakes = bool(np.any(falls))
         self._braked_early = brakes and (slower or self._braked_early)
         return self._braked_early
@@ -168,7 +178,7 @@ class Planner:
         front, settings = self.basis.front, self._settings.plan
         if front is None:
             return self._cautious(state)
-        least_s = self.least_time_s(state.s_m, state.v_mps)
+        least_s = least_time_s(self._own, state.s_m, state.v_mps)
         at_least = least_s + at_least_s if at_least_s else 1e-3
         left_s = max(goal.left_s(state.now_ns) + settings.unhurried_s, at_least)
         asked_s = min(left_s, settings.longest_ratio * least_s)
@@ -198,7 +208,7 @@ class Planner:
         before = self.basis.before
         if before is not None:
             try:
-                return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)
+                return fastest(capped(self._own, before.speeds_mps(self._own.node_m)), state.s_m, state.v_mps)
             except DasError:
                 pass  # There is a hill that cannot be climbed so slowly.
-        return fastest(self.section, state.s_m, state.v_mps)
+        return fastest(self._own, state.s_m, state.v_mps)

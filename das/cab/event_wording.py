@@ -324,6 +324,10 @@ def table_broken(error: Exception) -> str:
     return f"{error}; solved instead"
 
 
+OWN_BRAKING: Final = "made with the train's own braking, not with that of the site's drivers"
+"""Why no table serves where the site says how its drivers brake."""
+
+
 def table_unfit(folder: object, why: str) -> str:
     """A table that was made for a section like this one, but not for this one."""
     return f"{folder}: {why}; solved instead"

@@ -12,7 +12,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from das.advice.coach.settings import CoachSettings
+from das.advice.coach.settings import CoachSettings, DriverSettings
+from das.advice.own_braking import says_how
 from das.advice.passing import PassingFronts, PassingRun, PassingTarget
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
@@ -143,7 +144,7 @@ class Preparation:
         front alone is enough to advise.
         """
         began = self._stopwatch()
-        self._fronts.find(section)
+        self._fronts.find(section, driver=self._coach.driver)
         self.solve_s = self._stopwatch() - began
         if self._coach.enabled:
             calm = self.coach_worker.submit(lambda: self._fronts.find_calm(section, self._coach))
@@ -182,8 +183,8 @@ class Preparation:
             one.give_up()
         if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
             one.served = point
-            question = _Question.of(leg)
-            one.search = self._solver.submit(lambda: _answered(self._fronts, question, self._stopwatch))
+            question, driver = _Question.of(leg), self._coach.driver
+            one.search = self._solver.submit(lambda: _answered(self._fronts, question, driver, self._stopwatch))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.calm is not None and one.calm.done():
@@ -203,7 +204,9 @@ class Preparation:
         if answer.refusal:
             self._news.append(News(event_wording.target_unsolved(answer.refusal), True))
         self._news += [News(note, True) for note in found.notes]
-        leg.use(PlanBasis(section=found.front.section, front=found.front, source=found.source, passing=answer.passing))
+        # Where the site says how its drivers brake, the front is not of the leg's own section.
+        section = leg.section if says_how(self._coach.driver) else found.front.section
+        leg.use(PlanBasis(section=section, front=found.front, source=found.source, passing=answer.passing))
         why, one.why = one.why, ""
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
         if self._coach.enabled:
@@ -259,13 +262,13 @@ class _Question(NamedTuple):
         return cls(section, goal.passing, now_ns, goal.arrival_ns, here.s_m, here.speed_mps)
 
 
-def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
+def _answered(fronts: Fronts, question: _Question, driver: DriverSettings, stopwatch: Callable[[], float]) -> _Answer:
     """Look for a front, and for those of a point; whatever goes wrong is the answer."""
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
-        found = fronts.find(question.section, question.s_m)
-        passing = _passing(question)
+        found = fronts.find(question.section, question.s_m, driver)
+        passing = _passing(question, found.front.section)
     except DasError as error:
         refusal = str(error)
     except Exception as error:  # No advice is better than a thread that died in silence.
@@ -281,7 +284,8 @@ def _calm(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) ->
         return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 
 
-def _passing(question: _Question) -> PassingFronts | None:
+def _passing(question: _Question, section: Section) -> PassingFronts | None:
+    """The fronts of a point on a section as it is planned; None where the point asks for nothing."""
     point = question.point
     if point is None or point.s_m < question.s_m + LEAST_WAY_M:
         return None
@@ -294,4 +298,4 @@ def _passing(question: _Question) -> PassingFronts | None:
         to_point_s=(due_ns - question.now_ns) * NS,
         total_s=(question.arrival_ns - question.now_ns) * NS,
     )
-    return PassingFronts.solve(question.section, point.s_m, onboard_ladder(question.section), run)
+    return PassingFronts.solve(section, point.s_m, onboard_ladder(section), run)

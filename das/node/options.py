@@ -101,15 +101,14 @@ class CoachGiven:
             metavar="M/S2",
             min=0.1,
             max=1.5,
-            help="Deceleration that the coach plans with, as drivers here brake [default: 90 % of the train's].",
+            help="Deceleration for limits and stops to plan with, as drivers here brake "
+            "[default: the train's, of the coach 90 % of it].",
             show_default=False,
         ),
     ] = None
     below_limit: Annotated[
         float,
-        typer.Option(
-            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits that the coach plans with."
-        ),
+        typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits to plan with."),
     ] = 0.0
 
 

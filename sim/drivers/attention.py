@@ -177,9 +177,17 @@ class DisplayReading:
             self._pending = False
             self._act_s = now_s + self._reaction_s(Mode.NONE, now_s) if self.heeded.follows else now_s
             return
-        follow = bool(self._chance.choices.random() < getattr(self._human, f"comply_{kind}_ratio"))
+        follow = bool(self._chance.choices.random() < self._followed_ratio(view, kind))
         self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
         self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
+
+    def _followed_ratio(self, view: AdviceView, kind: str) -> float:
+        """How likely he is to follow advice of a kind: with a reason beside it, he may refuse less of it."""
+        human = self._human
+        followed = float(getattr(human, f"comply_{kind}_ratio"))
+        if not view.reason or human.reason_refusal_ratio == 1.0:
+            return followed
+        return 1.0 - human.reason_refusal_ratio * (1.0 - followed)
 
 
 def _item(view: AdviceView) -> tuple[object, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from das.advice.modes import Mode
-from sim.drivers.attention import DisplayReading, Lapses
+from sim.drivers.attention import DisplayReading, Lapses, advice_kind
 from sim.drivers.cab import AdviceView, CabView, Efforts, Presentation
 from sim.drivers.chance import Chance, Errors, ReactionTimes
 from sim.drivers.diary import Diary, DriverEvent
@@ -150,7 +150,7 @@ class HumanDriver:
         """The setting that the advice asks for."""
         handling = self._handling
         if view.presentation is Presentation.VECTOR:
-            return self._by_vector(cab, outlook, view)
+            return self._by_vector(cab, outlook, view, allowed_mps)
         if view.presentation is Presentation.COACH:
             return self._coached(cab, outlook, view, allowed_mps)
         if view.mode == Mode.CRUISE:
@@ -161,17 +161,29 @@ class HumanDriver:
             return handling.efforts.lever_ratio(-handling.efforts.electric_n)
         return 0.0
 
-    def _by_vector(self, cab: CabView, outlook: Outlook, view: AdviceView) -> float:
+    def _by_vector(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting for an effort and a speed: the effort, and more or less of it where the speed is another one.
 
         Nobody corrects while he is told to let the train roll, and at the end of the scale there is no more or less.
         """
         if view.mode == Mode.COAST:
             return 0.0
+        if math.isnan(view.lever_ratio):
+            return self._to_speed(cab, outlook, view, allowed_mps)
         if abs(view.lever_ratio) > HAND.end_stop_ratio:
             return self._set(view.lever_ratio)
         more = self._handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
         return min(max(self._set(view.lever_ratio) + more, -1.0), 1.0)
+
+    def _to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        """The setting where the display shows a speed but no effort: he brings the train to it and holds it his way."""
+        target = min(view.shown_speed_mps, allowed_mps)
+        held = self._handling.held(cab, outlook, target)
+        if advice_kind(view) != "brake":
+            return held
+        if cab.speed_mps > target:
+            return min(self._handling.braked(cab, outlook, self.parameters.braking_mps2), 0.0)
+        return min(held, 0.0)
 
     def _set(self, lever_ratio: float) -> float:
         """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""

@@ -12,6 +12,11 @@ from das.domain.units import KMH
 ASSUMPTION = "assumption"
 ROAD = "assumption, longer than the 0.75 to 1.5 s of road drivers' braking (Green 2000) because advice is not urgent"
 
+REASON = (
+    "assumption: a reason has no effect. Road drivers adhere more to justified advice (123 people, Thill et al. "
+    "2018, Transp. Res. F 56, 420-435, no rate), while SBB dropped the reason eco because it changed nothing"
+)
+
 
 def _parameter(default: float, unit: str, low: float, high: float, meaning: str, source: str = ASSUMPTION) -> Any:
     """Make a field, with what a reader must know about it."""
@@ -57,6 +62,14 @@ class HumanParameters:
     comply_hold_ratio: float = _parameter(0.9, "–", 0.0, 1.0, "share of advice to hold a speed that is followed")
     comply_coast_ratio: float = _parameter(0.85, "–", 0.0, 1.0, "share of advice to coast that is followed")
     comply_brake_ratio: float = _parameter(0.85, "–", 0.0, 1.0, "share of advice to brake that is followed")
+    reason_refusal_ratio: float = _parameter(
+        1.0,
+        "–",
+        0.0,
+        1.0,
+        "of the advice that is refused without a reason, the share that is refused although its reason is shown",
+        REASON,
+    )
     lapses_per_h: float = _parameter(1.0, "1/h", 0.0, 60.0, "lapses of attention (Poisson process)")
     lapse_mean_s: float = _parameter(
         12.0, "s", 0.1, 120.0, "mean duration of a lapse (exponential), ended early by the speed warning"

@@ -1,7 +1,7 @@
-"""`python -m sim.study [price] [days] [loop] [display] [truth]`: make figures and pictures of the documentation again.
+"""`python -m sim.study [PART…]`: make figures and pictures of the documentation again.
 
-The first three are of docs/explanation/coach.md, `display` is of docs/reference/drivers.md, and `truth` is of
-docs/explanation/experiment-statistics.md.
+`price`, `days` and `loop` are of docs/explanation/coach.md, `display` and `braking` of docs/reference/drivers.md, and
+`truth` is of docs/explanation/experiment-statistics.md.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+from sim.experiment.setting import day_of
 from sim.study.display import display_table
 from sim.study.known_truth import known_truth_table
 from sim.study.loop import DRIVERS, KEPT, SCENARIOS, SEEDS, driver_table, keeping_table
+from sim.study.own_braking import braking_table
 from sim.study.page import write_table
 from sim.study.pictures import days_table
 from sim.study.price import price_table, zug_luzern
 from sim.study.watching import service_of
+from sim.world.service import prepare_service
 
 COACH: Final = Path("docs") / "explanation" / "coach.md"
 DRIVERS_PAGE: Final = Path("docs") / "reference" / "drivers.md"
@@ -39,7 +42,11 @@ def _loop() -> Iterator[tuple[str, Iterator[str]]]:
 
 
 def _display() -> Iterator[tuple[str, Iterator[str]]]:
-    yield "display", display_table(service_of("clear-day"))
+    yield "display", display_table([service_of("clear-day"), prepare_service(day_of("flat-6km"))])
+
+
+def _braking() -> Iterator[tuple[str, Iterator[str]]]:
+    yield "braking", braking_table()
 
 
 def _truth() -> Iterator[tuple[str, Iterator[str]]]:
@@ -51,9 +58,10 @@ PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
     "days": _days,
     "loop": _loop,
     "display": _display,
+    "braking": _braking,
     "truth": _truth,
 }
-PAGES: Final = {"display": DRIVERS_PAGE, "truth": STATISTICS_PAGE}
+PAGES: Final = {"display": DRIVERS_PAGE, "braking": DRIVERS_PAGE, "truth": STATISTICS_PAGE}
 """The page of each part that is not of the coach's."""
 
 

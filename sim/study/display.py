@@ -1,10 +1,11 @@
 """What in a presentation helps a driver: the same days, with the display of the vector varied in one thing at a time.
 
-`python -m sim.study display` writes the table into docs/reference/drivers.md again (about three minutes on one core).
+`python -m sim.study display` writes the table into docs/reference/drivers.md again (about six minutes on one core).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -12,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.advice.modes import Mode
+from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind
@@ -23,7 +25,7 @@ from sim.world.loop import World
 from sim.world.outcome import outcome
 from sim.world.service import Service
 
-SEEDS: Final = tuple(range(6))
+SEEDS: Final = tuple(range(12))
 REFRESHED_S: Final = 10.0
 NORMAL_95: Final = 1.96
 
@@ -69,6 +71,30 @@ class WithoutPreview(ShownAsIs):
         return replace(view, horizon_speed_mps=(), horizon_force_n=())
 
 
+class TargetSpeed(ShownAsIs):
+    """Shows the mode and the speed that it leads to, in whole km/h, but neither effort nor preview.
+
+    To accelerate and to brake lead to the speed at the next change, as far as the preview knows it.
+    """
+
+    def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        target_mps = view.shown_speed_mps
+        if view.mode != Mode.CRUISE and view.horizon_speed_mps:
+            last_s = len(view.horizon_speed_mps)
+            ahead_s = last_s if math.isnan(view.next_change_s) else min(max(int(view.next_change_s), 1), last_s)
+            target_mps = view.horizon_speed_mps[ahead_s - 1]
+        shown_mps = round(target_mps / KMH) * KMH
+        return replace(
+            view,
+            speed_mps=shown_mps,
+            display_speed_mps=shown_mps,
+            lever_ratio=math.nan,
+            force_n=math.nan,
+            horizon_speed_mps=(),
+            horizon_force_n=(),
+        )
+
+
 class Looking:
     """A human driver behind a display; with a `tone` he looks at it at each change of the mode."""
 
@@ -101,6 +127,8 @@ VARIANTS: Final = (
     DisplayVariant("a tone at each change of the mode: he looks at once", ShownAsIs, tone=True),
     DisplayVariant("effort in steps of 20 %", Steps),
     DisplayVariant("effort in steps of 20 %, and the tone", Steps, tone=True),
+    DisplayVariant("a target speed without effort or preview", TargetSpeed),
+    DisplayVariant("a target speed without effort or preview, and the tone", TargetSpeed, tone=True),
     DisplayVariant("refreshed every 10 s", Refreshed),
     DisplayVariant("next change not announced", Unannounced),
     DisplayVariant("no preview of the next 30 s", WithoutPreview),
@@ -130,20 +158,26 @@ def figures(service: Service, seed: int, variant: DisplayVariant) -> DisplayFigu
 
 
 def display_table(
-    service: Service, seeds: Sequence[int] = SEEDS, variants: Sequence[DisplayVariant] = VARIANTS
+    services: Sequence[Service], seeds: Sequence[int] = SEEDS, variants: Sequence[DisplayVariant] = VARIANTS
 ) -> Iterator[str]:
-    """The lines of the table: each variant against the display as it is, on the same days."""
-    yield "| display | gap, % | against the first, points | late, s | moves of the controller a minute |"
-    yield "|---|---:|---:|---:|---:|"
-    first: np.ndarray | None = None
+    """The lines of the table: each variant against the display as it is, on the same days of each service."""
+    names = [service.scenario.id for service in services]
+    yield f"| display | {' | '.join(f'{name}: gap, % | points | late, s | moves a minute' for name in names)} |"
+    yield f"|---|{'---:|---:|---:|---:|' * len(names)}"
+    first: list[np.ndarray] = []
     for variant in (AS_IT_IS, *variants):
-        found = np.array([figures(service, seed, variant) for seed in seeds])
-        gap, late_s, moves = found.mean(axis=0)
-        points = ""
-        if first is None:
-            first = found[:, 0]
-        else:
-            difference = found[:, 0] - first
-            half = NORMAL_95 * float(difference.std(ddof=1)) / len(seeds) ** 0.5
-            points = f"{difference.mean():+.1f} ± {half:.1f}"
-        yield f"| {variant.says} | {gap:.1f} | {points} | {late_s:+.0f} | {moves:.1f} |"
+        found = [np.array([figures(service, seed, variant) for seed in seeds]) for service in services]
+        first = first or found
+        cells = [_cells(one, before) for one, before in zip(found, first, strict=True)]
+        yield f"| {variant.says} | {' | '.join(cells)} |"
+
+
+def _cells(found: np.ndarray, first: np.ndarray) -> str:
+    """Means of the days' figures, and the difference of the gap to that of the first display with its interval."""
+    gap, late_s, moves = found.mean(axis=0)
+    points = ""
+    if found is not first:
+        difference = found[:, 0] - first[:, 0]
+        half = NORMAL_95 * float(difference.std(ddof=1)) / len(difference) ** 0.5
+        points = f"{difference.mean():+.1f} ± {half:.1f}"
+    return f"{gap:.1f} | {points} | {late_s:+.0f} | {moves:.1f}"

@@ -55,14 +55,14 @@ class CabOtherwise:
     planning_brake: Annotated[
         float | None,
         typer.Option(
-            "--planning-brake", metavar="M/S2", min=0.1, max=1.5, help="Deceleration that the coach plans with.",
-            show_default=False,
+            "--planning-brake", metavar="M/S2", min=0.1, max=1.5,
+            help="Deceleration for limits and stops to plan with.", show_default=False,
         ),
     ] = None  # fmt: skip
     below_limit: Annotated[
         float | None,
         typer.Option(
-            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits that the coach plans with.",
+            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits to plan with.",
             show_default=False,
         ),
     ] = None  # fmt: skip

@@ -105,7 +105,7 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedBraking:
-    """How the coach plans that drivers brake, where the scenario says it: deceleration, and margin to limits."""
+    """How the advice plans that drivers brake, where the scenario says it: deceleration, and margin to limits."""
 
     planning_brake_mps2: float | None = None
     below_limit_mps: float = 0.0

@@ -9,6 +9,7 @@ from typing import Any
 
 from das.advice.advice import Advice, Timetable
 from das.advice.plan import Plan
+from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.legs import Legs
@@ -51,9 +52,11 @@ FRONTS = Fronts(threads=1, kept_bytes=200_000_000)
 class SmallTrip:
     """Legs and where the train is: what a cab is made of, without its guard and its reports."""
 
-    def __init__(self, situation: Situation, fronts: Fronts, *, background: bool = False) -> None:
-        self.preparation = Preparation(fronts, time.perf_counter, background=background)
-        self.legs = Legs(situation, self.preparation)
+    def __init__(
+        self, situation: Situation, fronts: Fronts, *, background: bool = False, settings: AdviceSettings = DEFAULT
+    ) -> None:
+        self.preparation = Preparation(fronts, time.perf_counter, settings.coach, background=background)
+        self.legs = Legs(situation, self.preparation, settings)
         self.localisation = Localisation(situation.vehicle)
         self.set_restrictions, self.set_targets = self.legs.set_restrictions, self.legs.set_targets
         self.set_conditions, self.take_news, self.close = (
@@ -98,8 +101,14 @@ def bad_news(made: SmallTrip) -> list[News]:
     return [news for news in made.take_news() if news.bad]
 
 
-def trip(fronts: Fronts = FRONTS, *, background: bool = False, due: Sequence[Timetable] = DUE) -> SmallTrip:
-    made = SmallTrip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background)
+def trip(
+    fronts: Fronts = FRONTS,
+    *,
+    background: bool = False,
+    due: Sequence[Timetable] = DUE,
+    settings: AdviceSettings = DEFAULT,
+) -> SmallTrip:
+    made = SmallTrip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background, settings=settings)
     made.begin(LINE.stops, due)
     return made
 

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from das.advice.advice import Source
+from das.advice.coach.settings import CoachSettings, DriverSettings
+from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.domain.errors import DasError
 from das.domain.route import Restriction
@@ -50,6 +52,11 @@ def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
     assert any("other line; solved instead" in news.text for news in made.take_news())
     made.set_restrictions([])
     assert at(made, 61, 1524.0, 24.0).source is Source.TABLE
+    # A table is made with the braking of the train.
+    gentle = AdviceSettings(coach=CoachSettings(driver=DriverSettings(planning_brake_mps2=0.3)))
+    made = trip(Fronts(tables, threads=1), settings=gentle)
+    assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
+    assert any("the train's own braking" in news.text for news in made.take_news())
 
 
 def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) -> None:

@@ -403,7 +403,7 @@ def test_advice_helps_a_human_to_save_energy_and_be_on_time(zug_luzern: Case) ->
 
 
 def drive_past(
-    human: HumanDriver, modes: list[int], each_s: float, look_s: float = 0.2, last_mps: float = 20.0
+    human: HumanDriver, modes: list[int], each_s: float, look_s: float = 0.2, last_mps: float = 20.0, reason: str = ""
 ) -> list[tuple[float, Command]]:
     """Show one mode after another to a driver on an endless level line whose train stays at 20 m/s.
 
@@ -420,6 +420,7 @@ def drive_past(
                 presentation=Presentation.FOUR_MODE,
                 mode=mode,
                 speed_mps=math.nan if mode != das_pb2.MODE_CRUISE else 20.0 if i < len(modes) - 1 else last_mps,
+                reason=reason,
             )
             state = PlantState(time_s, 100.0, 20.0)
             commands.append((time_s, human.command(cab_of(state, stop_m=50_000.0, arrival_s=1e7, advice=view))))
@@ -454,13 +455,16 @@ def test_reactions_are_lognormal_as_set_and_the_hand_moves_after_them() -> None:
         assert 0.0 <= moved_s - (event.time_s + reactions[event.time_s]) < 0.2 + 1e-9
 
 
-def test_advice_is_followed_with_the_probability_of_its_kind() -> None:
+@pytest.mark.parametrize(("reason", "refused_ratio"), [("", 1.0), ("coast for the 100", 0.5)])
+def test_advice_is_followed_with_the_probability_of_its_kind(reason: str, refused_ratio: float) -> None:
+    """Half of what is refused without a reason is refused with one: only where a reason is shown."""
     wanted = {"traction": 0.9, "hold": 0.7, "coast": 0.5, "brake": 0.3}
     ratios = {f"comply_{kind}_ratio": p for kind, p in wanted.items()}
-    human = HumanDriver(endless(), replace(STEADY, **ratios), seed=2)
-    drive_past(human, MODES * 300, 1.0)
+    human = HumanDriver(endless(), replace(STEADY, reason_refusal_ratio=0.5, **ratios), seed=2)
+    drive_past(human, MODES * 300, 1.0, reason=reason)
     followed, refused = (Counter(values(human.events, what)) for what in ("followed", "refused"))
-    for mode, p in zip(MODES, wanted.values(), strict=True):
+    for mode, without in zip(MODES, wanted.values(), strict=True):
+        p = 1.0 - refused_ratio * (1.0 - without)
         assert followed[mode] + refused[mode] == 300
         assert followed[mode] / 300 == pytest.approx(p, abs=3.3 * math.sqrt(p * (1 - p) / 300))
 

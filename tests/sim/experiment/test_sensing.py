@@ -9,14 +9,15 @@ import pytest
 from sim.experiment.checking import check_design
 from sim.experiment.design import read_design
 from sim.experiment.sensing import DAYS_TRIED, Sensed, SensingTest
+from sim.experiment.setting import study_days
 
 HEAD = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\n[participants]\ncount = 2\n"
 
 
-def sensed(tmp_path: Path, fixed: str, *factors: str) -> list[Sensed]:
+def sensed(tmp_path: Path, fixed: str, *factors: str, scenario: str = "flat-6km") -> list[Sensed]:
     path = tmp_path / "design.toml"
     tables = "".join(f"[[factors]]\n{one}\n" for one in factors)
-    path.write_text(f"{HEAD}[fixed]\nscenario = 'flat-6km'\n{fixed}\n{tables}")
+    path.write_text(f"{HEAD}[fixed]\nscenario = '{scenario}'\n{fixed}\n{tables}")
     design = read_design(path)
     test = SensingTest(design=design, said=lambda _: None, clock=lambda: 0.0)
     return [test.of(factor) for factor in design.factors]
@@ -33,6 +34,15 @@ def test_what_a_human_driver_goes_by_is_admitted(tmp_path: Path) -> None:
     )
     assert [one.refusal for one in found] == [None] * 4
     assert all(one.days <= DAYS_TRIED for one in found)
+
+
+def test_a_reason_is_sensed_by_drivers_whom_it_makes_refuse_less(tmp_path: Path) -> None:
+    day = study_days()["flat-6km"].read_text() + "\n[human]\nreason_refusal_ratio = 0\ncomply_coast_ratio = 0.2\n"
+    (tmp_path / "day.toml").write_text(day)
+    (found,) = sensed(
+        tmp_path, "presentation = 'coach'", "name = 'reason'\nlevels = [true, false]", scenario="day.toml"
+    )
+    assert found.refusal is None
 
 
 @pytest.mark.slow

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from das.advice.modes import Mode
+from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, Presentation
 from sim.study.display import (
     AS_IT_IS,
@@ -16,6 +18,7 @@ from sim.study.display import (
     DisplayVariant,
     Refreshed,
     Steps,
+    TargetSpeed,
     Unannounced,
     WithoutPreview,
     display_table,
@@ -48,9 +51,20 @@ def test_a_display_that_is_refreshed_every_ten_seconds_stands_in_between() -> No
     assert shown[9].lever_ratio == 0.0
 
 
+def test_a_target_speed_is_the_one_at_the_next_change_and_no_effort_is_shown() -> None:
+    accelerates = replace(view(0.0), mode=Mode.FULL_TRACTION, horizon_speed_mps=(21.0, 22.0, 23.0), next_change_s=2.4)
+    shown = TargetSpeed().show(accelerates, 0.0)
+    assert shown.shown_speed_mps == pytest.approx(22.0, abs=0.5 * KMH)
+    assert math.isnan(shown.lever_ratio)
+    assert shown.horizon_speed_mps == ()
+    later = TargetSpeed().show(replace(accelerates, next_change_s=40.0), 0.0)
+    assert later.shown_speed_mps == pytest.approx(23.0, abs=0.5 * KMH)
+    assert TargetSpeed().show(view(0.0), 0.0).shown_speed_mps == pytest.approx(20.0, abs=0.5 * KMH)
+
+
 def test_the_table_compares_on_the_same_days(flat: Callable[[str], Path]) -> None:
     service = prepare_service(read_scenario(flat("")))
-    lines = list(display_table(service, (0, 1), (DisplayVariant("the same again", AS_IT_IS.display), VARIANTS[0])))
+    lines = list(display_table([service], (0, 1), (DisplayVariant("the same again", AS_IT_IS.display), VARIANTS[0])))
     assert len(lines) == 5
     assert "| the same again | " in lines[3]
     assert " | +0.0 ± 0.0 | " in lines[3]

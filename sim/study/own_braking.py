@@ -1,0 +1,185 @@
+"""What it buys to plan with the braking that drivers really use: the same days, planned with the train's and with his.
+
+`python -m sim.study braking` writes the table into docs/reference/drivers.md again (about a quarter of an hour on one
+core).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from das.advice.modes import Mode
+from das.domain.units import kwh
+from sim.drivers.cab import CabView, Driver, Presentation
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind, FrictionPolicy
+from sim.drivers.parameters import HumanParameters
+from sim.experiment.setting import day_of
+from sim.plant.plant import Command
+from sim.world.day import Day, make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import World
+from sim.world.outcome import DayOutcome, outcome
+from sim.world.scenario import PlannedBraking
+from sim.world.service import Service, prepare_service
+
+SEEDS: Final = tuple(range(12))
+PERFECT_SEEDS: Final = 3
+"""So many of the days are driven by the perfect driver as well, whose runs hardly differ from day to day."""
+NORMAL_95: Final = 1.96
+SETS_RATIO: Final = 0.02
+"""A controller further on the side of the brakes than this brakes."""
+
+
+class PlanVariant(NamedTuple):
+    """What the advice plans with: whose braking, and whether with the driver's margin to limits."""
+
+    says: str
+    own_brake: bool = False
+    own_margin: bool = False
+
+    def braking(self, human: HumanParameters) -> PlannedBraking:
+        """As a scenario says it."""
+        return PlannedBraking(
+            planning_brake_mps2=human.braking_mps2 if self.own_brake else None,
+            below_limit_mps=human.below_limit_mps if self.own_margin else 0.0,
+        )
+
+
+PLANS: Final = (
+    PlanVariant("the train's"),
+    PlanVariant("his", own_brake=True),
+    PlanVariant("his, and his margin to limits", own_brake=True, own_margin=True),
+)
+
+
+class Block(NamedTuple):
+    """A scenario and a policy of brake blending: the days of one part of the table."""
+
+    scenario: str
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
+
+
+BLOCKS: Final = (
+    Block("clear-day"),
+    Block("departure-delay"),
+    Block("flat-6km"),
+    Block("clear-day", FrictionPolicy.ELECTRIC_FIRST),
+    Block("flat-6km", FrictionPolicy.ELECTRIC_FIRST),
+)
+SHOWN: Final = (Presentation.VECTOR, Presentation.COACH)
+
+
+class Coasting:
+    """A human driver of whom is counted how often he is told to coast, and brakes all the same."""
+
+    def __init__(self, human: HumanDriver) -> None:
+        self.human = human
+        self.told = self.braked = 0
+
+    def command(self, cab: CabView) -> Command:
+        """What the driver sets."""
+        command = self.human.command(cab)
+        if cab.speed_mps > 0 and self.human._display.heeded.task == Mode.COAST:
+            self.told += 1
+            self.braked += command.value < -SETS_RATIO
+        return command
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrakingFigures:
+    """What a run came to: energies (kWh), how late at the last stop (s), how long above limits (s), braked while told
+    to coast (share of that time; of the perfect driver NaN)."""
+
+    energy_kwh: float
+    optimum_kwh: float
+    profile_kwh: float
+    late_s: float
+    over_limit_s: float
+    braked_ratio: float
+
+    @property
+    def gap_percent(self) -> float:
+        """How much more than the optimum for its own times the run took."""
+        return 100.0 * (self.energy_kwh / self.optimum_kwh - 1.0)
+
+
+def figures(service: Service, seed: int, shown: Presentation, friction: FrictionPolicy | None) -> BrakingFigures:
+    """Drive a day: a human with a policy of brake blending, or without one the perfect driver."""
+    day = make_day(service, seed)
+    if friction is None:
+        return _figures(_driven(day, day.driver(DriverKind.PERFECT), shown), float("nan"))
+    human = day.driver(DriverKind.HUMAN, friction)
+    assert isinstance(human, HumanDriver)
+    counted = Coasting(human)
+    found = _driven(day, counted, shown)
+    return _figures(found, counted.braked / counted.told if counted.told else 0.0)
+
+
+def _driven(day: Day, driver: Driver, shown: Presentation) -> DayOutcome:
+    link = InProcess(day.service, coach=shown is Presentation.COACH)
+    return outcome(day, World(day, driver, shown, link).run())
+
+
+def _figures(found: DayOutcome, braked_ratio: float) -> BrakingFigures:
+    energies = found.energies
+    return BrakingFigures(
+        energy_kwh=kwh(energies.driven_j),
+        optimum_kwh=kwh(energies.hindsight_j),
+        profile_kwh=kwh(energies.profile_j),
+        late_s=found.late_s,
+        over_limit_s=found.violations.over_limit_s,
+        braked_ratio=braked_ratio,
+    )
+
+
+def braking_table(
+    blocks: Sequence[Block] = BLOCKS, seeds: Sequence[int] = SEEDS, plans: Sequence[PlanVariant] = PLANS
+) -> Iterator[str]:
+    """The lines of the table: each plan against the one with the train's braking, on the same days."""
+    yield (
+        "| days | advice shown | plans with the braking of | kWh | against the train's, kWh | gap, % | points | "
+        "late, s | above limits, s a day | not kept to it, kWh | braked while told to coast |"
+    )
+    yield "|---|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+    for block in blocks:
+        service = prepare_service(day_of(block.scenario))
+        for shown in SHOWN:
+            yield from _rows(service, block, shown, seeds, plans)
+
+
+def _rows(
+    service: Service, block: Block, shown: Presentation, seeds: Sequence[int], plans: Sequence[PlanVariant]
+) -> Iterator[str]:
+    """The rows of a presentation on the days of a block."""
+    electric = ", electric first" if block.friction is FrictionPolicy.ELECTRIC_FIRST else ""
+    first: list[BrakingFigures] = []
+    for plan in plans:
+        braking = plan.braking(make_day(service, seeds[0]).human)
+        planned = service.on(replace(service.scenario, coach=braking))
+        found = [figures(planned, seed, shown, block.friction) for seed in seeds]
+        exact = [figures(planned, seed, shown, None) for seed in seeds[:PERFECT_SEEDS]]
+        energy, gap = (_less(found, first, name) if first else "" for name in ("energy_kwh", "gap_percent"))
+        first = first or found
+        lost = _mean(found, "profile_kwh") - _mean(exact, "profile_kwh")
+        yield (
+            f"| {block.scenario}{electric} | {shown} | {plan.says} | {_mean(found, 'energy_kwh'):.1f} | {energy} | "
+            f"{_mean(found, 'gap_percent'):.1f} | {gap} | {_mean(found, 'late_s'):+.0f} | "
+            f"{_mean(found, 'over_limit_s'):.1f} | {lost:.1f} | {100.0 * _mean(found, 'braked_ratio'):.1f} % |"
+        )
+
+
+def _mean(found: Sequence[BrakingFigures], name: str) -> float:
+    return float(np.mean([getattr(one, name) for one in found]))
+
+
+def _less(found: Sequence[BrakingFigures], first: Sequence[BrakingFigures], name: str) -> str:
+    """The mean difference to the first plan on the same days, with its 95 % interval."""
+    pairs = zip(found, first, strict=True)
+    difference = np.array([getattr(one, name) - getattr(other, name) for one, other in pairs])
+    half = NORMAL_95 * float(difference.std(ddof=1)) / len(difference) ** 0.5
+    return f"{difference.mean():+.1f} ± {half:.1f}"
