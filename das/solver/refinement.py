@@ -148,7 +148,7 @@ class TubeSearch:
 
     def _one_pass(self, run: _Run, width: float) -> _Run:
         """The best run in time within a tube around a run; `width` is relative to the first tube's."""
-        tube = self._tube(run, width)
+        tube = self.tube_around(run.speeds_mps, width)
         shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
         moves = TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
         fill_moves(tube, self._line, self.state.section.train, self._loss, moves)
@@ -156,10 +156,10 @@ class TubeSearch:
         found = [one for one in (quick, self._blend(slow, quick)) if one is not None]
         return min([run, *found], key=lambda one: one.energy_j)
 
-    def _tube(self, run: _Run, width: float) -> Tube:
-        """The lines of a pass around a run."""
+    def tube_around(self, speeds_mps: Floats, width: float) -> Tube:
+        """The lines of a pass around a run; `width` is relative to the first tube's."""
         settings, state = self.settings, self.state
-        squared = run.speeds_mps**2
+        squared = speeds_mps**2
         knot = _knots(state.node_m, settings.knot_m * width)
         spacing = 2.0 * settings.reference_speed_mps * settings.widest_mps * width / settings.lines
         slowest = np.maximum(state.floor_mps, tol.CREST_MPS) ** 2
