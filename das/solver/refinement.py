@@ -68,7 +68,7 @@ class RefinementSettings:
 SETTINGS: Final = RefinementSettings()
 
 
-class _Run(NamedTuple):
+class Run(NamedTuple):
     """A run with its price of time."""
 
     speeds_mps: Floats
@@ -91,27 +91,44 @@ def refined(
     returned as it is. Where nothing is saved, the solution itself is returned. `is_over` is asked before every pass;
     once it says so, the best run until then is the answer. `table_bound_j` stays that of the solution given.
     """
-    if solution.fit is Fit.LATE or math.isinf(solution.lambda_w):
+    if is_fastest(solution):
         return solution
-    run = solution.trajectory
-    state = State.at(solution.section, float(run.s_m[0]), float(run.v_mps[0]))
-    wanted_s = solution.requested_s if solution.fit is Fit.EARLY else run.time_s
-    search = TubeSearch(state, wanted_s, settings)
-    given = search.known(run.v_mps, solution.lambda_w)
-    best = search.best(given, is_over)
-    if best is given:
-        return solution
-    found = state.solution(
-        RollOut(best.speeds_mps, best.time_s),
-        least_time_s=solution.least_time_s,
-        requested_s=solution.requested_s,
-        fit=solution.fit,
-        lambda_w=best.price_w,
-        table_bound_j=solution.table_bound_j,
-    )
-    in_time = found.time_s <= max(run.time_s, wanted_s if solution.fit is Fit.EARLY else 0.0)
-    is_better = in_time and found.feasible and found.ledger.input < solution.ledger.input
-    return found if is_better else solution
+    task = Refinement(solution, settings)
+    return task.settled(task.search.best(task.given, is_over))
+
+
+def is_fastest(solution: Solution) -> bool:
+    """Whether a solution is the fastest run, which leaves nothing to choose."""
+    return solution.fit is Fit.LATE or math.isinf(solution.lambda_w)
+
+
+class Refinement:
+    """The refinement of one solution: the run that is given, the search beside it, and what comes of a better run."""
+
+    def __init__(self, solution: Solution, settings: RefinementSettings = SETTINGS) -> None:
+        run = solution.trajectory
+        self.solution = solution
+        self.wanted_s = solution.requested_s if solution.fit is Fit.EARLY else run.time_s
+        state = State.at(solution.section, float(run.s_m[0]), float(run.v_mps[0]))
+        self.search = TubeSearch(state, self.wanted_s, settings)
+        self.given = self.search.known(run.v_mps, solution.lambda_w)
+
+    def settled(self, best: Run) -> Solution:
+        """A run that was found as a solution; the solution given where it is not better."""
+        given = self.solution
+        if best is self.given:
+            return given
+        found = self.search.state.solution(
+            RollOut(best.speeds_mps, best.time_s),
+            least_time_s=given.least_time_s,
+            requested_s=given.requested_s,
+            fit=given.fit,
+            lambda_w=best.price_w,
+            table_bound_j=given.table_bound_j,
+        )
+        in_time = found.time_s <= max(given.time_s, self.wanted_s)
+        is_better = in_time and found.feasible and found.ledger.input < given.ledger.input
+        return found if is_better else given
 
 
 def warm_up_refinement() -> None:
@@ -128,12 +145,12 @@ class TubeSearch:
         self._line = state.for_kernels
         self._loss = state.section.loss_params
 
-    def known(self, speeds_mps: Floats, price_w: float) -> _Run:
+    def known(self, speeds_mps: Floats, price_w: float) -> Run:
         """A run by its speeds at the nodes of the state, with its energy and time."""
         energy_j = run_energy(self._line, self.state.section.train, self._loss, speeds_mps)
-        return _Run(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
+        return Run(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
 
-    def best(self, run: _Run, is_over: Callable[[], bool] = never) -> _Run:
+    def best(self, run: Run, is_over: Callable[[], bool] = never) -> Run:
         """The best run found from a run: round after round of passes whose tubes shrink; itself where it is best."""
         settings = self.settings
         for _ in range(settings.most_rounds):
@@ -146,20 +163,20 @@ class TubeSearch:
                 break
         return run
 
-    def _one_pass(self, run: _Run, width: float) -> _Run:
+    def _one_pass(self, run: Run, width: float) -> Run:
         """The best run in time within a tube around a run; `width` is relative to the first tube's."""
-        tube = self._tube(run, width)
+        tube = self.tube_around(run.speeds_mps, width)
         shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
         moves = TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
         fill_moves(tube, self._line, self.state.section.train, self._loss, moves)
         slow, quick = self._enclose(tube, moves, run.price_w)
-        found = [one for one in (quick, self._blend(slow, quick)) if one is not None]
+        found = [one for one in (quick, self.between(slow, quick)) if one is not None]
         return min([run, *found], key=lambda one: one.energy_j)
 
-    def _tube(self, run: _Run, width: float) -> Tube:
-        """The lines of a pass around a run."""
+    def tube_around(self, speeds_mps: Floats, width: float) -> Tube:
+        """The lines of a pass around a run; `width` is relative to the first tube's."""
         settings, state = self.settings, self.state
-        squared = run.speeds_mps**2
+        squared = speeds_mps**2
         knot = _knots(state.node_m, settings.knot_m * width)
         spacing = 2.0 * settings.reference_speed_mps * settings.widest_mps * width / settings.lines
         slowest = np.maximum(state.floor_mps, tol.CREST_MPS) ** 2
@@ -173,7 +190,7 @@ class TubeSearch:
             lines=settings.lines,
         )
 
-    def _enclose(self, tube: Tube, moves: TubeMoves, price_w: float) -> tuple[_Run | None, _Run | None]:
+    def _enclose(self, tube: Tube, moves: TubeMoves, price_w: float) -> tuple[Run | None, Run | None]:
         """A run that is late and one that is in time, of neighbouring prices of time."""
         value = np.full((len(tube.knot), 2 * tube.lines + 1), tol.INFEASIBLE)
         value[-1, tube.lines] = 0.0
@@ -198,14 +215,14 @@ class TubeSearch:
             factor = factor**2
         return slow, quick
 
-    def _trial(self, tube: Tube, moves: TubeMoves, value: Floats, price_w: float) -> _Run | None:
+    def _trial(self, tube: Tube, moves: TubeMoves, value: Floats, price_w: float) -> Run | None:
         """The run of a price of time in a tube; None where it comes to no end."""
         speeds = np.empty(len(tube.squared))
         tube_sweep(price_w, moves, value)
         energy_j, time_s = tube_roll_out(price_w, tube, self._line, self.state.section.train, self._loss, value, speeds)
-        return _Run(speeds, energy_j, time_s, price_w) if time_s > 0 else None
+        return Run(speeds, energy_j, time_s, price_w) if time_s > 0 else None
 
-    def _is_enclosed(self, slow: _Run, quick: _Run) -> bool:
+    def _is_enclosed(self, slow: Run, quick: Run) -> bool:
         """Whether the prices of two runs are so near that next to nothing lies between them."""
         late, early = slow.time_s - self.wanted_s, self.wanted_s - quick.time_s
         if min(late, early) <= self.settings.time_tolerance_s:
@@ -213,7 +230,7 @@ class TubeSearch:
         gain_j = (quick.price_w - slow.price_w) * late * early / (late + early)
         return gain_j <= self.settings.blend_loss_ratio * abs(quick.energy_j)
 
-    def _blend(self, slow: _Run | None, quick: _Run | None) -> _Run | None:
+    def between(self, slow: Run | None, quick: Run | None) -> Run | None:
         """The run between two runs that takes the wanted time; None where there are no two."""
         if slow is None or quick is None:
             return None
@@ -234,7 +251,7 @@ class TubeSearch:
                 low, above, below, kept = share, miss, below * (0.5 if kept > 0 else 1.0), 1
         return found
 
-    def _blended(self, share: float, slow: _Run, quick: _Run) -> _Run | None:
+    def _blended(self, share: float, slow: Run, quick: Run) -> Run | None:
         speeds, state = np.empty(len(slow.speeds_mps)), self.state
         time_s = blend_runs(
             share, quick.speeds_mps, slow.speeds_mps, self._line, state.envelope_mps, state.section.train, speeds
@@ -244,7 +261,7 @@ class TubeSearch:
         return self.known(speeds, slow.price_w + share * (quick.price_w - slow.price_w))
 
 
-def _between(slow: _Run, quick: _Run, wanted_s: float) -> float:
+def _between(slow: Run, quick: Run, wanted_s: float) -> float:
     """A price between those of two runs, by their times."""
     share = (slow.time_s - wanted_s) / (slow.time_s - quick.time_s)
     return slow.price_w + min(max(share, 0.1), 0.9) * (quick.price_w - slow.price_w)

@@ -47,7 +47,7 @@ RefineOption = Annotated[
     typer.Option(
         "--refine",
         metavar="off|on|SECONDS",
-        help="Refine the optimal run beyond the solver's table: until little is saved, or for at most so many seconds.",
+        help="Refine optimal runs beyond the solver's table: until little is saved, or for at most so many seconds.",
     ),
 ]
 

@@ -33,7 +33,7 @@ def _speed_after(f, v0, v1, total, step, g, q, p):
 
 
 @compiled(fastmath=True)
-def _adhesion(v):
+def adhesion(v):
     return 0.161 + 7.5 / (3.6 * v + 44.0)
 
 
@@ -53,7 +53,7 @@ def full_effort_landings(direction, speeds, step, g, q, p, out):
             total = v0 + v1
             limit = min(force, 2.0 * power / total)
             if slips:
-                limit = min(limit, p.adhesive_force_n * _adhesion(0.5 * total))
+                limit = min(limit, p.adhesive_force_n * adhesion(0.5 * total))
             new = _speed_after(direction * limit, v0, v1, total, step, g, q, p)
             out[j] = new if v1 > 0.0 else 0.0
 
@@ -79,15 +79,15 @@ def full_brake_forces(speeds, p, out):
         v = speeds[j]
         electric = min(p.electric_force_n, p.electric_power_w / v)
         if slips:
-            electric = min(electric, p.adhesive_force_n * _adhesion(v))
+            electric = min(electric, p.adhesive_force_n * adhesion(v))
         both = electric + p.friction_force_n
         if all_slip:
-            both = min(both, p.braked_adhesive_force_n * _adhesion(v))
+            both = min(both, p.braked_adhesive_force_n * adhesion(v))
         out[j] = -both
 
 
 @compiled(fastmath=True)
-def _places_on_map(speeds, landings, forces, c, place, across, along):
+def places_on_map(speeds, landings, forces, c, place, across, along):
     """Where on a loss map the mean speeds and forces lie: the first point of their cell, and the shares within it."""
     rows, columns = float(c.table_w.shape[0]), float(c.table_w.shape[1])
     for j in range(speeds.size):
@@ -101,7 +101,7 @@ def _places_on_map(speeds, landings, forces, c, place, across, along):
 
 
 @compiled(fastmath=True)
-def _losses_of_map(table, place, across, along, loss_w):
+def losses_of_map(table, place, across, along, loss_w):
     """Losses (W) at places on a loss map, bilinear within a cell."""
     points, columns = table.reshape(-1), table.shape[1]
     for j in range(place.size):
@@ -122,7 +122,7 @@ def _electric_force(v0, v1, inverse, step, g, q, p):
     force = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * step) + resistance + g
     limit = min(p.electric_force_n, 2.0 * p.electric_power_w * inverse)
     if p.adhesive_force_n < NO_LIMIT_N:
-        limit = min(limit, p.adhesive_force_n * _adhesion(0.5 / inverse))
+        limit = min(limit, p.adhesive_force_n * adhesion(0.5 / inverse))
     if p.brakes_dissipate:
         limit = 0.0
     return max(force, -limit)
@@ -141,8 +141,8 @@ def costs(speeds, landings, step, g, q, p, c, time_s, energy_j):
             dt[j] = 2.0 * step * inverse
             energy[j] = _electric_force(v0, v1, inverse, step, g, q, p)
         if c.is_map:
-            _places_on_map(speeds, landings[i], energy, c, place, across, along)
-            _losses_of_map(c.table_w, place, across, along, loss_w)
+            places_on_map(speeds, landings[i], energy, c, place, across, along)
+            losses_of_map(c.table_w, place, across, along, loss_w)
             for j in range(n):
                 gross = energy[j] * step + loss_w[j] * dt[j]
                 energy[j] = gross if gross > 0.0 else p.receptivity_ratio * gross

@@ -21,12 +21,21 @@ from das.solver.kernels.forces import (
     brake_limit,
     electric_limit,
     electric_share,
+    largest_gain,
     loss_power,
     mean_resistance,
     on_supply,
     traction_limit,
 )
 from das.solver.kernels.landings import speed_under_force
+from das.solver.kernels.tube_lines import (
+    ANY_SQUARED,
+    ROUNDING_MPS2,
+    ROUNDING_N,
+    ROUNDING_RATIO,
+    room_for,
+    to_lines,
+)
 from das.solver.tolerances import INFEASIBLE, UNREACHABLE
 
 Floats = NDArray[np.float64]
@@ -35,9 +44,9 @@ LINE, TRACTION, COAST, BRAKE, IDLE = 0, 1, 2, 3, 4
 """Kinds of moves: to a line, and the specials; `IDLE` is the brake with the current collector at zero power."""
 SPECIALS = 4
 
-_ROUNDING_RATIO, _ROUNDING_N, _ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
-"""Forces and accelerations above their bounds by no more than this are rounding."""
 _FORCE_STEPS = 6
+_SETTLED_RATIO = 1e-12
+"""A speed that changes by less than this ratio is settled."""
 
 
 class Tube(NamedTuple):
@@ -81,12 +90,12 @@ def _interval(v0, v1, h, g, q, p, c):
     faster = max(v0, v1)
     mid = 0.5 * (v0 + v1)
     dt = h / mid
-    if rate > p.max_acceleration_mps2 + _ROUNDING_MPS2 or -rate > p.max_deceleration_mps2 + _ROUNDING_MPS2:
+    if rate > p.max_acceleration_mps2 + ROUNDING_MPS2 or -rate > p.max_deceleration_mps2 + ROUNDING_MPS2:
         return INFEASIBLE, dt, force
     if force >= 0.0:
-        if force > traction_limit(faster, p) * (1.0 + _ROUNDING_RATIO) + _ROUNDING_N:
+        if force > traction_limit(faster, p) * (1.0 + ROUNDING_RATIO) + ROUNDING_N:
             return INFEASIBLE, dt, force
-    elif -force > brake_limit(faster, p, p.friction_force_n) * (1.0 + _ROUNDING_RATIO) + _ROUNDING_N:
+    elif -force > brake_limit(faster, p, p.friction_force_n) * (1.0 + ROUNDING_RATIO) + ROUNDING_N:
         return INFEASIBLE, dt, force
     el = electric_share(force, faster, p)
     energy = el * h + loss_power(el, mid, c) * dt
@@ -100,7 +109,7 @@ def _idle_force(v, p, c):
     f = max(-loss_power(0.0, v, c) / v, -limit)
     for _ in range(_FORCE_STEPS):
         new = max(-loss_power(f, v, c) / v, -limit)
-        if abs(new - f) < _ROUNDING_N:
+        if abs(new - f) < ROUNDING_N:
             return new
         f = new
     return f
@@ -109,45 +118,25 @@ def _idle_force(v, p, c):
 @kernel
 def _special_speed(kind, v0, h, g, q, p, c):
     """Speed after an interval that is driven in a special way; 0 where the train stops."""
-    if kind == TRACTION:
-        return full_traction_speed(v0, h, g, q, p)
     v1 = v0
     for _ in range(_FORCE_STEPS):
-        force = 0.0
-        if kind == BRAKE:
-            force = -electric_limit(max(v0, v1), p)
-        elif kind == IDLE:
-            force = _idle_force(0.5 * (v0 + v1), p, c)
-        new = speed_under_force(force, v0, v1, h, g, q, p)
-        if new <= 0.0:
-            return 0.0
-        if abs(new - v1) < 1e-12 * new:
-            return new
+        if kind == TRACTION:
+            gain = largest_gain(max(v0, v1), mean_resistance(v0, v1, q, p) + g, p)
+            new = math.sqrt(max(v0 * v0 + 2.0 * h * gain, 0.0))
+        else:
+            force = 0.0
+            if kind == BRAKE:
+                force = -electric_limit(max(v0, v1), p)
+            elif kind == IDLE:
+                force = _idle_force(0.5 * (v0 + v1), p, c)
+            new = speed_under_force(force, v0, v1, h, g, q, p)
+        if new <= 0.0 or abs(new - v1) < _SETTLED_RATIO * new:
+            break
         v1 = new
-    return v1
-
-
-@kernel
-def _to_line(k, start, landing, tube, line, p, c):
-    """Energy (J), time (s), least and largest wheel force (N) of a move from knot k at v² `start` to v² `landing`."""
-    i0, i1 = tube.knot[k], tube.knot[k + 1]
-    energy, time, least_n, largest_n = 0.0, 0.0, INFEASIBLE, -INFEASIBLE
-    v0 = math.sqrt(start)
-    here, there = start - tube.squared[i0], landing - tube.squared[i1]
-    for i in range(i0, i1):
-        w1 = landing
-        if i + 1 < i1:
-            w1 = tube.squared[i + 1] + here + tube.share[i + 1] * (there - here)
-            w1 = min(max(w1, tube.low[i + 1]), tube.high[i + 1])
-        v1 = math.sqrt(w1)
-        e, dt, force = _interval(
-            v0, v1, line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i], on_supply(p, line.supply[i]), c
-        )
-        least_n, largest_n = min(least_n, force), max(largest_n, force)
-        energy = energy + e if e < INFEASIBLE else INFEASIBLE
-        time += dt
-        v0 = v1
-    return min(energy, INFEASIBLE), time, least_n, largest_n
+    else:
+        if kind == TRACTION:
+            return full_traction_speed(v0, h, g, q, p)
+    return new
 
 
 @kernel
@@ -182,6 +171,9 @@ def _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
         return False
     if kind == BRAKE:
         return -least_n > 0.9 * electric_limit(v, here)
+    if here.receptivity_ratio >= 1.0:
+        # Energy has no kink where the collector is at zero power.
+        return False
     return largest_n > 2.0 * _idle_force(v, here, c)
 
 
@@ -218,42 +210,67 @@ def _between(values, j, share):
 @kernel
 def fill_moves(tube, line, p, c, moves):
     """All moves from the lines of every knot but the last: to every line of the next knot, and the specials."""
-    energy, time, below, share = moves
     size = 2 * tube.lines + 1
     last = tube.knot.size - 2
+    pairs = room_for(size * size)
     for k in range(last + 1):
         for j in range(size):
-            energy[k, j, :] = INFEASIBLE
-            time[k, j, :] = 0.0
-            below[k, j, :] = 0
-            share[k, j, :] = 0.0
             start = _line_of(tube, k, j)
-            if (k == 0 and j != tube.lines) or (start <= 0.0 and k > 0):
-                continue
-            least_n, largest_n = INFEASIBLE, -INFEASIBLE
             for i in range(size):
-                if k == last and i != tube.lines:
-                    continue
-                landing = _line_of(tube, k + 1, i)
-                if start + landing <= 0.0:
-                    continue
-                e, t, least, largest = _to_line(k, start, landing, tube, line, p, c)
-                least_n, largest_n = min(least_n, least), max(largest_n, largest)
-                energy[k, j, i] = e
-                time[k, j, i] = t
-                below[k, j, i] = min(i, size - 2)
-                share[k, j, i] = 1.0 if i == size - 1 else 0.0
-            for kind in range(1, SPECIALS + 1):
-                if k == last or not _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
-                    continue
-                e, t, w = _special(kind, k, start, tube, line, p, c)
-                lower, above = _between_lines(tube, k + 1, w) if e < INFEASIBLE else (-1, 0.0)
-                if lower >= 0:
-                    i = size + kind - 1
-                    energy[k, j, i] = e
-                    time[k, j, i] = t
-                    below[k, j, i] = lower
-                    share[k, j, i] = above
+                pairs.start[size * j + i] = start
+                pairs.landing[size * j + i] = _line_of(tube, k + 1, i)
+        _pair_up(k, tube, line, p, c, pairs)
+        for j in range(size):
+            _fill_from(k, j, pairs, tube, line, p, c, moves)
+
+
+@kernel
+def _pair_up(k, tube, line, p, c, pairs):
+    """What the moves of all pairs cost; INFEASIBLE where no train may begin, or could move, so."""
+    size, last = 2 * tube.lines + 1, tube.knot.size - 2
+    start, landing = pairs.start, pairs.landing
+    for n in range(start.size):
+        barred = (k == 0 and n // size != tube.lines) or (k == last and n % size != tube.lines)
+        barred = barred or (start[n] <= 0.0 and k > 0) or start[n] + landing[n] <= 0.0
+        pairs.barred[n] = 1.0 if barred else 0.0
+        if barred:
+            start[n], landing[n] = ANY_SQUARED, ANY_SQUARED
+    to_lines(k, tube, line, p, c, pairs)
+
+
+@kernel
+def _fill_from(k, j, pairs, tube, line, p, c, moves):
+    """All moves from line j of knot k; those to lines are in the pairs."""
+    energy, time, below, share = moves
+    size, last = 2 * tube.lines + 1, tube.knot.size - 2
+    energy[k, j, :] = INFEASIBLE
+    time[k, j, :] = 0.0
+    below[k, j, :] = 0
+    share[k, j, :] = 0.0
+    least_n, largest_n = INFEASIBLE, -INFEASIBLE
+    for i in range(size):
+        n = size * j + i
+        if pairs.barred[n] > 0.0:
+            continue
+        least_n, largest_n = min(least_n, pairs.least_n[n]), max(largest_n, pairs.largest_n[n])
+        energy[k, j, i] = pairs.energy_j[n]
+        time[k, j, i] = pairs.time_s[n]
+        below[k, j, i] = min(i, size - 2)
+        share[k, j, i] = 1.0 if i == size - 1 else 0.0
+    if k == last or least_n > largest_n:
+        return
+    start = _line_of(tube, k, j)
+    for kind in range(1, SPECIALS + 1):
+        if not _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
+            continue
+        e, t, w = _special(kind, k, start, tube, line, p, c)
+        lower, above = _between_lines(tube, k + 1, w) if e < INFEASIBLE else (-1, 0.0)
+        if lower >= 0:
+            i = size + kind - 1
+            energy[k, j, i] = e
+            time[k, j, i] = t
+            below[k, j, i] = lower
+            share[k, j, i] = above
 
 
 @kernel
@@ -280,6 +297,7 @@ def tube_roll_out(price, tube, line, p, c, value, v):
     """
     size = 2 * tube.lines + 1
     last = tube.knot.size - 2
+    pairs = room_for(size)
     w = tube.squared[0]
     v[0] = math.sqrt(w)
     energy, time = 0.0, 0.0
@@ -287,14 +305,20 @@ def tube_roll_out(price, tube, line, p, c, value, v):
         best, kind_best, e_best, t_best, w_best = INFEASIBLE, LINE, 0.0, 0.0, 0.0
         least_n, largest_n = INFEASIBLE, -INFEASIBLE
         for i in range(size):
-            landing = _line_of(tube, k + 1, i)
-            if (k == last and i != tube.lines) or w + landing <= 0.0:
+            pairs.start[i], pairs.landing[i] = w, _line_of(tube, k + 1, i)
+            barred = (k == last and i != tube.lines) or w + pairs.landing[i] <= 0.0
+            pairs.barred[i] = 1.0 if barred else 0.0
+            if barred:
+                pairs.start[i], pairs.landing[i] = ANY_SQUARED, ANY_SQUARED
+        to_lines(k, tube, line, p, c, pairs)
+        for i in range(size):
+            if pairs.barred[i] > 0.0:
                 continue
-            e, t, least, largest = _to_line(k, w, landing, tube, line, p, c)
-            least_n, largest_n = min(least_n, least), max(largest_n, largest)
-            cost = e + price * t + value[k + 1, i]
+            least_n, largest_n = min(least_n, pairs.least_n[i]), max(largest_n, pairs.largest_n[i])
+            cost = pairs.energy_j[i] + price * pairs.time_s[i] + value[k + 1, i]
             if cost < best:
-                best, kind_best, e_best, t_best, w_best = cost, LINE, e, t, landing
+                best, kind_best, w_best = cost, LINE, pairs.landing[i]
+                e_best, t_best = pairs.energy_j[i], pairs.time_s[i]
         for kind in range(1, SPECIALS + 1):
             if k == last or not _is_beside(kind, k, w, least_n, largest_n, tube, line, p, c):
                 continue
