@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import UTC, datetime
-
-import numpy as np
 
 from das.advice.coach import wording
 from das.advice.coach.coaching import Coaching, Instruction
@@ -19,10 +16,8 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.calm.calm import CalmFront
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
 from das.solver.calm.schedule import Schedule
 from das.solver.section import Section
-from das.solver.state import following_node
 
 NEAR_M = 4000.0
 """A limit or stop that an instruction leads to is named where it is nearer than this."""
@@ -114,32 +109,18 @@ class Coach:
     def _worth_j(self, kept: Kept, state: TrainState, *, waits: bool) -> float:
         """What keeping the reference saves (J) against going on at the present speed for a while first.
 
-        Nothing is said of a train that `waits` for a point to be free: going on is not allowed.
+        Nothing is said of a train that stands, or that `waits` for a point to be free: going on is not allowed.
         """
         reference = kept.reference
-        if kept.forecast.time_s < self._settings.showing.arrived_s or waits:
+        going_on_m = state.v_mps * self._settings.showing.worth_over_s
+        if kept.forecast.time_s < self._settings.showing.arrived_s or waits or going_on_m <= 0.0:
             return 0.0
-        going_on = self._going_on(reference.schedule, state)
         try:
-            other = going_on.forecast(state.s_m, state.v_mps)
+            other = reference.schedule.forecast(state.s_m, state.v_mps, held_until_m=state.s_m + going_on_m)
         except DasError:
             return 0.0
         later_s = other.time_s - kept.forecast.time_s
         return other.energy_j - kept.forecast.energy_j + reference.lambda_w * later_s
-
-    def _going_on(self, schedule: Schedule, state: TrainState) -> Schedule:
-        """The schedule of a driver who holds the present speed for a while and then does what was planned."""
-        section = schedule.section
-        first = following_node(section, state.s_m) - 1
-        until_m = state.s_m + state.v_mps * self._settings.showing.worth_over_s
-        until = int(np.searchsorted(section.node_m, until_m))
-        later = [one for one in schedule.phases if one.begin > until]
-        found = [Phase(NotchKind.HOLD, 0.0, first, state.v_mps)]
-        if until < len(section.step_m):
-            then = schedule.phases[schedule.number_at(float(section.node_m[until]))]
-            found.append(then._replace(begin=max(until, first + 1)))
-        found += [one for one in later if one.begin > found[-1].begin]
-        return replace(schedule, phases=tuple(found))
 
 
 def _waits(goal: Goal, state: TrainState) -> bool:

@@ -24,6 +24,8 @@ FULL_RATIO = 0.97
 """An effort from this share of the largest on counts as full."""
 SAME_MPS = 0.3
 """Speeds this near to each other are the same on a display."""
+FOLLOWING = 3
+"""Of so many phases after the present one it is known when they begin: one of them may be no change."""
 ROLLS, CREEPS = -1, -2
 """A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
 TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
@@ -62,6 +64,7 @@ class Showing:
         self._schedule: Schedule | None = None
         self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
         self._brakes: dict[int, _Brake] = {}
+        self._coming: dict[int, Instruction] = {}
         self._shown, self._since_ns = Instruction(), 0
 
     def forget(self) -> None:
@@ -72,13 +75,14 @@ class Showing:
         """What is shown of the reference to a train in a state."""
         schedule = kept.reference.schedule
         if schedule is not self._schedule:
-            self._schedule, self._number, self._back, self._brakes = schedule, 0, 0, {}
+            self._schedule, self._number, self._back, self._brakes, self._coming = schedule, 0, 0, {}, {}
         number = self._number_for(schedule, state)
         if number != self._number:
             self._back = 0
         self._number = number
         times_s, at_m = elapsed_s(schedule, kept.forecast, state.s_m)
-        begins_s = [float(np.interp(schedule.begin_m(k), at_m, times_s)) for k in range(number + 1, number + 5)]
+        begins_m = [schedule.begin_m(k) for k in range(number + 1, number + 2 + FOLLOWING)]
+        begins_s = np.interp(begins_m, at_m, times_s).tolist()
         self._left_s = begins_s[0]
         wanted = self._wanted(schedule, number, state, place)
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
@@ -217,20 +221,35 @@ class Showing:
             if one.kind is NotchKind.HOLD and before.kind is NotchKind.TRACTION and same:
                 continue
             shown = self._announced(schedule, k)
-            found.append(replace(shown, way_m=schedule.begin_m(k) - state.s_m, in_s=in_s))
-        return tuple(found[: self._settings.ahead])
+            way_m = schedule.begin_m(k) - state.s_m
+            found.append(
+                Instruction(
+                    mode=shown.mode, speed_mps=shown.speed_mps, effort_ratio=shown.effort_ratio, way_m=way_m, in_s=in_s
+                )
+            )
+            if len(found) == self._settings.ahead:
+                break
+        return tuple(found)
 
     def _announced(self, schedule: Schedule, number: int) -> Instruction:
-        """An instruction as it is shown before it is due."""
-        one = schedule.phases[number]
-        target = _aim_mps(schedule, number, schedule.begin_m(number))
-        if one.kind is NotchKind.TRACTION:
-            return _traction(one.share, target)
-        if one.kind is NotchKind.BRAKE:
-            return _announced_brake(schedule, number, target)
-        if one.kind is NotchKind.COAST:
-            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        return Instruction(mode=Mode.CRUISE, speed_mps=target)
+        """An instruction as it is shown before it is due; it depends on the schedule alone, and is made once."""
+        found = self._coming.get(number)
+        if found is None:
+            found = self._coming[number] = _announced(schedule, number)
+        return found
+
+
+def _announced(schedule: Schedule, number: int) -> Instruction:
+    """An instruction as it is shown before it is due."""
+    one = schedule.phases[number]
+    target = _aim_mps(schedule, number, schedule.begin_m(number))
+    if one.kind is NotchKind.TRACTION:
+        return _traction(one.share, target)
+    if one.kind is NotchKind.BRAKE:
+        return _announced_brake(schedule, number, target)
+    if one.kind is NotchKind.COAST:
+        return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+    return Instruction(mode=Mode.CRUISE, speed_mps=target)
 
 
 def _highest_mps(schedule: Schedule, number: int, s_m: float) -> float:

@@ -21,7 +21,6 @@ from das.solver.calm.phases import Phase, phases_of
 from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.calm_follow import follow
 from das.solver.kernels.calm_polish import cost_of_time
-from das.solver.kernels.calm_roll_out import run_energy
 from das.solver.kernels.forces import electric_limit
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
@@ -129,20 +128,23 @@ class Schedule:
             return self.section.end_m
         return float(self.section.node_m[self.phases[number].begin])
 
-    def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Prospect:
-        """What becomes of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls."""
+    def forecast(
+        self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS, held_until_m: float = -math.inf
+    ) -> Prospect:
+        """What becomes of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls.
+
+        Where `held_until_m` is ahead the train holds its speed up to there and keeps to the schedule from there on.
+        """
         section = self.section
         first, line, envelope = self.ahead(s_m, v_mps)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
-        time_s, unsaid_s = follow(
-            first, self.at, self.ends_m, *self.columns, self.back_share, self.known, met_mps, line, envelope,
-            section.train, speeds,
+        until = max(int(section.node_m.searchsorted(held_until_m)), first + 1) if held_until_m > s_m else first
+        time_s, energy_j, unsaid_s = follow(
+            first, until, self.at, self.ends_m, self.columns, self.back_share, self.known, met_mps, line, envelope,
+            section.train, section.loss_params, speeds,
         )  # fmt: skip
-        time_s = section.finished_s(time_s, s_m, v_mps)
-        ahead = LineArrays(*(array[first:] for array in line))
-        energy_j = float(run_energy(ahead, section.train, section.loss_params, speeds[first:]))
-        return Prospect(speeds, time_s, energy_j, unsaid_s)
+        return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j, unsaid_s)
 
     def ahead(self, s_m: float, v_mps: float) -> tuple[int, LineArrays, Floats]:
         """The interval that a position is in, and line and envelope of the section as they are from a state on."""

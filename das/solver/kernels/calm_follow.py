@@ -6,7 +6,7 @@ import math
 
 from das.compiling.kernels import kernel
 from das.solver.kernels.calm_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
-from das.solver.kernels.calm_roll_out import speed_under
+from das.solver.kernels.calm_roll_out import speed_under, step_energy
 from das.solver.kernels.driving import drive
 from das.solver.kernels.forces import on_supply
 
@@ -26,12 +26,11 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
     """
     kind, share, target = phase
     step, g, q, here = line
-    coasting = speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
     if kind == COAST:
-        return coasting
+        return _coasting(i, line, v)
     if kind in (TRACTION, HOLD):
         if v > target:
-            return min(max(coasting, target), v)
+            return min(max(_coasting(i, line, v), target), v)
         if kind == HOLD and v >= target - BELOW_MPS:
             return target
         effort = share if kind == TRACTION else back_share
@@ -39,7 +38,7 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
     if v < CREEP_MPS and way > CREEP_M:  # It would stop short of its mark.
         return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
-        return min(target, max(coasting, v))
+        return min(target, max(_coasting(i, line, v), v))
     if kind == BRAKE and share > 0.0:  # With one effort to the speed, which is held from there on.
         return min(max(speed_under(BRAKE, share, v, step[i], g[i], q[i], here), target), v)
     w, left = target * target, max(1.0 - step[i] / way, 0.0)  # By one deceleration to the end of the phase.
@@ -47,7 +46,14 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
         return v  # The braking curve is still ahead.
     if kind == CURVE and curve[0] > target:  # By one share of the braking curve.
         left = min(max(curve[1] * curve[1] - w, 0.0) / (curve[0] * curve[0] - w), 1.0)
-    return min(coasting, math.sqrt(w + (v * v - w) * left))
+    return min(_coasting(i, line, v), math.sqrt(w + (v * v - w) * left))
+
+
+@kernel
+def _coasting(i, line, v):
+    """The speed at the end of interval i of a train that coasts."""
+    step, g, q, here = line
+    return speed_under(COAST, 0.0, v, step[i], g[i], q[i], here)
 
 
 @kernel
@@ -68,27 +74,35 @@ def followed_step(i, phase, back_share, way, line, envelope, p, v):
 
 
 @kernel
-def follow(first, at, ends, kinds, shares, targets, back_share, known, met_mps, line, envelope, p, v):
-    """Follow a schedule from v[first] to the end; fills v, returns the trip time (s) and the time of it in which
-    limits ahead ask for brakes though no phase does; (-1, 0) after a stall.
+def follow(first, until, at, ends, phases, back_share, known, met_mps, line, envelope, p, c, v):
+    """Follow a schedule from v[first] to the end; fills v.
 
-    `at[i]` is the phase that holds in interval i, `ends[i]` how far behind the interval it ends (m); each has a
-    kind, share and target speed. `known` is a run that keeps to the schedule (speeds and time to go at every node):
-    from where the speeds of the two are within `met_mps` of each other they are one (negative: nowhere).
+    Returns the trip time (s), the energy at the current collector (J), and the time (s) in which limits ahead ask for
+    brakes though no phase does; (-1, 0, 0) after a stall.
+
+    `at[i]` is the phase that holds in interval i, `ends[i]` how far behind the interval it ends (m); `phases` are their
+    kinds, shares and target speeds. Before interval `until` the train holds its first speed instead. `known` is a run
+    that keeps to the schedule (speeds and time to go at every node): from where the speeds of the two are within
+    `met_mps` of each other they are one (negative: nowhere).
     """
-    total = 0.0
-    unsaid = 0.0
+    kinds, shares, targets = phases
+    total, energy, unsaid = 0.0, 0.0, 0.0
     n = line.step_m.size
     for i in range(first, n):
-        c = at[i]
+        k = at[i]
+        kind, share, target = kinds[k], shares[k], targets[k]
+        if i < until:
+            kind, share, target = HOLD, 0.0, v[first]
         way = ends[i] + line.step_m[i]
-        took, is_unsaid = followed_step(i, (kinds[c], shares[c], targets[c]), back_share, way, line, envelope, p, v)
+        took, is_unsaid = followed_step(i, (kind, share, target), back_share, way, line, envelope, p, v)
         if took < 0.0:
-            return -1.0, 0.0
+            return -1.0, 0.0, 0.0
         total += took
+        energy += step_energy(i, v[i], v[i + 1], line, p, c)
         unsaid += took if is_unsaid else 0.0
         if abs(v[i + 1] - known.speed_mps[i + 1]) < met_mps and i + 1 < n:
-            for k in range(i + 1, n):
-                v[k + 1] = known.speed_mps[k + 1]
-            return total + known.time_to_go_s[i + 1], unsaid
-    return total, unsaid
+            for m in range(i + 1, n):
+                v[m + 1] = known.speed_mps[m + 1]
+                energy += step_energy(m, v[m], v[m + 1], line, p, c)
+            return total + known.time_to_go_s[i + 1], energy, unsaid
+    return total, energy, unsaid

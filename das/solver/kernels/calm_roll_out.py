@@ -34,9 +34,11 @@ def speed_under(kind, share, v0, h, g, q, p):
             force = share * traction_limit(faster, p)
         elif kind == BRAKE:
             force = -share * electric_limit(faster, p)
-        v1 = speed_under_force(force, v0, v1, h, g, q, p)
+        before, v1 = v1, speed_under_force(force, v0, v1, h, g, q, p)
         if v1 <= 0.0:
             return 0.0
+        if v1 == before:
+            break  # Further steps find the same.
     return v1
 
 
