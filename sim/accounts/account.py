@@ -71,8 +71,8 @@ class LegAccount:
             parts[cause] = parts.get(cause, 0.0) + energy_j
         return parts
 
-    def main_cause(self, start_m: float, end_m: float) -> EnergyCause:
-        """The cause of most of the energy above the optimum between two places (m)."""
+    def causes_between(self, start_m: float, end_m: float) -> dict[EnergyCause, float]:
+        """The energy above the optimum (J) of each cause that belongs to the driving between two places (m)."""
         motion, energies, known = self.leg.motion, self.energies, self.committed
         ends = np.searchsorted(motion.s_m, (start_m, end_m))
         first, last = (int(one) for one in np.minimum(ends, len(motion.s_m) - 1))
@@ -84,7 +84,7 @@ class LegAccount:
         for sample, cause, rise_j in zip(known.sample[:-1], known.causes, rises_j, strict=True):
             if first <= sample < last:
                 parts[cause] = parts.get(cause, 0.0) + float(rise_j)
-        return max(parts, key=lambda cause: parts[cause])
+        return parts
 
     @property
     def recovered_j(self) -> float | None:

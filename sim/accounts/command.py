@@ -76,5 +76,8 @@ def _print_places(account: Account) -> None:
 
     worst = worst_places(account)
     if worst:
-        told = "; ".join(f"{one.where}: {kwh(one.more_j):.1f} kWh, mainly {one.cause.label}" for one in worst)
-        tell(f"most lost above the optimum, between two limits: {told}")
+        told = "; ".join(
+            f"{one.where}: {kwh(one.more_j):.1f} kWh, {' and '.join(cause.label for cause in one.causes)}"
+            for one in worst
+        )
+        tell(f"most lost above the optimum: {told}")

@@ -15,7 +15,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.events.calls import RecordedCall, arrival_ns, calls, departure_ns
+from sim.events.calls import RecordedCall, at_rest, calls
 from sim.replay.job import open_trip
 from sim.review.series import DrivenCourse
 from sim.trips.options import TripOptions
@@ -131,13 +131,14 @@ def _legs(motion: DrivenMotion, served: list[RecordedCall]) -> Iterator[DrivenLe
     for start, end in pairwise(served):
         assert start.stand is not None
         assert end.stand is not None
-        part = slice(start.stand.last, end.stand.first + 1)
+        leaving, arrived = at_rest(motion.course, start.stand), at_rest(motion.course, end.stand)
+        part = slice(leaving.last, arrived.first + 1)
         if not start.departed_ns or not end.arrived_ns or end.stand.s_m - start.stand.s_m < LEAST_WAY_M:
             continue
         cut = _part(motion, part)
         time_ns, speed_mps = cut.time_ns.copy(), cut.speed_mps.copy()
-        # The seconds at walking pace at either end are no driving that a plan could be compared with.
-        time_ns[0], time_ns[-1] = departure_ns(motion.course, start.stand), arrival_ns(motion.course, end.stand)
+        # From rest to rest: a leg takes as long as punctuality says, and its optimum has all of that time.
+        time_ns[0], time_ns[-1] = start.departed_ns, end.arrived_ns
         speed_mps[0] = speed_mps[-1] = 0.0
         s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
         yield DrivenLeg(start=start, end=end, motion=replace(cut, time_ns=time_ns, speed_mps=speed_mps, s_m=s_m))

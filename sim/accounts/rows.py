@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.domain.units import KM, NS, kwh
 from sim.accounts.account import Account, LegAccount
@@ -72,26 +73,54 @@ def place_rows(places: Places) -> list[dict[str, float]]:
 
 
 class WorstPlace(NamedTuple):
-    """A stretch that lost energy above the optimum: where in words, how much (J), and its main cause."""
+    """A stretch that lost energy above the optimum: where in words, how much (J), and its causes, the largest first."""
 
     where: str
     more_j: float
-    cause: EnergyCause
+    causes: tuple[EnergyCause, ...]
+
+
+DENSE = 2.0
+LARGE_SHARE = 0.2
+"""A cause that has this share of what the causes of a stretch took, or more, is named."""
 
 
 def worst_places(account: Account, most: int = 5) -> list[WorstPlace]:
-    """The stretches between limits that lost most above the optimum, the worst first."""
-    stretches = [
-        (float(more), leg, float(start), float(end))
-        for leg in account.legs
-        for start, end, more in zip(leg.by_limit.start_m, leg.by_limit.end_m, leg.by_limit.lost_more_j, strict=True)
-        if more > 0
-    ]
-    worst = sorted(stretches, key=lambda one: -one[0])[:most]
-    return [
-        WorstPlace(f"km {start / KM:.1f} to {end / KM:.1f}", more, leg.main_cause(start, end))
-        for more, leg, start, end in worst
-    ]
+    """The stretches that lost most above the optimum, the worst first.
+
+    A stretch is as long as the train lost more there, per 100 m, than `DENSE` times the average over the drive.
+    """
+    found = []
+    losses = [leg.even.lost_more_j for leg in account.legs]
+    usual_j = DENSE * max(float(np.concatenate(losses).mean()), 0.0) if losses else 0.0
+    for leg, more_j in zip(account.legs, losses, strict=True):
+        for first, last in _worst_runs(more_j - usual_j, most):
+            start_m, end_m = float(leg.even.start_m[first]), float(leg.even.end_m[last])
+            where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
+            found.append(WorstPlace(where, float(more_j[first : last + 1].sum()), _causes(leg, start_m, end_m)))
+    return sorted(found, key=lambda one: -one.more_j)[:most]
+
+
+def _causes(leg: LegAccount, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
+    parts = {cause: energy_j for cause, energy_j in leg.causes_between(start_m, end_m).items() if energy_j > 0}
+    whole_j = sum(parts.values())
+    named = [cause for cause in sorted(parts, key=lambda one: -parts[one]) if parts[cause] >= LARGE_SHARE * whole_j]
+    return tuple(named) or (EnergyCause.REST,)
+
+
+def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
+    """The runs of places (first, last) with the largest sums of scores, the largest first; none overlaps another."""
+    left, found = scores.copy(), []
+    for _ in range(most):
+        upto = np.concatenate(([0.0], np.cumsum(left)))
+        rise = upto - np.minimum.accumulate(upto)
+        last = int(np.argmax(rise))
+        if not rise[last] > 0:
+            break
+        first = int(np.argmin(upto[:last]))
+        found.append((first, last - 1))
+        left[first:last] = -float(np.abs(scores).sum())  # so that no other run pays to hold it
+    return found
 
 
 def seconds_by_cause(account: Account) -> dict[EnergyCause, float]:

@@ -46,7 +46,7 @@ def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
     return tuple(marked)
 
 
-REFUSED: Final = "advice refused"
+REFUSED: Final = "advice not followed"
 
 
 def _mark(one: DriveEvent) -> str:
@@ -58,7 +58,7 @@ def _mark(one: DriveEvent) -> str:
         case EventKind.ARRIVAL if one.facts["missed_m"] > AT_STOP_M:
             return "beyond the stop"
         case EventKind.STAND:
-            return "stand on the way"
+            return "unplanned stop"
         case EventKind.SIGNAL:
             return "signal at danger"
         case EventKind.OVERSPEED if one.facts["over_kmh"] >= MUCH_OVER_KMH or one.facts["lasted_s"] >= LONG_OVER_S:
@@ -72,7 +72,7 @@ def _mark(one: DriveEvent) -> str:
         case EventKind.DRIVER if one.facts.get("away_s", 0.0) >= LONG_AWAY_S:
             return "attention away"
         case EventKind.DEVIATION:
-            return "first large deviation"
+            return "a minute off the timetable"
         case _:
             return ""
 

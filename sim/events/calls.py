@@ -88,8 +88,8 @@ def calls(recording: Recording, trip: DrivenCourse) -> tuple[RecordedCall, ...]:
                     s_m=stop.s_m,
                     due_arrival_ns=stop.arrival_ns,
                     due_departure_ns=stop.departure_ns,
-                    arrived_ns=0 if stand is None else arrival_ns(trip, _at_rest(trip, stand)),
-                    departed_ns=0 if stand is None else departure_ns(trip, _at_rest(trip, stand)),
+                    arrived_ns=0 if stand is None else arrival_ns(trip, at_rest(trip, stand)),
+                    departed_ns=0 if stand is None else departure_ns(trip, at_rest(trip, stand)),
                     stand=stand,
                     reached=bool(trip.s_m.max() >= stop.s_m - NEAR_M),
                 )
@@ -97,7 +97,7 @@ def calls(recording: Recording, trip: DrivenCourse) -> tuple[RecordedCall, ...]:
     return tuple(found)
 
 
-def _at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
+def at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
     """A stand from its first to its last sample with a speed of exactly 0; the same where there is none.
 
     A train that begins to move at less than the noise has left.

@@ -10,7 +10,7 @@ import numpy as np
 from das.advice.modes import Mode, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
-from das.domain.units import NS
+from das.domain.units import NS, PERCENT
 from sim.drivers.diary import KINDS
 from sim.events.event import DriveEvent, EventKind
 from sim.review.series import DrivenCourse
@@ -30,7 +30,9 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
         if kind in DECIDED:
             follows = DECIDED[kind]
             advice = mode_name(Mode(int(one.value)))
-            text, facts = f"{advice} is refused", {"mode": advice, "followed": follows}
+            text, facts = f"advice '{advice}' is not followed", {"mode": advice, "followed": follows}
+            if not follows:
+                text += _controller(recording, int(one.time_ns))
             if after == "reaction":  # A decision is noted with the reaction that begins with it.
                 facts |= {"reaction_s": reaction.value}
                 text = f"{advice} is followed after a reaction of {reaction.value:.1f} s" if follows else text
@@ -40,3 +42,13 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
                 time_ns=one.time_ns, end_ns=one.time_ns + round(one.value / NS), kind=EventKind.DRIVER, s_m=s_m,
                 text=f"attention is away for {one.value:.0f} s, unless the train warns", facts={"away_s": one.value},
             )  # fmt: skip
+
+
+def _controller(recording: Recording, time_ns: int) -> str:
+    """What the controller was set to at a moment, in words; nothing where that was not recorded."""
+    cab = recording.columns(topics.CAB, "time_ns", "lever_ratio")
+    at = int(np.searchsorted(cab["time_ns"], time_ns, side="right")) - 1
+    if at < 0 or not np.isfinite(cab["lever_ratio"][at]):
+        return ""
+    share = round(float(cab["lever_ratio"][at]) / PERCENT)
+    return f"; the controller {f'stays at {share:+d} %' if share else 'stays at 0'}"

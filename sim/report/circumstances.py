@@ -9,8 +9,10 @@ import numpy as np
 
 from das.advice.modes import mode_name
 from das.bus import topics
+from das.domain.levels import Level
 from das.domain.units import kmh
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.events.event import EventKind
 from sim.report.subject import ReviewedDrive
 from sim.what_if.origin import CHANGED, OF
 from sim.what_if.otherwise import WHAT_IF
@@ -28,7 +30,7 @@ SHOWN: Final[Mapping[str, str]] = {
     Presentation.RMS: "one maximum speed",
     Presentation.FOUR_MODE: "four modes",
     Presentation.VECTOR: "speed and effort of the moment",
-    Presentation.COACH: "the coach",
+    Presentation.COACH: "the coach in the cab (what to do now, up to which speed, and what comes next)",
 }
 
 
@@ -63,7 +65,53 @@ def restrictions_told(subject: ReviewedDrive) -> str:
         for entry in lists
         for one in entry.message.restrictions
     }
-    return "; ".join(told.values()) or "none"
+    return "; ".join(told.values()) or "none (an empty list was told)"
+
+
+def at_signals(subject: ReviewedDrive) -> list[str]:
+    """What the advice was worth at a signal at danger; nothing where the driver saw none, or no advice."""
+    seen = [one for one in subject.chronicle.events if one.kind is EventKind.SIGNAL]
+    if not seen or not subject.shown.any_shown:
+        return []
+    return ["The advice knows of no signals: while one was at danger, the driver had to go by the signal alone."]
+
+
+def rests_on(subject: ReviewedDrive) -> list[tuple[str, str]]:
+    """What the figures of the page rest on, by name."""
+    run, account = subject.recording.metadata.get("run", {}), subject.account
+    rows = []
+    if run.get("kind") == "run":
+        rows.append(("the day", "simulated: train, driver, sensors and what went wrong"))
+    if "route" in run:
+        rows.append(("line", run["route"]))
+    if "vehicle" in run:
+        rows.append(("train", run["vehicle"]))
+    if account is not None:
+        vehicle = account.inputs.vehicle
+        rows.append(("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"))
+        measured = "measured by the simulator" if account.measured else "estimated from positions; nobody measured them"
+        rows.append(("energies", measured))
+        rows.append(("losses of the optimum", LOSSES.get(account.inputs.level, str(account.inputs.level))))
+    friction = FRICTION.get(run.get("friction_policy", ""), "")
+    if friction and run.get("driver") == DriverKind.HUMAN:
+        rows.append(("who chose the friction brake", friction))
+    rows.append(("wind, adhesion, passengers", "as the scenario says" if run.get("kind") == "run" else "not known"))
+    rows.append(("times of day", "UTC"))
+    return rows
+
+
+FRICTION: Final[Mapping[str, str]] = {
+    FrictionPolicy.AS_MEASURED: "the simulated driver's habit: he brakes a share by friction, whatever is shown",
+    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver brakes by friction only where the motors cannot",
+    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while he follows advice on effort",
+}
+LOSSES: Final[Mapping[str, str]] = {
+    Level.L0_NOREG: "none, and nothing is fed back (level L0 without regeneration)",
+    Level.L0_REG: "none (level L0)",
+    Level.L1: "a constant efficiency (level L1)",
+    Level.L2: "of each component, by power (level L2)",
+    Level.L3: "of each component, by speed and force (level L3)",
+}
 
 
 def moment_words(subject: ReviewedDrive, time_ns: int) -> tuple[str, str]:

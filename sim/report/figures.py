@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from matplotlib.patches import Patch
 
+from das.advice.modes import Mode, mode_name
+from das.bus import topics
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from sim.accounts.judging import OVER_MPS
+from sim.events.bookmarks import bookmarks
 from sim.report.subject import ReviewedDrive
 from sim.report.words import told_causes
-from sim.review.colors import EFFICIENCY_GREYS, LIGHT, Meaning
-from sim.review.light import INK, legend, light_figure, named, stops
+from sim.review.colors import EFFICIENCY_GREYS, LIGHT, MODES, Meaning
+from sim.review.light import INK, TEXT_POINTS, legend, light_figure, named, stops
 from sim.review.limits import limit_in_force
 
 if TYPE_CHECKING:
@@ -26,35 +31,113 @@ GRID_POINTS: Final = 90
 LEAST_LATE_S: Final = 5.0
 """The axis of punctuality reaches at least this far (s), so that fractions of a second do not look large."""
 BAR_IN: Final = 0.28
+MODES_IN: Final = 0.22
+MOST_APART_KMH: Final = 15.0
+"""Driven less shown is drawn up to this much (km/h): more lies at the edge of its axis."""
 FAINT: Final = 0.45
 """Share of its colour that a departure has beside an arrival."""
 
 
-def speed_figure(subject: ReviewedDrive) -> Figure:
-    """Speed over distance: limit in force, what was advised, the optimum for the same times, and what was driven."""
-    figure, (axis,) = light_figure((3.2,))
+def drive_figure(subject: ReviewedDrive) -> Figure:
+    """The drive over distance, on one axis: speed, what the display advised to do, lateness, and driven less shown."""
+    with_modes = bool(subject.shown.mode[subject.shown.shown].any())
+    late, apart = _lateness(subject), subject.shown.comparable.any()
+    heights = [3.2, *([MODES_IN] if with_modes else []), *([1.0] if len(late[0]) else []), *([1.1] if apart else [])]
+    figure, axes = light_figure(heights)
+    _speeds(axes[0], subject)
+    rest = iter(axes[1:])
+    if with_modes:
+        _modes(next(rest), subject)
+    if len(late[0]):
+        axis = next(rest)
+        axis.step(*late, where="post", color=LIGHT.of[Meaning.OPERATOR], linewidth=1.2)
+        axis.axhline(0.0, color=INK, linewidth=0.7)
+        named(axis, y="Late (s)")
+    if apart:
+        _compliance(next(rest), subject)
+    for axis in axes:
+        stops(axis, _stops(subject), written=axis is axes[0])
+    named(axes[-1], x="Position (km)")
+    return figure
+
+
+def _speeds(axis: Any, subject: ReviewedDrive) -> None:
+    """Limit in force, what was advised, the optimum for the same times, what was driven, and the bookmarks."""
     trip = subject.chronicle.trip
     at, limit_mps = limit_in_force(subject.recording, trip)
-    if len(at):
-        axis.step(trip.at(at, trip.s_m) / KM, kmh(limit_mps), where="post", color=LIMIT, linewidth=1.0, label="limit")
     shown = subject.shown
     if len(shown.time_ns):
         given = (shown.shown if shown.any_shown else True) & (shown.speed_mps > 0)
         advised = np.where(given, kmh(shown.speed_mps), np.nan)
-        said = "advised" if shown.any_shown else "advised, but not shown to the driver"
-        axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.8, label=said)
+        said = "speed advised" if shown.any_shown else "speed advised, but not shown to the driver"
+        axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.7, label=said)
+    if len(at):
+        axis.step(
+            trip.at(at, trip.s_m) / KM,
+            kmh(limit_mps),
+            where="post",
+            color=LIMIT,
+            linewidth=1.0,
+            label="limit",
+            zorder=2.5,
+        )
     for number, leg in enumerate(subject.account.legs if subject.account else ()):
         run = leg.optimum.trajectory
         label = "optimum for the same times" if number == 0 else None
         axis.plot(run.s_m / KM, kmh(run.v_mps), color=OPTIMUM, linewidth=1.1, linestyle="--", label=label)
     axis.plot(trip.s_m / KM, kmh(trip.speed_mps), color=DRIVEN, linewidth=1.2, label="driven")
-    axis.set_ylim(
-        0.0, 1.1 * max(float(np.nanmax(kmh(limit_mps))) if len(at) else 0.0, kmh(float(trip.speed_mps.max())))
-    )
-    stops(axis, _stops(subject))
-    named(axis, x="Position (km)", y="Speed (km/h)")
+    top = max(float(np.nanmax(kmh(limit_mps))) if len(at) else 0.0, kmh(float(trip.speed_mps.max())))
+    axis.set_ylim(0.0, 1.18 * top)
+    marked = bookmarks(subject.chronicle.events)
+    for number, one in enumerate(marked, start=1):
+        axis.text(
+            one.s_m / KM, (1.13, 1.07)[number % 2] * top, str(number), ha="center", va="center", fontsize=6.5,
+            color=LIGHT.background, bbox={"boxstyle": "round,pad=0.15", "facecolor": INK, "edgecolor": "none"},
+        )  # fmt: skip
+    named(axis, y="Speed (km/h)")
     legend(axis)
-    return figure
+
+
+def _modes(axis: Any, subject: ReviewedDrive) -> None:
+    """What the display advised to do, as coloured stretches."""
+    shown, trip = subject.shown, subject.chronicle.trip
+    at_km = trip.at(shown.time_ns, trip.s_m) / KM
+    names = [mode_name(Mode(number)) if number in set(Mode) else "" for number in shown.mode.tolist()]
+    used: dict[str, str] = {}
+    begins = [0, *(np.flatnonzero(np.diff(shown.mode * shown.shown)) + 1).tolist()]
+    for first, after in pairwise([*begins, len(names) - 1]):
+        color = MODES.get(names[first]) if shown.shown[first] else None
+        if color is not None and at_km[after] > at_km[first]:
+            axis.broken_barh([(at_km[first], at_km[after] - at_km[first])], (0.0, 1.0), facecolor=color, lw=0.0)
+            used.setdefault(names[first], color)
+    axis.set_ylim(0.0, 1.0)
+    axis.set_yticks([0.5], ["advised\nto do"])
+    axis.grid(visible=False)
+    axis.legend(
+        handles=[Patch(color=color, label=name) for name, color in used.items()], loc="lower left",
+        bbox_to_anchor=(0.0, 1.0), ncols=8, frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, borderaxespad=0.1,
+        handlelength=1.0, columnspacing=1.2,
+    )  # fmt: skip
+
+
+def _lateness(subject: ReviewedDrive) -> tuple[Any, Any]:
+    """Places (km) and how late the operator said that the train was (s)."""
+    told, trip = subject.recording.columns(topics.DELAY, "time_ns", "delay_s"), subject.chronicle.trip
+    within = (told["time_ns"] >= trip.time_ns[0]) & (told["time_ns"] <= trip.time_ns[-1])
+    return trip.at(told["time_ns"][within], trip.s_m) / KM, told["delay_s"][within]
+
+
+def _compliance(axis: Any, subject: ReviewedDrive) -> None:
+    """Driven speed less the speed to keep that was shown, over distance."""
+    shown, trip = subject.shown, subject.chronicle.trip
+    apart = kmh(trip.at(shown.time_ns, trip.speed_mps) - shown.speed_mps)
+    apart = np.where(shown.comparable, np.clip(apart, -MOST_APART_KMH, MOST_APART_KMH), np.nan)
+    over = OVER_MPS / KMH
+    axis.axhspan(-over, over, color=LIGHT.grid, alpha=0.6, linewidth=0.0)
+    axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, apart, color=DRIVEN, linewidth=1.0)
+    reach = 1.1 * max(float(np.nanmax(np.abs(apart))), 2.0 * over)
+    axis.set_ylim(-reach, reach)
+    named(axis, y="Driven less\nshown (km/h)")
 
 
 def cause_figure(subject: ReviewedDrive) -> Figure:
@@ -122,6 +205,7 @@ def efficiency_figure(subject: ReviewedDrive) -> Figure:
                 label=label if number == 0 else None, rasterized=True,
             )  # fmt: skip
     axis.axhline(0.0, color=INK, linewidth=0.7)
+    axis.set_ylim(1.08 * float(brakes.min()) / KN, 1.08 * float(pulls.max()) / KN)
     named(axis, x="Speed (km/h)", y="Force of the motors at the wheels (kN)")
     legend(axis)
     for handle in axis.get_legend().legend_handles:
@@ -153,13 +237,14 @@ def punctuality_figure(subject: ReviewedDrive) -> Figure:
     made = [call for call in subject.chronicle.calls if call.reached]
     figure, (axis,) = light_figure((1.6,))
     rows = np.arange(len(made))
-    for shift, name, values, share in (
-        (-0.18, "arrival", [call.arrived_late_s for call in made], 1.0),
-        (0.18, "departure", [call.departed_late_s for call in made], FAINT),
-    ):
-        late = np.array(values, dtype=float)
-        axis.bar(rows + shift, late, width=0.34, color=DRIVEN, alpha=share, label=name)
-        for row, value in enumerate(late):
+    arrived, left = (
+        np.array([getattr(call, name) for call in made], dtype=float) for name in ("arrived_late_s", "departed_late_s")
+    )
+    both = np.isfinite(arrived) & np.isfinite(left)
+    for side, name, late, share in ((-1, "arrival", arrived, 1.0), (1, "departure", left, FAINT)):
+        shifts = np.where(both, 0.18 * side, 0.0)
+        axis.bar(rows + shifts, late, width=0.34, color=DRIVEN, alpha=share, label=name)
+        for row, (shift, value) in enumerate(zip(shifts, late, strict=True)):
             if np.isfinite(value):
                 axis.text(
                     row + shift, value, f"{value:+.0f}", ha="center", va="bottom" if value >= 0 else "top",
@@ -173,32 +258,6 @@ def punctuality_figure(subject: ReviewedDrive) -> Figure:
     named(axis, y="Late (s)")
     legend(axis)
     return figure
-
-
-def compliance_figure(subject: ReviewedDrive) -> Figure | None:
-    """Driven less shown speed over distance; None where no speed was shown."""
-    shown, trip = subject.shown, subject.chronicle.trip
-    given = shown.comparable
-    if not given.any():
-        return None
-    figure, (axis,) = light_figure((1.6,))
-    at = shown.time_ns
-    apart = np.where(given, kmh(trip.at(at, trip.speed_mps) - shown.speed_mps), np.nan)
-    over = OVER_MPS / KMH
-    axis.axhspan(-over, over, color=LIGHT.grid, alpha=0.6, linewidth=0.0, label=f"within {over:.0f} km/h")
-    axis.plot(trip.at(at, trip.s_m) / KM, apart, color=DRIVEN, linewidth=1.0, label="driven less shown")
-    axis.set_ylim(*_usual(apart[np.isfinite(apart)]))
-    stops(axis, _stops(subject), written=False)
-    named(axis, x="Position (km)", y="Driven less\nshown (km/h)")
-    legend(axis)
-    return figure
-
-
-def _usual(values: Any) -> tuple[float, float]:
-    """An axis that holds nearly all values: a few seconds around stops are far away."""
-    low, high = np.percentile(values, (1.0, 99.0)) if len(values) else (0.0, 0.0)
-    reach = max(abs(float(low)), abs(float(high)), 4.0)
-    return -1.1 * reach, 1.1 * reach
 
 
 def _stops(subject: ReviewedDrive) -> list[tuple[str, float]]:

@@ -19,6 +19,8 @@ from sim.compare.rows import as_dict as comparison_dict
 from sim.compare.rows import sentences
 from sim.recording.check import RATE_COLUMNS
 from sim.report import figures, words
+from sim.report.circumstances import rests_on
+from sim.report.lateness import where_time_went
 from sim.report.subject import ReviewedDrive
 from sim.review.colors import LIGHT
 from sim.review.light import as_image, comparison_figure
@@ -44,9 +46,9 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    names = ", ".join(subject.name for subject in subjects)
+    names = "; ".join(words.title(subject) for subject in subjects)
     return environment.get_template(TEMPLATE).render(
-        title=f"Report of {names}",
+        title=f"Report: {names}",
         version=__version__,
         theme=LIGHT,
         drives=[_drive(subject) for subject in subjects],
@@ -62,15 +64,20 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
     return {
         "name": subject.name,
         "paragraph": words.paragraph(subject),
+        "lateness": " ".join(where_time_went(subject)),
+        "rests_on": rests_on(subject),
         "figures": words.figures(subject),
         "stops": words.stop_rows(subject),
         "causes": [] if account is None else words.cause_rows(account),
         "times": [] if account is None else words.time_rows(account),
         "legs": [] if account is None else words.leg_rows(account),
-        "worst": [(one.where, f"{kwh(one.more_j):.1f}", one.cause.label) for one in worst],
+        "worst": [
+            (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
+        ],
         "why_not": subject.why_not,
         "events": words.event_rows(subject),
         "left_out": words.left_out(subject),
+        "advice": words.advice_rows(subject),
         "bookmarks": words.bookmark_rows(subject),
         "health": subject.checked,
         "inputs": words.input_rows(subject),
@@ -80,14 +87,14 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 
 def _images(subject: ReviewedDrive) -> dict[str, str]:
     """The pictures that there is something for, by name; the others are empty."""
-    made = {"speed": figures.speed_figure(subject), "compliance": figures.compliance_figure(subject)}
+    made = {"speed": figures.drive_figure(subject)}
     if subject.chronicle.calls:
         made["punctuality"] = figures.punctuality_figure(subject)
     if subject.account is not None:
         made["causes"] = figures.cause_figure(subject)
         made["places"] = figures.place_figure(subject)
         made["efficiency"] = figures.efficiency_figure(subject)
-    names = ("speed", "compliance", "punctuality", "causes", "places", "efficiency")
+    names = ("speed", "punctuality", "causes", "places", "efficiency")
     found = {name: made.get(name) for name in names}
     return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}
 

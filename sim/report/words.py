@@ -19,10 +19,12 @@ from sim.events.bookmarks import bookmarks
 from sim.events.clock import minutes, spell
 from sim.events.event import DriveEvent, EventKind, Filter
 from sim.recording.saving import saving_rows
-from sim.report.circumstances import came_about, moment_words, restrictions_told
+from sim.report.circumstances import at_signals, came_about, moment_words, restrictions_told
 from sim.report.subject import ReviewedDrive
 from sim.review.summary import readable
 
+LASTS_S: Final = 3.0
+"""What a display shows counts for this long at most (s) until it says something again."""
 MAIN_CAUSES: Final = 3
 """Causes that the paragraph names."""
 NAMED_KWH: Final = 0.1
@@ -37,6 +39,14 @@ TOLD: Final = tuple(
 """The kinds of events that the page lists; it counts the others."""
 
 Row = dict[str, Any]
+
+
+def title(subject: ReviewedDrive) -> str:
+    """Train, way, day and file, for the head of the page."""
+    clock, calls = subject.chronicle.clock, [call for call in subject.chronicle.calls if call.reached]
+    day = f"{datetime.fromtimestamp(clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
+    way = f"{calls[0].name} – {calls[-1].name}, " if len(calls) > 1 else ""
+    return f"{subject.recording.train}, {way}{day} ({subject.name})"
 
 
 def paragraph(subject: ReviewedDrive) -> str:
@@ -58,7 +68,8 @@ def _ran(subject: ReviewedDrive) -> list[str]:
         return [f"The recording of {subject.recording.train} on {day} covers {km:.1f} km in {lasted}."]
     first, last = served[0], served[-1]
     km = (last.s_m - first.s_m) / KM
-    ran = spell((last.arrived_ns - first.departed_ns) * NS)
+    # Of the times as they are shown, to the second, so that they add up.
+    ran = spell(round(last.arrived_ns * NS) - round(first.departed_ns * NS))
     told = [
         f"On {day}, {subject.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
         f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
@@ -80,15 +91,14 @@ def _took(subject: ReviewedDrive) -> list[str]:
     if account is None:
         return [f"Where its energy went cannot be said: {subject.why_not}."]
     driven, more = kwh(account.driven_j), kwh(account.difference_j)
+    word = "more" if more >= 0 else "less"
     how = "It drew" if account.measured else "By its positions it drew about"
-    above = (
-        f"{abs(more):.1f} kWh ({abs(more / driven):.0%}) {'more' if more >= 0 else 'less'} than"
-        if driven
-        else "against"
-    )
+    best = kwh(account.optimum_j)
+    share = f" ({more / best:+.0%})" if best > 0 else ""
     told = [
-        f"{how} {driven:.1f} kWh at the current collector, {above} the best possible drive with the same departures "
-        f"and arrivals, which knew of no signal and no temporary restriction."
+        f"{how} {driven:.1f} kWh at the current collector, {abs(more):.1f} kWh {word}{share} "
+        f"than the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
+        "signal and no temporary restriction."
     ]
     if subject.likely is not None:
         low, high = kwh(subject.likely.low_j), kwh(subject.likely.high_j)
@@ -103,8 +113,8 @@ def _took(subject: ReviewedDrive) -> list[str]:
         told.append(f"Most of that is: {', '.join(words)}.")
     worst = worst_places(account, 1)
     if worst and kwh(worst[0].more_j) >= NAMED_KWH:
-        lost = f"{kwh(worst[0].more_j):.1f} kWh, mainly {worst[0].cause.label}"
-        told.append(f"The most was lost from {worst[0].where}: {lost}.")
+        causes = " and ".join(cause.label for cause in worst[0].causes)
+        told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}).")
     return told
 
 
@@ -123,8 +133,10 @@ def _kept(subject: ReviewedDrive) -> list[str]:
         told.append("It kept every limit.")
     followed = compliance(subject)
     if followed is not None:
+        lasted = spell(shown_s(subject))
         told.append(
-            f"While a speed was shown, it drove within {kmh(OVER_MPS):.0f} km/h of it {followed:.0%} of the time."
+            f"While a speed to keep was shown (for {lasted}), it drove within {kmh(OVER_MPS):.0f} km/h of it "
+            f"{followed:.0%} of the time."
         )
     gone = [one for one in events if one.kind is EventKind.WITHDRAWAL]
     if gone:
@@ -132,6 +144,7 @@ def _kept(subject: ReviewedDrive) -> list[str]:
         told.append(f"Advice was withdrawn {_times(len(gone))}, for {lasted:.0f} s in all.")
     elif subject.recording.of(topics.ADVICE):
         told.append("Advice was never withdrawn.")
+    told += at_signals(subject)
     return told
 
 
@@ -151,6 +164,16 @@ def compliance(subject: ReviewedDrive) -> float | None:
     return float((np.abs(apart_mps) <= OVER_MPS).mean())
 
 
+def shown_s(subject: ReviewedDrive) -> float:
+    """For how long (s) a speed to keep was shown while the train moved."""
+    shown, trip = subject.shown, subject.chronicle.trip
+    if len(shown.time_ns) < 2:
+        return 0.0
+    given = shown.comparable & (trip.at(shown.time_ns, trip.speed_mps) > 1.0)
+    lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, LASTS_S)
+    return float(lasts_s[given].sum())
+
+
 def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
     """The figures of a drive, by name."""
     account, events = subject.account, subject.chronicle.events
@@ -162,16 +185,16 @@ def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
     told = restrictions_told(subject)
     rows += [("temporary restrictions told", told)] if told else []
-    rows += [(f"recorded: {name}", text) for name, text in saving_rows(subject.recording)]
     followed = compliance(subject)
     if followed is not None:
-        rows.append((f"within {kmh(OVER_MPS):.0f} km/h of the shown speed", f"{followed:.0%}"))
+        share = f"{followed:.0%} of {spell(shown_s(subject))}"
+        rows.append((f"within {kmh(OVER_MPS):.0f} km/h of a speed shown to keep", share))
     answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
-        rows.append(("changes of advice that were followed", f"{len(seconds)} of {len(answers)}"))
+        rows.append(("advice followed, of the changes that asked for something", f"{len(seconds)} of {len(answers)}"))
         if seconds:
-            rows.append(("median answer", f"{float(np.median(seconds)):.0f} s"))
+            rows.append(("median time until he followed", f"{float(np.median(seconds)):.0f} s"))
     return rows
 
 
@@ -301,6 +324,20 @@ def _advice_at_marks(subject: ReviewedDrive) -> list[DriveEvent]:
     ]
 
 
+def advice_rows(subject: ReviewedDrive) -> list[Row]:
+    """Every change of the advice and every new plan, with its reason."""
+    clock = subject.chronicle.clock
+    return [
+        {
+            "time": clock.shown(one.time_ns),
+            "utc": clock.of_day(one.time_ns),
+            "place": place_text(one.s_m),
+            "text": one.text,
+        }
+        for one in Filter(kinds=(EventKind.ADVICE, EventKind.REPLAN)).choose(subject.chronicle.events)
+    ]
+
+
 def left_out(subject: ReviewedDrive) -> str:
     """How many events the page does not list, in words."""
     counts = {
@@ -339,4 +376,5 @@ def input_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
     if subject.account is not None:
         rows.append(("line and train of this page", subject.account.inputs.source))
         rows.append(("energies", "measured" if subject.account.measured else "estimated from positions"))
+    rows += [(f"recorded saving: {name}", text) for name, text in saving_rows(subject.recording)]
     return [*rows, ("attached files", ", ".join(subject.recording.attachments) or "none")]

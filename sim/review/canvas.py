@@ -34,7 +34,7 @@ ROW_IN: Final = 0.185
 LETTERS: Final = 78
 """Most letters in a row of a column of the list."""
 
-LETTER_SHARE: Final = 0.0072
+LETTER_SHARE: Final = 0.0085
 """Width of a letter of a stop's name, as a share of the axis."""
 NAMES_AT_POINTS: Final = (17.0, 29.0)
 """Rows (points above an axis) for the names of stops, over the legend: one that has no room in the first is in the

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from das.domain.units import KM, kmh, kwh
+from sim.review.canvas import name_stops
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 
 if TYPE_CHECKING:
@@ -64,14 +65,11 @@ def legend(axis: Any, columns: int = 4) -> None:
 
 
 def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = True) -> None:
-    """Mark stops (name, position in m), with their names at the top of the axis if they are to be written."""
-    for name, s_m in places:
+    """Mark stops (name, position in m), with their names above the axis, over its legend, if they are to be written."""
+    for _, s_m in places:
         axis.axvline(s_m / KM, color=INK, linewidth=0.6, alpha=0.4)
-        if written:
-            axis.text(
-                s_m / KM, 0.99, f" {name}", transform=axis.get_xaxis_transform(), rotation=90, ha="right", va="top",
-                color=INK, fontsize=TEXT_POINTS - 1.5,
-            )  # fmt: skip
+    if written:
+        name_stops(axis, [(name, s_m / KM) for name, s_m in places], LIGHT)
 
 
 def as_image(figure: Figure) -> str:

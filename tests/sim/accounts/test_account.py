@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -87,10 +88,10 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
 def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault: type, cause: EnergyCause) -> None:
     found = account(clear_day(), fault(PerfectDriver(clear_day().service.line)))
     check_sums(found)
-    assert found.by_cause[cause] >= 0.9 * found.difference_j
-    # And by as much more than without the fault, within what the figures hold.
-    more_j = found.difference_j - faultless().difference_j
-    assert found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) == pytest.approx(more_j, rel=0.12)
+    # The fault's energy is what the drive took more than without it: that one crept to its stops as well.
+    fault_j = found.difference_j - faultless().difference_j
+    share = (found.by_cause[cause] - faultless().by_cause.get(cause, 0.0)) / fault_j
+    assert 0.9 <= round(share, 2) <= 1.0
 
 
 def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
@@ -140,7 +141,10 @@ def test_the_rows_for_programs_have_every_place_and_cause(tmp_path: Path) -> Non
     assert sum(row["lost_more_kwh"] for row in leg["per_100_m"]) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
     worst = worst_places(found)[0]
     assert worst.more_j > 0
-    assert worst.cause is EnergyCause.AGAINST_ADVICE
+    assert worst.causes[0] is EnergyCause.AGAINST_ADVICE
+    found_m = [tuple(float(x) for x in one.where[3:].split(" to ")) for one in worst_places(found)]
+    assert all(a < b for a, b in found_m)
+    assert all(b[1] <= a[0] or a[1] <= b[0] for a, b in combinations(found_m, 2))  # none overlaps another
 
 
 def test_every_cause_has_its_words() -> None:

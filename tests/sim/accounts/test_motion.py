@@ -67,3 +67,5 @@ def test_a_leg_goes_from_stand_to_stand_and_its_times_are_those_of_the_run(tmp_p
     said = [entry.message.message for entry in recording.of("log")]
     late_s = float(said[-1].rsplit(", ", 1)[1].removesuffix(" s"))
     assert leg.end.arrived_late_s == pytest.approx(late_s, abs=0.3)
+    assert leg.trip_s == pytest.approx((leg.end.arrived_ns - leg.start.departed_ns) * 1e-9)  # as punctuality says
+    assert leg.motion.speed_mps[1] < 0.3 or leg.motion.speed_mps[-2] < 0.3  # a train that creeps still drives

@@ -39,7 +39,7 @@ def event(kind: EventKind, at_s: float = 0.0, lasts_s: float = 0.0, **facts: obj
         (event(EventKind.WITHDRAWAL, lasts_s=2.0), ""),
         (event(EventKind.LAPSE, lasts_s=8.0), "nothing heard"),
         (event(EventKind.DRIVER, followed=True), ""),
-        (event(EventKind.DRIVER, followed=False), "advice refused"),
+        (event(EventKind.DRIVER, followed=False), "advice not followed"),
         (event(EventKind.DRIVER, away_s=15.0), "attention away"),
         (event(EventKind.DRIVER, away_s=4.0), ""),
         (event(EventKind.ADVICE), ""),
@@ -69,7 +69,7 @@ def test_bookmarks_of_a_recording_are_chosen_and_become_notes(tmp_path: Path) ->
     path = write_recording(tmp_path / "drive.mcap", before=late)
     chronicle = Chronicle.of(read_recording(path))
     chosen = Filter(bookmarks=True).choose(chronicle.events)
-    assert {"advice withdrawn", "first large deviation"} <= {one.mark for one in chosen}
+    assert {"advice withdrawn", "a minute off the timetable"} <= {one.mark for one in chosen}
     notes = as_notes(chronicle.events)
     assert [note.time_ns for note in notes] == [one.time_ns for one in chosen]
     withdrawn = next(note for note in notes if "advice withdrawn" in note.tags)

@@ -23,9 +23,12 @@ from sim.events.chronicle import Chronicle
 from sim.events.event import DriveEvent, EventKind
 from sim.recording.check import check_contents, check_file
 from sim.report import words
+from sim.report.circumstances import rests_on
+from sim.report.lateness import where_time_went
 from sim.report.page import as_dict, compared, page
 from sim.report.printing import write_pdf
 from sim.report.subject import ReviewedDrive, subject_of
+from sim.report.words import title
 from sim.world.day import Day, make_day
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
@@ -81,7 +84,10 @@ def told_of(**run: str) -> str:
 def test_the_paragraph_says_how_the_drive_came_about() -> None:
     """A reader who was not there must not take a simulated day, a replay or a what-if for a real one."""
     text = told_of(kind="run", scenario="flat", seed="3", driver="human", advice="coach", happens="a signal at danger")
-    assert "The day was simulated (scenario flat, seed 3): a simulated human drove and was shown the coach." in text
+    assert (
+        "The day was simulated (scenario flat, seed 3): a simulated human drove and was shown the coach in the cab"
+        in text
+    )
     assert "On this day: a signal at danger." in text
     assert "It is a replay of trip.csv: nobody saw the advice." in told_of(kind="replay", trip="trip.csv")
     text = told_of(what_if="open loop", what_if_of="day.mcap", what_if_changed="loss level l1")
@@ -91,9 +97,35 @@ def test_the_paragraph_says_how_the_drive_came_about() -> None:
 def test_the_page_answers_what_a_reviewer_asks() -> None:
     """Questions that a page could not answer when somebody read it who was not there."""
     figures, text = dict(words.figures(fast())), words.paragraph(fast())
-    assert figures["temporary restrictions told"] == "none"
+    assert figures["temporary restrictions told"] == "none (an empty list was told)"
     assert "Advice was never withdrawn." in text
-    assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh, mainly against the advice\.", text)
+    assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh \(against the advice", text)
+    account = fast().account
+    assert account is not None
+    above = re.search(r"([\d.]+) kWh more \(\+(\d+)%\) than the ([\d.]+) kWh of the best", text)
+    assert above is not None  # the share is that of the best drive, as the sentence reads
+    assert float(above[2]) == pytest.approx(100.0 * float(above[1]) / float(above[3]), abs=0.7)
+    rests = dict(rests_on(fast()))
+    assert rests["energies"] == "measured by the simulator"
+    assert "t, train length" in rests["planned mass"]
+    ran = re.search(r"in (\d+) min (\d+) s\. It left at (\S+) UTC.* arrived at (\S+) ", text)
+    assert ran is not None
+    left, arrived = (
+        sum(int(x) * n for x, n in zip(one.split(":"), (3600, 60, 1), strict=True)) for one in ran.groups()[2:]
+    )
+    assert arrived - left == 60 * int(ran[1]) + int(ran[2])
+    assert title(fast()) == "train, A – B, 21 November 2026 (fast)"
+
+
+def test_the_page_says_where_time_was_lost_and_by_what(tmp_path: Path) -> None:
+    path = tmp_path / "signal.toml"
+    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
+    day = make_day(prepare_service(read_scenario(path)), 1)
+    recording = recorded_day(day, PerfectDriver(day.service.line))
+    found = replace(fast(), recording=recording, chronicle=Chronicle.of(recording), shown=ShownAdvice.of(recording))
+    (told,) = where_time_went(found)
+    assert re.match(r"From A to B it lost \d+ s against the timetable; on the way: a signal at danger, in sight", told)
+    assert "The advice knows of no signals" in words.paragraph(found)
 
 
 def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
@@ -116,7 +148,7 @@ def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_ar
     found = replace(fast(), recording=recording, chronicle=Chronicle.of(recording), shown=ShownAdvice.of(recording))
     signal, stand = (
         next(row for row in words.bookmark_rows(found) if row["mark"] == mark)
-        for mark in ("signal at danger", "stand on the way")
+        for mark in ("signal at danger", "unplanned stop")
     )
     assert re.fullmatch(r"\d+ km/h", signal["driven"])
     assert re.fullmatch(r"[a-z ]+, \d+ km/h", signal["shown"])
@@ -131,7 +163,7 @@ def test_the_page_needs_nothing_besides_itself() -> None:
     html = page([fast()], None, "")
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)
     assert not re.findall(r"url\(|@import|<script|http://|https://", html)
-    assert html.count("<figure>") == 6
+    assert html.count("<figure>") == 5
     parts = ("Punctuality", "Where the energy went", "Bookmarks and notes", "What happened", "Health", "What it was")
     for part in parts:
         assert part in html
