@@ -1,6 +1,6 @@
-"""`python -m sim.study [price] [days] [loop] [display] [braking]`: make the documentation's figures and pictures again.
+"""`python -m sim.study [PART…]`: make the documentation's figures and pictures again.
 
-The first three are of docs/explanation/coach.md, the others are of docs/reference/drivers.md.
+price, days and loop are of docs/explanation/coach.md; display, braking and habits of docs/reference/drivers.md.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Final
 
 from sim.experiment.setting import day_of
+from sim.study import habits
 from sim.study.display import display_table
+from sim.study.habits import driven, habits_table
 from sim.study.loop import DRIVERS, KEPT, SCENARIOS, SEEDS, driver_table, keeping_table
 from sim.study.own_braking import braking_table
 from sim.study.page import write_table
@@ -46,14 +48,20 @@ def _braking() -> Iterator[tuple[str, Iterator[str]]]:
     yield "braking", braking_table()
 
 
+def _habits() -> Iterator[tuple[str, Iterator[str]]]:
+    service = service_of("clear-day")
+    yield "habits", habits_table(lambda shown: [driven(service, shown, seed) for seed in habits.SEEDS])
+
+
 PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
     "price": _price,
     "days": _days,
     "loop": _loop,
     "display": _display,
     "braking": _braking,
+    "habits": _habits,
 }
-PAGES: Final = {"display": DRIVERS_PAGE, "braking": DRIVERS_PAGE}
+PAGES: Final = {"display": DRIVERS_PAGE, "braking": DRIVERS_PAGE, "habits": DRIVERS_PAGE}
 """The page of each part that is not of the coach's."""
 
 
