@@ -63,7 +63,7 @@ class Screen:
             self._refreshed_s = now_s
             if self._may_change(view, now_s):
                 self._take(view, now_s)
-        if view is not None and self._shown is not None:
+        if view is not None and self._shown is not None and self._shown is not view:
             # The on-board system still stands behind what is held: it is as valid as the advice that is held back.
             self._shown = replace(self._shown, valid_until_s=view.valid_until_s)
         return self._shown

@@ -1,7 +1,7 @@
-"""`python -m sim.study [PART…]`: make figures and pictures of the documentation again.
+"""`python -m sim.study [PART…]`: make the documentation's figures and pictures again.
 
-`price`, `days` and `loop` are of docs/explanation/coach.md, `display` and `braking` of docs/reference/drivers.md, and
-`truth` is of docs/explanation/experiment-statistics.md.
+price, days and loop are of docs/explanation/coach.md; display, braking and habits of docs/reference/drivers.md; truth is
+of docs/explanation/experiment-statistics.md.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Final
 
 from sim.experiment.setting import day_of
+from sim.study import habits
 from sim.study.display import display_table
+from sim.study.habits import driven, habits_table
 from sim.study.known_truth import known_truth_table
 from sim.study.loop import DRIVERS, KEPT, SCENARIOS, SEEDS, driver_table, keeping_table
 from sim.study.own_braking import braking_table
@@ -53,15 +55,26 @@ def _truth() -> Iterator[tuple[str, Iterator[str]]]:
     yield "known-truth", known_truth_table()
 
 
+def _habits() -> Iterator[tuple[str, Iterator[str]]]:
+    service = service_of("clear-day")
+    yield "habits", habits_table(lambda shown: [driven(service, shown, seed) for seed in habits.SEEDS])
+
+
 PARTS: Final[dict[str, Callable[[], Iterator[tuple[str, Iterator[str]]]]]] = {
     "price": _price,
     "days": _days,
     "loop": _loop,
     "display": _display,
     "braking": _braking,
+    "habits": _habits,
     "truth": _truth,
 }
-PAGES: Final = {"display": DRIVERS_PAGE, "braking": DRIVERS_PAGE, "truth": STATISTICS_PAGE}
+PAGES: Final = {
+    "display": DRIVERS_PAGE,
+    "braking": DRIVERS_PAGE,
+    "habits": DRIVERS_PAGE,
+    "truth": STATISTICS_PAGE,
+}
 """The page of each part that is not of the coach's."""
 
 

@@ -138,7 +138,10 @@ def _figures(found: DayOutcome, braked_ratio: float) -> BrakingFigures:
 
 
 def braking_table(
-    blocks: Sequence[Block] = BLOCKS, seeds: Sequence[int] = SEEDS, plans: Sequence[PlanVariant] = PLANS
+    blocks: Sequence[Block] = BLOCKS,
+    seeds: Sequence[int] = SEEDS,
+    plans: Sequence[PlanVariant] = PLANS,
+    presentations: Sequence[Presentation] = SHOWN,
 ) -> Iterator[str]:
     """The lines of the table: each plan against the one with the train's braking, on the same days."""
     yield (
@@ -148,7 +151,7 @@ def braking_table(
     yield "|---|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"
     for block in blocks:
         service = prepare_service(day_of(block.scenario))
-        for shown in SHOWN:
+        for shown in presentations:
             yield from _rows(service, block, shown, seeds, plans)
 
 

@@ -159,3 +159,23 @@ def test_a_perfect_driver_brakes_to_the_speed_at_its_place_and_no_harder_than_th
     resistance_n = float(LINE.vehicle.resistance.force_n(20.0))
     expected = resistance_n - 0.3 * LINE.vehicle.inertial_mass_kg
     assert command.value == pytest.approx(max(expected, told_n), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mode", "speed_mps", "low", "high"),
+    [
+        (Mode.FULL_TRACTION, 30.0, 0.9, 1.0),  # his own effort: all of it, far below the target
+        (Mode.FULL_TRACTION, 20.0, 0.0, 0.2),  # reached: what the resistance takes
+        (Mode.CRUISE, 20.0, 0.0, 0.2),
+        (Mode.COAST, 10.0, 0.0, 0.0),
+        (Mode.FULL_BRAKE, 10.0, -0.6, -0.2),  # the deceleration that he plans with, not all that the brakes can do
+        (Mode.FULL_BRAKE, 20.5, -0.1, 0.0),  # reached
+    ],
+)
+def test_a_target_speed_without_effort_is_reached_his_own_way(
+    mode: Mode, speed_mps: float, low: float, high: float
+) -> None:
+    driver = HumanDriver(LINE, QUICK, seed=1)
+    seen = AdviceView(time_s=0.0, valid_until_s=100.0, presentation=Presentation.VECTOR, mode=mode, speed_mps=speed_mps)
+    values = [driver.command(cab(seen, time_s=0.2 * look)).value for look in range(20)]
+    assert low - 1e-9 <= values[-1] <= high + 1e-9

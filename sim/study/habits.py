@@ -1,0 +1,193 @@
+"""How a human driver handles the controller over whole days: every look is kept, and what is asked of it is measured.
+
+`python -m sim.study habits` writes the table into docs/reference/drivers.md again (about eight minutes on one core).
+tests/property/test_driver_habits.py asks for the same measures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from das.advice.modes import Mode
+from sim.drivers.cab import CabView, Presentation
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind
+from sim.plant.plant import Command
+from sim.world.day import make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import LOOK_S, World
+from sim.world.service import Service
+
+SEEDS: Final = tuple(range(20))
+EFFORT_RATIO, BURST_S = 0.1, 4.0
+"""Traction or brakes over this share of the scale for less than this are a burst."""
+SETS_RATIO: Final = 0.02
+"""A controller nearer to 0 than this is at 0."""
+HAND_S: Final = 1.0
+"""A hand takes up to this long to bring the controller back from a brake to 0."""
+SET_S: Final = 3.0
+"""Effort that has been advised for this long is set."""
+BELOW_MPS: Final = 3.0
+"""So far below what he may or shall drive at, nothing but the advice decides what he sets."""
+MOVES_MPS: Final = 0.5
+"""A train slower than this is at a stand."""
+TRACTION: Final = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+WITH_MODES: Final = (Presentation.FOUR_MODE, Presentation.VECTOR, Presentation.COACH)
+"""The presentations that say how to drive."""
+
+
+class ControllerLook(NamedTuple):
+    """What was set at a look, by which advice (mode and effort; None if he follows none), and how far below limits.
+
+    `braking`: a limit or a stop asks for brakes, by his own margins.
+    """
+
+    time_s: float
+    speed_mps: float
+    lever_ratio: float
+    mode: int | None
+    advised_ratio: float
+    below_mps: float
+    braking: bool
+
+
+@dataclass
+class WatchedHand:
+    """A human driver of whom every look is kept."""
+
+    human: HumanDriver
+    looks: list[ControllerLook] = field(default_factory=list)
+
+    def command(self, cab: CabView) -> Command:
+        """What the driver sets."""
+        command = self.human.command(cab)
+        heeded, handling = self.human._display.heeded, self.human._handling
+        view = heeded.view if heeded.by_effort else None
+        may_mps = min(self.human._foresight.outlook(cab).allowed_mps(cab.s_m), cab.limit_mps)
+        if view is not None and view.presentation is Presentation.COACH:
+            may_mps = min(may_mps, view.shown_speed_mps)
+        mode, advised = (None, 0.0) if view is None else (view.mode, view.lever_ratio)
+        below_mps = may_mps - cab.speed_mps
+        self.looks.append(
+            ControllerLook(cab.time_s, cab.speed_mps, command.value, mode, advised, below_mps, handling.needs_brakes)
+        )
+        return command
+
+
+class WatchedDay(NamedTuple):
+    """The looks of a day, and how far off its stops the train stood (m)."""
+
+    looks: list[ControllerLook]
+    off_m: list[float]
+
+
+class Braked(NamedTuple):
+    """How long he was told to coast and went by it (s), and how long of that he braked.
+
+    `unasked_s`: though neither a limit nor a stop asked for it by his own margins; `all_s`: for whatever reason.
+    """
+
+    told_s: float
+    unasked_s: float
+    all_s: float
+
+
+def driven(service: Service, presentation: Presentation, seed: int) -> WatchedDay:
+    """Drive a day with the human driver of its seed."""
+    day = make_day(service, seed)
+    human = day.driver(DriverKind.HUMAN)
+    assert isinstance(human, HumanDriver)
+    watched = WatchedHand(human)
+    link = InProcess(service, coach=presentation is Presentation.COACH)
+    run = World(day, watched, presentation, link).run()
+    arrivals = [arrival for _, arrival in run.legs]
+    off_m = [state.s_m - stop.position_m for state, stop in zip(arrivals, service.stops[1:], strict=True)]
+    return WatchedDay(watched.looks, off_m)
+
+
+def bursts_s(looks: Sequence[ControllerLook]) -> Iterator[float]:
+    """How long (s) each stretch of traction or of brakes over a tenth lasted that was a burst; at a stand none is."""
+
+    def side(look: ControllerLook) -> int:
+        return (look.lever_ratio > EFFORT_RATIO) - (look.lever_ratio < -EFFORT_RATIO)
+
+    for which, stretch in groupby(looks, side):
+        kept = list(stretch)
+        lasted_s = LOOK_S * len(kept)
+        if which and lasted_s < BURST_S - 0.5 * LOOK_S and min(look.speed_mps for look in kept) > MOVES_MPS:
+            yield lasted_s
+
+
+def bursts_per_min(days: Sequence[WatchedDay]) -> float:
+    """Bursts in a minute of driving."""
+    moving_s = LOOK_S * sum(look.speed_mps > MOVES_MPS for day in days for look in day.looks)
+    return 60.0 * sum(1 for day in days for _ in bursts_s(day.looks)) / moving_s
+
+
+def braked_under_coast(days: Sequence[WatchedDay]) -> Braked:
+    """How long he braked while he went by advice to coast."""
+    told_s = unasked_s = all_s = 0.0
+    for day in days:
+        since_s = coasts_s = 0.0
+        for look in day.looks:
+            coasts = look.mode == Mode.COAST and look.speed_mps > MOVES_MPS
+            coasts_s = coasts_s + LOOK_S if coasts else 0.0
+            since_s = since_s + LOOK_S if coasts and not look.braking else 0.0
+            brakes = look.lever_ratio < -SETS_RATIO
+            told_s += LOOK_S * coasts
+            unasked_s += LOOK_S * (since_s > HAND_S and brakes)
+            all_s += LOOK_S * (coasts_s > HAND_S and brakes)
+    return Braked(told_s, unasked_s, all_s)
+
+
+def set_at_full(days: Sequence[WatchedDay]) -> list[float]:
+    """What was set (−1 … 1) at each look at which 100 % had been advised for a while and nothing else decided."""
+    found = []
+    for day in days:
+        since_s = 0.0
+        for look in day.looks:
+            # A driver who waits at a stop sets nothing, whatever he saw last.
+            goes = look.mode in TRACTION and look.speed_mps > 0
+            full = goes and look.advised_ratio > 0.995 and look.below_mps > BELOW_MPS
+            since_s = since_s + LOOK_S if full else 0.0
+            if since_s > SET_S:
+                found.append(look.lever_ratio)
+    return found
+
+
+def braked_at_a_stand_s(days: Sequence[WatchedDay]) -> float:
+    """How long (s) he braked at a stand while he went by advice to accelerate."""
+    looks = (look for day in days for look in day.looks)
+    return LOOK_S * sum(x.mode in TRACTION and x.speed_mps <= 0 and x.lever_ratio < 0 for x in looks)
+
+
+def habits_table(drive: Callable[[Presentation], Sequence[WatchedDay]]) -> Iterator[str]:
+    """The lines of the table; `drive` gives the days of a presentation."""
+    yield (
+        "| advice shown | bursts a minute | braked while told to coast, though neither limit nor stop asks for it | "
+        "in all | set at 100 % advice | braked at a stand while told to accelerate, s | off the mark, m |"
+    )
+    yield "|---|---:|---:|---:|---:|---:|---:|"
+    for presentation in Presentation:
+        days = drive(presentation)
+        cells = _of_modes(days, presentation) if presentation in WITH_MODES else ["", "", "", ""]
+        off_m = [off for day in days for off in day.off_m]
+        off = f"{min(off_m):+.1f} … {max(off_m):+.1f}"
+        yield f"| {presentation} | {bursts_per_min(days):.3f} | {' | '.join(cells)} | {off} |"
+
+
+def _of_modes(days: Sequence[WatchedDay], presentation: Presentation) -> list[str]:
+    """The cells of a presentation that says how to drive; four modes know no effort but the full one."""
+    braked = braked_under_coast(days)
+    full = "" if presentation is Presentation.FOUR_MODE else f"{100.0 * np.mean(set_at_full(days)):.2f} %"
+    return [
+        f"{100.0 * braked.unasked_s / braked.told_s:.2f} %",
+        f"{100.0 * braked.all_s / braked.told_s:.1f} %",
+        full,
+        f"{braked_at_a_stand_s(days):.1f}",
+    ]

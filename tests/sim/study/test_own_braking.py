@@ -1,0 +1,53 @@
+"""The study of planning with the driver's braking: what is compared, on a short line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from sim.drivers.kinds import FrictionPolicy, Presentation
+from sim.drivers.parameters import HumanParameters
+from sim.study import own_braking
+from sim.study.own_braking import PLANS, Block, BrakingFigures, braking_table, figures
+from sim.world.scenario import PlannedBraking, read_scenario
+from sim.world.service import Service, prepare_service
+
+SHOWN = (Presentation.VECTOR,)
+
+
+def test_plans_say_whose_braking_it_is() -> None:
+    human = HumanParameters(braking_mps2=0.4, below_limit_mps=1.0)
+    assert [plan.braking(human) for plan in PLANS] == [
+        PlannedBraking(),
+        PlannedBraking(planning_brake_mps2=0.4),
+        PlannedBraking(planning_brake_mps2=0.4, below_limit_mps=1.0),
+    ]
+
+
+def test_plans_are_compared_on_the_same_days(flat: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The figures of drives are put in: 2 and 4 kWh more on two days are +3.0 ± 2.0, and 3 of 60 kWh are 5 points."""
+
+    def found(service: Service, seed: int, shown: Presentation, friction: FrictionPolicy | None) -> BrakingFigures:
+        more_kwh = 0.0 if service.scenario.coach == PlannedBraking() else 2.0 + 2.0 * seed
+        lost_kwh = 0.0 if friction is None else 1.5
+        return BrakingFigures(
+            energy_kwh=60.0 + more_kwh, optimum_kwh=60.0, profile_kwh=5.0 + lost_kwh, late_s=7.0, over_limit_s=0.5,
+            braked_ratio=0.02,
+        )  # fmt: skip
+
+    monkeypatch.setattr(own_braking, "figures", found)
+    lines = list(braking_table([Block(str(flat("")), FrictionPolicy.ELECTRIC_FIRST)], (0, 1), PLANS[:2], SHOWN))
+    first, his = (line.strip("| ").split(" | ") for line in lines[2:])
+    assert first[0].endswith(", electric first")
+    assert (first[3], first[4], first[5]) == ("60.0", "", "0.0")
+    assert his[1:] == ["vector", "his", "63.0", "+3.0 ± 2.0", "5.0", "+5.0 ± 3.3", "+7", "0.5", "1.5", "2.0 %"]
+
+
+def test_only_a_human_is_told_to_coast_and_brakes(flat: Callable[[str], Path]) -> None:
+    service = prepare_service(read_scenario(flat("")))
+    perfect = figures(service, 0, Presentation.VECTOR, None)
+    assert math.isnan(perfect.braked_ratio)
+    assert abs(perfect.gap_percent) < 1.5
