@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from das.domain.route import Restriction, Route
     from das.domain.trajectory import Ledger, Trajectory
     from das.domain.vehicle import Vehicle
-    from das.front_door import build_section, front_points, plan_journey, read_table, solve, to_pandas
+    from das.front_door import build_section, front_points, plan_journey, read_table, refined, solve, to_pandas
     from das.solver.front import Front
     from das.solver.journey.chains import Split
     from das.solver.journey.plan import JourneyPlan
@@ -64,6 +64,7 @@ __all__ = [
     "plan_journey",
     "read_recording",
     "read_table",
+    "refined",
     "solve",
     "to_pandas",
 ]
@@ -78,7 +79,7 @@ _HOMES = {
     "das.domain.route": ("Restriction", "Route"),
     "das.domain.trajectory": ("Ledger", "Trajectory"),
     "das.domain.vehicle": ("Vehicle",),
-    "das.front_door": ("build_section", "front_points", "plan_journey", "read_table", "solve", "to_pandas"),
+    "das.front_door": ("build_section", "front_points", "plan_journey", "read_table", "refined", "solve", "to_pandas"),
     "das.solver.front": ("Front", "Solution"),
     "das.solver.journey.chains": ("Split",),
     "das.solver.journey.plan": ("JourneyPlan",),

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from das.solver.refinement import SETTINGS, Refinement, RefinementSettings, Run, is_fastest, never
+from das.solver.refinement import SETTINGS, Refinement, RefinementSettings, TubeRun, is_fastest, never
 from das.solver.solution import Fit, Solution
 
 QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1)
@@ -90,7 +90,7 @@ def _refined(
     return task.settled(task.search.best(task.given, is_over))
 
 
-def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: float) -> Run | None:
+def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: float) -> TubeRun | None:
     """The blend of two neighbours that takes the wanted time; None where the front is no smooth curve between them."""
     if not quick.time_s < task.wanted_s < slow.time_s:
         return None
@@ -104,5 +104,5 @@ def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: flo
     return start if start.energy_j - tangent_j <= tangent_ratio * abs(start.energy_j) else None
 
 
-def _as_run(one: Solution) -> Run:
-    return Run(one.trajectory.v_mps, one.ledger.input, one.time_s, one.lambda_w)
+def _as_run(one: Solution) -> TubeRun:
+    return TubeRun(one.trajectory.v_mps, one.ledger.input, one.time_s, one.lambda_w)

@@ -68,7 +68,7 @@ class RefinementSettings:
 SETTINGS: Final = RefinementSettings()
 
 
-class Run(NamedTuple):
+class TubeRun(NamedTuple):
     """A run with its price of time."""
 
     speeds_mps: Floats
@@ -113,7 +113,7 @@ class Refinement:
         self.search = TubeSearch(state, self.wanted_s, settings)
         self.given = self.search.known(run.v_mps, solution.lambda_w)
 
-    def settled(self, best: Run) -> Solution:
+    def settled(self, best: TubeRun) -> Solution:
         """A run that was found as a solution; the solution given where it is not better."""
         given = self.solution
         if best is self.given:
@@ -145,12 +145,12 @@ class TubeSearch:
         self._line = state.for_kernels
         self._loss = state.section.loss_params
 
-    def known(self, speeds_mps: Floats, price_w: float) -> Run:
+    def known(self, speeds_mps: Floats, price_w: float) -> TubeRun:
         """A run by its speeds at the nodes of the state, with its energy and time."""
         energy_j = run_energy(self._line, self.state.section.train, self._loss, speeds_mps)
-        return Run(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
+        return TubeRun(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
 
-    def best(self, run: Run, is_over: Callable[[], bool] = never) -> Run:
+    def best(self, run: TubeRun, is_over: Callable[[], bool] = never) -> TubeRun:
         """The best run found from a run: round after round of passes whose tubes shrink; itself where it is best."""
         settings = self.settings
         for _ in range(settings.most_rounds):
@@ -163,7 +163,7 @@ class TubeSearch:
                 break
         return run
 
-    def _one_pass(self, run: Run, width: float) -> Run:
+    def _one_pass(self, run: TubeRun, width: float) -> TubeRun:
         """The best run in time within a tube around a run; `width` is relative to the first tube's."""
         tube = self.tube_around(run.speeds_mps, width)
         shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
@@ -190,7 +190,7 @@ class TubeSearch:
             lines=settings.lines,
         )
 
-    def _enclose(self, tube: Tube, moves: TubeMoves, price_w: float) -> tuple[Run | None, Run | None]:
+    def _enclose(self, tube: Tube, moves: TubeMoves, price_w: float) -> tuple[TubeRun | None, TubeRun | None]:
         """A run that is late and one that is in time, of neighbouring prices of time."""
         value = np.full((len(tube.knot), 2 * tube.lines + 1), tol.INFEASIBLE)
         value[-1, tube.lines] = 0.0
@@ -215,14 +215,14 @@ class TubeSearch:
             factor = factor**2
         return slow, quick
 
-    def _trial(self, tube: Tube, moves: TubeMoves, value: Floats, price_w: float) -> Run | None:
+    def _trial(self, tube: Tube, moves: TubeMoves, value: Floats, price_w: float) -> TubeRun | None:
         """The run of a price of time in a tube; None where it comes to no end."""
         speeds = np.empty(len(tube.squared))
         tube_sweep(price_w, moves, value)
         energy_j, time_s = tube_roll_out(price_w, tube, self._line, self.state.section.train, self._loss, value, speeds)
-        return Run(speeds, energy_j, time_s, price_w) if time_s > 0 else None
+        return TubeRun(speeds, energy_j, time_s, price_w) if time_s > 0 else None
 
-    def _is_enclosed(self, slow: Run, quick: Run) -> bool:
+    def _is_enclosed(self, slow: TubeRun, quick: TubeRun) -> bool:
         """Whether the prices of two runs are so near that next to nothing lies between them."""
         late, early = slow.time_s - self.wanted_s, self.wanted_s - quick.time_s
         if min(late, early) <= self.settings.time_tolerance_s:
@@ -230,7 +230,7 @@ class TubeSearch:
         gain_j = (quick.price_w - slow.price_w) * late * early / (late + early)
         return gain_j <= self.settings.blend_loss_ratio * abs(quick.energy_j)
 
-    def between(self, slow: Run | None, quick: Run | None) -> Run | None:
+    def between(self, slow: TubeRun | None, quick: TubeRun | None) -> TubeRun | None:
         """The run between two runs that takes the wanted time; None where there are no two."""
         if slow is None or quick is None:
             return None
@@ -251,7 +251,7 @@ class TubeSearch:
                 low, above, below, kept = share, miss, below * (0.5 if kept > 0 else 1.0), 1
         return found
 
-    def _blended(self, share: float, slow: Run, quick: Run) -> Run | None:
+    def _blended(self, share: float, slow: TubeRun, quick: TubeRun) -> TubeRun | None:
         speeds, state = np.empty(len(slow.speeds_mps)), self.state
         time_s = blend_runs(
             share, quick.speeds_mps, slow.speeds_mps, self._line, state.envelope_mps, state.section.train, speeds
@@ -261,7 +261,7 @@ class TubeSearch:
         return self.known(speeds, slow.price_w + share * (quick.price_w - slow.price_w))
 
 
-def _between(slow: Run, quick: Run, wanted_s: float) -> float:
+def _between(slow: TubeRun, quick: TubeRun, wanted_s: float) -> float:
     """A price between those of two runs, by their times."""
     share = (slow.time_s - wanted_s) / (slow.time_s - quick.time_s)
     return slow.price_w + min(max(share, 0.1), 0.9) * (quick.price_w - slow.price_w)

@@ -26,7 +26,7 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 MANIFEST: Final = "manifest.json"
 INFEASIBLE_STEP: Final = UNKNOWN_STEP
 """Steps of the time-to-go where the end of the section cannot be reached."""

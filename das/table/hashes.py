@@ -31,6 +31,9 @@ Floats = NDArray[np.float64]
 
 CODE: Final = "code"
 """The name of the hash of the solver's code among those of what determines a table."""
+REFINEMENT: Final = "refinement"
+"""The name of the hash of the code that refined the trajectories of a table, where they were refined."""
+_REFINING: Final = "das.solver.refined_runs"
 _WORDS: Final = {CODE: "solver code", "solver": "solver settings"}
 _WITHOUT_PART: Final = frozenset(
     {"das", "das.domain.errors", "das.compiling", "das.compiling.kernels", "das.compiling.sources"}
@@ -128,6 +131,17 @@ def differing_parts(table: Mapping[str, str], wanted: Mapping[str, str]) -> list
 def is_other_code(differing: Sequence[str]) -> bool:
     """Whether nothing but the solver's code differs (see `differing_parts`)."""
     return list(differing) == [_WORDS[CODE]]
+
+
+@lru_cache(maxsize=1)
+def refinement_code_sha256() -> str:
+    """SHA-256 of the code that refines the trajectories of a table; raises as `solver_code_sha256` does.
+
+    It counts for the trajectories alone: the policies, which are all that a node uses, do not depend on it.
+    """
+    # By name, because a node that only compares hashes shall not load the compiled code of the refinement.
+    sources = {name: text for name, text in sources_of([_REFINING]).items() if name not in _WITHOUT_PART}
+    return _known_code_sha256(text_sha256({**sources, **sources_of([code_sha256.__module__])}), sources)
 
 
 @lru_cache(maxsize=1)

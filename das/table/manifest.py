@@ -62,8 +62,9 @@ _RUN: Mapping[str, Test] = {
     "time_s": _POSITIVE,
     "fit": ("one of " + ", ".join(Fit), lambda x: x in list(Fit)),
     "feasible": ("true or false", lambda x: isinstance(x, bool)),
-    **dict.fromkeys(("energy_input_j", "energy_irreversible_j"), _NUMBER),
-    **dict.fromkeys(("lambda_w", "table_bound_j", "table_gap_ratio"), _NUMBER_OR_NULL),
+    **dict.fromkeys(("energy_input_j", "energy_irreversible_j", "refinement_saved_j"), _NUMBER),
+    **dict.fromkeys(("lambda_w", "table_bound_j", "table_gap_ratio", "bound_j", "gap_ratio"), _NUMBER_OR_NULL),
+    "gap_reason": _TEXT,
 }
 _GRID: Mapping[str, Test] = {
     "decision_nodes": _whole(2, MOST_NODES),
@@ -74,6 +75,7 @@ _TOP: Mapping[str, Test] = {
     **dict.fromkeys(("section", "inputs_sha256", "grid", "arrays"), _OBJECT),
     **dict.fromkeys(("lambda_w", "trajectories"), _LIST),
     "table_sha256": _HASH,
+    "refine": _TEXT,
     "least_time_s": _POSITIVE,
 }
 

@@ -19,7 +19,16 @@ from das.solver.section import Section
 from das.solver.solution import trajectory_on
 from das.table.files import read_regular, regular_size_bytes
 from das.table.format import ARRAYS, ArrayFormat, Arrays, Sizes, TableError, grid_of, section_facts, unpacked
-from das.table.hashes import CODE, differing_parts, hashes_of, is_other_code, solver_code_sha256, with_code
+from das.table.hashes import (
+    CODE,
+    REFINEMENT,
+    differing_parts,
+    hashes_of,
+    is_other_code,
+    refinement_code_sha256,
+    solver_code_sha256,
+    with_code,
+)
 from das.table.manifest import read_manifest, sizes_of
 
 READERS = 2
@@ -78,8 +87,11 @@ class Table:
             code = solver_code_sha256()
         except SourcesMissingError as error:
             raise TableError(f"{self.folder}: {_unknown_code(error)}") from None
-        if self.manifest["inputs_sha256"].get(CODE) != code:
+        hashes = self.manifest["inputs_sha256"]
+        if hashes.get(CODE) != code:
             raise TableError(f"{self.folder}: made by other solver code; build it again")
+        if REFINEMENT in hashes and hashes[REFINEMENT] != refinement_code_sha256():
+            raise TableError(f"{self.folder}: refined by other code; build it again")
         self.arrays()
 
     def front(self, section: Section) -> Front:

@@ -34,6 +34,8 @@ ROLLED_EVERY = 10
 """One look-up in so many is repeated as a roll-out, the baseline."""
 SEED = 1
 PER_BYTES = 100e6
+NOT_REFINED = TableSettings(refine_s=0.0, proven=0)
+"""What a table must have for a node: its trajectories are not refined, and no gap is proven."""
 
 
 def look_up(reference: Reference) -> list[Figure]:
@@ -66,7 +68,7 @@ def look_up(reference: Reference) -> list[Figure]:
 
 
 def _written(section: Section, folder: Path) -> Table:
-    write_table(folder, make_table(section, TableSettings()))
+    write_table(folder, make_table(section, NOT_REFINED))
     return Table.open(folder)
 
 
@@ -128,7 +130,7 @@ def _jobs(sections: int) -> list[Job]:
 
     def job(label: str, route: Route, start: Stop, end: Stop) -> Job:
         course = Course(level=vehicle.default_level, start_m=start.position_m, end_m=end.position_m)
-        return Job.of(label, route, vehicle, course, TableSettings())
+        return Job.of(label, route, vehicle, course, NOT_REFINED)
 
     return [
         job(f"{route.id}-{i}", route, start, end)

@@ -20,6 +20,7 @@ from rich.text import Text
 from das.command_line.printing import busy, error_console, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
+from precompute.cli.options import RefineOption, refine_seconds
 
 if TYPE_CHECKING:
     from das.table.reading import Table
@@ -31,8 +32,10 @@ LEGEND = """\
 least s: the least running time; runs: trajectories in the table.
 kWh: net energy at the current collector of the first and of the last run, which
   is mostly the one of least energy.
-gap %: by how much at most the energy of a run lies above the least that the
-  table knows, in % of the irreversible energy. –: the table knows none."""
+gap %: by how much at most the energy of a run can lie above the least possible,
+  over the runs for which the build proved it. –: it proved none.
+refined: by how much the refinement lowered the energy of the runs, in the mean
+  in %. –: they were not refined."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
@@ -47,6 +50,7 @@ def build(
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Solve on this Dask cluster.", show_default=False)
     ] = None,
+    refine: RefineOption = "on",
     as_json: JsonOption = False,
 ) -> None:
     """Solve every section of a plan into a table for the cab.
@@ -54,6 +58,10 @@ def build(
     A table that is already there is kept if it is whole and neither an input nor the solver has changed. A build that
     was stopped goes on where it was. A section that fails is reported and does not stop the rest; the exit code is
     then 1. DIR/build.json says how each went.
+
+    By default the trajectories of a table are refined: 2 to 5 s a section, where solving takes half a second. The
+    policies, which are all that a node uses, are not. SECONDS are those of a section; tables may then differ from one
+    build to the next.
     """
     if workers is not None and scheduler is not None:
         raise DasError("give either --workers or --scheduler: a cluster has its own workers")
@@ -61,7 +69,7 @@ def build(
         from precompute.tables.build import build as build_plan
         from precompute.tables.plan import read_plan
 
-        wanted = read_plan(plan)
+        wanted = read_plan(plan, refine_s=refine_seconds(refine))
     solve, facts = _locally(workers or _cores()) if scheduler is None else _on_cluster(scheduler)
     with _bar("sections", len(wanted.jobs)) as advance:
         report = build_plan(wanted, folder, solve, facts, lambda _outcome: advance())
@@ -188,11 +196,9 @@ def _facts(table: Table) -> dict[str, Any]:
     """A table as `show` prints it; energies at the collector (kWh)."""
     runs = table.manifest["trajectories"]
     fastest, slowest = runs[0], runs[-1]
-    gaps = [
-        (run["energy_input_j"] - run["table_bound_j"]) / run["energy_irreversible_j"]
-        for run in runs
-        if run["table_bound_j"] is not None and run["energy_irreversible_j"] > 0
-    ]
+    table_gaps = [run["table_gap_ratio"] for run in runs if run["table_gap_ratio"] is not None]
+    gaps = [run["gap_ratio"] for run in runs if run["gap_ratio"] is not None]
+    saved = [run["refinement_saved_j"] / max(abs(run["energy_input_j"]), 1.0) for run in runs]
     return {
         "name": table.folder.name,
         "problem": None,
@@ -206,7 +212,11 @@ def _facts(table: Table) -> dict[str, Any]:
         "first_energy_kwh": kwh(fastest["energy_input_j"]),
         "last_buffer_percent": slowest["buffer_percent"],
         "last_energy_kwh": kwh(slowest["energy_input_j"]),
-        "largest_table_gap_ratio": max(gaps, default=None),
+        "largest_table_gap_ratio": max(table_gaps, default=None),
+        "largest_gap_ratio": max(gaps, default=None),
+        "gaps_proven": len(gaps),
+        "refine": table.manifest["refine"],
+        "refinement_saved_ratio": sum(saved) / len(saved) if saved else 0.0,
     }
 
 
@@ -226,10 +236,10 @@ def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
     """The rows of `show` in at most 80 columns, but for long names; each has two or three lines."""
     printed = PrintedTable(box=box.SIMPLE_HEAD, pad_edge=False)
     printed.add_column("route, section\ntrain, level")
-    for name in ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "gap\n%", "\nMB"):
+    for name in ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "refined\n%", "gap\n%", "\nMB"):
         printed.add_column(name, justify="right", no_wrap=True)
     for row in rows:
-        gap = row["largest_table_gap_ratio"]
+        gap = row["largest_gap_ratio"]
         ends = f"{row['from']} – {row['to']}"
         printed.add_row(
             # Names come from a file: what could be markup is printed as it is.
@@ -239,6 +249,7 @@ def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
             f"{row['trajectories']}",
             f"{row['first_energy_kwh']:.2f}",
             f"{row['last_energy_kwh']:.2f}",
+            f"{100 * row['refinement_saved_ratio']:.2f}" if row["refine"] != "off" else "–",
             f"{100 * gap:.3f}" if gap is not None else "–",
             f"{row['size_bytes'] / MB:.1f}",
         )

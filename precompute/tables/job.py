@@ -12,8 +12,8 @@ from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.section import build_section
 from das.solver.warm_up import warm_up as compile_solver
-from das.table.hashes import Course, section_hashes, with_code
-from precompute.tables.writing import TableSettings, make_table, table_key
+from das.table.hashes import Course, section_hashes
+from precompute.tables.writing import TableSettings, make_table, table_hashes, table_key
 
 HASH_DIGITS = 8
 """Digits of the hash in a table's name."""
@@ -41,7 +41,7 @@ class Job:
     @classmethod
     def of(cls, label: str, route: Route, vehicle: Vehicle, course: Course, settings: TableSettings) -> Job:
         """A job with its hash; raises DasError where the vehicle has no such level or our source is not installed."""
-        hashes = with_code(section_hashes(route, vehicle, course))
+        hashes = table_hashes(section_hashes(route, vehicle, course), settings)
         return cls(
             label=label,
             key=table_key(hashes, settings),

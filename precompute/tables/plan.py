@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +21,7 @@ from das.domain.vehicle import Vehicle
 from das.table.hashes import Course
 from precompute.tables.job import Job
 from precompute.tables.synthetic import synthetic_routes
-from precompute.tables.writing import FEWEST_MULTIPLIERS, MULTIPLIERS, TableSettings
+from precompute.tables.writing import FEWEST_MULTIPLIERS, MULTIPLIERS, PROVEN, TableSettings
 
 SCHEMA_VERSION = 1
 MOST_SECTIONS = 100_000
@@ -57,8 +58,11 @@ class _Train:
     level: Level
 
 
-def read_plan(path: Path) -> BuildPlan:
-    """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation)."""
+def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
+    """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation).
+
+    The trajectories of its tables are refined for so many seconds a section (see `TableSettings`).
+    """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "routes", "trains", "tables", "synthetic"])
@@ -71,6 +75,7 @@ def read_plan(path: Path) -> BuildPlan:
     if not trains:
         raise fields.error("trains", MISSING, "at least one [[trains]]")
     settings = _settings(fields.table("tables")) if fields.has("tables") else TableSettings()
+    settings = replace(settings, refine_s=refine_s)
     jobs: dict[str, Job] = {}
     for line, train in product(lines, trains):
         for start, end in pairwise(line.stops):
@@ -170,12 +175,13 @@ def _level(fields: Fields, name: str) -> Level:
 
 
 def _settings(fields: Fields) -> TableSettings:
-    fields.check_keys(["buffers_percent", "max", "multipliers"])
+    fields.check_keys(["buffers_percent", "max", "multipliers", "proven"])
     default = TableSettings()
     return TableSettings(
         buffers_percent=_buffers(fields) if fields.has("buffers_percent") else default.buffers_percent,
         with_max=fields.flag("max", default.with_max),
         multipliers=_whole(fields, "multipliers", FEWEST_MULTIPLIERS, MOST_MULTIPLIERS, MULTIPLIERS),
+        proven=_whole(fields, "proven", 0, MOST_BUFFERS, PROVEN),
     )
 
 

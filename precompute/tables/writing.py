@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,12 @@ from numpy.typing import NDArray
 from das.domain.files.writing import write_folder_whole
 from das.domain.units import PERCENT
 from das.solver.front import Front
+from das.solver.refined_runs import TABLE, refined_runs
 from das.solver.section import Section
-from das.solver.solution import Solution
+from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from das.table.format import ARRAYS, MANIFEST, SCHEMA_VERSION, Arrays, packed, sealed, section_facts
-from das.table.hashes import combined, hashes_of, with_code
+from das.table.hashes import REFINEMENT, combined, hashes_of, refinement_code_sha256, with_code
 
 Floats = NDArray[np.float64]
 
@@ -28,9 +30,12 @@ MULTIPLIERS = 28
 """Multipliers of a table, of the 64 a front is solved with: fewer lose energy, more take room
 (docs/reference/tables.md)."""
 FEWEST_MULTIPLIERS = 8
+PROVEN = 5
+"""Trajectories of a table whose gap is proven: 0.05 s each, 0.5 s with a loss map."""
 LONGEST_BUFFER_RATIO = 1.0
 SHORTEST_BUFFER_RATIO = 0.0003
 """Between the multipliers of these buffers those of a table run geometrically; a few more lie beyond."""
+NOT_PROVEN = "not proven when the table was built"
 UNBOUNDED_S = 1e9
 """A trip time longer than any run needs: asked for it, the solver gives the run of least energy."""
 
@@ -40,18 +45,28 @@ class TableSettings:
     """What a table holds.
 
     `buffers_percent`: a trajectory is stored for each of these, in % above the least time. `with_max`: the run of least
-    energy is stored as well. `multipliers`: number of policies.
+    energy is stored as well. `multipliers`: number of policies. `refine_s`: for how many seconds the trajectories are
+    refined (0: not at all, inf: to the end). `proven`: number of trajectories whose gap is proven.
     """
 
     buffers_percent: tuple[float, ...] = tuple(0.5 * i for i in range(41))
     with_max: bool = True
     multipliers: int = MULTIPLIERS
+    refine_s: float = math.inf
+    proven: int = PROVEN
+
+    @property
+    def refine(self) -> str:
+        """Whether trajectories are refined, in the words of `--refine`: off, on, or the number of seconds."""
+        return {0.0: "off", math.inf: "on"}.get(self.refine_s, f"{self.refine_s:g}")
 
 
 def table_key(hashes: Mapping[str, str], settings: TableSettings) -> str:
     """SHA-256 of everything that determines a table: hashes of section and code, the settings and the schema."""
     return combined({
         **hashes,
+        "refine": settings.refine,
+        "proven": repr(settings.proven),
         "schema": str(SCHEMA_VERSION),
         "buffers": repr(settings.buffers_percent),
         "max": repr(settings.with_max),
@@ -59,10 +74,23 @@ def table_key(hashes: Mapping[str, str], settings: TableSettings) -> str:
     })  # fmt: skip
 
 
-def make_table(section: Section, settings: TableSettings | None = None, *, threads: int = 1) -> dict[str, bytes]:
+def table_hashes(hashes: Mapping[str, str], settings: TableSettings) -> dict[str, str]:
+    """The hashes of a section together with those of the code that solves it and refines its trajectories."""
+    refining = {REFINEMENT: refinement_code_sha256()} if settings.refine_s > 0 else {}
+    return {**with_code(hashes), **refining}
+
+
+def make_table(
+    section: Section,
+    settings: TableSettings | None = None,
+    *,
+    threads: int = 1,
+    stopwatch: Callable[[], float] = time.perf_counter,
+) -> dict[str, bytes]:
     """Solve a section; the files of its table by name.
 
-    The trajectories come from the full front, the policies from a second sweep of the multipliers a table keeps. Raises
+    The trajectories come from the full front and are refined, the policies from a second sweep of the multipliers a
+    table keeps. The `stopwatch` (s) measures the time that the settings allow for the refinement. Raises
     InfeasibleError where the section cannot be driven.
     """
     settings = settings or TableSettings()
@@ -70,11 +98,12 @@ def make_table(section: Section, settings: TableSettings | None = None, *, threa
     least_time_s = front.fastest().time_s
     buffers: list[float | None] = [*settings.buffers_percent, *([None] if settings.with_max else [])]
     times_s = [UNBOUNDED_S if buffer is None else least_time_s * (1 + PERCENT * buffer) for buffer in buffers]
-    runs = [front.trajectory(time_s) for time_s in times_s]
+    given = [front.trajectory(time_s) for time_s in times_s]
+    runs, proven = _refined(given, settings, stopwatch), _to_be_proven(given, settings.proven)
     policies = solve_front(section, threads=threads, lambda_w=table_ladder(front, settings.multipliers))
     arrays = {**packed(policies), **_run_arrays(section, runs)}
     files = {f"{name}.npy": _npy(arrays[name].astype(array.kind, copy=False)) for name, array in ARRAYS.items()}
-    hashes = with_code(hashes_of(section))
+    hashes = table_hashes(hashes_of(section), settings)
     manifest = {
         "schema_version": SCHEMA_VERSION,
         "units": "SI: m, s, m/s, N, J, W",
@@ -84,7 +113,11 @@ def make_table(section: Section, settings: TableSettings | None = None, *, threa
         "grid": _grid_facts(section),
         "lambda_w": policies.lambda_w.tolist(),
         "least_time_s": least_time_s,
-        "trajectories": [_run_facts(buffer, run) for buffer, run in zip(buffers, runs, strict=True)],
+        "refine": settings.refine,
+        "trajectories": [
+            {"buffer_percent": buffer, **_run_facts(run, before), **_gap_facts(run, i in proven)}
+            for i, (buffer, run, before) in enumerate(zip(buffers, runs, given, strict=True))
+        ],
         "arrays": {name: _array_facts(name, arrays[name], files[f"{name}.npy"]) for name in ARRAYS},
     }
     return {**files, MANIFEST: sealed(manifest)}
@@ -139,15 +172,37 @@ def _array_facts(name: str, array: NDArray[Any], content: bytes) -> dict[str, An
     }
 
 
-def _run_facts(buffer_percent: float | None, run: Solution) -> dict[str, Any]:
-    """A trajectory in the manifest; λ is null for the fastest run, the buffer for the least energy."""
+def _refined(given: list[Solution], settings: TableSettings, stopwatch: Callable[[], float]) -> list[Solution]:
+    """The trajectories, refined for as long as the settings allow."""
+    if settings.refine_s <= 0:
+        return given
+    began = stopwatch()
+    return refined_runs(given, TABLE, is_over=lambda: stopwatch() - began > settings.refine_s)
+
+
+def _to_be_proven(runs: list[Solution], count: int) -> set[int]:
+    """Which trajectories are proven: so many of those that are on time, evenly from the first to the last."""
+    on_time = [i for i, run in enumerate(runs) if run.fit is Fit.ON_TIME and math.isfinite(run.lambda_w)]
+    places = np.linspace(0, len(on_time) - 1, min(count, len(on_time)))
+    return {on_time[round(place)] for place in places.tolist()}
+
+
+def _gap_facts(run: Solution, is_proven: bool) -> dict[str, Any]:
+    """The proven bound of a trajectory in the manifest, or why there is none."""
+    if not is_proven:
+        return {"bound_j": None, "gap_ratio": None, "gap_reason": NOT_PROVEN}
+    return {"bound_j": _finite(run.bound_j), "gap_ratio": _finite(run.gap_ratio), "gap_reason": run.gap_reason}
+
+
+def _run_facts(run: Solution, before: Solution) -> dict[str, Any]:
+    """A trajectory in the manifest, with what it was before it was refined; λ is null for the fastest run."""
     return {
-        "buffer_percent": buffer_percent,
         "time_s": run.time_s,
         "fit": str(run.fit),
         "feasible": run.feasible,
         "energy_input_j": run.ledger.input,
         "energy_irreversible_j": run.ledger.irreversible,
+        "refinement_saved_j": before.ledger.input - run.ledger.input,
         "lambda_w": _finite(run.lambda_w),
         "table_bound_j": _finite(run.table_bound_j),
         "table_gap_ratio": _finite(run.table_gap_ratio),

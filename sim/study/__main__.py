@@ -1,7 +1,7 @@
 """`python -m sim.study [PART…]`: make the documentation's figures and pictures again.
 
-price, days and loop are of docs/explanation/coach.md; display, braking and habits of docs/reference/drivers.md; truth is
-of docs/explanation/experiment-statistics.md.
+price, days and loop are of docs/explanation/coach.md; display, braking and habits of docs/reference/drivers.md; truth
+is of docs/explanation/experiment-statistics.md.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from tests.support.small_trips import LINE, TRAIN, at, train, trip
 @pytest.fixture(scope="module")
 def made_tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tables")
-    settings = TableSettings(buffers_percent=(0.0, 10.0))
+    settings = TableSettings(buffers_percent=(0.0, 10.0), refine_s=0.0, proven=0)
     write_table(folder / "a-b", make_table(build_section(LINE, TRAIN, end_m=5000.0), settings))
     return folder
 
@@ -60,7 +60,7 @@ def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
 
 
 def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) -> None:
-    settings = TableSettings(buffers_percent=(0.0,))
+    settings = TableSettings(buffers_percent=(0.0,), refine_s=0.0, proven=0)
     heavy = replace(train(1.3e5), id="heavy")
     write_table(tables / "a-b-heavy", make_table(build_section(LINE, heavy, end_m=5000.0), settings))
     made = trip(Fronts(tables, threads=1))
@@ -81,7 +81,7 @@ def alter(path: Path) -> None:
 
 
 def other_schema(path: Path) -> None:
-    path.write_text(path.read_text().replace('"schema_version": 2', '"schema_version": 99'))
+    path.write_text(path.read_text().replace('"schema_version": 3', '"schema_version": 99'))
 
 
 def pipe(path: Path) -> None:
@@ -122,7 +122,7 @@ def other_code_hash(path: Path) -> None:
         ("value_j.npy", alter, "was altered since it was written; solved instead"),
         ("grid.npy", alter, "grid.npy: was altered since it was written; solved instead"),
         ("manifest.json", alter, "altered since it was written; not used"),
-        ("manifest.json", other_schema, "schema_version = 99: expected 2; not used"),
+        ("manifest.json", other_schema, "schema_version = 99: expected 3; not used"),
         ("run_s_m.npy", Path.unlink, "is missing; not used"),
     ],
 )

@@ -55,7 +55,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a plan and its table, made by the code as it is."""
     folder = tmp_path_factory.mktemp("built")
     (folder / "plan.toml").write_text(PLAN)
-    done = das_precompute(folder, "build", "plan.toml", "--out", "tables", "--workers", "1")
+    done = das_precompute(folder, "build", "plan.toml", "--out", "tables", "--workers", "1", "--refine", "off")
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -97,7 +97,7 @@ def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path
     solved = on_board(tmp_path)
     assert (solved["cause"], solved["source"]) == (das_pb2.CAUSE_NONE, das_pb2.Advice.SOURCE_SOLVED)
     assert f"{name}: made by other solver code; solved instead" in solved["events"]
-    code, said = command(tmp_path, "build", "plan.toml", "--out", "tables", "--workers", "1")
+    code, said = command(tmp_path, "build", "plan.toml", "--out", "tables", "--workers", "1", "--refine", "off")
     assert code == 0, said
     assert "1 built" in said
     assert not table.exists()

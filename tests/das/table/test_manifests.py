@@ -157,8 +157,8 @@ BAD: dict[str, tuple[Callable[[Facts], Any], str]] = {
     "size small": (put("arrays", "grid", "size_bytes", value=10), "arrays.grid.size_bytes = 10: expected "),
     "size a fraction": (put("arrays", "grid", "size_bytes", value=10.0), "arrays.grid.size_bytes = 10.0: expected "),
     "hash of an array": (put("arrays", "grid", "sha256", value=7), "arrays.grid.sha256 = 7: expected a SHA-256"),
-    "schema true": (put("schema_version", value=True), "schema_version = True: expected 2"),
-    "schema a list": (put("schema_version", value=[1]), "schema_version = [1]: expected 2"),
+    "schema true": (put("schema_version", value=True), "schema_version = True: expected 3"),
+    "schema a list": (put("schema_version", value=[1]), "schema_version = [1]: expected 3"),
 }
 
 

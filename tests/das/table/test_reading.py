@@ -167,7 +167,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], None], str]] = {
     "cut trajectories": (cut("run_v_mps.npy"), "run_v_mps.npy: .* bytes, expected"),
     "empty array": (lambda folder: os.truncate(folder / "grid.npy", 0), "grid.npy: 0 bytes, expected .*: was it cut"),
     "missing array": (lambda folder: (folder / "grid.npy").unlink(), "grid.npy: is missing"),
-    "another schema": (other_schema, "schema_version = 1: expected 2"),
+    "another schema": (other_schema, "schema_version = 1: expected 3"),
     "retouched manifest": (retouched, "manifest.json: was altered"),
     "incomplete manifest": (incomplete, "manifest.json: lambda_w is missing"),
     "cut manifest": (cut("manifest.json"), "manifest.json: not valid JSON"),

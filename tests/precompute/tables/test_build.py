@@ -40,11 +40,11 @@ from precompute.tables.writing import TableSettings
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
 
-SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8)
+SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8, refine_s=0.0, proven=0)
 HEAD = "schema_version = 1\n"
 ROUTE = '[[routes]]\nroute = "flat-6km"\n'
 TRAIN = '[[trains]]\nvehicle = "re460-ic"\n'
-QUICK = "[tables]\nbuffers_percent = [0, 10]\nmax = false\nmultipliers = 8\n"
+QUICK = "[tables]\nbuffers_percent = [0, 10]\nmax = false\nmultipliers = 8\nproven = 1\n"
 
 
 def small_train() -> Vehicle:
@@ -281,6 +281,8 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert "removed 1 tables whose inputs have changed" in again.stdout
     shown = json.loads(das_precompute(tmp_path, "show", "tables", "--json").stdout)["tables"]
     assert [row["route"] for row in shown] == ["flat-6km", "slow"]
+    assert all(row["refine"] == "on" and row["refinement_saved_ratio"] > 0 for row in shown)
+    assert all(row["gaps_proven"] == 1 and 0 < row["largest_gap_ratio"] < 0.02 for row in shown)
     assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 10
     printed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
     assert printed.returncode == 0
@@ -311,7 +313,19 @@ def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
     """A build of 16 sections in a process group of its own, on its way: so many tables are there."""
     plan_file(folder, MANY)
     process = subprocess.Popen(
-        [sys.executable, "-m", "precompute.cli", "build", "plan.toml", "-o", "tables", "--workers", "2"],
+        [
+            sys.executable,
+            "-m",
+            "precompute.cli",
+            "build",
+            "plan.toml",
+            "-o",
+            "tables",
+            "--workers",
+            "2",
+            "--refine",
+            "off",
+        ],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         stderr=subprocess.PIPE,
@@ -365,7 +379,7 @@ def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> N
     assert len(killed) < 16
     assert {name: killed[name] for name in stopped} == stopped
 
-    resumed = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--json")
+    resumed = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--refine", "off", "--json")
     assert resumed.returncode == 0, resumed.stderr
     report = json.loads(resumed.stdout)
     assert (report["counts"]["kept"], report["counts"]["built"]) == (len(killed), 16 - len(killed))
