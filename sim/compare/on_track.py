@@ -87,7 +87,8 @@ def on_track(recording: Recording, label: str, inputs: DriveInputs | None = None
     first = int(np.searchsorted(motion.time_ns, legs[0].motion.time_ns[0]))
     last = int(np.searchsorted(motion.time_ns, legs[-1].motion.time_ns[-1]))
     part = slice(max(first - 1, 0), last + 1)
-    time_ns = motion.time_ns[part]
+    time_ns = motion.time_ns[part].copy()
+    time_ns[0], time_ns[-1] = legs[0].motion.time_ns[0], legs[-1].motion.time_ns[-1]  # from rest to rest
     mode, advised_mps = _advised(recording, time_ns)
     return DriveOnTrack(
         label=label,

@@ -91,8 +91,10 @@ def _is_nan(value: object) -> bool:
 
 
 def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
-    """The notes of people, as events."""
+    """The notes of people, as events; of a part of a drive, those of that part."""
     for number, note in enumerate(read_notes(recording.path), start=1):
+        if not trip.time_ns[0] <= note.time_ns <= trip.time_ns[-1]:
+            continue
         tags = f" [{', '.join(note.tags)}]" if note.tags else ""
         by = f" ({note.author})" if note.author else ""
         yield DriveEvent(

@@ -67,7 +67,8 @@ class Checked:
         rows = []
         for name, rate in self.rates.items():
             times = (rate.interval_s, rate.longest_gap_s)
-            interval, gap = ("–" if isnan(value) else f"{value:.1f} s" for value in times)
+            # A topic with a single message has no gap.
+            interval, gap = ("–" if isnan(value) or rate.messages < 2 else f"{value:.1f} s" for value in times)
             rows.append((name, str(rate.messages), "–" if isnan(rate.per_s) else f"{rate.per_s:.2f}", interval, gap))
         return rows
 

@@ -145,6 +145,8 @@ def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...
         if event.level >= Log.WARNING and one.time_ns <= end_ns and not any(x.text in one.text for x in silent):
             found.append(one)
     for note in read_notes(recording.path):
+        if not start_ns <= note.time_ns <= end_ns:  # of another part of the drive
+            continue
         found.append(Happening(time_ns=note.time_ns, kind="note", text=f"note: {note.text}"))
     found = [_from_the_start(one, start_ns) for one in found]
     return tuple(sorted(found, key=lambda one: one.time_ns))

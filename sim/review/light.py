@@ -24,6 +24,8 @@ LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 INK: Final = LIGHT.ink
 WIDTH_IN: Final = 9.0
 TEXT_POINTS: Final = 8.5
+EDGE_M: Final = 50.0
+"""A stop this near (m) to the ends of what is drawn belongs to it."""
 
 
 def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
@@ -99,8 +101,9 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
         axis.axhline(0.0, color=SEVERAL[0], linewidth=1.0)
     legs = aligned.drives[0].legs
     places = [(legs[0].start.name, legs[0].start.s_m), *((leg.end.name, leg.end.s_m) for leg in legs)]
+    common = [(name, s_m) for name, s_m in places if aligned.s_m[0] - EDGE_M <= s_m <= aligned.s_m[-1] + EDGE_M]
     for axis in (speed, time, energy):
-        stops(axis, places, written=axis is time)
+        stops(axis, common, written=axis is speed)
     speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
     named(speed, y="Speed (km/h)")
     named(time, y="Later than\nthe first (s)")

@@ -20,8 +20,10 @@ class AtStop(NamedTuple):
 
 
 def at_stops(recording: Recording, trip: DrivenCourse) -> tuple[AtStop, ...]:
-    """The stops that the train reached, in order of time; none without a journey."""
-    return tuple(sorted((_at(call, trip) for call in calls(recording, trip) if call.reached), key=_start))
+    """The stops at which the train stood or which it passed, in order of time; none without a journey."""
+    first_m, last_m = float(trip.s_m.min()), float(trip.s_m.max())
+    met = (one for one in calls(recording, trip) if one.stand is not None or first_m <= one.s_m <= last_m)
+    return tuple(sorted((_at(call, trip) for call in met), key=_start))
 
 
 def _start(at: AtStop) -> int:

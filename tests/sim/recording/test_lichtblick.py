@@ -23,6 +23,7 @@ from das.bus.topics import LOCATION, LOG, TOPICS, topic_of
 from das.command_line.options import DEFAULT_TRAIN
 from sim.events.notes import TOPIC as NOTES
 from sim.events.notes import Note, add_note, notes_path
+from sim.review.colors import LIGHT
 from tests.support.recordings import at_ns, write_recording
 
 ROOT = Path(__file__).parents[3]
@@ -50,6 +51,43 @@ def leaves(tree: Any) -> Iterator[str]:
     else:
         yield from leaves(tree["first"])
         yield from leaves(tree["second"])
+
+
+TITLES = {"lichtblickPanelTitle", "foxglovePanelTitle"}
+"""Keys of a panel's title in Lichtblick and in Foxglove."""
+SETTINGS: dict[str, set[str]] = {
+    "Plot": {
+        "paths", "showLegend", "legendDisplay", "showPlotValuesInLegend", "showXAxisLabels", "showYAxisLabels",
+        "isSynced", "xAxisVal", "xAxisPath", "sidebarDimension",
+    },
+    "StateTransitions": {"isSynced", "paths"},
+    "map": {
+        "center", "customTileUrl", "disabledTopics", "followTopic", "layer", "topicColors", "zoomLevel",
+        "maxNativeZoom",
+    },
+    "RawMessages": {"diffEnabled", "diffMethod", "diffTopicPath", "showFullMessageForDiff", "topicPath"},
+    "RosOut": {"searchTerms", "minLogLevel", "topicToRender"},
+}  # fmt: skip
+"""What the panels of Lichtblick know, by the types in its source (packages/suite-base/src/panels, November 2026)."""
+OF_A_PATH = {
+    "Plot": {"value", "label", "color", "enabled", "timestampMethod"},
+    "StateTransitions": {"value", "label", "timestampMethod"},
+}
+
+
+@pytest.mark.parametrize("name", PANELS)
+def test_a_panel_says_what_lichtblick_knows_and_has_a_title(name: str) -> None:
+    panel, kind = PANELS[name], name.split("!", maxsplit=1)[0]
+    assert set(panel) - TITLES <= SETTINGS[kind]
+    assert SETTINGS[kind] - set(panel) <= {"xAxisPath"}  # nothing that its types ask for is left out
+    assert len({panel[key] for key in TITLES}) == 1
+    for path in panel.get("paths", ()):
+        assert set(path) == OF_A_PATH[kind]
+        assert path["timestampMethod"] == "receiveTime"
+        assert path.get("color", LIGHT.ink) in (LIGHT.ink, *LIGHT.of.values())  # a colour means what it means here
+    if kind == "Plot":
+        assert re.search(r"\([^)]+\)$", panel["lichtblickPanelTitle"])  # the unit: the axes have no names there
+        assert panel["xAxisVal"] == ("custom" if "xAxisPath" in panel else "timestamp")
 
 
 def test_every_panel_is_shown_once() -> None:

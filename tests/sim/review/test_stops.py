@@ -28,6 +28,13 @@ def test_when_the_train_was_at_its_stops() -> None:
     assert [change.time_ns for change in changes] == sorted(change.time_ns for change in changes)
 
 
+def test_a_part_of_a_drive_has_the_stops_of_that_part() -> None:
+    trip = DrivenCourse.of(drive(stops=STOPS))
+    part = slice(50, 120)  # between the first stop and the last
+    cut = DrivenCourse(time_ns=trip.time_ns[part], s_m=trip.s_m[part], speed_mps=trip.speed_mps[part])
+    assert [stop.name for stop in at_stops(drive(stops=STOPS), cut)] == ["Brugg"]
+
+
 def test_a_picture_names_the_stops_over_distance_and_over_time() -> None:
     pytest.importorskip("matplotlib")
     from sim.review.whole_picture import picture_of
