@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.experiment.factors import FactorLevel
 from sim.experiment.setting import day_of
@@ -31,8 +32,17 @@ _DRIVERS: Final = {
     DriverKind.TIMETABLE: "keeps to the timetable without advice",
     DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
 }
+_LEVELS: Final = {
+    Level.L0_NOREG: "no losses, and everything that is braked is turned into heat",
+    Level.L0_REG: "no losses",
+    Level.L1: "a constant efficiency",
+    Level.L2: "a constant efficiency and an idle part",
+    Level.L3: "a map of losses over force and speed",
+    Level.OWN: "the losses that the train's file gives",
+}
 _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
     "presentation": {str(level): text for level, text in _PRESENTATIONS.items()},
+    "loss_level": {str(level): text for level, text in _LEVELS.items()},
     "friction": {str(level): text for level, text in _FRICTION.items()},
     "driver": {str(level): text for level, text in _DRIVERS.items()},
 }
