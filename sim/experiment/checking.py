@@ -19,9 +19,9 @@ from das.domain.errors import DasError
 from das.domain.files.reading import read_json
 from das.domain.files.writing import write_whole
 from sim.cli.shared import progress_bar
-from sim.experiment.design import ConditionOrder, Design
+from sim.experiment.design import ConditionOrder, Days, Design
 from sim.experiment.driving import service_of
-from sim.experiment.files import KEY_HASH
+from sim.experiment.files import KEY_HASH, LEAST_PARTICIPANTS
 from sim.experiment.freezing import resolved
 from sim.experiment.sensing import Sensed, SensingTest
 from sim.experiment.setting import Setting
@@ -115,7 +115,7 @@ def check_design(design: Design, clock: Callable[[], float] = time.perf_counter)
         participants=design.people.count,
         person_s=max(spans_s),
         all_s=sum(spans_s),
-        notes=(*imbalances(design, trials), *_order_notes(design)),
+        notes=(*imbalances(design, trials), *_order_notes(design), *_group_notes(design)),
         sensed=sensed,
         work_s=_work_s(test, trials, lengths_s),
     )
@@ -163,6 +163,28 @@ def _order_notes(design: Design) -> list[str]:
     if design.procedure.order is ConditionOrder.LISTED:
         return ["order listed: practice grows from condition to condition, and the comparisons contain it"]
     return []
+
+
+def _group_notes(design: Design) -> list[str]:
+    """What is to be said of factors between participants."""
+    between = [factor for factor in design.factors if not factor.within]
+    if not between:
+        return []
+    names, groups = " and ".join(factor.name for factor in between), len(design.conditions(within=False))
+    each = design.people.count // groups
+    said = [
+        f"{names}: each participant meets one level, so that groups of {each} are compared without pairs; that takes "
+        "many more participants than pairs do (das-sim experiment power --groups)"
+    ]
+    if each < LEAST_PARTICIPANTS:
+        said.append(
+            f"groups of {each}: with fewer than {LEAST_PARTICIPANTS} in a group the interval is Student's t alone"
+        )
+    if design.procedure.days is not Days.COMMON:
+        said.append(
+            "the groups meet different days, and luck with days is part of the noise (procedure.days = 'common')"
+        )
+    return said
 
 
 def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None:

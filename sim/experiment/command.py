@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,10 +43,11 @@ def check(
 
         asked = load_design(design)
     _check_folder(out)
-    found = check_design(asked)
-    if out is not None and not found.refusals:
-        freeze(asked, out)
-        found.keep(out)
+    with contextlib.nullcontext() if out is None else _made(out):
+        found = check_design(asked)
+        if out is not None and not found.refusals:
+            freeze(asked, out)
+            found.keep(out)
     print(json.dumps(found.as_dict())) if as_json else print_check(asked, found, out)
     if found.refusals:
         raise DasError(f"{asked.source}: {found.refusals[0]}")
@@ -127,11 +130,29 @@ def _checked(design: Design, folder: Path) -> None:
         check_frozen(design, folder, digest)
     if was_checked(folder, digest):
         return
-    found = check_design(design)
-    if found.refusals:
-        raise DasError(f"{design.source}: {found.refusals[0]}")
-    freeze(design, folder)
-    found.keep(folder)
+    with _made(folder):
+        found = check_design(design)
+        if found.refusals:
+            raise DasError(f"{design.source}: {found.refusals[0]}")
+        freeze(design, folder)
+        found.keep(folder)
+
+
+@contextlib.contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder before minutes are spent on what goes into it; it is taken away again if nothing came into it."""
+    new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise DasError(f"{folder}: cannot be written (Permission denied)")
+    try:
+        yield
+    finally:
+        if new and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def studies(as_json: JsonOption = False) -> None:

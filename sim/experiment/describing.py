@@ -7,7 +7,18 @@ from typing import Any, Final
 from sim.drivers.parameters import HumanParameters
 from sim.experiment.design import Design
 from sim.experiment.factors import FACTORS
-from sim.experiment.files import CONDITION, PARTICIPANT, POSITION, PRACTICE, SEED, SESSION, TRIAL
+from sim.experiment.files import (
+    CONDITION,
+    PARTICIPANT,
+    PERSON_ID,
+    PERSON_NUMBER,
+    POSITION,
+    PRACTICE,
+    SEED,
+    SESSION,
+    TRIAL,
+)
+from sim.experiment.level_words import level_words
 from sim.experiment.measures import MEASURES
 
 Sidecar = dict[str, dict[str, Any]]
@@ -75,6 +86,9 @@ def trials_sidecar(design: Design) -> Sidecar:
         found[factor.name] = _entry(
             known.title, f"{known.meaning}; levels {levels}; {within} participants", known.unit or NO_UNIT
         )
+        meant = {level.text: level_words(factor.name, level) for level in factor.levels}
+        if any(meant.values()):
+            found[factor.name]["Levels"] = meant
     found[SEED] = _entry("Seed", "seed of the day; trials with one seed meet the same day", NO_UNIT)
     for name in design.plan.measures:
         measure = MEASURES[name]
@@ -85,9 +99,9 @@ def trials_sidecar(design: Design) -> Sidecar:
 def participants_sidecar(design: Design, parameters: list[str]) -> Sidecar:
     """What the columns of participants.tsv mean: the group, and each parameter of the driver."""
     found = {
-        "participant_id": _entry("Participant", "who drove", NO_UNIT),
+        PERSON_ID: _entry("Participant", "who drove", NO_UNIT),
         "population": _entry("Population", "the population that the participant is drawn from", NO_UNIT),
-        "person": _entry("Person", "number of the participant in the population", NO_UNIT),
+        PERSON_NUMBER: _entry("Person", "number of the participant in the population", NO_UNIT),
     }
     found |= {
         factor.name: _entry(FACTORS[factor.name].title, "the one level that the participant meets", NO_UNIT)

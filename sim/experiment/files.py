@@ -19,6 +19,16 @@ TRIALS_SIDECAR: Final = "trials.json"
 FAILED_TABLE: Final = "failed.csv"
 """The trials that failed, each with the reason; it is there only where some did."""
 
+PEOPLE_TABLE: Final = "participants.tsv"
+"""The participants: number in the population, group, and the parameters that were drawn."""
+PERSON_ID: Final = "participant_id"
+"""Column of the participants: the name that the table of trials has for them."""
+PERSON_NUMBER: Final = "person"
+"""Column of the participants: number in the population."""
+
+PROVENANCE: Final = "provenance.json"
+"""Which program made the data from which files, when and how."""
+
 KEY_HASH: Final = "hash"
 """SHA-256 of the canonical design."""
 KEY_NAME: Final = "name"
@@ -39,6 +49,8 @@ KEY_CORRECTION: Final = "correction"
 DEFAULT_ALPHA: Final = 0.05
 CORRECTIONS: Final = ("holm", "bonferroni", "none")
 """How planned comparisons are corrected for their number; the first is the default."""
+LEAST_PARTICIPANTS: Final = 6
+"""With fewer participants (in a group) too few different resamples exist; Student's t is used alone."""
 
 TRIAL: Final = "trial"
 """Column: number of the trial in the study, from 1."""

@@ -11,7 +11,7 @@ from das.domain.units import kwh
 from sim.experiment import driving_measures as driving
 from sim.experiment.driven import Driven
 
-NOLD: Final = "Nold & Corman (2024), against whose optimum runs are measured"
+NOLD: Final = "as in Nold & Corman (2024)"
 LEDGER: Final = "energy balance of the simulated train (docs/reference/plant.md)"
 OWN: Final = "own definition"
 
@@ -54,8 +54,9 @@ _LISTED: Final = (
         unit="1",
         source=NOLD,
         of=_energy("beyond_hindsight_ratio"),
-        formula="E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt of the true "
-        "train for the running times that the sections really took",
+        formula="E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
+        "simulated train could have kept the limits and the running times that the sections really took; smaller "
+        "is better",
     ),
     Measure(
         name="energy_at_equal_arrival_kwh",
@@ -84,7 +85,7 @@ _LISTED: Final = (
     ),
     Measure(
         name="energy_blending_kwh",
-        title="Lost to friction that the motors could have been",
+        title="Lost to friction brakes where the motors could brake",
         unit="kWh",
         source=LEDGER,
         of=_energy("energy_blending_kwh"),

@@ -12,7 +12,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from das import __version__
 from das.command_line.running import interrupt_on_termination
@@ -24,13 +24,10 @@ from sim.batch.pool import worked
 from sim.cli.shared import progress_bar, typed_command
 from sim.experiment.cluster import worked_on_cluster
 from sim.experiment.design import Design
-from sim.experiment.files import FAILED_TABLE, KEY_HASH, TRIALS_TABLE
+from sim.experiment.files import FAILED_TABLE, KEY_HASH, PROVENANCE, TRIALS_TABLE
 from sim.experiment.freezing import resolved
 from sim.experiment.jobs import DrivenTrial, TrialJob, in_order_of_work, is_finished, worked_off
 from sim.experiment.study_files import study_files, trials_table
-
-PROVENANCE: Final = "provenance.json"
-"""Which program made the data from which files, when and how."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,15 @@ from das import __version__
 from sim.drivers.population import load_population
 from sim.experiment.describing import events_sidecar, participants_sidecar, series_sidecar, trials_sidecar
 from sim.experiment.design import Design
-from sim.experiment.files import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE, columns
+from sim.experiment.files import (
+    DESIGN_JSON,
+    PEOPLE_TABLE,
+    PERSON_ID,
+    PERSON_NUMBER,
+    TRIALS_SIDECAR,
+    TRIALS_TABLE,
+    columns,
+)
 from sim.experiment.trial_files import TASK, tab_separated
 from sim.experiment.trials import StudyTrial
 
@@ -55,7 +63,7 @@ def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes
         "dataset_description.json": _json(_description(design)),
         "README": _readme(design).encode(),
         ".bidsignore": "".join(f"{one}\n" for one in IGNORED).encode(),
-        "participants.tsv": people,
+        PEOPLE_TABLE: people,
         "participants.json": _json(participants_sidecar(design, persons)),
         f"task-{TASK}_events.json": _json(events_sidecar()),
         f"task-{TASK}_series.json": _json(series_sidecar()),
@@ -89,7 +97,7 @@ def _participants(design: Design, trials: Sequence[StudyTrial]) -> tuple[bytes, 
         ]
         for _, trial in sorted(first.items())
     ]
-    head = ["participant_id", "population", "person", *(design.factors[i].name for i in between), *parameters]
+    head = [PERSON_ID, "population", PERSON_NUMBER, *(design.factors[i].name for i in between), *parameters]
     return tab_separated(head, rows), parameters
 
 

@@ -33,9 +33,9 @@ USUAL_RATIO: Final = 0.40
 PLANTED_RATIO: Final = 0.475
 """With this share the gap is about 1 point larger; the table has what it came to."""
 LABELS: Final = {"advice": USUAL_RATIO, "same-advice": USUAL_RATIO, "planted": PLANTED_RATIO}
-POOL: Final = 480
+POOL: Final = 240
 """Participants from whom studies are drawn."""
-PILOT: Final = 240
+PILOT: Final = 120
 """Participants, others than those of the pool, from whom the power is predicted."""
 FIRST_OF_PILOT: Final = 100_001
 STUDIES: Final = 2000
@@ -54,7 +54,7 @@ class Share:
 
 
 def known_truth_table(folder: Path = RUNS) -> Iterator[str]:
-    """The lines of the table, in Markdown; drives what is not driven yet, which takes about 25 min of one core."""
+    """The lines of the table, in Markdown; drives what is not driven yet, which takes about 15 min of one core."""
     pool = driven(folder / "pool", POOL, first=1)
     pilot = driven(folder / "pilot", PILOT, first=FIRST_OF_PILOT)
     yield f"| question | drivers in a study | found in {STUDIES} studies | expected |"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,24 @@ def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedDifference,
             values={MEASURE: values.ravel()},
         ),
         meanings={MEASURE: MeaningOfColumn(name="Gap to the optimum", text="E / E_opt − 1.", unit="1")},
+    )  # fmt: skip
+
+
+def made_up_groups(truth: Truth, seed: int) -> RunStudy:
+    """A study whose drivers drive one level each: the first of two levels the odd ones, the second the even ones."""
+    whole = made_up_study(truth, seed)
+    trials, plan = whole.trials, whole.plan
+    names, level = list(np.unique(trials.participant)), trials.levels["presentation"]
+    wanted = np.array([LEVELS[names.index(one) % 2] for one in trials.participant])
+    kept = level == wanted
+    return replace(
+        whole,
+        plan=replace(plan, factors=tuple(replace(one, within=False) for one in plan.factors)),
+        trials=replace(
+            trials, participant=trials.participant[kept], practice=trials.practice[kept], day=trials.day[kept],
+            position=np.arange(kept.sum()) % truth.days + 1, levels={"presentation": level[kept]},
+            values={MEASURE: trials.values[MEASURE][kept]},
+        ),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.files.reading import Fields
-from sim.experiment.analysis.pairs import is_paired, paired_trials
+from sim.experiment.analysis.pairs import is_paired, paired_trials, two_groups
 from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, plan_of, read_plan
 from sim.experiment.analysis.power import (
     MOST_PARTICIPANTS,
@@ -18,6 +18,7 @@ from sim.experiment.analysis.power import (
     PowerPoint,
     PowerQuestion,
     of_pilot,
+    of_pilot_groups,
     participants_needed,
     power_of,
 )
@@ -40,6 +41,7 @@ class Asked:
     pairs: int | None
     alpha: float | None
     seed: int
+    groups: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +52,7 @@ class PowerAnswer:
     """
 
     about: str
+    groups: bool
     points: tuple[PowerPoint, ...]
     strict: tuple[PowerPoint, ...]
     wanted: float
@@ -63,9 +66,10 @@ class PowerAnswer:
         def many(count: int | None) -> str:
             return f"more than {MOST_PARTICIPANTS}" if count is None else str(count)
 
-        said = [f"For a power of {self.wanted:.0%}: {many(self.needed)} participants."]
+        who = "participants in each of the two groups" if self.groups else "participants"
+        said = [f"For a power of {self.wanted:.0%}: {many(self.needed)} {who}."]
         if self.strict:
-            said.append(f"With p corrected for the planned comparisons: {many(self.needed_strict)} participants.")
+            said.append(f"With p corrected for the planned comparisons: {many(self.needed_strict)} {who}.")
         return said
 
     def as_dict(self) -> dict[str, Any]:
@@ -78,6 +82,7 @@ class PowerAnswer:
 
         return {
             "about": self.about,
+            "participants_are": "in each of two groups" if self.groups else "all",
             "power": rows(self.points),
             "power_corrected": rows(self.strict) or None,
             "wanted_power": self.wanted,
@@ -97,6 +102,7 @@ def answer(asked: Asked) -> PowerAnswer:
     strict = replace(question, alpha=alpha / max(count, 1))  # the first step of Holm, and every step of Bonferroni
     return PowerAnswer(
         about=about,
+        groups=source.groups,
         points=tuple(power_of(question, number) for number in asked.participants),
         strict=tuple(power_of(strict, number) for number in asked.participants) if count > 1 else (),
         wanted=asked.wanted,
@@ -115,6 +121,8 @@ def _check(asked: Asked) -> None:
         raise DasError(f"--sd-pairs {asked.sd_of_pairs:g}: expected a number of at least 0")
     if asked.sd_of_pairs and asked.sd is None:
         raise DasError("--sd-pairs: expected together with --sd; a pilot tells this spread itself")
+    if asked.groups and asked.sd is None:
+        raise DasError("--groups: expected together with --sd; a pilot tells itself who drove what")
 
 
 def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
@@ -135,8 +143,11 @@ def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
 def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
     """What draws the differences, the true difference in the same unit, and a sentence about both."""
     if asked.sd is not None:
-        curves = BellCurves(between_sd=asked.sd, within_sd=asked.sd_of_pairs, pairs=asked.pairs or 1)
-        among = f" and {asked.sd_of_pairs:g} between the pairs of one" if asked.sd_of_pairs else ""
+        groups = asked.groups or _in_groups(asked, plan)
+        curves = BellCurves(between_sd=asked.sd, within_sd=asked.sd_of_pairs, pairs=asked.pairs or 1, groups=groups)
+        single = "trials" if groups else "pairs"
+        among = f" and {asked.sd_of_pairs:g} between the {single} of one" if asked.sd_of_pairs else ""
+        among += ", who drive one of two conditions each" if groups else ""
         about = f"bell curves with a standard deviation of {asked.sd:g} between participants{among}"
         return curves, asked.effect, f"True difference {asked.effect:g}; {about}."
     if plan is None or study is None:
@@ -145,14 +156,18 @@ def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tu
     return _of_study(asked, study, comparison)
 
 
+def _in_groups(asked: Asked, plan: StudyPlan | None) -> bool:
+    """Whether the comparison of a design is one of two groups of participants."""
+    if plan is None or not plan.comparisons:
+        return False
+    return not plan.factor(plan.chosen(asked.comparison).factor).within
+
+
 def _of_study(asked: Asked, study: RunStudy, comparison: PlannedDifference) -> tuple[MadeUpDifferences, float, str]:
-    if not is_paired(study, comparison):
-        raise DasError(
-            f"comparison {comparison.name}: each participant drives one condition of {comparison.factor}; power is "
-            "computed for comparisons within participants"
-        )
     measure = comparison.measure
     shown = ShownMeasure.of(measure, study.meanings[measure], study.trials.values[measure])
+    if not is_paired(study, comparison):
+        return _of_groups(asked, study, comparison, shown)
     pairs = paired_trials(study, comparison)
     source = of_pilot(pairs, asked.pairs)
     about = (
@@ -163,3 +178,22 @@ def _of_study(asked: Asked, study: RunStudy, comparison: PlannedDifference) -> t
     )
     direction = -1.0 if pairs.differences.mean() < 0 else 1.0  # skewed differences: power is not the same both ways
     return source, direction * asked.effect / shown.factor, about
+
+
+def _of_groups(
+    asked: Asked, study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure
+) -> tuple[MadeUpDifferences, float, str]:
+    """The same for a comparison of two groups."""
+    if asked.pairs is not None:
+        raise DasError(
+            f"--pairs: comparison {comparison.name} is one of two groups, whose participants make no pairs; expected "
+            "no number, because each participant drives as many trials as in the pilot"
+        )
+    groups = two_groups(study, comparison)
+    about = (
+        f"True difference {asked.effect:g} {shown.difference_unit} of {shown.name} in the pilot's direction "
+        f"({comparison.name}); two groups: {len(groups.a)} participants of the pilot with {comparison.a} and "
+        f"{len(groups.b)} with {comparison.b} are drawn again, each with as many trials as there."
+    )
+    direction = -1.0 if groups.a.mean() < groups.b.mean() else 1.0
+    return of_pilot_groups(groups), direction * asked.effect / shown.factor, about

@@ -11,7 +11,7 @@ import numpy as np
 from sim.experiment.analysis.pairs import PairedTrials
 from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Floats, Ints, RunStudy, Texts
-from sim.experiment.analysis.shown import ShownMeasure, probability
+from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
 
 SURE: Final = 0.01
 """An assumption counts as broken where chance alone would show as much less often than this."""
@@ -23,12 +23,16 @@ EVEN_NOISE: Final = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class AssumptionCheck:
-    """One assumption: what was found, and what follows; `holds` is None where the trials cannot tell."""
+    """One assumption: what was found, and what follows; `holds` is None where the trials cannot tell.
+
+    `needed` is False where the first interval does not need the assumption.
+    """
 
     name: str
     found: str
     holds: bool | None
     follows: str
+    needed: bool = True
 
 
 def checks_of(
@@ -56,7 +60,7 @@ def _shape(means: Floats) -> AssumptionCheck:
     chance = float(stats.shapiro(means).pvalue)
     skew = float(stats.skew(means))
     found = f"skewness {skew:+.1f}, p {probability(chance)} (Shapiro–Wilk)".replace("-", "−")
-    return AssumptionCheck(name=name, found=found, holds=chance >= SURE, follows=follows)
+    return AssumptionCheck(name=name, found=found, holds=chance >= SURE, follows=follows, needed=False)
 
 
 def _single_driver(means: Floats, names: tuple[str, ...], shown: ShownMeasure) -> AssumptionCheck:
@@ -67,31 +71,40 @@ def _single_driver(means: Floats, names: tuple[str, ...], shown: ShownMeasure) -
     without = (means.sum() - means) / (count - 1)
     far = int(np.argmax(np.abs(without - means.mean())))
     changes = np.sign(without[far]) != np.sign(means.mean())
-    found = f"without {names[far]} the mean is {shown.difference(float(without[far]))} {shown.difference_unit}"
+    found = (
+        f"{names[far]} moves the mean the most; without him it is {shown.difference(float(without[far]))} "
+        f"{shown.difference_unit}"
+    )
     return AssumptionCheck(
-        name=name, found=found, holds=not changes, follows="It is the driver whose absence moves the mean the most."
+        name=name,
+        found=found,
+        holds=not changes,
+        follows="If it does not hold, look at that driver's trials before the result is used.",
     )
 
 
 def _noise(pairs: PairedTrials, comparison: PlannedDifference) -> AssumptionCheck:
-    """Noise is what remains in a condition when drivers and days are taken out."""
+    """Noise is what remains in a condition when drivers and what the other factors do are taken out."""
     name = "Both conditions scatter alike from trial to trial"
     follows = "Paired differences do not need it. The mixed model has a noise for each condition."
     spreads = []
+    taken = len(np.unique(pairs.others)) - 1
     for values in (pairs.a, pairs.b):
-        rest = values - pairs.by_participant(values)[pairs.owner]
-        spreads.append(float(np.sqrt((rest**2).sum() / max(len(rest) - len(pairs.participants), 1))))
+        rest = values - _means(values, pairs.others)
+        rest = rest - pairs.by_participant(rest)[pairs.owner]
+        spreads.append(float(np.sqrt((rest**2).sum() / max(len(rest) - len(pairs.participants) - taken, 1))))
     if len(pairs.owner) < 2 * len(pairs.participants) or min(spreads) == 0:
         return AssumptionCheck(name=name, found="cannot be told", holds=None, follows=follows)
     factor = max(spreads) / min(spreads)
     louder, quieter = (comparison.a, comparison.b) if spreads[0] > spreads[1] else (comparison.b, comparison.a)
     found = f"{louder} scatters {factor:.1f} times as much as {quieter}"
-    return AssumptionCheck(name=name, found=found, holds=factor <= EVEN_NOISE, follows=follows)
+    return AssumptionCheck(name=name, found=found, holds=factor <= EVEN_NOISE, follows=follows, needed=False)
 
 
 def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasure) -> AssumptionCheck:
     name = "It does not matter which condition came first"
-    what = f"where {comparison.a} came first, the difference {comparison.a} less {comparison.b} is"
+    what = f"the difference “{comparison.a}” minus “{comparison.b}”, where “{comparison.a}” came first, is"
+    tail = " than where it came second"
     follows = "If it matters, a balanced order still gives a fair mean, but people learn between trials."
     count = len(pairs.participants)
     means = []
@@ -107,7 +120,7 @@ def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasu
             follows,
             means[0][both] - means[1][both],
             shown,
-            what,
+            (what, tail),
         )
     only = [one[np.isfinite(one)] for one in means]
     if min(len(one) for one in only) < LEAST:
@@ -115,7 +128,7 @@ def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasu
     from scipy import stats
 
     chance = float(stats.ttest_ind(*only, equal_var=False).pvalue)
-    found = f"{what} {shown.changed(float(only[0].mean() - only[1].mean()))}"
+    found = f"{what} {compared_words(shown, float(only[0].mean() - only[1].mean()), tail)}"
     return AssumptionCheck(
         name=name, found=f"{found}, p {probability(chance)}", holds=not chance < SURE, follows=follows
     )
@@ -126,24 +139,34 @@ def _along_the_session(study: RunStudy, comparison: PlannedDifference, shown: Sh
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     driver, position = trials.participant[rows], trials.position[rows]
     rest = _unexplained(study, comparison, rows)
-    slopes, carried = [], []
-    for one in np.unique(driver):
-        mine = driver == one
-        if len(np.unique(position[mine])) > 2:
-            slopes.append(float(np.polyfit(position[mine].astype(np.float64), rest[mine], 1)[0]))
-        carried.append(_carried(study, comparison, str(one), position[mine], rest[mine]))
+    carried = [
+        _carried(study, comparison, str(one), position[driver == one], rest[driver == one]) for one in np.unique(driver)
+    ]
     found = np.array([one for one in carried if math.isfinite(one)])
     return [
-        _against_chance(
-            "Drivers neither tire nor improve from trial to trial", "If they do, order must be balanced.",
-            np.array(slopes), shown, "a trial later, the measure is",
-        ),
+        drift(study, comparison, shown),
         _against_chance(
             "A trial does not depend on the condition of the trial before",
             "If it does, a break or another trial must lie between conditions.",
-            found, shown, f"after {comparison.a} rather than {comparison.b}, the measure is",
+            found, shown, (f"after “{comparison.a}”, the measure is", f" than after “{comparison.b}”"),
         ),
     ]  # fmt: skip
+
+
+def drift(study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure) -> AssumptionCheck:
+    """Whether values drift from trial to trial of a driver."""
+    trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
+    driver, position = trials.participant[rows], trials.position[rows].astype(np.float64)
+    rest = _unexplained(study, comparison, rows)
+    slopes = [
+        float(np.polyfit(position[driver == one], rest[driver == one], 1)[0])
+        for one in np.unique(driver)
+        if len(np.unique(position[driver == one])) > 2
+    ]
+    return _against_chance(
+        "Drivers neither tire nor improve from trial to trial", "If they do, order must be balanced.",
+        np.array(slopes), shown, ("with each further trial, the measure is", ""),
+    )  # fmt: skip
 
 
 def _unexplained(study: RunStudy, comparison: PlannedDifference, rows: Ints) -> Floats:
@@ -182,7 +205,7 @@ def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
     days, index = np.unique(pairs.cell, return_inverse=True)
     met = np.bincount(index)
     if met.mean() < 2.0:
-        found, holds = f"{len(days)} days, and nearly every driver has days of his own", True
+        found, holds = ("no two drivers" if met.max() == 1 else "hardly any drivers") + " share a day", True
     else:
         means = np.bincount(index, weights=pairs.differences) / met
         spread = float(means.std(ddof=1)) if len(days) > 1 else math.nan
@@ -190,14 +213,25 @@ def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
         if math.isfinite(spread):
             found += f"; the mean difference has a standard deviation of {shown.with_unit(spread)} from day to day"
         holds = len(days) >= LEAST
-    return AssumptionCheck(
-        name=name, found=found, holds=holds,
-        follows="The interval covers other such drivers, on these days. With few days it is too narrow for others.",
-    )  # fmt: skip
+    follows = "The interval covers other such drivers on other days of the same kinds."
+    if not holds:
+        follows = "The interval covers other such drivers on these days; for other days it is too narrow."
+    return AssumptionCheck(name=name, found=found, holds=holds, follows=follows)
 
 
-def _against_chance(name: str, follows: str, values: Floats, shown: ShownMeasure, what: str) -> AssumptionCheck:
-    """A check that the mean of a figure of each participant is 0 but for chance (Student's t)."""
+def compared_words(shown: ShownMeasure, difference: float, tail: str) -> str:
+    """A difference in words with what it is compared with: `2.1 points lower than …`, or `the same as …`."""
+    changed = shown.changed(difference)
+    return changed + (tail.replace(" than ", " as ", 1) if changed == SAME else tail)
+
+
+def _against_chance(
+    name: str, follows: str, values: Floats, shown: ShownMeasure, what: tuple[str, str]
+) -> AssumptionCheck:
+    """A check that the mean of a figure of each participant is 0 but for chance (Student's t).
+
+    `what` is said before and after what was found.
+    """
     from scipy import stats
 
     if len(values) < LEAST:
@@ -207,7 +241,7 @@ def _against_chance(name: str, follows: str, values: Floats, shown: ShownMeasure
     chance = float(stats.ttest_1samp(values, 0.0).pvalue)
     return AssumptionCheck(
         name=name,
-        found=f"{what} {shown.changed(float(values.mean()))}, p {probability(chance)}",
+        found=f"{what[0]} {compared_words(shown, float(values.mean()), what[1])}, p {probability(chance)}",
         holds=chance >= SURE,
         follows=follows,
     )

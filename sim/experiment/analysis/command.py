@@ -19,6 +19,7 @@ from sim.experiment.analysis.options import (
     ComparisonOption,
     EffectOption,
     EffectsOption,
+    GroupsOption,
     NumbersOption,
     PageOption,
     PairsOption,
@@ -111,6 +112,7 @@ def power(
     sd: SdOption = None,
     sd_of_pairs: SdOfPairsOption = 0.0,
     pairs: PairsOption = None,
+    groups: GroupsOption = False,
     alpha: AlphaOption = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
@@ -123,6 +125,7 @@ def power(
     asked = Asked(
         source=source, effect=effect, comparison=comparison, participants=_counts(participants), wanted=wanted, sd=sd,
         sd_of_pairs=sd_of_pairs, pairs=pairs, alpha=alpha, seed=seed,
+        groups=groups,
     )  # fmt: skip
     with busy("simulating experiments …"):
         found = answer(asked)
@@ -137,7 +140,12 @@ def _print_power(found: PowerAnswer) -> None:
 
     paragraph(found.about)
     table = Table()
-    for name in ("participants", "power", "95 %", *(["corrected"] if found.strict else [])):
+    for name in (
+        "in each group" if found.groups else "participants",
+        "power",
+        "95 %",
+        *(["corrected"] if found.strict else []),
+    ):
         table.add_column(name, justify="right")
     for index, one in enumerate(found.points):
         low, high = one.interval

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from das.domain.errors import DasError
 from sim.experiment.analysis.checks import AssumptionCheck, checks_of
 from sim.experiment.analysis.estimates import DifferenceEstimate, corrected, group_estimate, paired_estimate
+from sim.experiment.analysis.group_checks import group_checks_of
 from sim.experiment.analysis.mixed_model import MixedFit, fit_mixed_model
 from sim.experiment.analysis.pairs import PairedTrials, TwoGroups, is_paired, paired_trials, two_groups
 from sim.experiment.analysis.plan import PlannedDifference
@@ -26,11 +28,15 @@ WANTED_POWER: Final = 0.8
 ASKED_POINTS: Final = (0.005, 0.01, 0.02)
 """Differences of a ratio for which the report says how many participants would show them."""
 ASKED: Final = "asked for"
+PART_RESAMPLES: Final = 4999
+"""Resamples for a difference at one level of another factor, which is there to look at."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NeededParticipants:
     """How many participants find a difference of `effect` in 80 % of studies; a range for the spread's uncertainty.
+
+    Where each participant drives one of two conditions, the number is that of each group.
 
     None stands for more than a million. `given` says that the difference was given, and did not come out of the study.
     """
@@ -40,6 +46,15 @@ class NeededParticipants:
     reason: str
     participants: int | None
     interval: tuple[int | None, int | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferencePart:
+    """The difference of a comparison at one level of another factor, over which the comparison is a mean."""
+
+    factor: str
+    level: str
+    estimate: DifferenceEstimate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +71,23 @@ class FoundDifference:
     model_missing: str
     checks: tuple[AssumptionCheck, ...]
     needed: tuple[NeededParticipants, ...]
+    parts: tuple[DifferencePart, ...] = ()
+
+    @property
+    def broken(self) -> list[AssumptionCheck]:
+        """The assumptions that the first interval needs and that do not hold."""
+        return [check for check in self.checks if check.needed and check.holds is False]
+
+    @property
+    def opposed(self) -> list[DifferencePart]:
+        """The parts whose difference stands out (its interval leaves out 0) against the direction of the mean."""
+        return [
+            one
+            for one in self.parts
+            if one.estimate.known
+            and one.estimate.mean * self.estimate.mean < 0
+            and not one.estimate.interval[0] <= 0 <= one.estimate.interval[1]
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,8 +157,6 @@ def generator(study: RunStudy, what: str) -> np.random.Generator:
 
 
 def _with(found: FoundDifference, chance: float) -> FoundDifference:
-    from dataclasses import replace
-
     return replace(found, corrected=chance)
 
 
@@ -135,55 +165,108 @@ def _difference(
 ) -> FoundDifference:
     rng = generator(study, comparison.name)
     if not is_paired(study, comparison):
-        groups = two_groups(study, comparison)
-        return FoundDifference(
-            comparison=comparison, shown=shown, estimate=group_estimate(groups.a, groups.b, resamples, rng),
-            corrected=math.nan, pairs=None, groups=groups, model=None,
-            model_missing="each participant drove one of the two conditions", checks=(), needed=(),
-        )  # fmt: skip
+        return _group_difference(study, comparison, shown, effects, (resamples, rng))
     pairs = paired_trials(study, comparison)
     means = pairs.by_participant(pairs.differences)
     estimate = paired_estimate(means, resamples, rng)
-    model, missing = None, ""
-    try:
-        model = fit_mixed_model(study, comparison)
-    except DasError as error:
-        missing = str(error)
+    model, missing = _model(study, comparison)
     asked = [(one / shown.factor, ASKED) for one in effects]
     return FoundDifference(
         comparison=comparison, shown=shown, estimate=estimate, corrected=math.nan, pairs=pairs, groups=None,
         model=model, model_missing=missing, checks=tuple(checks_of(study, comparison, pairs, shown)),
-        needed=tuple(_needed(means, estimate, asked, shown, (study.plan.alpha, rng))),
+        needed=tuple(_needed(estimate, asked, shown, study.plan.alpha, sd_interval(means, rng), groups=False)),
+        parts=tuple(_parts(study, comparison, resamples)),
     )  # fmt: skip
 
 
+def _parts(study: RunStudy, comparison: PlannedDifference, resamples: int) -> Iterator[DifferencePart]:
+    """The difference at each level of the other factors that the comparison leaves open; where it can be made."""
+    for factor in study.plan.factors:
+        if factor.name == comparison.factor or factor.name in comparison.where:
+            continue
+        for level in factor.levels:
+            part = replace(comparison, where={**comparison.where, factor.name: level})
+            rng = generator(study, f"{comparison.name} {factor.name} {level}")
+            with contextlib.suppress(DasError):
+                yield DifferencePart(
+                    factor=factor.name,
+                    level=level,
+                    estimate=_estimate(study, part, min(resamples, PART_RESAMPLES), rng),
+                )
+
+
+def _estimate(
+    study: RunStudy, comparison: PlannedDifference, resamples: int, rng: np.random.Generator
+) -> DifferenceEstimate:
+    if is_paired(study, comparison):
+        pairs = paired_trials(study, comparison)
+        return paired_estimate(pairs.by_participant(pairs.differences), resamples, rng)
+    groups = two_groups(study, comparison)
+    return group_estimate(groups.a, groups.b, resamples, rng)
+
+
+def _group_difference(
+    study: RunStudy,
+    comparison: PlannedDifference,
+    shown: ShownMeasure,
+    effects: tuple[float, ...],
+    by: tuple[int, np.random.Generator],
+) -> FoundDifference:
+    """A comparison of two groups of participants, each of whom drove one of the conditions."""
+    groups, (resamples, rng) = two_groups(study, comparison), by
+    estimate = group_estimate(groups.a, groups.b, resamples, rng)
+    model, missing = _model(study, comparison)
+    asked = [(one / shown.factor, ASKED) for one in effects]
+    about = np.concatenate([groups.a - groups.a.mean(), groups.b - groups.b.mean()])
+    return FoundDifference(
+        comparison=comparison, shown=shown, estimate=estimate, corrected=math.nan, pairs=None, groups=groups,
+        model=model, model_missing=missing, checks=tuple(group_checks_of(study, comparison, groups, shown)),
+        needed=tuple(_needed(estimate, asked, shown, study.plan.alpha, sd_interval(about, rng), groups=True)),
+        parts=tuple(_parts(study, comparison, resamples)),
+    )  # fmt: skip
+
+
+def _model(study: RunStudy, comparison: PlannedDifference) -> tuple[MixedFit | None, str]:
+    """The mixed model, and why there is none."""
+    try:
+        return fit_mixed_model(study, comparison), ""
+    except DasError as error:
+        return None, str(error)
+
+
 def _needed(
-    means: Floats,
     estimate: DifferenceEstimate,
     asked: list[tuple[float, str]],
     shown: ShownMeasure,
-    by: tuple[float, np.random.Generator],
+    alpha: float,
+    spread: tuple[float, float],
+    *,
+    groups: bool,
 ) -> list[NeededParticipants]:
-    """How many participants find the difference that was found here, half of it, and some others."""
-    alpha, rng = by
+    """How many participants (in each of two groups) find the difference that was found here, half of it, and others.
+
+    `spread` is the interval of the standard deviation between participants.
+    """
     if not estimate.resampled:
         return []
-    low, high = sd_interval(means, rng)
+    low, high = spread
     effects = [*asked, (estimate.mean, "as found here"), (estimate.mean / 2, "half of that")]
     if shown.factor != 1.0:
         effects += [(one, "") for one in ASKED_POINTS]
     return [
         NeededParticipants(
             effect=abs(effect), given=reason in ("", ASKED), reason=reason,
-            participants=_participants(effect, estimate.sd, alpha),
-            interval=(_participants(effect, low, alpha), _participants(effect, high, alpha)),
+            participants=_participants(effect, estimate.sd, alpha, groups=groups),
+            interval=(
+                _participants(effect, low, alpha, groups=groups), _participants(effect, high, alpha, groups=groups)
+            ),
         )
         for effect, reason in effects
     ]  # fmt: skip
 
 
-def _participants(effect: float, sd: float, alpha: float) -> int | None:
-    return normal_participants(effect / sd, alpha, WANTED_POWER) if sd > 0 else 2
+def _participants(effect: float, sd: float, alpha: float, *, groups: bool) -> int | None:
+    return normal_participants(effect / sd, alpha, WANTED_POWER, groups=groups) if sd > 0 else 2
 
 
 def _conditions(study: RunStudy) -> list[ConditionValues]:

@@ -10,13 +10,13 @@ import numpy as np
 
 from sim.experiment.analysis.reading import Floats
 from sim.experiment.analysis.resampling import (
-    LEAST_PARTICIPANTS,
     probabilities,
     resampled_moments,
     standard_errors,
     studentized,
     weights,
 )
+from sim.experiment.files import LEAST_PARTICIPANTS
 
 CONFIDENCE: Final = 0.95
 MOST_WITHOUT_SPREAD: Final = 0.005
@@ -31,7 +31,7 @@ class DifferenceEstimate:
     `interval` (95 %) and `probability` come from resampled participants, where there are enough that differ, else from
     Student's t; `resampled` says which. `t_interval` and `t_probability` are Student's (Welch's for two groups).
     `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups); its interval is
-    that of the noncentral t distribution, NaN for two groups.
+    that of the noncentral t distribution, for two groups Bonett's.
     """
 
     mean: float
@@ -103,8 +103,25 @@ def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generato
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=interval, probability=probability,
         t_interval=(mean - reach, mean + reach), t_probability=float(welch.pvalue),
-        size=mean / sd, size_interval=NO_RANGE, resampled=resampled,
+        size=mean / sd, size_interval=group_size_interval(a, b), resampled=resampled,
     )  # fmt: skip
+
+
+def group_size_interval(a: Floats, b: Floats) -> tuple[float, float]:
+    """The 95 % interval of the difference of two groups in standard deviations (root of their mean variance).
+
+    The groups may differ in variance: Bonett, Psychological Methods 13 (2008) 99–109, equations 8 and 9.
+    """
+    from scipy import stats
+
+    variances = [float(one.var(ddof=1)) for one in (a, b)]
+    freedoms = [len(one) - 1 for one in (a, b)]
+    middle = 0.5 * sum(variances)
+    size = float(a.mean() - b.mean()) / math.sqrt(middle)
+    of_size = size**2 * sum(one**2 / free for one, free in zip(variances, freedoms, strict=True)) / (8.0 * middle**2)
+    of_means = sum(one / free for one, free in zip(variances, freedoms, strict=True)) / middle
+    reach = float(stats.norm.ppf(0.5 + CONFIDENCE / 2)) * math.sqrt(of_size + of_means)
+    return size - reach, size + reach
 
 
 def size_interval(size: float, participants: int) -> tuple[float, float]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE = SEVERAL[0], SEVERAL[1]
 FAINT: Final = "#9aa0a6"
-ROW_IN: Final = 0.42
+ROW_IN: Final = 0.5
 SCATTER: Final = 0.16
 """Points of drivers lie at most this far (rows) beside their row, so that equal ones can be counted."""
 
@@ -32,20 +32,28 @@ def differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure
         holds = one.corrected < alpha
         if one.pairs is not None:
             values = shown.factor * one.pairs.by_participant(one.pairs.differences)
-            axis.plot(values, row - beside(len(values)) - 0.12, ".", color=FAINT, markersize=4.0, zorder=1)
+            axis.plot(values, row - beside(len(values)) - 0.16, ".", color=FAINT, markersize=4.0, zorder=1)
         if one.estimate.known:
             low, high = (shown.factor * bound for bound in one.estimate.interval)
-            axis.plot([low, high], [row + 0.12] * 2, color=BLUE, linewidth=2.6, solid_capstyle="butt", zorder=2)
+            axis.plot([low, high], [row + 0.2] * 2, color=BLUE, linewidth=2.6, solid_capstyle="butt", zorder=2)
         axis.plot(
-            shown.factor * one.estimate.mean, row + 0.12, "o", color=BLUE, markersize=8.0, zorder=3,
+            shown.factor * one.estimate.mean, row + 0.2, "o", color=BLUE, markersize=8.0, zorder=3,
             markerfacecolor=BLUE if holds else "white", markeredgewidth=1.6,
         )  # fmt: skip
     axis.axvline(0.0, color=INK, linewidth=0.9)
-    axis.set_yticks(range(len(found)), [one.comparison.name for one in reversed(found)])
+    axis.set_yticks(range(len(found)), [_label(one) for one in reversed(found)])
     axis.set_ylim(-0.6, len(found) - 0.4)
     axis.grid(visible=False, axis="y")
     named(axis, x=f"{shown.name}: difference ({shown.difference_unit})")
     return figure
+
+
+def _label(one: FoundDifference) -> str:
+    """The own name of a comparison, or what is taken from what."""
+    comparison = one.comparison
+    named_by_design = not comparison.name.startswith(f"{comparison.measure}: ")
+    where = "".join(f"\n{name}: {level}" for name, level in comparison.where.items())
+    return comparison.name if named_by_design else f"{comparison.a} minus {comparison.b}{where}"
 
 
 def beside(count: int) -> Floats:
@@ -77,6 +85,33 @@ def pair_figure(one: FoundDifference) -> Figure:
     return figure
 
 
+def group_figure(one: FoundDifference) -> Figure:
+    """A comparison of two groups: a point for each driver's mean, the mean of each group, and the difference."""
+    assert one.groups is not None
+    groups, shown = one.groups, one.shown
+    figure = Figure(figsize=(WIDTH_IN, 2.6), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=[1.6, 1.0])
+    for axis in (left, right):
+        plain(axis)
+    for row, values in enumerate((groups.b, groups.a)):
+        means = shown.factor * values
+        left.plot(means, row + beside(len(means)), ".", color=FAINT, markersize=6.0)
+        left.plot(means.mean(), row, "D", color=BLUE, markersize=7.0)
+    left.set_yticks([0, 1], [one.comparison.b, one.comparison.a])
+    left.set_ylim(-0.5, 1.5)
+    left.grid(visible=False, axis="y")
+    named(left, x=f"{shown.name} ({shown.unit})")
+    if one.estimate.known:
+        right.plot([shown.factor * bound for bound in one.estimate.interval], [0, 0], color=BLUE, linewidth=2.6)
+    right.plot(shown.factor * one.estimate.mean, 0, "o", color=BLUE, markersize=8.0)
+    right.axvline(0.0, color=INK, linewidth=0.9)
+    right.set_yticks([])
+    right.grid(visible=False, axis="y")
+    named(right, x=f"{one.comparison.a} minus {one.comparison.b} ({shown.difference_unit})")
+    return figure
+
+
 def _sorted_differences(axis: Any, differences: Floats, one: FoundDifference, shown: ShownMeasure) -> None:
     ordered = np.sort(differences)
     numbers = np.arange(1, len(ordered) + 1)
@@ -90,7 +125,7 @@ def _sorted_differences(axis: Any, differences: Floats, one: FoundDifference, sh
         axis.axhspan(low, high, color=SEVERAL[4], alpha=0.3, linewidth=0.0)
     named(
         axis, x="Drivers in order of their difference",
-        y=f"{one.comparison.a} less {one.comparison.b} ({shown.difference_unit})",
+        y=f"{one.comparison.a} minus {one.comparison.b} ({shown.difference_unit})",
     )  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """The mixed model of a comparison: every driver has a level and an effect of his own, and conditions differ in noise.
 
+Where each driver drives one condition only, drivers have a level of their own and no effect.
+
 `value = level + effect · condition + cell + position + level of the driver + effect of the driver · condition + noise`,
 with the last three random. The noise of the noisier condition has a part of its own, because one condition may scatter
 several times as much as another. The model is fitted by restricted maximum likelihood (statsmodels, MixedLM). It is the
@@ -53,15 +55,16 @@ class _Data:
     values: Floats
     scale: float
     condition: Floats
+    within: bool
     driver: Texts
     fixed: Floats
     days: Texts | None
 
 
 def fit_mixed_model(study: RunStudy, comparison: PlannedDifference) -> MixedFit:
-    """Fit the mixed model of a comparison between conditions that every driver drove; DasError where it cannot be."""
+    """Fit the mixed model of a comparison; DasError where it cannot be."""
     data = _data(study, comparison)
-    slopes = _told_apart(data)
+    slopes = data.within and _told_apart(data)
     noisier = _noisier(data)
     result, warned = _fitted(data, slopes, noisier)
     return _as_fit(data, result, warned, slopes, noisier)
@@ -72,6 +75,9 @@ def _data(study: RunStudy, comparison: PlannedDifference) -> _Data:
     values, driver = trials.values[comparison.measure][rows], trials.participant[rows]
     if len(np.unique(driver)) < LEAST_DRIVERS:
         raise DasError(f"fewer than {LEAST_DRIVERS} drivers")
+    within = study.plan.factor(comparison.factor).within
+    if not within and len(rows) < 1.5 * len(np.unique(driver)):
+        raise DasError("each driver made one trial, so that his level cannot be told from chance")
     scale = float(values.std())
     if scale <= 1e-12 * max(float(np.abs(values).max()), 1e-300):
         raise DasError("all values are the same")
@@ -84,7 +90,7 @@ def _data(study: RunStudy, comparison: PlannedDifference) -> _Data:
     position = trials.position[rows].astype(np.float64)
     columns = [np.ones(len(rows)), condition, *_indicators(days if shared else other), position - position.mean()]
     return _Data(
-        values=(values - values.mean()) / scale, scale=scale, condition=condition, driver=driver,
+        values=(values - values.mean()) / scale, scale=scale, condition=condition, within=within, driver=driver,
         fixed=_independent(np.column_stack(columns)), days=None if shared else days,
     )  # fmt: skip
 
@@ -130,7 +136,8 @@ def _fitted(data: _Data, slopes: bool, noisier: float) -> tuple[Any, list[str]]:
 
     groups = sorted(set(data.driver.tolist()))
     rows = [np.flatnonzero(data.driver == one) for one in groups]
-    parts = {"noise": [np.eye(len(one))[:, data.condition[one] == noisier] for one in rows]} if slopes else {}
+    noises = slopes or not data.within
+    parts = {"noise": [np.eye(len(one))[:, data.condition[one] == noisier] for one in rows]} if noises else {}
     if data.days is not None and slopes:  # a day that a driver drove alone, and once, is told from nothing
         parts["day"] = [
             np.column_stack([data.days[one] == day for day in np.unique(data.days[one])]) * 1.0 for one in rows
@@ -168,8 +175,9 @@ def _as_fit(data: _Data, result: Any, warned: list[str], slopes: bool, noisier: 
     quieter = math.sqrt(residual) * scale
     error = float(np.asarray(result.bse_fe)[1]) * scale
     effect = float(np.asarray(result.fe_params)[1]) * scale
-    # Drivers are the independent witnesses, not trials: the t distribution with one degree less than there are drivers.
-    reach = float(stats.t.ppf(0.975, len(set(data.driver.tolist())) - 1)) * error
+    # Drivers are the independent witnesses, not trials: the t distribution with one degree less than there are drivers,
+    # and with another one less where they are in two groups.
+    reach = float(stats.t.ppf(0.975, len(set(data.driver.tolist())) - (1 if data.within else 2))) * error
     deviations = [math.sqrt(max(float(one), 0.0)) * scale for one in variances]
     return MixedFit(
         effect=effect,
@@ -179,7 +187,7 @@ def _as_fit(data: _Data, result: Any, warned: list[str], slopes: bool, noisier: 
         noise=(louder, quieter) if noisier > 0 else (quieter, louder),
         singular=bool(small.any() or certain),
         converged=bool(result.converged),
-        remarks=tuple(_remarks(small.tolist(), certain, slopes, bool(result.converged), error)),
+        remarks=tuple(_remarks(small.tolist(), certain, slopes or not data.within, bool(result.converged), error)),
     )
 
 
@@ -189,7 +197,7 @@ def _remarks(small: list[bool], certain: bool, slopes: bool, converged: bool, er
         said.append("The fit did not converge; do not use its figures.")
     if small[0]:
         said.append("Singular: drivers do not differ in their level by more than chance explains.")
-    if slopes and small[1]:
+    if small[1:] and small[1]:
         said.append("Singular: the effect does not differ between drivers by more than chance explains.")
     if certain:
         said.append("Singular: level and effect of the drivers go together completely, so they cannot be told apart.")

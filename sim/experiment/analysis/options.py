@@ -58,7 +58,8 @@ SdOption = Annotated[
     typer.Option(
         "--sd",
         metavar="X",
-        help="Standard deviation of the difference between participants (bell curve), not a pilot's drivers.",
+        help="Standard deviation between participants (bell curve) of their difference, or with --groups of their "
+        "means; instead of a pilot's drivers.",
         show_default=False,
     ),
 ]
@@ -74,6 +75,13 @@ PairsOption = Annotated[
         min=1,
         help="Pairs of trials that each participant drives [default: as in the pilot, or 1].",
         show_default=False,
+    ),
+]
+GroupsOption = Annotated[
+    bool,
+    typer.Option(
+        "--groups",
+        help="With --sd: each participant drives one of the two conditions, and numbers are those of each group.",
     ),
 ]
 AlphaOption = Annotated[

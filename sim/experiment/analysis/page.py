@@ -10,9 +10,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import sim.report
 from das import __version__
-from sim.experiment.analysis import figures, words
-from sim.experiment.analysis.comparing import WANTED_POWER, FoundDifference, StudyFindings
-from sim.experiment.analysis.plan import StudyPlan
+from sim.experiment.analysis import figures, study_words, words
+from sim.experiment.analysis.checks import SURE
+from sim.experiment.analysis.comparing import WANTED_POWER, DifferencePart, FoundDifference, StudyFindings
+from sim.experiment.analysis.pairs import TwoGroups
 from sim.review.colors import LIGHT
 from sim.review.light import as_image
 
@@ -28,7 +29,7 @@ def page(found: StudyFindings) -> str:
     plan = found.study.plan
     rows = words.difference_rows(found)
     content = environment.get_template(TEMPLATE).render(
-        title=f"Analysis of the study {plan.name}",
+        title=f"Analysis of the study “{plan.name}”",
         version=__version__,
         theme=LIGHT,
         about=plan.about,
@@ -37,18 +38,31 @@ def page(found: StudyFindings) -> str:
         in_short=words.in_short(found),
         difference_images=_difference_images(found),
         differences=rows,
+        any_t=any(one["interval"].endswith("(t)") for one in rows),
+        any_pairs=any(one.pairs is not None for one in found.differences),
+        parts=words.part_rows(found),
+        levels=study_words.level_rows(found),
+        definitions=study_words.definition_rows(found.measures),
+        singular=words.singular_fits(found),
+        sure=f"{SURE:g}",
         any_unpaired=any(one["unpaired"] not in ("", "0") for one in rows),
-        comparisons=[_comparison(one, plan) for one in found.differences],
+        comparisons=[_comparison(one) for one in found.differences],
         models=words.model_rows(found),
         needs=[
-            {"name": one.comparison.name, "rows": words.needed_rows(one)} for one in found.differences if one.needed
+            {
+                "name": words.title(one.comparison, one.shown),
+                "groups": one.groups is not None,
+                "rows": words.needed_rows(one),
+            }
+            for one in found.differences
+            if one.needed
         ],
         wanted=f"{100 * WANTED_POWER:.0f} %",
         alpha=f"{plan.alpha:g}",
         measures=_measures(found),
         others=words.other_tables(found),
-        trials=words.trial_rows(found),
-        design=words.design_rows(found),
+        trials=study_words.trial_rows(found),
+        design=study_words.design_rows(found),
         terms=words.TERMS,
     )
     return content.replace(" %", "\u00a0%")  # no line ends between a number and its percent sign
@@ -60,15 +74,16 @@ def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
         some = [one for one in found.differences if one.shown.column == shown.column]
         if some:
             image = as_image(figures.differences_figure(some, found.study.plan.alpha))
-            images.append({"image": image, "text": shown.text or shown.name})
+            images.append({"image": image, "text": f"{shown.name}: {shown.text}." if shown.text else shown.name})
     return images
 
 
-def _comparison(one: FoundDifference, plan: StudyPlan) -> dict[str, Any]:
+def _comparison(one: FoundDifference) -> dict[str, Any]:
     return {
-        "name": one.comparison.name,
-        "text": words.verdict(one, plan),
-        "image": as_image(figures.pair_figure(one)) if one.pairs is not None else "",
+        "name": words.title(one.comparison, one.shown),
+        "contrast": words.contrast(one.comparison),
+        "image": as_image(figures.pair_figure(one) if one.pairs is not None else figures.group_figure(one)),
+        "groups": one.groups is not None,
         "checks": one.checks,
     }
 
@@ -81,13 +96,15 @@ def _measures(found: StudyFindings) -> list[dict[str, Any]]:
         if shown.column not in compared:
             continue
         values = [one for one in found.conditions if one.measure == shown.column]
+        rows = words.condition_rows(values, shown)
         measures.append(
             {
                 "name": shown.name,
-                "text": shown.text,
+                "text": f"{shown.text[:1].upper()}{shown.text[1:]}",
                 "unit": shown.unit,
                 "image": as_image(figures.condition_figure(values, shown)),
-                "rows": words.condition_rows(values, shown),
+                "rows": rows,
+                "repeated": any(row["within"] for row in rows),
             }
         )
     return measures
@@ -121,7 +138,7 @@ def as_dict(found: StudyFindings) -> dict[str, Any]:
             }
             for one in found.conditions
         ],
-        "trials": dict(words.trial_rows(found)),
+        "trials": dict(study_words.trial_rows(found)),
     }
 
 
@@ -151,6 +168,7 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
         "by_driver": None
         if pairs is None
         else dict(zip(pairs.participants, pairs.by_participant(pairs.differences).tolist(), strict=True)),
+        "groups": None if one.groups is None else _groups_dict(one.groups),
         "model": None
         if fit is None
         else {
@@ -164,11 +182,28 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
             "remarks": list(fit.remarks),
         },
         "no_model_because": one.model_missing or None,
+        "parts": [_part_dict(part) for part in one.parts],
         "checks": [{"name": check.name, "found": check.found, "holds": check.holds} for check in one.checks],
         "participants_needed": [
             {"effect": need.effect, "participants": need.participants, "range": list(need.interval)}
             for need in one.needed
         ],
+    }
+
+
+def _part_dict(part: DifferencePart) -> dict[str, Any]:
+    """The difference at one level of another factor."""
+    estimate = part.estimate
+    return {
+        "factor": part.factor, "level": part.level, "mean": estimate.mean, "interval": _range(estimate.interval),
+    }  # fmt: skip
+
+
+def _groups_dict(groups: TwoGroups) -> dict[str, dict[str, float]]:
+    """The means of the drivers of both groups."""
+    return {
+        "a": dict(zip(groups.a_names, groups.a.tolist(), strict=True)),
+        "b": dict(zip(groups.b_names, groups.b.tolist(), strict=True)),
     }
 
 

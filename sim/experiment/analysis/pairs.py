@@ -25,14 +25,16 @@ class _Cell(NamedTuple):
 class PairedTrials:
     """The pairs of a comparison between conditions that every participant drove.
 
-    Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `cell` names its
-    day and the levels of the other factors, `a` and `b` are the values (means where a trial was made twice), `a_first`
-    says whether the trial at level a came before. `unpaired` counts trials without a partner, which are left out.
+    Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `others` names the
+    levels of the other factors, `cell` names these and its day, `a` and `b` are the values (means where a trial was
+    made twice), `a_first` says whether the trial at level a came before. `unpaired` counts trials without a partner,
+    which are left out.
     `same_day` is False where no two trials had one day in common, and pairs were made by participant alone.
     """
 
     participants: tuple[str, ...]
     owner: Ints
+    others: Texts
     cell: Texts
     a: Floats
     b: Floats
@@ -95,6 +97,7 @@ def _paired(study: RunStudy, comparison: PlannedDifference, *, with_day: bool) -
     return PairedTrials(
         participants=names,
         owner=np.array([number[cell.participant] for cell in whole], dtype=np.int64),
+        others=np.array([" ".join(cell.others) for cell in whole], dtype=np.str_),
         cell=np.array([" ".join((*cell.others, cell.day)) for cell in whole], dtype=np.str_),
         a=np.array([values[a].mean() for a, _ in whole.values()]),
         b=np.array([values[b].mean() for _, b in whole.values()]),

@@ -12,6 +12,25 @@ from das.domain.files.reading import Fields, number, read_json
 from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA, DESIGN_JSON
 
 MOST_COMPARISONS: Final = 200
+FIXED: Final = "not varied"
+"""Name of the row that says what was the same on all trials."""
+PROCEDURE: Final = {
+    "order": "order of the conditions", "repetitions": "repetitions of all conditions",
+    "practice_trials": "practice trials for each driver", "break_after": "trials between breaks",
+    "days": "days", "chances": "chances",
+}  # fmt: skip
+"""What the design says of the procedure, and how the report names it."""
+PROCEDURE_WORDS: Final = {
+    "order williams": "Williams squares: every condition follows every other equally often",
+    "order full": "all orders in turn",
+    "order random": "drawn by chance for each driver",
+    "order listed": "the same for all, as the design lists them",
+    "days own": "each driver has days of his own, and meets the same day under every condition",
+    "days common": "all drivers meet the same days, under every condition",
+    "days new": "every trial has another day",
+    "chances new": "reactions, errors and lapses are drawn anew on every trial",
+    "chances paired": "reactions, errors and lapses are the same for all trials of a driver on one day",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,9 +142,23 @@ def _setting(fields: Fields) -> Iterator[tuple[str, str]]:
     people = fields.data.get("participants")
     if isinstance(people, Mapping) and people.get("population"):
         yield "drivers drawn from the population", str(people["population"])
+        if "learning" in people:
+            yield "practice", _practice(people)
+    procedure = fields.data.get("procedure")
+    if isinstance(procedure, Mapping):
+        for key, name in PROCEDURE.items():
+            value = procedure.get(key)
+            if value not in (None, 0):
+                yield name, PROCEDURE_WORDS.get(f"{key} {value}", str(value))
     fixed = fields.data.get("fixed")
     if isinstance(fixed, Mapping) and fixed:
-        yield "not varied", ", ".join(f"{name}: {value}" for name, value in fixed.items())
+        yield FIXED, ", ".join(f"{name}: {value}" for name, value in fixed.items())
+
+
+def _practice(people: Mapping[str, Any]) -> str:
+    if not people["learning"]:
+        return "drivers neither learn nor tire between trials"
+    return f"drivers get better with each trip; {people.get('trips_before', 0):g} trips before the first trial"
 
 
 def _texts(fields: Fields, key: str) -> list[str]:

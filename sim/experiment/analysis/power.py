@@ -15,10 +15,15 @@ from typing import Final, Protocol
 import numpy as np
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.pairs import PairedTrials
+from sim.experiment.analysis.pairs import PairedTrials, TwoGroups
 from sim.experiment.analysis.reading import Floats
-from sim.experiment.analysis.resampling import LEAST_PARTICIPANTS, probabilities_at_once, weights
+from sim.experiment.analysis.resampling import (
+    group_probabilities_at_once,
+    probabilities_at_once,
+    weights,
+)
 from sim.experiment.analysis.spread import as_table, components
+from sim.experiment.files import LEAST_PARTICIPANTS
 
 STUDIES: Final = 2000
 """Made-up studies for each number of participants: a power of 0.8 is known to ±0.02 (95 %)."""
@@ -31,7 +36,16 @@ AT_ONCE: Final = 250
 
 
 class MadeUpDifferences(Protocol):
-    """Where the differences of made-up participants come from; their true mean is 0."""
+    """Where the differences of made-up participants come from; their true mean is 0.
+
+    With `groups` each participant drives one of two conditions. What is drawn are then their values, those of the first
+    group before those of the second.
+    """
+
+    @property
+    def groups(self) -> bool:
+        """Whether participants are in two groups."""
+        ...
 
     def draw(self, studies: int, participants: int, rng: np.random.Generator) -> Floats:
         """Mean difference of each made-up participant, (studies, participants)."""
@@ -40,11 +54,12 @@ class MadeUpDifferences(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class BellCurves:
-    """Differences from bell curves: between participants, and between the pairs of one participant."""
+    """Differences from bell curves: between participants, and between the pairs (or trials) of one participant."""
 
     between_sd: float
     within_sd: float = 0.0
     pairs: int = 1
+    groups: bool = False
 
     def draw(self, studies: int, participants: int, rng: np.random.Generator) -> Floats:
         """Mean difference of each made-up participant, (studies, participants)."""
@@ -63,6 +78,7 @@ class PilotDifferences:
     between: Floats
     within: Floats
     pairs: int
+    groups: bool = False
 
     def draw(self, studies: int, participants: int, rng: np.random.Generator) -> Floats:
         """Mean difference of each made-up participant, (studies, participants)."""
@@ -72,6 +88,33 @@ class PilotDifferences:
             for _ in range(self.pairs):
                 drawn = drawn + self.within[rng.integers(0, len(self.within), drawn.shape)] / self.pairs
         return np.asarray(drawn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PilotGroups:
+    """The values of a pilot's participants of two groups, drawn again: each group's have mean 0."""
+
+    a: Floats
+    b: Floats
+    groups: bool = True
+
+    def draw(self, studies: int, participants: int, rng: np.random.Generator) -> Floats:
+        """Value of each made-up participant, (studies, participants): the first half of them are of group a."""
+        each = participants // 2
+        drawn = [one[rng.integers(0, len(one), (studies, each))] for one in (self.a, self.b)]
+        return np.concatenate(drawn, axis=1)
+
+
+def of_pilot_groups(groups: TwoGroups) -> PilotGroups:
+    """The participants of a pilot's two groups, each with as many trials as in the pilot."""
+    for values in (groups.a, groups.b):
+        if len(values) < 3:
+            raise DasError(
+                f"a pilot with {len(values)} participants in a group cannot tell how far participants differ: expected "
+                "3 or more"
+            )
+    a, b = ((one - one.mean()) * math.sqrt(len(one) / (len(one) - 1)) for one in (groups.a, groups.b))
+    return PilotGroups(a=a, b=b)
 
 
 def of_pilot(pairs: PairedTrials, pairs_each: int | None) -> PilotDifferences:
@@ -121,16 +164,23 @@ class PowerPoint:
 
 
 def power_of(question: PowerQuestion, participants: int) -> PowerPoint:
-    """The power of an experiment with this many participants (at least `FEWEST`)."""
+    """The power of an experiment with this many participants (at least `FEWEST`), in each group where there are two."""
     if not FEWEST <= participants <= MOST_PARTICIPANTS:
         raise DasError(f"{participants} participants: expected {FEWEST} to {MOST_PARTICIPANTS}")
     rng = np.random.default_rng([question.seed, participants])
-    drawn = weights(participants, RESAMPLES, rng)
+    groups = 2 if question.source.groups else 1
+    drawn = [weights(participants, RESAMPLES, rng) for _ in range(groups)]
     found = 0
     for start in range(0, question.studies, AT_ONCE):
         count = min(AT_ONCE, question.studies - start)
-        values = question.source.draw(count, participants, rng) + question.effect
-        found += int(np.sum(probabilities_at_once(values, drawn) < question.alpha))
+        values = question.source.draw(count, groups * participants, rng)
+        values[:, :participants] += question.effect
+        if question.source.groups:
+            both = (values[:, :participants], values[:, participants:])
+            chances = group_probabilities_at_once(both, (drawn[0], drawn[1]))
+        else:
+            chances = probabilities_at_once(values, drawn[0])
+        found += int(np.sum(chances < question.alpha))
     return PowerPoint(
         participants=participants, power=found / question.studies, interval=share_interval(found, question.studies)
     )
@@ -165,30 +215,35 @@ def share_interval(found: int, whole: int) -> tuple[float, float]:
     return centre - reach, centre + reach
 
 
-def normal_power(size: float, participants: int, alpha: float) -> float:
-    """Power of a paired t test on bell curves, for an effect in standard deviations between participants.
+def normal_power(size: float, participants: int, alpha: float, *, groups: bool = False) -> float:
+    """Power of a t test on bell curves, for an effect in standard deviations between participants.
 
-    The distribution is the noncentral t (Cohen, Statistical Power Analysis, 1988, chapter 2).
+    The test is paired, or with `groups` of two groups of so many participants each. The distribution is the noncentral
+    t (Cohen, Statistical Power Analysis, 1988, chapter 2).
     """
     from scipy import stats
 
-    edge, freedom = float(stats.t.ppf(1 - alpha / 2, participants - 1)), participants - 1
-    centre = abs(size) * math.sqrt(participants)
+    freedom = 2 * (participants - 1) if groups else participants - 1
+    edge = float(stats.t.ppf(1 - alpha / 2, freedom))
+    centre = abs(size) * math.sqrt(participants / 2 if groups else participants)
     return float(stats.nct.sf(edge, freedom, centre) + stats.nct.cdf(-edge, freedom, centre))
 
 
-def normal_participants(size: float, alpha: float, wanted: float) -> int | None:
-    """Fewest participants for a wanted power of a paired t test on bell curves; None above a million."""
+def normal_participants(size: float, alpha: float, wanted: float, *, groups: bool = False) -> int | None:
+    """Fewest participants for a wanted power of a t test on bell curves, in each group where there are two.
+
+    None stands for more than a million.
+    """
     from scipy import stats
 
     if not abs(size) > 0:
         return None
     z = float(stats.norm.ppf(1 - alpha / 2) + stats.norm.ppf(wanted))
-    guess = (z / abs(size)) ** 2
+    guess = (2 if groups else 1) * (z / abs(size)) ** 2
     if not guess < 1e6:
         return None
     participants = max(math.floor(guess) - 2, 3)
-    while normal_power(size, participants, alpha) < wanted:
+    while normal_power(size, participants, alpha, groups=groups) < wanted:
         participants += 1
     return participants
 

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import read_json, read_text
 from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, as_text, read_plan
-from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
+from sim.experiment.files import (
+    FAILED_TABLE,
+    PEOPLE_TABLE,
+    PERSON_ID,
+    PERSON_NUMBER,
+    PROVENANCE,
+    TRIALS_SIDECAR,
+    TRIALS_TABLE,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,7 +67,9 @@ class FinishedTrials:
 class RunStudy:
     """A study that was run: where its files are, its plan of analysis, its trials, and what their columns mean.
 
-    `failed` has, for each trial that failed, who drove it, its condition and why.
+    `failed` has, for each trial that failed, who drove it, its condition and why. `people` has what is known of each
+    participant in numbers, by the names of the columns of participants.tsv; empty where there is no such file.
+    `level_words` says what levels of a factor mean, and `made` how the data were made, as far as the folder says it.
     """
 
     folder: Path
@@ -67,6 +77,9 @@ class RunStudy:
     trials: FinishedTrials
     meanings: Mapping[str, MeaningOfColumn]
     failed: tuple[str, ...] = ()
+    people: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    level_words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    made: Mapping[str, str] = field(default_factory=dict)
 
     def chosen(self, comparison: PlannedDifference) -> Bools:
         """Which trials belong to a comparison: none of the practice, at its levels, with its measure."""
@@ -92,7 +105,50 @@ def read_study(folder: Path) -> RunStudy:
         trials=_trials(folder / TRIALS_TABLE, plan),
         meanings=_meanings(folder / TRIALS_SIDECAR, plan),
         failed=_failed(folder / FAILED_TABLE),
+        people=_people(folder / PEOPLE_TABLE, plan),
+        level_words=_level_words(folder / TRIALS_SIDECAR, plan),
+        made=_made(folder / PROVENANCE),
     )
+
+
+def _level_words(path: Path, plan: StudyPlan) -> dict[str, dict[str, str]]:
+    """What the levels of each factor mean, from the table's sidecar."""
+    fields = read_json(path) if path.is_file() else None
+    found: dict[str, dict[str, str]] = {}
+    for one in plan.factors:
+        about = fields.data.get(one.name) if fields is not None else None
+        words = about.get("Levels") if isinstance(about, Mapping) else None
+        if isinstance(words, Mapping):
+            found[one.name] = {as_text(level): str(text) for level, text in words.items() if text}
+    return found
+
+
+def _made(path: Path) -> dict[str, str]:
+    """When and by which command the data were made."""
+    if not path.is_file():
+        return {}
+    data = read_json(path).data
+    wanted = {"command": "command", "begun (UTC)": "began_utc", "version": "version", "code (SHA-256)": "code_sha256"}
+    return {name: str(data[key]) for name, key in wanted.items() if key in data}
+
+
+def _people(path: Path, plan: StudyPlan) -> dict[str, dict[str, float]]:
+    """The columns of participants.tsv that are numbers for everybody, by participant; none without that file."""
+    if not path.is_file():
+        return {}
+    reader = csv.DictReader(io.StringIO(read_text(path)), delimiter="\t")
+    rows = [row for row in reader if row.get(PERSON_ID)]
+    left_out = {PERSON_ID, PERSON_NUMBER, *(one.name for one in plan.factors)}
+    names = [name for name in reader.fieldnames or [] if name not in left_out]
+    kept = [name for name in names if all(_is_number(row.get(name)) for row in rows)]
+    return {str(row[PERSON_ID]): {name: float(row[name]) for name in kept} for row in rows}
+
+
+def _is_number(text: object) -> bool:
+    try:
+        return math.isfinite(float(str(text)))
+    except ValueError:
+        return False
 
 
 def _failed(path: Path) -> tuple[str, ...]:

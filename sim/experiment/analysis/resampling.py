@@ -20,8 +20,6 @@ RESAMPLES: Final = 19_999
 LEAST_RESAMPLES: Final = 999
 MOST_CELLS: Final = 20_000_000
 """Most numbers of a table of resamples by participants (160 MB); with very many participants fewer resamples do."""
-LEAST_PARTICIPANTS: Final = 6
-"""With fewer participants too few different resamples exist; Student's t is used alone."""
 
 
 def weights(participants: int, resamples: int, rng: np.random.Generator) -> Floats:
@@ -69,6 +67,15 @@ def probabilities(means: Floats, errors: Floats, distances: Floats) -> Floats:
     below = (np.sum(distances <= found, axis=1) + 1) / (resamples + 1)
     both = np.minimum(2.0 * np.minimum(above, below), 1.0)
     return np.where(errors > 0, both, np.where(means == 0, 1.0, np.nan))
+
+
+def group_probabilities_at_once(values: tuple[Floats, Floats], drawn: tuple[Floats, Floats]) -> Floats:
+    """Two-sided probabilities (studies,) of differences of two groups, each (studies, participants), each resampled."""
+    moments = [resampled_moments(one, weight) for one, weight in zip(values, drawn, strict=True)]
+    (means_a, errors_a), (means_b, errors_b) = moments
+    error = np.hypot(*(standard_errors(one) for one in values))
+    found = values[0].mean(axis=1) - values[1].mean(axis=1)
+    return probabilities(found, error, studentized(means_a - means_b, np.hypot(errors_a, errors_b)))
 
 
 def probabilities_at_once(values: Floats, drawn: Floats) -> Floats:

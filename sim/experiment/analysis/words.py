@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from typing import Any, Final
 
 import numpy as np
 
-from sim.experiment.analysis.comparing import ConditionValues, FoundDifference, NeededParticipants, StudyFindings
+from sim.experiment.analysis.comparing import (
+    ConditionValues,
+    FoundDifference,
+    NeededParticipants,
+    StudyFindings,
+    conditions_of,
+)
 from sim.experiment.analysis.plan import PlannedDifference, StudyPlan
 from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
 
 Row = dict[str, str]
-CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
 MOST_COUNTED: Final = 10_000
 """Numbers of participants above this are not told apart."""
-MOST_FAILED: Final = 3
-"""Failed trials that the page names; failed.csv has all."""
+SIGNALS: Final = "signals_passed"
 COLUMNS_AT_ONCE: Final = 5
 """Measures beside each other in the table of those that no comparison is about."""
 
@@ -43,18 +46,25 @@ TERMS: Final = (
     ),
     (
         "p",
-        "How often chance alone would show a difference at least this large if there were none. A small p does not say "
-        "that the difference is large, and a large p does not say that there is none.",
+        "How often chance alone would show a difference at least this large if there were none, by the same resampled "
+        "drivers as the interval. A small p does not say that the difference is large, and a large p does not say that "
+        "there is none.",
     ),
     (
         "Corrected p",
         "Among many comparisons, chance alone makes some look large. The p is therefore raised for the number of "
-        "comparisons planned.",
+        "comparisons planned. By Holm's method the smallest is raised the most, and the largest not at all.",
     ),
     (
         "Effect in standard deviations (d)",
-        "The mean difference, divided by how far the drivers' own differences lie apart. At 0.2 many drivers show the "
-        "opposite; at 2 hardly any does.",
+        "The mean difference, divided by how far the drivers' own differences lie apart (d_z, interval from the "
+        "noncentral t distribution). At 0.2 many drivers show the opposite; at 2 hardly any does. For two groups it is "
+        "divided by how far drivers of one group lie apart (d, interval by Bonett 2008), and is much smaller.",
+    ),
+    (
+        "Two groups",
+        "Where each driver drives one of the two conditions only, the means of two groups of drivers are compared. "
+        "What makes drivers different stays in the difference, so that many more of them are needed.",
     ),
     (
         "Standard deviation",
@@ -64,7 +74,9 @@ TERMS: Final = (
     (
         "Mixed model",
         "A second computation of the same difference. It gives every driver a level and an effect of his own. It is "
-        "called singular where the trials cannot tell such a part from chance.",
+        "called singular where the trials cannot tell such a part from chance. Value = level + condition + day or "
+        "other conditions + place in the order + driver's own level + driver's own effect + noise of the condition, by "
+        "restricted maximum likelihood; its interval is Student's t with one degree of freedom less than drivers.",
     ),
 )
 
@@ -83,7 +95,8 @@ def hangs_on(found: StudyFindings) -> list[str]:
     else:
         said = [
             f"Nobody drove. {drivers} simulated drivers{drawn} made {count} trials. How they react, look, follow "
-            "advice and err are assumptions. The figures say what would come out if people were like these drivers.",
+            "advice and err are assumptions (docs/reference/populations.md and drivers.md list them). The figures say "
+            "what would come out if people were like these drivers.",
             "The intervals cover the chance of drawing other simulated drivers. They do not cover that the "
             "assumptions may be wrong, and more simulated trials do not make that doubt smaller.",
         ]
@@ -95,16 +108,50 @@ def in_short(found: StudyFindings) -> list[tuple[str, str]]:
     if not found.differences and not found.failed:
         return [("", "No comparison was planned; the tables describe the conditions.")]
     broken = [(name, f"It could not be made. {why}.") for name, why in found.failed]
-    return [*((one.comparison.name, verdict(one, found.study.plan)) for one in found.differences), *broken]
+    said = [(short_title(one.comparison), verdict(one, found.study.plan)) for one in found.differences]
+    return [*said, *broken, *_safety(found)]
+
+
+def _safety(found: StudyFindings) -> list[tuple[str, str]]:
+    """A sentence on signals that were passed at danger, whether or not a comparison was planned about them."""
+    trials = found.study.trials
+    if SIGNALS not in trials.values:
+        return []
+    passed = np.nan_to_num(trials.values[SIGNALS]) * ~trials.practice
+    where = [
+        f"{int(passed[mine].sum())} with {name}" for name, mine in conditions_of(found.study) if passed[mine].any()
+    ]
+    count = int(passed.sum())
+    if not count:
+        return []
+    times = "1 signal was" if count == 1 else f"{count} signals were"
+    return [("Safety", f"{times} passed at danger in {int((~trials.practice).sum())} trials ({'; '.join(where)}).")]
+
+
+def title(comparison: PlannedDifference, shown: ShownMeasure) -> str:
+    """The name of a comparison, or in words where the design gave it none of its own."""
+    short = short_title(comparison)
+    return short if short == comparison.name else f"{shown.name}: {short}"
+
+
+def short_title(comparison: PlannedDifference) -> str:
+    """The name of a comparison, or what is taken from what where the design gave it no name of its own."""
+    return contrast(comparison) if comparison.name.startswith(f"{comparison.measure}: ") else comparison.name
+
+
+def contrast(comparison: PlannedDifference) -> str:
+    """What is taken from what, in words."""
+    where = "".join(f", {name}: {level}" for name, level in comparison.where.items())
+    return f"{comparison.a} minus {comparison.b}{where}"
 
 
 def verdict(one: FoundDifference, plan: StudyPlan) -> str:
     """What was found on one comparison, and whether it stands out from chance."""
     comparison, shown, estimate = one.comparison, one.shown, one.estimate
     changed = shown.changed(estimate.mean)
-    with_b = f"{'as' if changed == SAME else 'than'} with {comparison.b}"
+    with_b = f"{'as' if changed == SAME else 'than'} with “{comparison.b}”"
     of_what = "; ".join([comparison.factor, *(f"{name}: {level}" for name, level in comparison.where.items())])
-    start = f"{shown.name}: {changed} with {comparison.a} {with_b} ({of_what})"
+    start = f"{shown.name}: {changed} with “{comparison.a}” {with_b} ({of_what})"
     drivers = _drivers(one)
     if not estimate.known:
         why = "only one driver took part" if estimate.participants < 2 else "the drivers do not differ at all"
@@ -112,11 +159,25 @@ def verdict(one: FoundDifference, plan: StudyPlan) -> str:
     said = f"{start}. The 95 % interval is {_reach(shown, estimate.interval)}, from {drivers}."
     chance = f"{'p' if plan.correction == 'none' else 'corrected p'} {probability(one.corrected)}"
     if one.corrected < plan.alpha:
-        return f"{said} The difference stands out from chance ({chance})."
+        return f"{said} The difference stands out from chance ({chance}).{_but(one)}"
     return (
         f"{said} It does not stand out from chance ({chance}): the study neither shows a "
-        "difference nor rules one out within the interval."
+        f"difference nor rules one out within the interval.{_but(one)}"
     )
+
+
+def _but(one: FoundDifference) -> str:
+    """What limits a verdict: conditions that go the other way, assumptions that do not hold."""
+    said = ""
+    if one.opposed:
+        parts = "; ".join(
+            f"{part.factor} {part.level}: {one.shown.changed(part.estimate.mean)}" for part in one.opposed
+        )
+        said += f" This is a mean over conditions that differ: the other way round with {parts}."
+    if one.broken:
+        names = "; ".join(f"“{check.name}”" for check in one.broken)
+        said += f" What does not hold below: {names}."
+    return said
 
 
 def _drivers(one: FoundDifference) -> str:
@@ -141,9 +202,9 @@ def difference_rows(found: StudyFindings) -> list[Row]:
         estimate, shown = one.estimate, one.shown
         rows.append(
             {
-                "name": one.comparison.name,
-                "less": _less(one.comparison),
-                "measure": f"{shown.name} ({shown.difference_unit})",
+                "name": title(one.comparison, shown),
+                "less": contrast(one.comparison),
+                "unit": shown.difference_unit,
                 "mean": shown.difference(estimate.mean),
                 "interval": shown.range(estimate.interval)
                 + ("" if estimate.resampled or not estimate.known else " (t)"),
@@ -160,12 +221,6 @@ def difference_rows(found: StudyFindings) -> list[Row]:
     return rows
 
 
-def _less(comparison: PlannedDifference) -> str:
-    """What is taken from what, in words."""
-    where = "".join(f", {name}: {level}" for name, level in comparison.where.items())
-    return f"{comparison.a} less {comparison.b}{where}"
-
-
 def _plain_range(interval: tuple[float, float]) -> str:
     low, high = interval
     return "" if math.isnan(low) else f"{low:+.2f} to {high:+.2f}".replace("-", "−")
@@ -176,7 +231,11 @@ def model_rows(found: StudyFindings) -> list[Row]:
     rows = []
     for one in found.differences:
         fit, shown = one.model, one.shown
-        row = {"name": one.comparison.name, "unit": shown.difference_unit, "pairs": shown.difference(one.estimate.mean)}
+        row = {
+            "name": title(one.comparison, shown),
+            "unit": shown.difference_unit,
+            "pairs": shown.difference(one.estimate.mean),
+        }
         if fit is None:
             row |= dict.fromkeys(("effect", "interval", "level", "own", "noise_a", "noise_b"), "")
             rows.append({**row, "remarks": f"No model: {one.model_missing}."})
@@ -194,6 +253,12 @@ def model_rows(found: StudyFindings) -> list[Row]:
             }
         )
     return rows
+
+
+def singular_fits(found: StudyFindings) -> list[str]:
+    """The comparisons whose mixed model is singular."""
+    fitted = [one for one in found.differences if one.model is not None and one.model.singular]
+    return [title(one.comparison, one.shown) for one in fitted]
 
 
 def needed_rows(one: FoundDifference) -> list[Row]:
@@ -214,7 +279,23 @@ def needed_rows(one: FoundDifference) -> list[Row]:
             "range": between,
         }
 
-    return [row(need) for need in one.needed]
+    return [row(need) for need in sorted(one.needed, key=lambda need: -need.effect)]
+
+
+def part_rows(found: StudyFindings) -> list[Row]:
+    """Each planned difference at each level of the other factors that it is a mean over."""
+    return [
+        {
+            "name": title(one.comparison, one.shown),
+            "where": f"{part.factor}: {part.level}",
+            "unit": one.shown.difference_unit,
+            "mean": one.shown.difference(part.estimate.mean),
+            "interval": one.shown.range(part.estimate.interval),
+            "drivers": str(part.estimate.participants),
+        }
+        for one in found.differences
+        for part in one.parts
+    ]
 
 
 def condition_rows(values: list[ConditionValues], shown: ShownMeasure) -> list[Row]:
@@ -262,43 +343,7 @@ def other_tables(found: StudyFindings) -> list[dict[str, Any]]:
 def _mean_and_spread(one: ConditionValues, shown: ShownMeasure) -> str:
     if not len(one.means):
         return "–"
+    if not np.any(one.means):
+        return "0"
     spread = shown.value(float(one.means.std(ddof=1))) if len(one.means) > 1 else ""
     return f"{shown.value(float(one.means.mean()))}{f' ± {spread}' if spread else ''}"
-
-
-def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """What was driven, and what is missing."""
-    trials, plan = found.study.trials, found.study.plan
-    driven, failed = ~trials.practice, found.study.failed
-    counts = Counter(trials.participant[driven].tolist())
-    most = max(counts.values())
-    fewer = sorted(name for name, count in counts.items() if count < most)
-    missing = sum(most - count for count in counts.values())
-    without = {name: int(np.sum(~np.isfinite(values[driven]))) for name, values in trials.values.items()}
-    gaps = ", ".join(f"{found.shown(name).name}: {count}" for name, count in without.items() if count)
-    return [
-        ("drivers", str(len(counts))),
-        ("finished trials", str(int(driven.sum()))),
-        ("practice trials, left out", str(int(trials.practice.sum()))),
-        (
-            "missing trials",
-            f"{missing}, of {', '.join(fewer)}, against drivers who finished {most}" if fewer else "none: all drivers "
-            f"finished {most}",
-        ),
-        ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
-         if failed else "none"),
-        ("trials without a value", gaps or "none"),
-        ("comparisons planned", f"{len(plan.comparisons)}, p corrected by {CORRECTION_NAMES[plan.correction]}"
-         if plan.correction != "none" else f"{len(plan.comparisons)}, p not corrected"),
-    ]  # fmt: skip
-
-
-def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """The design as it was frozen before the run."""
-    plan = found.study.plan
-    rows = [("study", plan.name), ("design frozen with hash", plan.hash or "not frozen"), ("seed", str(plan.seed))]
-    rows += list(plan.setting)
-    for one in plan.factors:
-        kind = "every driver drives all" if one.within else "each driver drives one"
-        rows.append((one.name, f"{', '.join(one.levels)} ({kind})"))
-    return [*rows, ("stands out from chance", f"where the corrected p is below {plan.alpha:g}")]

@@ -86,7 +86,7 @@ def test_drift_from_trial_to_trial_is_noticed() -> None:
     assert found("tire").holds
     check = found("tire", drift=0.002)
     assert check.holds is False
-    assert re.match(r"a trial later, the measure is 0\.2\d points higher, p below 0\.001", check.found)
+    assert re.match(r"with each further trial, the measure is 0\.2\d points higher, p below 0\.001", check.found)
 
 
 def test_what_a_trial_leaves_behind_is_noticed() -> None:

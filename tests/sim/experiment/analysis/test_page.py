@@ -74,7 +74,7 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
     (name, said), _ = in_short(found())
     assert name == "vector against none"
     mean = 100 * found().differences[0].estimate.mean
-    assert f"Gap to the optimum: {-mean:.2f} points lower with vector than with none (presentation)." in said
+    assert f"Gap to the optimum: {-mean:.2f} points lower with “vector” than with “none” (presentation)." in said
     assert (
         "points lower, from 12 drivers, 36 pairs. The difference stands out from chance (corrected p below 0.001)."
         in said
