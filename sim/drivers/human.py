@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from das.advice.modes import Mode
 from sim.drivers.attention import DisplayReading, Lapses, advice_kind
@@ -176,14 +177,10 @@ class HumanDriver:
         return min(max(self._set(view.lever_ratio) + more, -1.0), 1.0)
 
     def _to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting where the display shows a speed but no effort: he brings the train to it and holds it his way."""
-        target = min(view.shown_speed_mps, allowed_mps)
-        held = self._handling.held(cab, outlook, target)
-        if advice_kind(view) != "brake":
-            return held
-        if cab.speed_mps > target:
-            return min(self._handling.braked(cab, outlook, self.parameters.braking_mps2), 0.0)
-        return min(held, 0.0)
+        """The setting where the display shows a speed but no effort: all traction, or the brake that he plans with."""
+        brakes = advice_kind(view) == "brake"
+        own = self._handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
+        return self._coached(cab, outlook, replace(view, lever_ratio=own), allowed_mps)
 
     def _set(self, lever_ratio: float) -> float:
         """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""
