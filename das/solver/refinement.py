@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -134,7 +134,7 @@ class Refinement:
 def warm_up_refinement() -> None:
     """Refine a run of a tiny section, so that every kernel is compiled or loaded; about 10 s on a new machine."""
     front = warm_up()
-    refined(front.trajectory(1.1 * front.fastest().time_s))
+    refined(front.trajectory(1.1 * front.fastest().time_s), replace(SETTINGS, passes=1, most_rounds=1))
 
 
 class TubeSearch:

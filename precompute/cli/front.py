@@ -89,7 +89,7 @@ def front(
     With --exact, the algorithm of the paper checks the solver. It keeps every partial run that could still belong to
     the front. Its times are those of its grid, which is a little slower than the continuous solver. 6 km with a buffer
     of 10 % take up to half a minute; time and memory grow fast with length and buffer. On a terminal it shows how much
-    time is likely to be left.
+    time is likely to be left. The solver's runs beside it are not refined.
     """
     if not witness.exact and (witness.out or witness.bucket_ms or witness.max_buffer_percent is not None):
         raise DasError("--out, --bucket and --max-buffer belong to --exact")
