@@ -1,8 +1,8 @@
 """A section: route × vehicle × level as arrays on the space grid, ready for the kernels.
 
-A section has two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, at most 100 m apart,
-finer at the stops). Between them the motion is integrated over the finer *integration nodes*, on which trajectories
-are given.
+A section has two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, and between them as line
+and speed ask, `das.solver.decision_nodes`). Between them the motion is integrated over the finer *integration nodes*,
+on which trajectories are given.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from das.domain.route import NEUTRAL, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
+from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes, subdivide
 from das.solver.kernels.envelope import braking_envelope, climbing_floor
 from das.solver.kernels.fastest import fastest_roll_out, fastest_run
 from das.solver.kernels.forces import mean_resistance
@@ -86,7 +87,7 @@ class Section(LineProfile):
     The arrays of the line's profile are those on the integration nodes. `envelope_mps` (per node) is the fastest speed
     from which everything ahead can be kept, and `floor_mps` the slowest from which the end speed can still be reached
     (mostly 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the decision nodes among the
-    integration nodes.
+    integration nodes; `has_asked_steps` says that they are nearer together than the solver's settings have them.
     """
 
     route: Route
@@ -100,6 +101,7 @@ class Section(LineProfile):
     floor_mps: Floats
     envelope_mps: Floats
     decision: NDArray[np.int64]
+    has_asked_steps: bool
     train: TrainParams
 
     @property
@@ -115,10 +117,7 @@ class Section(LineProfile):
     @property
     def asked_decision_m(self) -> Floats | None:
         """Positions of the decision nodes where they are not those of the solver's settings but were asked for."""
-        decision_m = self.node_m[self.decision]
-        usual_m = _decision_nodes(self.route, (self.start_m, self.end_m), self.train_length_m, None)
-        # Shorter steps are more steps.
-        return None if len(decision_m) == len(usual_m) else decision_m
+        return self.node_m[self.decision] if self.has_asked_steps else None
 
     @cached_property
     def loss_params(self) -> LossParams:
@@ -214,12 +213,17 @@ def build_section(
     train = train_params(vehicle, brakes)
     length_m = 0.0 if options.point_mass else vehicle.train_length_m
 
-    decision_m = _decision_nodes(route, (start_m, end_m), length_m, options.longest_step_m)
-    coarse = LineProfile.on(route, vehicle, decision_m, length_m)
+    fixed_m = fixed_nodes(route, (start_m, end_m), length_m)
+    even_m = even_nodes(fixed_m)
     speeds = (options.start_speed_mps, options.end_speed_mps)
-    _, envelope, fastest = _bounding_speeds(route, coarse, train, *speeds)
-    counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
-    fine = LineProfile.on(route, vehicle, _subdivide(decision_m, counts), length_m)
+    _, _, fastest = _bounding_speeds(route, LineProfile.on(route, vehicle, even_m, length_m), train, *speeds)
+    usual_m = decision_m = decision_nodes(route, fixed_m, even_m, fastest)
+    if options.longest_step_m is not None:
+        decision_m = decision_nodes(route, fixed_m, even_m, fastest, options.longest_step_m)
+    counts = _substep_counts(
+        decision_m, np.interp(decision_m, even_m, fastest), _slope_change(route, decision_m, length_m)
+    )
+    fine = LineProfile.on(route, vehicle, subdivide(decision_m, counts), length_m)
     floor, envelope, fastest = _bounding_speeds(route, fine, train, *speeds)
     if isinstance(loss, LossMap):
         _check_coverage(loss, vehicle, float(envelope.max()))
@@ -236,6 +240,7 @@ def build_section(
         floor_mps=floor,
         envelope_mps=envelope,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
+        has_asked_steps=len(decision_m) > len(usual_m),
         train=train,
     )
 
@@ -271,28 +276,6 @@ def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
         starts += [tunnel.start_m, tunnel.start_m + tunnel.length_m]
         values += [vehicle.tunnel_coefficient_n_per_mps2(tunnel.area_m2), 0.0]
     return Stretches(start_m=np.array(starts), value=np.array(values))
-
-
-def _decision_nodes(route: Route, ends_m: tuple[float, float], length_m: float, longest_m: float | None) -> Floats:
-    """Positions of the decision nodes between two ends, at most `longest_m` apart where that is given (m)."""
-    start_m, end_m = ends_m
-    breaks = route.breakpoints_m()
-    offsets = np.array([x for x in tol.STOP_OFFSETS_M if x < (end_m - start_m) / 2])
-    nodes = np.concatenate((breaks, breaks + length_m, start_m + offsets, end_m - offsets))
-    nodes = np.unique(nodes[(nodes > start_m + tol.MIN_STEP_M) & (nodes < end_m - tol.MIN_STEP_M)])
-    nodes = np.concatenate(([start_m], nodes, [end_m]))
-    nodes = nodes[np.concatenate(([True], np.diff(nodes) > tol.MIN_STEP_M))]
-    usual_m = float(np.clip((end_m - start_m) / tol.STEPS_OF_A_SECTION, tol.SHORTEST_MAX_STEP_M, tol.MAX_STEP_M))
-    step_m = usual_m if longest_m is None else min(longest_m, usual_m)
-    return _subdivide(nodes, np.ceil(np.diff(nodes) / step_m - 1e-9).astype(np.int64))
-
-
-def _subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:
-    """Split interval i of `nodes` into `counts[i]` equal parts."""
-    index = np.repeat(np.arange(len(counts)), counts)
-    part = np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)
-    inner = nodes[index] + np.diff(nodes)[index] * part / counts[index]
-    return np.append(inner, nodes[-1])
 
 
 def _slope_change(route: Route, node_m: Floats, length_m: float) -> Floats:
