@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ class Section(LineProfile):
     The arrays of the line's profile are those on the integration nodes. `envelope_mps` (per node) is the fastest speed
     from which everything ahead can be kept, and `floor_mps` the slowest from which the end speed can still be reached
     (mostly 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the decision nodes among the
-    integration nodes; `has_asked_steps` says that they are nearer together than the solver's settings have them.
+    integration nodes.
     """
 
     route: Route
@@ -101,7 +101,6 @@ class Section(LineProfile):
     floor_mps: Floats
     envelope_mps: Floats
     decision: NDArray[np.int64]
-    has_asked_steps: bool
     train: TrainParams
 
     @property
@@ -117,7 +116,10 @@ class Section(LineProfile):
     @property
     def asked_decision_m(self) -> Floats | None:
         """Positions of the decision nodes where they are not those of the solver's settings but were asked for."""
-        return self.node_m[self.decision] if self.has_asked_steps else None
+        ends = _Ends(self.start_m, self.end_m, self.start_speed_mps, self.end_speed_mps, self.train_length_m)
+        usual_m, _ = _decided(self.route, self.vehicle, self.train, ends)
+        # Shorter steps are more steps.
+        return None if len(self.decision) == len(usual_m) else self.node_m[self.decision]
 
     @cached_property
     def loss_params(self) -> LossParams:
@@ -213,18 +215,11 @@ def build_section(
     train = train_params(vehicle, brakes)
     length_m = 0.0 if options.point_mass else vehicle.train_length_m
 
-    fixed_m = fixed_nodes(route, (start_m, end_m), length_m)
-    even_m = even_nodes(fixed_m)
-    speeds = (options.start_speed_mps, options.end_speed_mps)
-    _, _, fastest = _bounding_speeds(route, LineProfile.on(route, vehicle, even_m, length_m), train, *speeds)
-    usual_m = decision_m = decision_nodes(route, fixed_m, even_m, fastest)
-    if options.longest_step_m is not None:
-        decision_m = decision_nodes(route, fixed_m, even_m, fastest, options.longest_step_m)
-    counts = _substep_counts(
-        decision_m, np.interp(decision_m, even_m, fastest), _slope_change(route, decision_m, length_m)
-    )
+    ends = _Ends(start_m, end_m, options.start_speed_mps, options.end_speed_mps, length_m)
+    decision_m, fastest = _decided(route, vehicle, train, ends, options.longest_step_m)
+    counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
     fine = LineProfile.on(route, vehicle, subdivide(decision_m, counts), length_m)
-    floor, envelope, fastest = _bounding_speeds(route, fine, train, *speeds)
+    floor, envelope, fastest = _bounding_speeds(route, fine, train, ends)
     if isinstance(loss, LossMap):
         _check_coverage(loss, vehicle, float(envelope.max()))
     return Section(
@@ -240,9 +235,29 @@ def build_section(
         floor_mps=floor,
         envelope_mps=envelope,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
-        has_asked_steps=len(decision_m) > len(usual_m),
         train=train,
     )
+
+
+class _Ends(NamedTuple):
+    """Where a train enters and leaves a section (m), how fast (m/s), and how long the train is (m)."""
+
+    start_m: float
+    end_m: float
+    start_speed_mps: float
+    end_speed_mps: float
+    length_m: float
+
+
+def _decided(
+    route: Route, vehicle: Vehicle, train: TrainParams, ends: _Ends, asked_m: float | None = None
+) -> tuple[Floats, Floats]:
+    """Positions of the decision nodes (m), at most `asked_m` apart, and the speeds of the fastest run there (m/s)."""
+    fixed_m = fixed_nodes(route, (ends.start_m, ends.end_m), ends.length_m)
+    even_m = even_nodes(fixed_m)
+    _, _, fastest = _bounding_speeds(route, LineProfile.on(route, vehicle, even_m, ends.length_m), train, ends)
+    decision_m = decision_nodes(route, fixed_m, even_m, fastest, asked_m)
+    return decision_m, np.interp(decision_m, even_m, fastest)
 
 
 def _check_ends(route: Route, start_m: float, end_m: float) -> None:
@@ -303,10 +318,10 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Float
 
 
 def _bounding_speeds(
-    route: Route, profile: LineProfile, train: TrainParams, start_speed_mps: float, end_speed_mps: float
+    route: Route, profile: LineProfile, train: TrainParams, ends: _Ends
 ) -> tuple[Floats, Floats, Floats]:
     """Climbing floor, braking envelope and fastest run over a grid; InfeasibleError where one is impossible."""
-    line = profile.for_kernels
+    line, start_speed_mps, end_speed_mps = profile.for_kernels, ends.start_speed_mps, ends.end_speed_mps
     if end_speed_mps > profile.limit_mps[-1]:
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
     envelope, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train)

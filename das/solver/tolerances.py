@@ -11,8 +11,8 @@ from typing import Final
 
 
 @dataclass(frozen=True, kw_only=True)
-class GridSettings:
-    """The decision grid of a section: its nodes, its speeds, and the landings that are tried from each of them."""
+class StepSettings:
+    """How long a decision step may be (see `das.solver.decision_nodes`)."""
 
     step_s: float = 3.2
     """The fastest run takes at most this time (s) for a decision step where the line changes every `usual_apart_m`."""
@@ -32,6 +32,12 @@ class GridSettings:
     steps_of_a_section: int = 80
     """The longest step is the section's length over this number, within the two bounds above. On a section of 200 m,
     steps of 25 m cost 0.6 % of its energy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridSettings:
+    """The decision grid of a section: nodes by the stops, speeds, and the landings that are tried from each of them."""
+
     stop_offsets_m: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
     """A section has decision nodes at these distances (m) from both of its ends, where the speed changes fastest."""
     speed_steps: int = 160
@@ -114,6 +120,8 @@ class Tolerances:
 class SolverSettings:
     """All settings of the solver."""
 
+    steps: StepSettings = StepSettings()
+    """How long a decision step may be."""
     grid: GridSettings = GridSettings()
     """The decision grid and the steps of integration."""
     ladder: LadderSettings = LadderSettings()
@@ -127,14 +135,14 @@ class SolverSettings:
 settings: Final = SolverSettings()
 """The settings that the solver runs with."""
 
-STEP_S: Final = settings.grid.step_s
-USUAL_APART_M: Final = settings.grid.usual_apart_m
-DENSE_FACTOR: Final = settings.grid.dense_factor
-SPARSE_FACTOR: Final = settings.grid.sparse_factor
-STEEP_CHANGE_RATIO: Final = settings.grid.steep_change_ratio
-MAX_STEP_M: Final = settings.grid.max_step_m
-SHORTEST_MAX_STEP_M: Final = settings.grid.shortest_max_step_m
-STEPS_OF_A_SECTION: Final = settings.grid.steps_of_a_section
+STEP_S: Final = settings.steps.step_s
+USUAL_APART_M: Final = settings.steps.usual_apart_m
+DENSE_FACTOR: Final = settings.steps.dense_factor
+SPARSE_FACTOR: Final = settings.steps.sparse_factor
+STEEP_CHANGE_RATIO: Final = settings.steps.steep_change_ratio
+MAX_STEP_M: Final = settings.steps.max_step_m
+SHORTEST_MAX_STEP_M: Final = settings.steps.shortest_max_step_m
+STEPS_OF_A_SECTION: Final = settings.steps.steps_of_a_section
 STOP_OFFSETS_M: Final = settings.grid.stop_offsets_m
 SPEED_STEPS: Final = settings.grid.speed_steps
 SHORT_SPEED_STEPS: Final = settings.grid.short_speed_steps

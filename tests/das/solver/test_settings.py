@@ -12,13 +12,20 @@ from das.solver import tolerances as tol
 from das.solver.kernels.landings import LANDINGS
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
-from das.solver.tolerances import GridSettings, JourneySettings, LadderSettings, SolverSettings, Tolerances
+from das.solver.tolerances import (
+    GridSettings,
+    JourneySettings,
+    LadderSettings,
+    SolverSettings,
+    StepSettings,
+    Tolerances,
+)
 from das.table.hashes import hashes_of
 from tests.support.making import flat, make_route, make_train
 
 
 def test_defaults() -> None:
-    assert asdict(GridSettings()) == {
+    assert asdict(StepSettings()) == {
         "step_s": 3.2,
         "usual_apart_m": 1000.0,
         "dense_factor": 0.3,
@@ -27,6 +34,8 @@ def test_defaults() -> None:
         "max_step_m": 150.0,
         "shortest_max_step_m": 5.0,
         "steps_of_a_section": 80,
+    }
+    assert asdict(GridSettings()) == {
         "stop_offsets_m": (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0),
         "speed_steps": 160,
         "short_speed_steps": 320,
