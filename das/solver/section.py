@@ -1,8 +1,8 @@
 """A section: route × vehicle × level as arrays on the space grid, ready for the kernels.
 
-A section has two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, at most 100 m apart,
-finer at the stops). Between them the motion is integrated over the finer *integration nodes*, on which trajectories
-are given.
+A section has two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, and between them as line
+and speed ask, `das.solver.decision_nodes`). Between them the motion is integrated over the finer *integration nodes*,
+on which trajectories are given.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from das.domain.route import NEUTRAL, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
+from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes, subdivide
 from das.solver.kernels.envelope import braking_envelope, climbing_floor
 from das.solver.kernels.fastest import fastest_roll_out, fastest_run
 from das.solver.kernels.forces import mean_resistance
@@ -115,10 +116,10 @@ class Section(LineProfile):
     @property
     def asked_decision_m(self) -> Floats | None:
         """Positions of the decision nodes where they are not those of the solver's settings but were asked for."""
-        decision_m = self.node_m[self.decision]
-        usual_m = _decision_nodes(self.route, (self.start_m, self.end_m), self.train_length_m, None)
+        ends = _Ends(self.start_m, self.end_m, self.start_speed_mps, self.end_speed_mps, self.train_length_m)
+        usual_m, _ = _decided(self.route, self.vehicle, self.train, ends)
         # Shorter steps are more steps.
-        return None if len(decision_m) == len(usual_m) else decision_m
+        return None if len(self.decision) == len(usual_m) else self.node_m[self.decision]
 
     @cached_property
     def loss_params(self) -> LossParams:
@@ -214,13 +215,11 @@ def build_section(
     train = train_params(vehicle, brakes)
     length_m = 0.0 if options.point_mass else vehicle.train_length_m
 
-    decision_m = _decision_nodes(route, (start_m, end_m), length_m, options.longest_step_m)
-    coarse = LineProfile.on(route, vehicle, decision_m, length_m)
-    speeds = (options.start_speed_mps, options.end_speed_mps)
-    _, envelope, fastest = _bounding_speeds(route, coarse, train, *speeds)
+    ends = _Ends(start_m, end_m, options.start_speed_mps, options.end_speed_mps, length_m)
+    decision_m, fastest = _decided(route, vehicle, train, ends, options.longest_step_m)
     counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
-    fine = LineProfile.on(route, vehicle, _subdivide(decision_m, counts), length_m)
-    floor, envelope, fastest = _bounding_speeds(route, fine, train, *speeds)
+    fine = LineProfile.on(route, vehicle, subdivide(decision_m, counts), length_m)
+    floor, envelope, fastest = _bounding_speeds(route, fine, train, ends)
     if isinstance(loss, LossMap):
         _check_coverage(loss, vehicle, float(envelope.max()))
     return Section(
@@ -238,6 +237,27 @@ def build_section(
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         train=train,
     )
+
+
+class _Ends(NamedTuple):
+    """Where a train enters and leaves a section (m), how fast (m/s), and how long the train is (m)."""
+
+    start_m: float
+    end_m: float
+    start_speed_mps: float
+    end_speed_mps: float
+    length_m: float
+
+
+def _decided(
+    route: Route, vehicle: Vehicle, train: TrainParams, ends: _Ends, asked_m: float | None = None
+) -> tuple[Floats, Floats]:
+    """Positions of the decision nodes (m), at most `asked_m` apart, and the speeds of the fastest run there (m/s)."""
+    fixed_m = fixed_nodes(route, (ends.start_m, ends.end_m), ends.length_m)
+    even_m = even_nodes(fixed_m)
+    _, _, fastest = _bounding_speeds(route, LineProfile.on(route, vehicle, even_m, ends.length_m), train, ends)
+    decision_m = decision_nodes(route, fixed_m, even_m, fastest, asked_m)
+    return decision_m, np.interp(decision_m, even_m, fastest)
 
 
 def _check_ends(route: Route, start_m: float, end_m: float) -> None:
@@ -273,28 +293,6 @@ def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
     return Stretches(start_m=np.array(starts), value=np.array(values))
 
 
-def _decision_nodes(route: Route, ends_m: tuple[float, float], length_m: float, longest_m: float | None) -> Floats:
-    """Positions of the decision nodes between two ends, at most `longest_m` apart where that is given (m)."""
-    start_m, end_m = ends_m
-    breaks = route.breakpoints_m()
-    offsets = np.array([x for x in tol.STOP_OFFSETS_M if x < (end_m - start_m) / 2])
-    nodes = np.concatenate((breaks, breaks + length_m, start_m + offsets, end_m - offsets))
-    nodes = np.unique(nodes[(nodes > start_m + tol.MIN_STEP_M) & (nodes < end_m - tol.MIN_STEP_M)])
-    nodes = np.concatenate(([start_m], nodes, [end_m]))
-    nodes = nodes[np.concatenate(([True], np.diff(nodes) > tol.MIN_STEP_M))]
-    usual_m = float(np.clip((end_m - start_m) / tol.STEPS_OF_A_SECTION, tol.SHORTEST_MAX_STEP_M, tol.MAX_STEP_M))
-    step_m = usual_m if longest_m is None else min(longest_m, usual_m)
-    return _subdivide(nodes, np.ceil(np.diff(nodes) / step_m - 1e-9).astype(np.int64))
-
-
-def _subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:
-    """Split interval i of `nodes` into `counts[i]` equal parts."""
-    index = np.repeat(np.arange(len(counts)), counts)
-    part = np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)
-    inner = nodes[index] + np.diff(nodes)[index] * part / counts[index]
-    return np.append(inner, nodes[-1])
-
-
 def _slope_change(route: Route, node_m: Floats, length_m: float) -> Floats:
     """How much the gradient under the train changes over each interval (ratio); a point mass meets it at nodes."""
     if length_m == 0:
@@ -320,10 +318,10 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Float
 
 
 def _bounding_speeds(
-    route: Route, profile: LineProfile, train: TrainParams, start_speed_mps: float, end_speed_mps: float
+    route: Route, profile: LineProfile, train: TrainParams, ends: _Ends
 ) -> tuple[Floats, Floats, Floats]:
     """Climbing floor, braking envelope and fastest run over a grid; InfeasibleError where one is impossible."""
-    line = profile.for_kernels
+    line, start_speed_mps, end_speed_mps = profile.for_kernels, ends.start_speed_mps, ends.end_speed_mps
     if end_speed_mps > profile.limit_mps[-1]:
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
     envelope, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train)

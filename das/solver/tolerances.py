@@ -11,16 +11,33 @@ from typing import Final
 
 
 @dataclass(frozen=True, kw_only=True)
-class GridSettings:
-    """The decision grid of a section: its nodes, its speeds, and the landings that are tried from each of them."""
+class StepSettings:
+    """How long a decision step may be (see `das.solver.decision_nodes`)."""
 
-    max_step_m: float = 100.0
+    step_s: float = 3.2
+    """The fastest run takes at most this time (s) for a decision step where the line changes every `usual_apart_m`."""
+    usual_apart_m: float = 1000.0
+    """Changes of limit or gradient this far apart (m) are usual. With a distance d between changes, steps are longer or
+    shorter by the cube root of d over this, because changes that lie near each other ask for more switches."""
+    dense_factor: float = 0.3
+    """Where changes are dense, the steps are shortened to this ratio at most."""
+    sparse_factor: float = 1.5
+    """Where changes are sparse, the steps are lengthened to this ratio at most."""
+    steep_change_ratio: float = 0.01
+    """A change of gradient of at least this ratio counts as a change; it changes the acceleration by 0.1 m/s²."""
+    max_step_m: float = 150.0
     """The decision nodes of a long section are at most this far apart (m)."""
-    shortest_max_step_m: float = 25.0
-    """On a short section the longest step may shrink to this (m), but not further."""
+    shortest_max_step_m: float = 5.0
+    """On a short section, or for a slow train, the longest step may shrink to this (m), but not further."""
     steps_of_a_section: int = 80
-    """The longest step is the section's length over this number, within the two bounds above. On a metro section of
-    2 km, steps of 100 m would cost up to 1 % of its energy."""
+    """The longest step is the section's length over this number, within the two bounds above. On a section of 200 m,
+    steps of 25 m cost 0.6 % of its energy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridSettings:
+    """The decision grid of a section: nodes by the stops, speeds, and the landings that are tried from each of them."""
+
     stop_offsets_m: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
     """A section has decision nodes at these distances (m) from both of its ends, where the speed changes fastest."""
     speed_steps: int = 160
@@ -28,11 +45,11 @@ class GridSettings:
     short_speed_steps: int = 320
     """A decision node of a short section has this number of speed steps. The front of a short section is small, so that
     a finer grid is affordable."""
-    few_nodes: int = 200
+    few_nodes: int = 100
     """A section with at most this number of decision nodes is short in the sense of `short_speed_steps`."""
-    landings_effort: int = 17
+    landings_effort: int = 13
     """From each state this number of landing speeds between full electric brake and full traction is tried."""
-    landings_brake: int = 6
+    landings_brake: int = 4
     """From each state this number of landing speeds between the hardest brake and full electric brake is tried."""
     substep_speed_ratio: float = 0.005
     """Within a step of integration the speed of the fastest run changes by at most about this ratio."""
@@ -103,6 +120,8 @@ class Tolerances:
 class SolverSettings:
     """All settings of the solver."""
 
+    steps: StepSettings = StepSettings()
+    """How long a decision step may be."""
     grid: GridSettings = GridSettings()
     """The decision grid and the steps of integration."""
     ladder: LadderSettings = LadderSettings()
@@ -116,9 +135,14 @@ class SolverSettings:
 settings: Final = SolverSettings()
 """The settings that the solver runs with."""
 
-MAX_STEP_M: Final = settings.grid.max_step_m
-SHORTEST_MAX_STEP_M: Final = settings.grid.shortest_max_step_m
-STEPS_OF_A_SECTION: Final = settings.grid.steps_of_a_section
+STEP_S: Final = settings.steps.step_s
+USUAL_APART_M: Final = settings.steps.usual_apart_m
+DENSE_FACTOR: Final = settings.steps.dense_factor
+SPARSE_FACTOR: Final = settings.steps.sparse_factor
+STEEP_CHANGE_RATIO: Final = settings.steps.steep_change_ratio
+MAX_STEP_M: Final = settings.steps.max_step_m
+SHORTEST_MAX_STEP_M: Final = settings.steps.shortest_max_step_m
+STEPS_OF_A_SECTION: Final = settings.steps.steps_of_a_section
 STOP_OFFSETS_M: Final = settings.grid.stop_offsets_m
 SPEED_STEPS: Final = settings.grid.speed_steps
 SHORT_SPEED_STEPS: Final = settings.grid.short_speed_steps

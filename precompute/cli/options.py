@@ -31,7 +31,7 @@ MOST_PERCENT = 1e4
 FASTEST_END_MPS = 200.0
 LARGEST = 1e9
 """Upper bound of powers (kW), forces (kN) and speeds (km/h) on the command line."""
-SHORTEST_STEP_M, LONGEST_STEP_M = 5.0, 100.0
+SHORTEST_STEP_M, LONGEST_STEP_M = 5.0, 150.0
 """Decision steps that can be asked for (m)."""
 
 TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
@@ -90,7 +90,7 @@ class GridOptions:
             "--step",
             metavar="M",
             help="Decide at least every so many metres: 25 for dense limits, steep gradients, short sections "
-            "[default: an 80th of the section, 25 to 100 m].",
+            "[default: 3.2 s of the fastest run, by the line, at most 150 m].",
             show_default=False,
         ),
     ] = None

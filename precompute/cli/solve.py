@@ -41,7 +41,7 @@ def solve(
     A time below the least possible one gives the fastest run, and the column "fit" says "late". A time beyond that of
     the least-energy run gives the least-energy run, and "fit" says "early".
 
-    The solver's table decides once in up to 100 m. By default the optimal run is then refined on a finer grid, without
+    The solver's table decides once in up to 150 m. By default the optimal run is then refined on a finer grid, without
     arriving later.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)

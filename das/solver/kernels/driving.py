@@ -14,6 +14,7 @@ from das.solver.kernels.forces import (
     on_supply,
     traction_limit,
 )
+from das.solver.kernels.landings import landing_under
 
 _BRAKE_STEPS = 60
 _ROUNDING_W = 1e-9
@@ -110,6 +111,16 @@ def hurry(first, last, line, envelope, p, v):
     """From v[first] to integration node `last` as fast as train and envelope allow; False after a stall."""
     for i in range(first, last):
         if not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
+            return False
+    return True
+
+
+@kernel
+def coast(first, last, line, envelope, p, v):
+    """From v[first] to integration node `last` without force, but never above the envelope; False after a stall."""
+    for i in range(first, last):
+        landing = landing_under(0.0, v[i], line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i], p)
+        if landing <= 0.0 or not drive(i, i + 1, landing, p.friction_force_n, line, envelope, p, v):
             return False
     return True
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from das.compiling.kernels import kernel
 from das.solver.kernels.best_landing import best_landing
-from das.solver.kernels.driving import drive, hurry, trip_time
+from das.solver.kernels.driving import coast, drive, hurry, trip_time
 from das.solver.kernels.forces import on_supply
-from das.solver.kernels.landings import LANDINGS, landing_speed
+from das.solver.kernels.landings import LANDINGS, landing_speed, landing_under
 from das.solver.kernels.tuples import DecisionStep
 from das.solver.tolerances import CREEP_MPS
 
@@ -48,6 +48,11 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
         if landing >= full or creeping:
             # The decision step's full traction is a little rough: integrate it finely.
             moving = hurry(i0, i1, line, envelope, p, v)
+        elif landing == landing_under(0.0, v[i0], h, gh / h, qh / h, ahead.train):
+            # Held at one acceleration, the train would draw and feed back where the slope changes within the step.
+            moving = coast(i0, i1, line, envelope, p, v)
+            if not moving or v[i1] < floor[i1]:
+                moving = hurry(i0, i1, line, envelope, p, v)
         else:
             # A landing at or above full electric brake needs no friction brake: none shall slip in from rounding.
             electric = landing_speed(v[i0], h, -1.0, gh / h, qh / h, ahead.train)

@@ -220,7 +220,7 @@ def test_a_table_of_another_section_is_refused(folder: Path, other: str) -> None
 
 
 def test_a_table_of_another_solver_is_refused(folder: Path, section: Section, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tol, "MAX_STEP_M", 90.0)
+    monkeypatch.setattr(tol, "STEP_S", 2.9)
     with pytest.raises(TableError, match="other solver settings"):
         Table.open(folder).front(section)
 

@@ -288,7 +288,7 @@ REFUSED = {
     ),
     "steps too short": (
         ["front", "flat-6km", "re460-ic", "--step", "2"],
-        "--step 2: expected a step from 5 to 100 m",
+        "--step 2: expected a step from 5 to 150 m",
     ),
     "l3 without map": (
         ["solve", "flat-6km", "train.json", "--buffer", "7", "--level", "l3"],
