@@ -61,9 +61,6 @@ class BrakeShowingSettings:
     """The effort of a brake is shown for no smaller deceleration than this (m/s²)."""
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size."""
-    ahead_s: float = 8.0
-    """The effort of a brake along the braking curve is the mean that the curve asks for in this time: at the top of the
-    curve its slope is small for some metres, and a brake shown by it would soon be shown anew."""
     settled_s: float = 3.0
     """So near to the end of a brake to a lower speed its effort stands: the driver sees the speed himself."""
     band_ratio: float = 0.25

@@ -179,8 +179,7 @@ class Showing:
             return Instruction(mode=Mode.CRUISE, speed_mps=settings.brake.creep_mps)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        over_m = v_mps * settings.brake.ahead_s
-        curve_mps2 = schedule.needed_mps2(number, max(state.s_m, schedule.begin_m(number)), v_mps, over_m)
+        curve_mps2 = schedule.needed_mps2(number, max(state.s_m, schedule.begin_m(number)), v_mps)
         rate_mps2 = max(curve_mps2, settings.brake.least_mps2)
         ratio = self._brake_ratio(schedule, number, state, rate_mps2)
         return _brake(schedule.section, ratio, v_mps, target)

@@ -106,30 +106,21 @@ class Schedule:
         kind, share, _ = self.columns
         return bool(kind[number] == NotchKind.BRAKE and share[number] > 0.0)
 
-    def needed_mps2(self, number: int, s_m: float, v_mps: float, over_m: float = 0.0) -> float:
-        """The deceleration (m/s²) here of a train that keeps to a phase to brake from a state on.
-
-        Along the braking curve it is the mean over the next `over_m`, no further than to the end of the phase and no
-        less than to the next node: near the top of the curve its slope here says little of the brake.
-        """
+    def needed_mps2(self, number: int, s_m: float, v_mps: float) -> float:
+        """The deceleration (m/s²) here and now of a train that keeps to a phase to brake from a state on."""
         kind, share, target = self.columns
         if self.brakes_by_effort(number):
             train = self.section.train
             force_n = share[number] * electric_limit(v_mps, train) + self.section.resistance_n(s_m, v_mps)
             return float(force_n / train.inertial_mass_kg)
-        section, left_m, w = self.section, max(self.begin_m(number + 1) - s_m, 1.0), float(target[number]) ** 2
-        reach = v_mps**2 - w
-        interval = min(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, len(self.at) - 1)
-        before, after = section.envelope_mps[interval : interval + 2] ** 2
-        step_m = float(section.step_m[interval])
-        slope = (before - after) / step_m
-        curve = before - slope * (s_m - section.node_m[interval]) - w
-        if kind[number] != NotchKind.CURVE or curve <= 0:
-            return float(reach / (2.0 * left_m))
-        over_m = min(over_m, left_m)
-        if s_m + over_m > section.node_m[interval + 1]:
-            slope = (curve + w - np.interp(s_m + over_m, section.node_m, section.envelope_mps**2)) / over_m
-        return float(reach / curve * max(slope, 0.0) / 2.0)
+        reach = v_mps**2 - target[number] ** 2
+        interval = min(int(np.searchsorted(self.section.node_m, s_m, side="right")) - 1, len(self.at) - 1)
+        before, after = self.section.envelope_mps[interval : interval + 2] ** 2
+        step_m = float(self.section.step_m[interval])
+        curve = before + (after - before) * (s_m - self.section.node_m[interval]) / step_m - target[number] ** 2
+        if kind[number] == NotchKind.CURVE and curve > 0:
+            return float(reach / curve * max(before - after, 0.0) / (2.0 * step_m))
+        return float(reach / (2.0 * max(self.begin_m(number + 1) - s_m, 1.0)))
 
     def begin_m(self, number: int) -> float:
         """Where a phase begins (m); beyond the last one: the end of the section."""

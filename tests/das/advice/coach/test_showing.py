@@ -134,25 +134,6 @@ def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(d
     assert display.at(100.0, 2000.0, TOP_MPS - 5.5 * KMH).now.mode is Mode.REDUCED_TRACTION
 
 
-def test_a_brake_along_the_curve_is_shown_with_what_the_curve_asks_for_on_the_way() -> None:
-    """Over the whole brake that is one deceleration; at the top of the curve its slope alone is smaller."""
-    line = section_of(BUNDLED[2])
-    last = len(line.step_m)
-    first = int(np.flatnonzero(np.diff(line.envelope_mps) >= 0.0)[-1]) + 1
-    node_m, speeds = line.node_m, line.envelope_mps
-    phases = (
-        Phase(NotchKind.HOLD, 0.0, 0, float(speeds[first])),
-        Phase(NotchKind.BRAKE, 0.0, first, float(speeds[-1])),
-    )
-    schedule = Schedule(section=line, phases=phases, known=known_run(line, speeds), back_share=0.7)
-    begin_m, v_mps, way_m = float(node_m[first]), float(speeds[first]), float(node_m[last] - node_m[first])
-    whole = schedule.needed_mps2(1, begin_m, v_mps, way_m)
-    assert whole == pytest.approx((v_mps**2 - speeds[-1] ** 2) / (2.0 * way_m), rel=1e-9)
-    here = (speeds[first] ** 2 - speeds[first + 1] ** 2) / (2.0 * line.step_m[first])
-    assert schedule.needed_mps2(1, begin_m, v_mps) == pytest.approx(here, rel=1e-9)
-    assert schedule.needed_mps2(1, begin_m, v_mps, 10 * way_m) == whole
-
-
 def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
     """From holding to traction after 8 s, and from traction to coasting after 8 s more."""
     assert display.at(0.0, 2000.0, TOP_MPS).now.mode is Mode.CRUISE
