@@ -19,6 +19,7 @@ from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.calm.calm import CalmFront
 from das.solver.calm.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
+from das.solver.state import State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,6 +149,9 @@ class Keeper:
             cause = self._doubt(kept, state, goal) if doubted and kept else must
             if cause is ReplanCause.NONE:
                 return kept
+            if doubted and cause is ReplanCause.LATE and kept and not self._can_be_earlier(kept, state):
+                self._doubted_ns = state.now_ns
+                return kept
             self._asked = self._ask(cause, state, goal, doubted=doubted)
         if not self._asked.answer.done():
             return kept
@@ -227,6 +231,12 @@ class Keeper:
             return ReplanCause.EARLY
         known = kept.reference.schedule.speed_at(state.s_m)
         return ReplanCause.ENERGY if abs(state.v_mps - known) > keeping.astray_mps else ReplanCause.NONE
+
+    def _can_be_earlier(self, kept: Kept, state: TrainState) -> bool:
+        """Whether the fastest run gains enough over the reference; else no reference does, and none need be made."""
+        assert self._front is not None
+        fastest_s = State.at(self._front.section, state.s_m, state.v_mps).fastest().time_s
+        return kept.forecast.time_s - fastest_s > self._settings.keeping.least_gain_s
 
     def _misses_window(self, kept: Kept, state: TrainState, goal: Goal) -> bool:
         """Whether the train that keeps the reference passes the point ahead outside its window."""

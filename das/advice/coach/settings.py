@@ -37,7 +37,7 @@ class KeepingSettings:
     """A new reference to save energy must save what the train's full power needs in this time (0.14 kWh of 6 MW)."""
     astray_mps: float = 1.5
     """Whether keeping the reference costs energy is asked while the train is further than this from its speed."""
-    asked_every_s: float = 15.0
+    asked_every_s: float = 30.0
     """Whether another reference would be better is asked at most this often."""
     least_age_s: float = 20.0
     """A reference younger than this is given up only where the world has changed or it cannot be kept to."""
@@ -61,6 +61,8 @@ class BrakeShowingSettings:
     """The effort of a brake is shown for no smaller deceleration than this (m/s²)."""
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size."""
+    settled_s: float = 3.0
+    """So near to the end of a brake to a lower speed its effort stands: the driver sees the speed himself."""
     band_ratio: float = 0.25
     """The effort of the brake stands while the deceleration that is needed stays this near to the one it gives."""
 
@@ -73,10 +75,11 @@ class ShowingSettings:
     """Coasting is shown this much before it is due: about the time in which a driver reacts."""
     reached_mps: float = 0.5
     """A speed to be reached is reached from this much below it on."""
-    below_mps: float = 4.0 * KMH
-    """A train slower than the speed to hold by more than this is told to accelerate back to it,"""
-    worth_accelerating_s: float = 15.0
-    """unless the next instruction is nearer than this."""
+    below_mps: float = 5.0 * KMH
+    """A train slower than the speed to hold by more than this is told to accelerate back to it: a driver who keeps
+    2 km/h below a limit, and wanders by as much, is left to himself."""
+    worth_accelerating_s: float = 30.0
+    """Nor is a train told to accelerate back to it when the next instruction is nearer than this."""
     above_mps: float = 4.0 * KMH
     """A train faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0

@@ -16,6 +16,7 @@ from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.planner import TrainState
 from das.domain.units import NS
 from das.solver.calm.notches import NotchKind
+from das.solver.calm.phases import Phase
 from das.solver.calm.schedule import Schedule
 from das.solver.kernels.forces import electric_limit, traction_limit
 from das.solver.section import Section
@@ -63,6 +64,7 @@ class Showing:
         self._settings = settings
         self._schedule: Schedule | None = None
         self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
+        self._reached_mps = 0.0
         self._brakes: dict[int, _Brake] = {}
         self._coming: dict[int, Instruction] = {}
         self._shown, self._since_ns = Instruction(), 0
@@ -76,9 +78,10 @@ class Showing:
         schedule = kept.reference.schedule
         if schedule is not self._schedule:
             self._schedule, self._number, self._back, self._brakes, self._coming = schedule, 0, 0, {}, {}
+            self._reached_mps = 0.0
         number = self._number_for(schedule, state)
         if number != self._number:
-            self._back = 0
+            self._back, self._reached_mps = 0, 0.0
         self._number = number
         times_s, at_m = elapsed_s(schedule, kept.forecast, state.s_m)
         begins_m = [schedule.begin_m(k) for k in range(number + 1, number + 2 + FOLLOWING)]
@@ -115,7 +118,7 @@ class Showing:
             wanted = self._braking(schedule, number, state, target)
         elif one.kind is NotchKind.COAST:
             wanted = Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        elif one.kind is NotchKind.TRACTION and v_mps < target - self._settings.reached_mps:
+        elif self._accelerates(one, v_mps, target):
             self._share = one.share
             wanted = _traction(one.share, target)
         else:
@@ -129,6 +132,15 @@ class Showing:
                 return Instruction(mode=Mode.FULL_BRAKE, speed_mps=goal, effort_ratio=-1.0)
             return Instruction(mode=Mode.COAST, speed_mps=goal, effort_ratio=0.0)
         return wanted
+
+    def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
+        """Whether the train is still to accelerate to the speed of a phase: once it is reached it is held."""
+        if one.kind is not NotchKind.TRACTION or target <= self._reached_mps + SAME_MPS:
+            return False
+        if v_mps < target - self._settings.reached_mps:
+            return True
+        self._reached_mps = target
+        return False
 
     def _holding(self, schedule: Schedule, state: TrainState, target: float) -> Instruction:
         """Hold a speed; a train that is far from it goes back to it first."""
@@ -177,6 +189,9 @@ class Showing:
         kept = self._brakes.get(number)
         section, step = schedule.section, self._settings.brake.step_ratio
         if kept is not None and abs(needed_mps2 / kept.rate_mps2 - 1.0) < self._settings.brake.band_ratio:
+            return kept.ratio
+        left_m, slows = schedule.begin_m(number + 1) - state.s_m, schedule.phases[number].target_mps > SAME_MPS
+        if kept is not None and slows and left_m < state.v_mps * self._settings.brake.settled_s:
             return kept.ratio
         force = braking_force_n(section, needed_mps2, state.s_m, state.v_mps)
         most = 1.0 + section.train.friction_force_n / largest_brake_n(section)

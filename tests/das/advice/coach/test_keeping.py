@@ -143,11 +143,13 @@ def test_a_young_reference_is_not_doubted() -> None:
     assert kept.reference.replan.time_ns == ns(5)
 
 
-def test_another_reference_is_looked_for_no_more_often_than_stated() -> None:
-    """A train that is hopelessly late: no reference gains a second, and none is made."""
-    keeper, goal = keeper_of(LINE), goal_of(LINE, -0.2)
+def test_for_a_train_that_cannot_be_earlier_no_other_reference_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A train that is hopelessly late: the fastest run gains no second, so that no reference does."""
+    keeper, goal, asked = keeper_of(LINE), goal_of(LINE, -0.2), []
     _, train = started(keeper, LINE, goal)
+    monkeypatch.setattr("das.advice.coach.keeping.planned", lambda *args: asked.append(args))
     assert not driven(keeper, train, goal, range(6, 200))
+    assert not asked
 
 
 @pytest.mark.parametrize("by_s", [-40.0, 60.0])

@@ -118,11 +118,20 @@ def test_holding_does_not_flutter_within_the_band(display: Shown) -> None:
 
 def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: Shown) -> None:
     """Below: traction up to half a m/s under it. Above: coasting down to it. Not only to the edge of the band."""
-    slow = [TOP_MPS + by * KMH for by in (0.0, -4.5, -3.0, -2.2, -1.0, -3.0)]
+    slow = [TOP_MPS + by * KMH for by in (0.0, -5.5, -3.0, -2.2, -1.0, -3.0)]
     assert display.modes(slow, 2000.0) == [Mode.CRUISE, *[Mode.REDUCED_TRACTION] * 3, Mode.CRUISE, Mode.CRUISE]
     display.showing.forget()
     fast = [TOP_MPS + by * KMH for by in (0.0, 4.5, 3.0, 1.5, 0.5, 3.0)]
     assert display.modes(fast, 2000.0) == [Mode.CRUISE, *[Mode.COAST] * 3, Mode.CRUISE, Mode.CRUISE]
+
+
+def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(display: Shown) -> None:
+    """The phase accelerates up to 1000 m; the train is at its speed at 900 m, and then wanders below it."""
+    by_kmh = (-20.0, -1.0, -2.5, -4.5, -2.5, -4.5, -5.5)
+    speeds = [TOP_MPS + by * KMH for by in by_kmh]
+    held = [Mode.CRUISE] * 5
+    assert display.modes(speeds, 900.0) == [Mode.REDUCED_TRACTION, *held, Mode.CRUISE]
+    assert display.at(100.0, 2000.0, TOP_MPS - 5.5 * KMH).now.mode is Mode.REDUCED_TRACTION
 
 
 def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
@@ -269,5 +278,5 @@ def test_the_force_of_the_reference_brakes_along_the_curve_and_is_else_that_of_w
 
 
 def test_the_settings_are_those_that_this_file_counts_with() -> None:
-    assert (SETTINGS.least_shown_s, SETTINGS.above_mps, SETTINGS.below_mps) == (8.0, 4 * KMH, 4 * KMH)
+    assert (SETTINGS.least_shown_s, SETTINGS.above_mps, SETTINGS.below_mps) == (8.0, 4 * KMH, 5 * KMH)
     assert DEFAULT.showing == SETTINGS
