@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from das.solver.refinement import SETTINGS, Refinement, RefinementSettings, TubeRun, is_fastest, never
+from das.solver.refinement import SETTINGS, Refinement, RefinementSettings, TubeRun, is_fastest, never, refined
 from das.solver.solution import Fit, Solution
 
-QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1)
+QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1, blend_loss_ratio=1e-5)
 """A third of the passes of a single run: leaves 0.001 % in the mean, 0.05 % where best runs change their kind."""
-NARROW: Final = replace(SETTINGS, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3, most_rounds=1)
+NARROW: Final = replace(QUICK, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3)
 """Three passes that begin where those of a single run have become narrow: enough for a blend of near neighbours."""
 
 
@@ -48,17 +48,20 @@ def refined_runs(
     """Solutions of one section from its start, each refined: never later and never with more energy than before.
 
     First the runs of the shortest and of the longest time are refined, then always the one in the middle of two that
-    are finished. `watch` is told the index of each run when it is finished. Once `is_over` says so, the runs that are
-    left are returned as they were given. `das.solver.refinement.refined` says the rest.
+    are finished; at last the run of least energy, whose time nobody asked for. `watch` is told the index of each run
+    when it is finished. Once `is_over` says so, the runs that are left are returned as they were given.
+    `das.solver.refinement.refined` says the rest.
     """
     found = list(given)
-    order = sorted((i for i, one in enumerate(given) if not is_fastest(one)), key=lambda i: given[i].time_s)
-    for i in set(range(len(given))) - set(order):
-        watch(i)
+    timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))
+    order = sorted(timed, key=lambda i: given[i].time_s)
     for place, before, behind in _in_order(len(order)):
         i = order[place]
         neighbours = (found[order[before]], found[order[behind]]) if before < place else None
         found[i] = _refined(given[i], neighbours, settings, is_over)
+        watch(i)
+    for i in sorted(set(range(len(given))) - set(order)):
+        found[i] = refined(given[i], settings.alone, is_over=is_over)
         watch(i)
     return found
 
@@ -82,13 +85,12 @@ def _in_order(count: int) -> list[tuple[int, int, int]]:
 def _refined(
     one: Solution, neighbours: tuple[Solution, Solution] | None, settings: ManySettings, is_over: Callable[[], bool]
 ) -> Solution:
-    if neighbours is not None and one.fit is Fit.ON_TIME:
+    if neighbours is not None:
         task = Refinement(one, settings.between)
         start = _blend(task, *neighbours, settings.tangent_ratio)
         if start is not None and not is_over():
             return task.settled(task.search.best(min(task.given, start, key=lambda run: run.energy_j), is_over))
-    task = Refinement(one, settings.alone)
-    return task.settled(task.search.best(task.given, is_over))
+    return refined(one, settings.alone, is_over=is_over)
 
 
 def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: float) -> TubeRun | None:

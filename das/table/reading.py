@@ -119,7 +119,7 @@ class Table:
             raise TableError(f"{self.folder}: {why_not(section, differing)}{also}")
 
     def trajectory(self, section: Section, buffer_percent: float | None) -> Trajectory:
-        """The stored trajectory of a buffer (%; None: the least energy) over the whole section, as it was solved.
+        """The stored trajectory of a buffer (%; None: the least energy) over the section, refined where the table is.
 
         Times and forces follow from the speeds, which are stored in full. Raises TableError where there is no such
         buffer, and as `front` does.

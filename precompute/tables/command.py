@@ -59,9 +59,9 @@ def build(
     was stopped goes on where it was. A section that fails is reported and does not stop the rest; the exit code is
     then 1. DIR/build.json says how each went.
 
-    By default the trajectories of a table are refined: 2 to 5 s a section, where solving takes half a second. The
-    policies, which are all that a node uses, are not. SECONDS are those of a section; tables may then differ from one
-    build to the next.
+    By default the trajectories of a table are refined, which takes 2 to 3 s a section, where solving takes half a
+    second. The policies, which are all that a node uses, are not. SECONDS are those of a section; tables may then
+    differ from one build to the next.
     """
     if workers is not None and scheduler is not None:
         raise DasError("give either --workers or --scheduler: a cluster has its own workers")

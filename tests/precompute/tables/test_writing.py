@@ -26,6 +26,7 @@ from precompute.tables.writing import (
     LONGEST_BUFFER_RATIO,
     NOT_PROVEN,
     SHORTEST_BUFFER_RATIO,
+    TableSettings,
     make_table,
     table_ladder,
     write_table,
@@ -137,7 +138,7 @@ def test_a_31_km_section_fits_into_15_mb() -> None:
     """With the 41 trajectories and the least-energy run that a table holds by default."""
     route = load_route(str(track_path("CH_Fribourg_Bern")))
     vehicle = load_vehicle(str(train_path("CH_Stadler_FLIRT_TPF")))
-    files = make_table(build_section(route, vehicle), threads=2)
+    files = make_table(build_section(route, vehicle), TableSettings(refine_s=0.0, proven=0), threads=2)
     manifest = json.loads(files["manifest.json"])
     assert len(manifest["trajectories"]) == 42
     assert all(run["feasible"] for run in manifest["trajectories"])
