@@ -99,7 +99,7 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(tmp_path: Path) -> Non
     ]
     notes = group_notes(design)
     assert notes[0].startswith("presentation: each participant meets one level, so that groups of 2 are compared")
-    assert [note[:24] for note in notes[1:]] == ["groups of 2: below 6 in ", "the groups meet differen"]
+    assert [note[:24] for note in notes[1:]] == ["groups of 2: with fewer ", "the groups meet differen"]
 
 
 def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(tmp_path: Path) -> None:
