@@ -115,7 +115,7 @@ def check_design(design: Design, clock: Callable[[], float] = time.perf_counter)
         participants=design.people.count,
         person_s=max(spans_s),
         all_s=sum(spans_s),
-        notes=(*imbalances(design, trials), *_order_notes(design), *_group_notes(design)),
+        notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design)),
         sensed=sensed,
         work_s=_work_s(test, trials, lengths_s),
     )
@@ -165,7 +165,7 @@ def _order_notes(design: Design) -> list[str]:
     return []
 
 
-def _group_notes(design: Design) -> list[str]:
+def group_notes(design: Design) -> list[str]:
     """What is to be said of factors between participants."""
     between = [factor for factor in design.factors if not factor.within]
     if not between:

@@ -7,8 +7,9 @@ of `das-sim experiment analyse`. The result is a table of docs/explanation/exper
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,7 +18,7 @@ import numpy as np
 
 from sim.experiment.analysis.pairs import PairedTrials, paired_trials
 from sim.experiment.analysis.plan import PlannedDifference
-from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PowerQuestion, of_pilot, power_of, share_interval
+from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PilotDifferences, PowerQuestion, power_of, share_interval
 from sim.experiment.analysis.reading import Floats, RunStudy, read_study
 from sim.experiment.analysis.resampling import probabilities_at_once, weights
 from sim.experiment.design import read_design
@@ -33,13 +34,15 @@ USUAL_RATIO: Final = 0.40
 PLANTED_RATIO: Final = 0.475
 """With this share the gap is about 1 point larger; the table has what it came to."""
 LABELS: Final = {"advice": USUAL_RATIO, "same-advice": USUAL_RATIO, "planted": PLANTED_RATIO}
-POOL: Final = 240
-"""Participants from whom studies are drawn."""
-PILOT: Final = 120
-"""Participants, others than those of the pool, from whom the power is predicted."""
-FIRST_OF_PILOT: Final = 100_001
+DRIVERS: Final = {1: 240, 100_001: 120}
+"""Participants who drive: first number in the population, and how many from there on."""
 STUDIES: Final = 2000
 SIZES: Final = (24, 48, 76)
+SPLITS: Final = 40
+"""How often the participants are divided by chance into those of a pilot and those of studies."""
+STUDIES_OF_SPLIT: Final = 1000
+NEAR: Final = 0.07
+"""A prediction of power is near if it is off by no more than this."""
 ALPHA: Final = 0.05
 RUNS: Final = Path("recordings") / "runs" / "known-truth"
 """Where the drives are kept: a table that was stopped goes on from there."""
@@ -53,29 +56,65 @@ class Share:
     interval: tuple[float, float]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Predictions:
+    """Power predicted from a half of the drivers, and the share of studies of the other half that find the effect."""
+
+    predicted: Floats
+    found: Floats
+
+    @property
+    def off(self) -> Floats:
+        """By how much each prediction was off."""
+        return np.asarray(np.abs(self.predicted - self.found))
+
+
 def known_truth_table(folder: Path = RUNS) -> Iterator[str]:
     """The lines of the table, in Markdown; drives what is not driven yet, which takes about 15 min of one core."""
-    pool = driven(folder / "pool", POOL, first=1)
-    pilot = driven(folder / "pilot", PILOT, first=FIRST_OF_PILOT)
-    yield f"| question | drivers in a study | found in {STUDIES} studies | expected |"
-    yield "|---|---:|---:|---:|"
-    same = compared(pool, "same-advice")
+    studies = [driven(folder / str(first), count, first) for first, count in DRIVERS.items()]
+    same, planted = (differences(studies, label) for label in ("same-advice", "planted"))
+    yield "| question | drivers in a study | studies that find a difference | expected | predictions within ±7 points |"
+    yield "|---|---:|---:|---:|---:|"
     for size in SIZES:
-        share = share_without(same, size)
-        yield f"| identical advice under two labels | {size} | {in_words(share)} | 5 % |"
-    planted, known = compared(pool, "planted"), of_pilot(compared(pilot, "planted"), None)
-    points = 100.0 * float(planted.differences.mean())
+        yield f"| identical advice under two labels | {size} | {in_words(share_without(same, size))} | 5 % | |"
+    points = 100.0 * planted.mean()
     for size in SIZES:
-        question = PowerQuestion(effect=points / 100.0, alpha=ALPHA, source=known)
-        share = share_with(planted, size)
-        expected = f"{100 * power_of(question, size).power:.1f} %"
-        yield f"| a planted effect of {points:.2f} points | {size} | {in_words(share)} | {expected} |"
-    spread = [100.0 * float(compared(one, "planted").differences.std(ddof=1)) for one in (pool, pilot)]
+        one = predictions(planted, size)
+        found, expected = (f"{100 * values.mean():.1f} %" for values in (one.found, one.predicted))
+        near = f"{100 * np.mean(one.off <= NEAR):.0f} %, the farthest off by {100 * one.off.max():.0f} points"
+        yield f"| a planted effect of {points:.2f} points | {size} | {found} | {expected} | {near} |"
     yield ""
     yield (
-        f"Differences of single drivers have a standard deviation of {spread[0]:.2f} points in the pool and of "
-        f"{spread[1]:.2f} points in the pilot."
+        f"The differences of single drivers have a standard deviation of {100 * planted.std(ddof=1):.1f} points; the "
+        f"farthest tenth of them are {100 * np.quantile(np.abs(planted - planted.mean()), 0.9):.1f} to "
+        f"{100 * np.abs(planted - planted.mean()).max():.1f} points from the mean."
     )
+
+
+def differences(studies: Sequence[RunStudy], label: str) -> Floats:
+    """The difference of each driver's two drives, with a label and with the usual advice, (drivers,)."""
+    pairs = [compared(study, label) for study in studies]
+    return np.concatenate([one.by_participant(one.differences) for one in pairs])
+
+
+def predictions(values: Floats, size: int, splits: int = SPLITS) -> Predictions:
+    """Divide the drivers (n,) by chance again and again: power is predicted from one half, studies are of the other.
+
+    The effect that the prediction is for is the mean of the half whose studies are drawn.
+    """
+    rng = np.random.default_rng([size, 3])
+    predicted, found = [], []
+    for split in range(splits):
+        mixed = rng.permutation(values)
+        pilot, rest = mixed[: len(values) // 2], mixed[len(values) // 2 :]
+        spread = (pilot - pilot.mean()) * math.sqrt(len(pilot) / (len(pilot) - 1))
+        source = PilotDifferences(between=spread, within=np.zeros(0), pairs=1)
+        question = PowerQuestion(
+            effect=float(rest.mean()), alpha=ALPHA, source=source, seed=split, studies=STUDIES_OF_SPLIT
+        )
+        predicted.append(power_of(question, size).power)
+        found.append(_share(rest, size, STUDIES_OF_SPLIT, rng, swapped=False).found)
+    return Predictions(predicted=np.array(predicted), found=np.array(found))
 
 
 def in_words(share: Share) -> str:
@@ -121,28 +160,21 @@ def compared(study: RunStudy, label: str) -> PairedTrials:
     return paired_trials(study, PlannedDifference(name=label, measure=MEASURE, factor="scenario", a=a, b=b))
 
 
-def share_without(pairs: PairedTrials, size: int, studies: int = STUDIES) -> Share:
+def share_without(values: Floats, size: int, studies: int = STUDIES) -> Share:
     """The share of studies that find a difference where there is none; studies are drawn with replacement.
 
-    Which of a participant's two drives has which label is drawn for every study, because the labels mean nothing.
+    Which of a driver's two drives has which label is drawn for every study, because the labels mean nothing.
     """
-    rng = np.random.default_rng([size, 1])
-    return _share(pairs, size, studies, rng, swapped=True)
+    return _share(values, size, studies, np.random.default_rng([size, 1]), swapped=True)
 
 
-def share_with(pairs: PairedTrials, size: int, studies: int = STUDIES) -> Share:
-    """The share of studies that find the difference of the pool; studies are drawn with replacement."""
-    return _share(pairs, size, studies, np.random.default_rng([size, 2]), swapped=False)
-
-
-def _share(pairs: PairedTrials, size: int, studies: int, rng: np.random.Generator, *, swapped: bool) -> Share:
-    differences: Floats = pairs.by_participant(pairs.differences)
+def _share(values: Floats, size: int, studies: int, rng: np.random.Generator, *, swapped: bool) -> Share:
     drawn = weights(size, RESAMPLES, rng)
     found = 0
     for start in range(0, studies, AT_ONCE):
         count = min(AT_ONCE, studies - start)
-        values = differences[rng.integers(0, len(differences), (count, size))]
+        chosen = values[rng.integers(0, len(values), (count, size))]
         if swapped:
-            values = values * rng.choice((-1.0, 1.0), values.shape)
-        found += int(np.sum(probabilities_at_once(values, drawn) < ALPHA))
+            chosen = chosen * rng.choice((-1.0, 1.0), chosen.shape)
+        found += int(np.sum(probabilities_at_once(chosen, drawn) < ALPHA))
     return Share(found=found / studies, interval=share_interval(found, studies))

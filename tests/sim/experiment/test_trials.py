@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
+from sim.experiment.checking import group_notes
 from sim.experiment.design import ConditionOrder, read_design
 from sim.experiment.jobs import Keep, in_order_of_work, jobs_of
 from sim.experiment.orders import order_of, williams
@@ -96,6 +97,9 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(tmp_path: Path) -> Non
         "3 orders in each group, expected a multiple of 6 for order williams",
         "conditions have between 2 and 3 trials",
     ]
+    notes = group_notes(design)
+    assert notes[0].startswith("presentation: each participant meets one level, so that groups of 2 are compared")
+    assert [note[:24] for note in notes[1:]] == ["groups of 2: with fewer ", "the groups meet differen"]
 
 
 def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(tmp_path: Path) -> None:
