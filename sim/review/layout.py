@@ -59,7 +59,7 @@ KNOWN: Final = (
 )
 ALWAYS: Final = {"lost", "energy"}
 """Views that are there from the beginning, because what they show comes when it is found."""
-LANE_SHARE: Final = 0.42
+LANE_SHARE: Final = 0.6
 """Each lane adds this much to the share of its view in the height."""
 
 
