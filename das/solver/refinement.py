@@ -1,6 +1,6 @@
 """Refinement: a run of the table is improved in a narrow tube around it, at the same arrival time.
 
-The table decides once in up to 100 m and between some two hundred speeds. A run that it gives is near the optimum of
+The table decides once in up to 150 m and between some two hundred speeds. A run that it gives is near the optimum of
 the section, but not on it. `refined` lays a few lines beside the run, finds the best run between them by a dynamic
 program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around that, and so on.
 The price of time is chosen anew in every pass, so that the train arrives when it did.
