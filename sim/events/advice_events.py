@@ -12,7 +12,7 @@ import numpy as np
 from das.advice.advice import Source
 from das.advice.cause import Cause
 from das.advice.modes import Mode, mode_name
-from das.bus import topics
+from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
 from sim.events.event import DriveEvent, EventKind
@@ -91,16 +91,19 @@ def _off_plan(before: Any, plan: Any, trip: DrivenCourse) -> str:
 
 
 def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """Every change of the advised mode, with its cause: the plan goes on, a new plan, advice given again."""
+    """Every change of the advised mode, as the display showed it, with its cause: the plan goes on, a new plan, advice
+    given again. A driver who was shown no mode has the changes of the speed profile's.
+    """
     plans = new_plans(recording, trip)
     made = [one.time_ns for one in plans]
+    display = _display(recording)
     before, since_ns, replanned_ns = Mode.NONE, 0, 0
     for entry in recording.of(topics.ADVICE):
         advice = entry.message
-        mode = _mode(advice.mode)
-        if mode is before or not trip.time_ns[0] <= advice.time_ns <= trip.time_ns[-1]:
+        told = _told(advice, display)
+        if told.mode is before or not trip.time_ns[0] <= advice.time_ns <= trip.time_ns[-1]:
             continue
-        if mode is not Mode.NONE:
+        if told.mode is not Mode.NONE:
             last = bisect_right(made, advice.time_ns) - 1
             new = last >= 0 and made[last] > since_ns
             cause = f"new plan: {plans[last].cause}" if new else "the plan goes on"
@@ -109,27 +112,50 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
                 replanned_ns = advice.coach.replan.time_ns
             if before is Mode.NONE:
                 cause = "advice is given again" if since_ns else "the first advice"
-            yield _changed(advice, before, mode, cause)
-        before, since_ns = mode, int(advice.time_ns)
+            yield _changed(advice, before, told, cause)
+        before, since_ns = told.mode, int(advice.time_ns)
+
+
+def _display(recording: Recording) -> int:
+    """The presentation that the cab showed first, as its number on the bus; 0 where nothing was shown or recorded."""
+    cab = (entry.message.presentation for entry in recording.of(topics.CAB))
+    return next((int(one) for one in cab if one != das_pb2.Cab.PRESENTATION_NONE), 0)
+
+
+class _Told(NamedTuple):
+    """What a display shows of an advice: a mode, the speed to hold (m/s), and why in the coach's words."""
+
+    mode: Mode
+    speed_mps: float
+    reason: str
+
+
+def _told(advice: Any, display: int) -> _Told:
+    if display == das_pb2.Cab.PRESENTATION_COACH and advice.HasField("coach"):
+        now = advice.coach.now
+        return _Told(_mode(now.mode), float(now.speed_mps), str(advice.coach.reason))
+    mode = advice.four_mode if display == das_pb2.Cab.PRESENTATION_FOUR_MODE else advice.mode
+    return _Told(_mode(mode), float(advice.advised_speed_mps), "")
 
 
 def _mode(number: int) -> Mode:
     return Mode(number) if number in set(Mode) else Mode.NONE
 
 
-def _changed(advice: Any, before: Mode, mode: Mode, cause: str) -> DriveEvent:
-    held = f" at {kmh(advice.advised_speed_mps):.0f} km/h" if mode is Mode.CRUISE else ""
+def _changed(advice: Any, before: Mode, told: _Told, cause: str) -> DriveEvent:
+    held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Mode.CRUISE else ""
+    why = f"{told.reason} ({cause})" if told.reason else cause
     return DriveEvent(
         time_ns=int(advice.time_ns),
         kind=EventKind.ADVICE,
-        text=f"{mode_name(mode)}{held}: {cause}",
+        text=f"{mode_name(told.mode)}{held}: {why}",
         s_m=float(advice.s_m),
         facts={
-            "mode": mode_name(mode),
+            "mode": mode_name(told.mode),
             "mode_before": mode_name(before),
             "cause": cause,
-            "reason": str(advice.reason),
-            "advised_speed_mps": float(advice.advised_speed_mps),
+            "reason": told.reason or str(advice.reason),
+            "advised_speed_mps": told.speed_mps,
             "predicted_deviation_s": float(advice.predicted_deviation_s),
         },
     )
