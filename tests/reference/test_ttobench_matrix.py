@@ -38,8 +38,8 @@ PUBLISHED_RATIO = 2e-3
 """The published figures hold to this."""
 STEP_M = 10.0
 """Of the independent check whether a section can be driven at all."""
-NEAR_M = 150.0
-"""A place that is named is as near to the true one: a decision step, and what these steps are rougher."""
+NEAR_M = 200.0
+"""A place that is named is as near to the true one: a decision step of up to 150 m, and what these steps are rougher."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -29,7 +30,7 @@ from das.solver.state import State
 HALVINGS = 12
 """The speed with which a point is passed in time is found by halving an interval so many times."""
 NEAR_S, LATER_TRIES = 0.1, 3
-"""A point passed too early by more than this (s) is aimed at so much later, so many times."""
+"""A point passed too early or too late by more than this (s) is aimed at so much later or earlier, so many times."""
 RUN_UPS_M = (0.0, 800.0, 2000.0)
 """A train that was slow for a point may accelerate from this far before it on."""
 SLOWEST_MPS = 2.0
@@ -249,18 +250,38 @@ def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int,
 
 
 def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """The slowest run of the ladder that passes the point in time (or the quickest), then what the time asks for."""
+    """The slowest run of the ladder whose schedule passes the point in time, then what the time asks for.
+
+    A schedule has fewer changes than its run and is slower to the point: then a quicker run is taken. Where none is in
+    time it is the schedule that is least late.
+    """
     assert wanted.point_m is not None
     assert wanted.latest_s is not None
     state = State.at(front.section, wanted.s_m, wanted.v_mps)
+    aim_s, best, best_s = wanted.latest_s, None, math.inf
+    for _ in range(LATER_TRIES):
+        number = _slowest_by(front, state, wanted.point_m, aim_s)
+        made = schedule_in_time(front.roll_out(state, number, number, 0), 0.0, settings.schedule)
+        found = _with_rest(front, (made.schedule, made.forecast), wanted, settings, made.lambda_w)
+        late_s = passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m) - wanted.latest_s
+        if late_s < best_s:
+            best, best_s = found, late_s
+        if late_s <= NEAR_S or number == len(front.lambda_w) - 1:
+            break
+        aim_s -= late_s
+    assert best is not None
+    return best
+
+
+def _slowest_by(front: CalmFront, state: State, point_m: float, latest_s: float) -> int:
+    """The number of the slowest run of the ladder that passes a point by a time; of the quickest where none does."""
     slow, quick = -1, len(front.lambda_w) - 1
     while quick - slow > 1:
         middle = (slow + quick) // 2
         run = front.roll_out(state, middle, middle, 0)
-        at_s = float(np.interp(wanted.point_m, state.node_m, state.elapsed_s(run.speeds_mps)))
-        slow, quick = (slow, middle) if at_s <= wanted.latest_s else (middle, quick)
-    found = schedule_in_time(front.roll_out(state, quick, quick, 0), 0.0, settings.schedule)
-    return _with_rest(front, (found.schedule, found.forecast), wanted, settings, found.lambda_w)
+        at_s = float(np.interp(point_m, state.node_m, state.elapsed_s(run.speeds_mps)))
+        slow, quick = (slow, middle) if at_s <= latest_s else (middle, quick)
+    return quick
 
 
 def _with_rest(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase, phases_of
+from das.solver.calm.phases import BRAKES, Phase, phases_of
 from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.calm_follow import follow
 from das.solver.kernels.calm_polish import cost_of_time
@@ -232,7 +232,7 @@ def _unhurried(
             break
         share = 0.5 * (low + high)
         try:
-            tried = _coasting_earlier(raw, share * settings.reach_m).settled(s_m, v_mps)
+            tried = _coasting_earlier(raw, share * settings.reach_m, settings.least_s).settled(s_m, v_mps)
         except InfeasibleError:  # Coasting so early, the train would stand.
             high = share
             continue
@@ -278,12 +278,18 @@ def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Sch
     return replace(schedule, phases=tuple(found))
 
 
-def _coasting_earlier(schedule: Schedule, by_m: float) -> Schedule:
-    """The schedule with every stretch of coasting that follows another phase begun earlier by a distance (m)."""
+def _coasting_earlier(schedule: Schedule, by_m: float, least_s: float) -> Schedule:
+    """The schedule with every stretch of coasting that follows another phase begun earlier by a distance (m).
+
+    The phase before still lasts `least_s` on the schedule's run, unless it is a brake.
+    """
     node_m, moved = schedule.section.node_m, list(schedule.phases)
+    since_s = schedule.known.time_to_go_s[0] - schedule.known.time_to_go_s
     for i in range(1, len(moved)):
         if moved[i].kind is NotchKind.COAST:
             least = moved[i - 1].begin + 1
+            if moved[i - 1].kind not in BRAKES:
+                least = max(least, int(np.searchsorted(since_s, since_s[moved[i - 1].begin] + least_s)))
             begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
             moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
     return replace(schedule, phases=tuple(moved))

@@ -80,9 +80,8 @@ CASES = [
     ("resistors", Level.L3, 0.07),
 ]
 LEAST_SAVED = {
-    ("limits", Level.L1): 0.005,
-    ("steep", Level.L1): 0.008,
-    ("short", Level.L1): 0.001,
+    ("limits", Level.L1): 0.003,
+    ("short", Level.L1): 0.0001,
     ("resistors", Level.L2): 0.006,
 }
 """What the table is known to leave on these lines, as a share of the energy; less found would be a loss."""
