@@ -39,7 +39,7 @@ PUBLISHED_RATIO = 2e-3
 STEP_M = 10.0
 """Of the independent check whether a section can be driven at all."""
 NEAR_M = 200.0
-"""A place that is named is as near to the true one: a decision step of up to 150 m, and what these steps are rougher."""
+"""A place that is named is as near to the true one: a step of decision of up to 150 m, and what it is rougher."""
 
 
 @dataclass(frozen=True)
