@@ -376,5 +376,5 @@ def input_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
     if subject.account is not None:
         rows.append(("line and train of this page", subject.account.inputs.source))
         rows.append(("energies", "measured" if subject.account.measured else "estimated from positions"))
-    rows += [(f"recorded saving: {name}", text) for name, text in saving_rows(subject.recording)]
+    rows += [(f"energy account of the recording: {name}", text) for name, text in saving_rows(subject.recording)]
     return [*rows, ("attached files", ", ".join(subject.recording.attachments) or "none")]
