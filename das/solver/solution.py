@@ -38,8 +38,9 @@ class Solution:
     (W; inf for the fastest run).
 
     `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`); it is computed when it is first
-    asked for, and `bound_j`, `gap_ratio` and `gap_reason` are read from it. `table_bound_j` is the least energy in this
-    time as the solver's table of values knows it. It bounds the runs of the table from below, but not the run itself,
+    asked for, and `bound_j`, `gap_ratio` and `gap_reason` are read from it. `proven` is one that is known already
+    (`das.solver.bound.certificate.tightened`). `table_bound_j` is the least energy in this time as the solver's table
+    of values knows it. It bounds the runs of the table from below, but not the run itself,
     which is integrated more finely: `table_gap_ratio` can be negative.
     """
 
@@ -51,6 +52,7 @@ class Solution:
     lambda_w: float
     table_bound_j: float
     feasible: bool
+    proven: Certificate | None = None
 
     @cached_property
     def ledger(self) -> Ledger:
@@ -67,7 +69,7 @@ class Solution:
         """The proven lower bound of the energy, or the reason why there is none."""
         from das.solver.bound.certificate import certificate
 
-        return certificate(self)
+        return certificate(self) if self.proven is None else self.proven
 
     @property
     def bound_j(self) -> float:

@@ -51,6 +51,15 @@ RefineOption = Annotated[
     ),
 ]
 
+BoundOption = Annotated[
+    str,
+    typer.Option(
+        "--bound",
+        metavar="quick|tight|SECONDS",
+        help="Prove a tighter bound for a loss map: until little is gained (minutes), or for about so many seconds.",
+    ),
+]
+
 
 @dataclass(frozen=True, kw_only=True)
 class LineOptions:
@@ -206,14 +215,24 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
 
 def refine_seconds(text: str) -> float:
     """The seconds that `--refine` allows: 0 for off, inf for on; DasError for what is neither nor a time."""
-    if text in ("off", "on"):
-        return math.inf if text == "on" else 0.0
+    return _seconds("--refine", text, "off", "on")
+
+
+def bound_seconds(text: str) -> float:
+    """The seconds that `--bound` allows: 0 for quick, inf for tight; DasError for what is neither nor a time."""
+    return _seconds("--bound", text, "quick", "tight")
+
+
+def _seconds(option: str, text: str, none: str, unlimited: str) -> float:
+    """A budget of time (s) as an option states it, with a word for nothing and one for no limit."""
+    if text in (none, unlimited):
+        return math.inf if text == unlimited else 0.0
     try:
         seconds = float(text)
     except ValueError:
         seconds = math.nan
     if not 0 <= seconds < LARGEST:
-        raise DasError(f"--refine {text}: expected off, on, or a number of seconds from 0")
+        raise DasError(f"{option} {text}: expected {none}, {unlimited}, or a number of seconds from 0")
     return seconds
 
 

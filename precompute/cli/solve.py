@@ -11,7 +11,7 @@ import typer
 from das.command_line.compiling import loading_solver
 from das.command_line.printing import busy
 from precompute.baselines.strategy import Strategy
-from precompute.cli.options import RefineOption, RunFiles, TripTime, refine_seconds
+from precompute.cli.options import BoundOption, RefineOption, RunFiles, TripTime, bound_seconds, refine_seconds
 from precompute.cli.pose import Pose
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def solve(
     files: RunFiles,
     strategy: StrategyOption = Strategy.OPTIMAL,
     refine: RefineOption = "on",
+    bound: BoundOption = "quick",
 ) -> None:
     """Find the least-energy run over a section in a given time, or the run of a simpler strategy.
 
@@ -43,12 +44,15 @@ def solve(
 
     The solver's table decides once in up to 150 m. By default the optimal run is then refined on a finer grid, without
     arriving later.
+
+    The gap says how far the energy can be above the least possible. With a loss map (level l3) the quick bound leaves
+    0.1 to 1.3 % that no run could save; "--bound 30" searches for 30 s for a higher bound.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
-    budget_s = refine_seconds(refine)
+    budget_s, bound_s = refine_seconds(refine), bound_seconds(bound)
     files.check(*pose.inputs())
     if strategy is Strategy.OPTIMAL:
-        section, answer, min_time_s, solve_s = _optimal(pose, trip, budget_s)
+        section, answer, min_time_s, solve_s = _optimal(pose, trip, budget_s, bound_s)
     else:
         section, answer, min_time_s, solve_s = _baseline(pose, trip, strategy)
 
@@ -86,7 +90,7 @@ def solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     return section, front, min_time_s, time.perf_counter() - began
 
 
-def _optimal(pose: Pose, trip: TripTime, budget_s: float) -> tuple[Section, Answer, float, float]:
+def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tuple[Section, Answer, float, float]:
     section, front, min_time_s, front_s = solved_front(pose)
     if budget_s > 0:
         with loading_solver():
@@ -101,8 +105,18 @@ def _optimal(pose: Pose, trip: TripTime, budget_s: float) -> tuple[Section, Answ
         with busy("refining …"):
             answer = refined(answer, is_over=lambda: time.perf_counter() - began > budget_s)
     solve_s = front_s + time.perf_counter() - began
+    return section, _with_bound(answer, bound_s), min_time_s, solve_s
+
+
+def _with_bound(answer: Solution, bound_s: float) -> Solution:
+    """The answer with its bound proven, after a search of about `bound_s` seconds for a tight one."""
+    if bound_s > 0:
+        from das.solver.bound.certificate import tightened
+
+        with busy("proving the bound …"):
+            answer = tightened(answer, bound_s)
     certified(answer)
-    return section, answer, min_time_s, solve_s
+    return answer
 
 
 def certified(solution: Solution) -> None:

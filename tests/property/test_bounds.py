@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 from das.domain.errors import InfeasibleError
 from das.domain.losses import LossMap
 from das.solver.bound.ahead import behind_fastest, fastest_is_ahead
+from das.solver.bound.cells import all_cells, cell_line, even_rows
 from das.solver.bound.certificate import task_of
-from das.solver.bound.planes import MapPlanes, efficiency_planes
+from das.solver.bound.planes import MapPlanes, efficiency_planes, map_rows
 from das.solver.bound.relaxation import Task, relaxation
 from das.solver.front import Front
 from das.solver.kernels.relaxed_interval import FIXED_ROWS, LOCAL, constraints
 from das.solver.kernels.relaxed_program import proven_bound
 from das.solver.kernels.relaxed_tuples import Multipliers, Planes, Program, RelaxedRun
+from das.solver.kernels.speed_cells import values_behind
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
 from das.solver.state import RollOut, State
@@ -162,3 +164,27 @@ def test_other_runs_in_time_are_above_the_bound(posed: Posed, share: float) -> N
         same_end = blended.speeds_mps[-1] == run.trajectory.v_mps[-1]
         if not certificate.reason and same_end and blended.time_s <= certificate.allowed_s:
             assert energy_j >= certificate.bound_j - 1e-6 * abs(energy_j)
+
+
+@settings(drawn, max_examples=max(SECTIONS // 3, 1))
+@given(posed_sections(), st.floats(0.1, 10.0))
+def test_no_run_undercuts_the_cells_of_speeds(posed: Posed, factor: float) -> None:
+    """The shortest path over cells is below energy + price·time of every run, at any price and any width."""
+    loss = posed.section.loss
+    if not isinstance(loss, LossMap):
+        return
+    try:
+        _, runs = solved(posed)
+    except InfeasibleError:
+        return
+    slowest = max(runs, key=lambda run: run.time_s)
+    task = task_of(slowest, slowest.time_s)
+    task = behind_fastest(task) if fastest_is_ahead(task) else task
+    lambda_w = factor * min(slowest.lambda_w, 1e7)
+    rows, line = even_rows(map_rows(task, loss), loss), cell_line(task, lambda_w)
+    for width in (0.25, 0.08):
+        total_j = values_behind(all_cells(task, width), line, rows)
+        for run in runs:
+            if run.feasible and run.trajectory.v_mps[-1] == slowest.trajectory.v_mps[-1]:
+                least_j = run.ledger.input + lambda_w * run.time_s
+                assert total_j <= least_j + 1e-7 * abs(least_j), run.section.name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from das.domain.losses import LossMap
 from das.solver import tolerances as tol
 from das.solver.bound.ahead import behind_fastest, fastest_is_ahead
+from das.solver.bound.cells import SETTINGS as TIGHT
+from das.solver.bound.cells import Incumbent, tightened_j
 from das.solver.bound.planes import efficiency_planes
 from das.solver.bound.relaxation import Task
 from das.solver.bound.search import proven, proven_for_map
@@ -40,10 +42,12 @@ class Certificate:
     reason: str = ""
 
 
-def certificate(solution: Solution) -> Certificate:
+def certificate(solution: Solution, tight_s: float = 0.0) -> Certificate:
     """The certificate of a solution; 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
-    A run of least energy ends before its time: then the bound holds for the time that was asked for.
+    With a loss map, a search of about `tight_s` seconds more can raise the bound (see `das.solver.bound.cells`); with
+    constant efficiencies there is nothing to raise. A run of least energy ends before its time: then the bound holds
+    for the time that was asked for.
     """
     allowed_s = solution.time_s
     if solution.fit == "early":
@@ -57,9 +61,31 @@ def certificate(solution: Solution) -> Certificate:
             return Certificate(bound_j=solution.ledger.input, allowed_s=allowed_s)
         task = behind_fastest(task)
     bound_j = bound_of(task, solution.trajectory.force_el_n, min(solution.lambda_w, LARGEST_PRICE_W))
+    if tight_s > 0:
+        bound_j = _raised_j(task, solution, bound_j, tight_s)
     if not math.isfinite(bound_j):
         return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=NOT_FOUND)
     return Certificate(bound_j=bound_j, allowed_s=allowed_s)
+
+
+def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
+    """The solution with a bound that is searched for during about `tight_s` seconds more.
+
+    That raises the bound of a loss map (`docs/explanation/bounds.md`); without a map the solution stays as it is.
+    """
+    if not isinstance(solution.section.loss, LossMap):
+        return solution
+    return replace(solution, proven=certificate(solution, tight_s))
+
+
+def _raised_j(task: Task, solution: Solution, bound_j: float, tight_s: float) -> float:
+    """The bound (J) that cells of speeds prove in a time (s), or the one given where that is higher or good enough."""
+    loss, energy_j = task.section.loss, solution.ledger.input
+    if not isinstance(loss, LossMap) or energy_j - bound_j <= TIGHT.enough_ratio * abs(energy_j):
+        return bound_j
+    incumbent = Incumbent(energy_j, min(solution.lambda_w, LARGEST_PRICE_W))
+    tight_j = tightened_j(task, loss, incumbent, tight_s)
+    return max(tight_j, bound_j) if math.isfinite(bound_j) else tight_j
 
 
 def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:

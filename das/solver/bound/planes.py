@@ -46,7 +46,7 @@ class MapPlanes:
 
     def __init__(self, task: Task, loss: LossMap) -> None:
         self.task = task
-        self._rows = _rows(task, loss)
+        self._rows = map_rows(task, loss)
 
     def of_run(self, force_n: Floats, lambda_w: float) -> Planes:
         """Planes near the given run, whose motors give `force_n` in each interval, at a price of time (W)."""
@@ -75,7 +75,7 @@ def joined(planes: Planes, more: Planes) -> Planes:
     return Planes(*(np.concatenate(pair, axis=1) for pair in zip(planes, more, strict=True)))
 
 
-def _rows(task: Task, loss: LossMap) -> MapRows:
+def map_rows(task: Task, loss: LossMap) -> MapRows:
     """Energies per metre at the speeds and forces of the map that the task's train can reach."""
     train = task.section.train
     fastest_mps = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS

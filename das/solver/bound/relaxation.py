@@ -90,7 +90,7 @@ def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
     scale_n = max(train.traction_force_n, 1.0)
     high_w = task.high_w
     resistance = _Resistance.of(task, high_w)
-    traction_n, electric_n = _force_limits(task)
+    traction_n, electric_n = force_limits(task)
     traction = _power_cut(task, max(train.traction_power_w, LEAST_POWER_W), resistance.highest_n)
     electric = _power_cut(task, max(train.electric_power_w, LEAST_POWER_W), -resistance.lowest_n)
     low_w, free = np.zeros_like(high_w), np.ones(len(high_w), np.bool_)
@@ -154,7 +154,7 @@ class _Resistance:
         )
 
 
-def _force_limits(task: Task) -> tuple[Floats, Floats]:
+def force_limits(task: Task) -> tuple[Floats, Floats]:
     """Largest traction and largest electric brake of each interval (N)."""
     train, supply = task.section.train, task.line.supply
     has_electric = (supply >= 0) & (not train.brakes_dissipate)

@@ -1,0 +1,188 @@
+"""The tight bound of a task with a loss map: shortest paths over cells of speeds, which get narrower and fewer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.losses import LossMap
+from das.solver import tolerances as tol
+from das.solver.bound.planes import map_rows
+from das.solver.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits
+from das.solver.kernels.loss_planes import MapRows
+from das.solver.kernels.speed_cells import CellLine, Cells, CellTrain, EvenRows, values_ahead, values_behind
+
+Floats = NDArray[np.float64]
+
+FORCE_SLACK_N: Final = 0.01
+"""Runs keep the limits of their forces to within this."""
+SLACK_RATIO: Final = 1e-8
+"""Runs keep all limits to within this ratio."""
+ROUNDING_RATIO: Final = 1e-9
+"""The bound is lowered by this share of the sizes that it is the sum of, which is more than their rounding."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TightSettings:
+    """How narrow the cells of the tight bound get, and when the search ends."""
+
+    first_width: float = 0.03
+    """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
+    first_parts: int = 3
+    """The first cells are split into this number of parts, those after them into two."""
+    narrowest_width: float = 0.0003
+    """No cells get narrower than this."""
+    enough_ratio: float = 1e-3
+    """The search ends where the gap is at most this share of the energy."""
+    slow_ratio: float = 0.9
+    """It ends as well where a pass leaves more than this share of the gap."""
+    growth: float = 1.3
+    """A pass is expected to take at most this many times as long as the one before, for the same number of cells."""
+
+
+SETTINGS: Final = TightSettings()
+
+
+class Incumbent(NamedTuple):
+    """A run that is known: its energy and its priced time (J), and its price of time (W)."""
+
+    energy_j: float
+    lambda_w: float
+
+
+def tightened_j(
+    task: Task,
+    loss: LossMap,
+    incumbent: Incumbent,
+    budget_s: float,
+    *,
+    settings: TightSettings = SETTINGS,
+    clock: Callable[[], float] = time.thread_time,
+) -> float:
+    """The highest bound (J) that cells of speeds prove for a task in a time (s of CPU); −inf where there was none.
+
+    Runs that need more than the incumbent are excluded, so the bound is at most its energy. A pass that is not expected
+    to end in time is not begun, but the first one always is.
+    """
+    lambda_w = incumbent.lambda_w
+    rows, line = even_rows(map_rows(task, loss), loss), cell_line(task, lambda_w)
+    _load_kernels(all_cells(task, 10.0 * settings.first_width), line, rows)
+    cells, best_j, gap_j = all_cells(task, settings.first_width), -np.inf, np.inf
+    began, parts = clock(), settings.first_parts
+    most_j = incumbent.energy_j + lambda_w * task.allowed_s
+    while True:
+        pass_began = clock()
+        total_j = values_behind(cells, line, rows)
+        slack_j = ROUNDING_RATIO * (abs(total_j) + lambda_w * task.allowed_s)
+        found_j = min(total_j - lambda_w * task.allowed_s - slack_j, incumbent.energy_j)
+        best_j, left_j = max(best_j, found_j), incumbent.energy_j - found_j
+        slow = left_j > settings.slow_ratio * gap_j
+        gap_j = min(gap_j, left_j)
+        narrow = cells.width / parts < settings.narrowest_width
+        if slow or narrow or gap_j <= settings.enough_ratio * abs(incumbent.energy_j):
+            return float(best_j)
+        values_ahead(cells, line, rows)
+        before = int(cells.open.sum())
+        close(cells, most_j + slack_j)
+        after = parts * int(cells.open.sum())
+        now = clock()
+        if now + settings.growth * (now - pass_began) * after / before - began > budget_s:
+            return float(best_j)
+        cells, parts = split(cells, parts), 2
+
+
+def _load_kernels(cells: Cells, line: CellLine, rows: EvenRows) -> None:
+    """One pass over few cells, so that compiling does not count as time of the search."""
+    values_behind(cells, line, rows)
+    values_ahead(cells, line, rows)
+
+
+def close(cells: Cells, most_j: float) -> None:
+    """Close the cells that no run with at most this energy and priced time (J) goes through."""
+    inside = np.isfinite(cells.ahead) & np.isfinite(cells.value)
+    total = np.where(inside, cells.ahead, np.inf) + np.where(inside, cells.value, 0.0)
+    cells.open[:] &= total <= most_j
+    cells.open[[0, -1]] = True
+
+
+def cell_line(task: Task, lambda_w: float) -> CellLine:
+    """What the intervals of a task ask and allow at a price of time (W)."""
+    train, line = task.section.train, task.line
+    traction_n, electric_n = force_limits(task)
+    more = 1.0 + SLACK_RATIO
+    constant_n = train.c0_n + line.constant_n
+    fastest = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS
+    price_w = np.full_like(line.step_m, lambda_w) + (0.0 if task.price_w is None else task.price_w)
+    return CellLine(
+        step_m=np.ascontiguousarray(line.step_m),
+        constant_n=constant_n,
+        quadratic=train.c2_n_per_mps2 + line.tunnel_n_per_mps2,
+        traction_n=traction_n * more + FORCE_SLACK_N,
+        electric_n=electric_n * more + FORCE_SLACK_N,
+        brake_n=(electric_n + train.friction_force_n) * more + FORCE_SLACK_N,
+        max_acceleration=acceleration_limits(task, constant_n + min(train.c1_n_per_mps, 0.0) * fastest) * more,
+        share=np.clip(line.supply, 0.0, 1.0),
+        price_w=price_w,
+        slowest_tau=task.high_tau * more,
+        train=CellTrain(
+            linear=train.c1_n_per_mps,
+            mass_kg=train.inertial_mass_kg,
+            traction_w=max(train.traction_power_w, LEAST_POWER_W) * more,
+            electric_w=max(train.electric_power_w, LEAST_POWER_W) * more,
+        ),
+    )
+
+
+def even_rows(rows: MapRows, loss: LossMap) -> EvenRows:
+    """The lower hulls of a loss map's rows at its own forces, continued in a line on both sides, and never falling."""
+    psi = np.empty((len(rows.tau), len(loss.force_n)))
+    for row, force, hull, count in zip(psi, rows.hull_force, rows.hull_psi, rows.vertices, strict=True):
+        f, p = force[:count], hull[:count]
+        row[:] = np.interp(loss.force_n, f, p)
+        if count > 1:
+            above, below = loss.force_n > f[-1], loss.force_n < f[0]
+            row[above] = p[-1] + (p[-1] - p[-2]) / (f[-1] - f[-2]) * (loss.force_n[above] - f[-1])
+            row[below] = p[0] + (p[1] - p[0]) / (f[1] - f[0]) * (loss.force_n[below] - f[0])
+    psi = np.ascontiguousarray(np.minimum.accumulate(psi[:, ::-1], axis=1)[:, ::-1])
+    return EvenRows(
+        psi, rows.tau, rows.standing_w, float(loss.force_n[0]), 1.0 / loss.force_step_n, 1.0 / loss.speed_step_mps
+    )
+
+
+def all_cells(task: Task, width: float) -> Cells:
+    """Cells of a width for all speeds of a task."""
+    top = np.sqrt(2.0 * task.high_w)
+    count = np.maximum(np.ceil(np.sqrt(top) / width).astype(np.int64), 1)
+    count[[0, -1]] = 1
+    return _cells(np.zeros_like(count), count, np.ones(int(count.sum()), np.bool_), top, width)
+
+
+def _cells(
+    first: NDArray[np.int64], count: NDArray[np.int64], is_open: NDArray[np.bool_], top: Floats, width: float
+) -> Cells:
+    offset = np.concatenate(([0], np.cumsum(count)[:-1]))
+    guess, slope, value, ahead = (np.full(len(is_open), np.inf) for _ in range(4))
+    return Cells(first, count, offset, guess, slope, value, ahead, is_open, top, width)
+
+
+def split(cells: Cells, parts: int) -> Cells:
+    """The open cells, each in so many parts."""
+    n = len(cells.size)
+    first, count, opens = np.zeros(n, np.int64), np.ones(n, np.int64), []
+    for k in range(n):
+        mask = cells.open[cells.offset[k] : cells.offset[k] + cells.size[k]]
+        if k in (0, n - 1):
+            opens.append(mask)
+            continue
+        used = np.flatnonzero(mask)
+        begin, end = (used[0], used[-1] + 1) if len(used) else (0, 1)
+        first[k], count[k] = parts * (cells.first[k] + begin), parts * (end - begin)
+        opens.append(np.repeat(mask[begin:end], parts))
+    width = cells.width / parts
+    is_open = np.concatenate(opens)
+    return _cells(first, count, is_open, cells.top_mps, width)
