@@ -91,7 +91,8 @@ def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault:
     # The fault's energy is what the drive took more than without it: that one crept to its stops as well.
     fault_j = found.difference_j - faultless().difference_j
     share = (found.by_cause[cause] - faultless().by_cause.get(cause, 0.0)) / fault_j
-    assert 0.9 <= round(share, 2) <= 1.0
+    # A little more than all of it, where another cause became smaller.
+    assert 0.9 <= round(share, 2) <= 1.05
 
 
 def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
