@@ -12,13 +12,15 @@ import numpy as np
 from das.advice.advice import Source
 from das.advice.cause import Cause
 from das.advice.modes import Mode, mode_name
-from das.bus import das_pb2, topics
+from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
 from sim.events.event import DriveEvent, EventKind
 from sim.review.happenings import NOT_HEARD, Span
 from sim.review.series import DrivenCourse
 
+NOTHING_SHOWN, FOUR_MODES_SHOWN, COACH_SHOWN = 0, 2, 4
+"""Presentations that are told apart here, by the numbers of `Cab.Presentation` on the bus."""
 NEWS_NS: Final = 3_000_000_000
 """A plan made within this time (ns) after news counts as made because of them: the node solves anew first."""
 OFF_PLAN_MPS: Final = 0.3
@@ -119,7 +121,7 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
 def _display(recording: Recording) -> int:
     """The presentation that the cab showed first, as its number on the bus; 0 where nothing was shown or recorded."""
     cab = (entry.message.presentation for entry in recording.of(topics.CAB))
-    return next((int(one) for one in cab if one != das_pb2.Cab.PRESENTATION_NONE), 0)
+    return next((int(one) for one in cab if one != NOTHING_SHOWN), NOTHING_SHOWN)
 
 
 class _Told(NamedTuple):
@@ -131,10 +133,10 @@ class _Told(NamedTuple):
 
 
 def _told(advice: Any, display: int) -> _Told:
-    if display == das_pb2.Cab.PRESENTATION_COACH and advice.HasField("coach"):
+    if display == COACH_SHOWN and advice.HasField("coach"):
         now = advice.coach.now
         return _Told(_mode(now.mode), float(now.speed_mps), str(advice.coach.reason))
-    mode = advice.four_mode if display == das_pb2.Cab.PRESENTATION_FOUR_MODE else advice.mode
+    mode = advice.four_mode if display == FOUR_MODES_SHOWN else advice.mode
     return _Told(_mode(mode), float(advice.advised_speed_mps), "")
 
 
