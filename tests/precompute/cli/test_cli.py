@@ -282,6 +282,10 @@ REFUSED = {
         "no/front.csv: no such folder no",
     ),
     "missing map": ([*SOLVE, "--buffer", "7", "--loss-map", "no.csv"], "no.csv: cannot be read (No such file"),
+    "bound that is no time": (
+        [*SOLVE, "--buffer", "7", "--bound", "-1"],
+        "--bound -1: expected quick, tight, or a number of seconds from 0",
+    ),
     "refinement that is no time": (
         [*SOLVE, "--buffer", "7", "--refine", "much"],
         "--refine much: expected off, on, or a number of seconds from 0",
