@@ -89,6 +89,11 @@ class PublishedFigure:
         return max(low + inner - reached, reached - high + inner, 0.0) / half
 
 
+TRIP_STEP_M: Final = 25.0
+"""The longest decision step (m) of the runs of the two inverters. With it their driving differs by 0.4 %, with steps of
+10 m by 0.2 %; with the usual steps, which are longer, by 0.04 %."""
+
+
 def _target(name: str, printed: str, low: float, high: float, unit: str, source: str) -> PublishedFigure:
     return PublishedFigure(name=name, printed=printed, low=low, high=high, unit=unit, source=source)
 
@@ -128,7 +133,7 @@ TRIP_TARGETS: Final = (
     _target("Table 2: columns with RMS behind every optimum but L0 REG's", "5 of 5", 5, 5, "", "Table 2"),
     _target("IGBT against GTO: mean power when driving", "gentler", 0.0, 0.9995, "", "section 4.6, fig. 10"),
     _target("IGBT against GTO: mean power when braking", "gentler", 0.0, 0.999, "", "section 4.6, fig. 10"),
-    _target("IGBT against GTO: duration of driving", "longer", 1.0001, INF, "", "section 4.6, fig. 10"),
+    _target("IGBT against GTO: duration of driving", "longer", 1.0005, INF, "", "section 4.6, fig. 10"),
     _target("IGBT against GTO: duration of braking", "longer", 1.001, INF, "", "section 4.6, fig. 10"),
 )
 
@@ -240,9 +245,12 @@ def _buffered(case: StudyCase, vehicle: Vehicle, level: Level, buffers: tuple[fl
 
 
 def trip_run(vehicle: Vehicle, runs: Runs) -> Trajectory:
-    """The L3 optimum of the 6 km, refined: the runs of the two inverters differ by less than those of the table err."""
-    found = _front(COMPLETE, vehicle, Level.L3).trajectory(runs["fastest"].time_s * (1 + BUFFER_RATIO))
-    return refined(found).trajectory
+    """The L3 optimum of the 6 km, with short decision steps and refined.
+
+    The runs of the two inverters differ by less than those of the usual table err.
+    """
+    front = solve_front(COMPLETE.section(vehicle, Level.L3, TRIP_STEP_M), threads=1)
+    return refined(front.trajectory(runs["fastest"].time_s * (1 + BUFFER_RATIO))).trajectory
 
 
 def saving_figures(vehicle: Vehicle, runs: Runs) -> Figures:

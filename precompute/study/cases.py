@@ -53,14 +53,21 @@ class StudyCase:
     end_speed_mps: float = 0.0
     gradient_ratio: float = 0.0
 
-    def section(self, vehicle: Vehicle, level: Level) -> Section:
-        """The case with a train at a level; raises DasError where the train cannot run it."""
+    def section(self, vehicle: Vehicle, level: Level, longest_step_m: float | None = None) -> Section:
+        """The case with a train at a level, with no decision step longer than `longest_step_m` (m) where that is given.
+
+        Raises DasError where the train cannot run it.
+        """
         return build_section(
             self.route(),
             vehicle,
             level=level,
             end_m=self.length_m,
-            options=SectionOptions(start_speed_mps=self.start_speed_mps, end_speed_mps=self.end_speed_mps),
+            options=SectionOptions(
+                start_speed_mps=self.start_speed_mps,
+                end_speed_mps=self.end_speed_mps,
+                longest_step_m=longest_step_m,
+            ),
         )
 
     def route(self) -> Route:

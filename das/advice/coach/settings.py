@@ -79,7 +79,7 @@ class ShowingSettings:
     """A train slower than the speed to hold by more than this is told to accelerate back to it: a driver who keeps
     2 km/h below a limit, and wanders by as much, is left to himself."""
     worth_accelerating_s: float = 30.0
-    """Nor is a train told to accelerate back to it when the next instruction is nearer than this."""
+    """A train is not told to accelerate back to the speed to hold when the next instruction is nearer than this."""
     above_mps: float = 4.0 * KMH
     """A train faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0

@@ -47,7 +47,7 @@ def test_the_comment_of_every_number_begins_with_its_unit(message: Descriptor) -
 
 
 def test_the_comments_are_those_of_das_proto() -> None:
-    """Whoever changes das.proto runs `python -m das.bus.generate`, which writes them anew."""
+    """After a change of das.proto, `python -m das.bus.generate` writes them anew."""
     text = (files("das.bus") / "das.proto").read_text(encoding="utf-8")
     behind = [
         found[1].strip() for found in re.finditer(r"^\s*(?:\w+ )?[\w.]+ \w+ = \d+;\s*//(.*)$", text, re.MULTILINE)

@@ -88,11 +88,10 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
 def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault: type, cause: EnergyCause) -> None:
     found = account(clear_day(), fault(PerfectDriver(clear_day().service.line)))
     check_sums(found)
-    # The fault's energy is what the drive took more than without it: that one crept to its stops as well.
-    fault_j = found.difference_j - faultless().difference_j
-    share = (found.by_cause[cause] - faultless().by_cause.get(cause, 0.0)) / fault_j
-    # A little more than all of it, where another cause became smaller.
-    assert 0.9 <= round(share, 2) <= 1.05
+    assert found.by_cause[cause] >= 0.9 * found.difference_j
+    # And by as much more than without the fault, within what the figures hold.
+    more_j = found.difference_j - faultless().difference_j
+    assert found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) == pytest.approx(more_j, rel=0.12)
 
 
 def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
