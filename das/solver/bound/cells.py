@@ -114,7 +114,8 @@ def cell_line(task: Task, lambda_w: float) -> CellLine:
     """What the intervals of a task ask and allow at a price of time (W)."""
     train, line = task.section.train, task.line
     traction_n, electric_n = force_limits(task)
-    more = 1.0 + SLACK_RATIO
+    more, less = 1.0 + SLACK_RATIO, 1.0 - SLACK_RATIO
+    braking = (line.supply >= 0) & (not train.brakes_dissipate)
     constant_n = train.c0_n + line.constant_n
     fastest = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS
     price_w = np.full_like(line.step_m, lambda_w) + (0.0 if task.price_w is None else task.price_w)
@@ -124,6 +125,7 @@ def cell_line(task: Task, lambda_w: float) -> CellLine:
         quadratic=train.c2_n_per_mps2 + line.tunnel_n_per_mps2,
         traction_n=traction_n * more + FORCE_SLACK_N,
         electric_n=electric_n * more + FORCE_SLACK_N,
+        least_electric_n=np.where(braking, train.electric_force_n * less - FORCE_SLACK_N, 0.0).clip(min=0.0),
         brake_n=(electric_n + train.friction_force_n) * more + FORCE_SLACK_N,
         max_acceleration=acceleration_limits(task, constant_n + min(train.c1_n_per_mps, 0.0) * fastest) * more,
         share=np.clip(line.supply, 0.0, 1.0),
@@ -134,12 +136,14 @@ def cell_line(task: Task, lambda_w: float) -> CellLine:
             mass_kg=train.inertial_mass_kg,
             traction_w=max(train.traction_power_w, LEAST_POWER_W) * more,
             electric_w=max(train.electric_power_w, LEAST_POWER_W) * more,
+            least_electric_w=train.electric_power_w * less,
+            adhesive_n=train.adhesive_force_n * less,
         ),
     )
 
 
 def even_rows(rows: MapRows, loss: LossMap) -> EvenRows:
-    """The lower hulls of a loss map's rows at its own forces, continued in a line on both sides, and never falling."""
+    """The lower hulls of a loss map's rows at its own forces, continued in a line on both sides."""
     psi = np.empty((len(rows.tau), len(loss.force_n)))
     for row, force, hull, count in zip(psi, rows.hull_force, rows.hull_psi, rows.vertices, strict=True):
         f, p = force[:count], hull[:count]
@@ -148,7 +152,6 @@ def even_rows(rows: MapRows, loss: LossMap) -> EvenRows:
             above, below = loss.force_n > f[-1], loss.force_n < f[0]
             row[above] = p[-1] + (p[-1] - p[-2]) / (f[-1] - f[-2]) * (loss.force_n[above] - f[-1])
             row[below] = p[0] + (p[1] - p[0]) / (f[1] - f[0]) * (loss.force_n[below] - f[0])
-    psi = np.ascontiguousarray(np.minimum.accumulate(psi[:, ::-1], axis=1)[:, ::-1])
     return EvenRows(
         psi, rows.tau, rows.standing_w, float(loss.force_n[0]), 1.0 / loss.force_step_n, 1.0 / loss.speed_step_mps
     )

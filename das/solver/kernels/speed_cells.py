@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling.kernels import kernel
+from das.solver.kernels.forces import adhesion_coefficient
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ STEEPEST = 5.0
 
 
 class EvenRows(NamedTuple):
-    """Energies per metre ψ (N) of a loss map from below: convex and never falling in the force, at each speed.
+    """Energies per metre ψ (N) of a loss map from below: convex in the force, at each speed.
 
     `psi_n` (speeds, forces) belongs to the slownesses `tau` (falling) and to the forces force0_n + i/steps_per_n.
     `steps_per_mps` is 1 over the distance of the speeds, the first of which is one step. `standing_w` is the least loss
@@ -39,20 +40,28 @@ class EvenRows(NamedTuple):
 
 
 class CellTrain(NamedTuple):
-    """Numbers of a train: resistance per speed (N/(m/s)), inertial mass, and powers of motors and electric brake."""
+    """Numbers of a train: resistance per speed (N/(m/s)), inertial mass, and powers of motors and electric brake.
+
+    The power of the electric brake is at most `electric_w` and at least `least_electric_w`; what the adhesive weight
+    `adhesive_n` (N) puts on the rail can be less.
+    """
 
     linear: float
     mass_kg: float
     traction_w: float
     electric_w: float
+    least_electric_w: float
+    adhesive_n: float
 
 
 class CellLine(NamedTuple):
     """What each interval (n,) asks and allows: see `das.solver.bound.cells`.
 
     Resistance is at least constant_n + linear·v + quadratic·(w0 + w1). The motors give between −electric_n and
-    traction_n, and at most their powers at the faster end; all brakes together give at most `brake_n`. `share` is what
-    the line takes of what is fed back, `price_w` the price of time. No run is slower than `slowest_tau` (s/m).
+    traction_n, and at most their powers at the faster end; all brakes together give at most `brake_n`. Friction brakes
+    only where the electric brake gives all that it can, which is at least `least_electric_n`, or less by its power and
+    by adhesion. `share` is what the line takes of what is fed back, `price_w` the price of time. No run is slower than
+    `slowest_tau` (s/m).
     """
 
     step_m: Floats
@@ -60,6 +69,7 @@ class CellLine(NamedTuple):
     quadratic: Floats
     traction_n: Floats
     electric_n: Floats
+    least_electric_n: Floats
     brake_n: Floats
     max_acceleration: Floats
     share: Floats
@@ -180,7 +190,7 @@ def _link(k, low0, high0, slope0, low1, high1, slope1, line, rows):
     a = max(-0.5 * (slope0 + slope1) / mass, 0.0)
     # Beyond the electric brake, friction takes what the motors do not.
     beyond = a * max(-electric - f2, 0.0)
-    f1, f2 = max(f1, -electric), max(f2, -electric)
+    f1, f2 = max(f1, -electric), max(f2, -_least_electric(k, fastest, line))
     tau1 = 2.0 / (high0 + high1)
     if tau1 > line.slowest_tau[k]:
         return np.inf
@@ -210,6 +220,14 @@ def _efforts(k, faster, line):
     speed = max(faster, 1e-3)
     traction = min(line.traction_n[k], line.train.traction_w / speed)
     return traction, min(line.electric_n[k], line.train.electric_w / speed)
+
+
+@kernel
+def _least_electric(k, fastest, line):
+    """What the electric brake gives at least in interval k (N), at a faster end of at most this speed."""
+    train = line.train
+    least = min(line.least_electric_n[k], train.least_electric_w / max(fastest, 1e-3))
+    return min(least, train.adhesive_n * adhesion_coefficient(fastest))
 
 
 @kernel
