@@ -16,6 +16,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from tests.support.making import make_route
 
 TOP_MPS = 50.0
+LEVELS = (Level.L0_NOREG, Level.L0_REG, Level.L1, Level.OWN, Level.OWN, Level.L3)
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,10 +106,10 @@ def routes(draw: st.DrawFn) -> Route:
 
 
 @st.composite
-def posed_sections(draw: st.DrawFn) -> Posed:
+def posed_sections(draw: st.DrawFn, levels: tuple[Level, ...] = LEVELS) -> Posed:
     """A section that can be driven, with some buffers from almost none to more than any timetable has."""
     route, train = draw(routes()), draw(trains())
-    level = draw(st.sampled_from((Level.L0_NOREG, Level.L0_REG, Level.L1, Level.OWN, Level.OWN, Level.L3)))
+    level = draw(st.sampled_from(levels))
     ends = st.sampled_from((0.0, 0.0, 1.0, 5.0))
     options = SectionOptions(start_speed_mps=draw(ends), end_speed_mps=draw(ends), point_mass=draw(st.booleans()))
     try:

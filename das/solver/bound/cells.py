@@ -14,8 +14,9 @@ from das.domain.losses import LossMap
 from das.solver import tolerances as tol
 from das.solver.bound.planes import map_rows
 from das.solver.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits
+from das.solver.kernels.cell_links import CellEfforts, CellLine, CellTrain, EvenRows
 from das.solver.kernels.loss_planes import MapRows
-from das.solver.kernels.speed_cells import CellLine, Cells, CellTrain, EvenRows, values_ahead, values_behind
+from das.solver.kernels.speed_cells import Cells, values_ahead, values_behind
 
 Floats = NDArray[np.float64]
 
@@ -23,6 +24,8 @@ FORCE_SLACK_N: Final = 0.01
 """Runs keep the limits of their forces to within this."""
 SLACK_RATIO: Final = 1e-8
 """Runs keep all limits to within this ratio."""
+PARTS: Final = 2
+"""The open cells are split into this number of parts after each pass."""
 ROUNDING_RATIO: Final = 1e-9
 """The bound is lowered by this share of the sizes that it is the sum of, which is more than their rounding."""
 
@@ -33,8 +36,6 @@ class TightSettings:
 
     first_width: float = 0.03
     """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
-    first_parts: int = 3
-    """The first cells are split into this number of parts, those after them into two."""
     narrowest_width: float = 0.0003
     """No cells get narrower than this."""
     enough_ratio: float = 1e-3
@@ -73,7 +74,7 @@ def tightened_j(
     rows, line = even_rows(map_rows(task, loss), loss), cell_line(task, lambda_w)
     _load_kernels(all_cells(task, 10.0 * settings.first_width), line, rows)
     cells, best_j, gap_j = all_cells(task, settings.first_width), -np.inf, np.inf
-    began, parts = clock(), settings.first_parts
+    began = clock()
     most_j = incumbent.energy_j + lambda_w * task.allowed_s
     while True:
         pass_began = clock()
@@ -83,17 +84,17 @@ def tightened_j(
         best_j, left_j = max(best_j, found_j), incumbent.energy_j - found_j
         slow = left_j > settings.slow_ratio * gap_j
         gap_j = min(gap_j, left_j)
-        narrow = cells.width / parts < settings.narrowest_width
+        narrow = cells.width / PARTS < settings.narrowest_width
         if slow or narrow or gap_j <= settings.enough_ratio * abs(incumbent.energy_j):
             return float(best_j)
         values_ahead(cells, line, rows)
         before = int(cells.open.sum())
         close(cells, most_j + slack_j)
-        after = parts * int(cells.open.sum())
+        after = PARTS * int(cells.open.sum())
         now = clock()
         if now + settings.growth * (now - pass_began) * after / before - began > budget_s:
             return float(best_j)
-        cells, parts = split(cells, parts), 2
+        cells = split(cells, PARTS)
 
 
 def _load_kernels(cells: Cells, line: CellLine, rows: EvenRows) -> None:
@@ -123,14 +124,17 @@ def cell_line(task: Task, lambda_w: float) -> CellLine:
         step_m=np.ascontiguousarray(line.step_m),
         constant_n=constant_n,
         quadratic=train.c2_n_per_mps2 + line.tunnel_n_per_mps2,
-        traction_n=traction_n * more + FORCE_SLACK_N,
-        electric_n=electric_n * more + FORCE_SLACK_N,
-        least_electric_n=np.where(braking, train.electric_force_n * less - FORCE_SLACK_N, 0.0).clip(min=0.0),
-        brake_n=(electric_n + train.friction_force_n) * more + FORCE_SLACK_N,
+        efforts=CellEfforts(
+            traction_n=traction_n * more + FORCE_SLACK_N,
+            electric_n=electric_n * more + FORCE_SLACK_N,
+            least_electric_n=np.where(braking, train.electric_force_n * less - FORCE_SLACK_N, 0.0).clip(min=0.0),
+            brake_n=(electric_n + train.friction_force_n) * more + FORCE_SLACK_N,
+        ),
         max_acceleration=acceleration_limits(task, constant_n + min(train.c1_n_per_mps, 0.0) * fastest) * more,
         share=np.clip(line.supply, 0.0, 1.0),
         price_w=price_w,
         slowest_tau=task.high_tau * more,
+        top_mps=np.sqrt(2.0 * task.high_w),
         train=CellTrain(
             linear=train.c1_n_per_mps,
             mass_kg=train.inertial_mass_kg,

@@ -1,0 +1,295 @@
+"""The least that an interval can cost from one cell of speeds to another, the lines of their values taken into account.
+
+`docs/explanation/bounds.md` proves that no run of the integrator costs less.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.compiling.kernels import compiled, kernel
+from das.solver.kernels.forces import adhesion_coefficient
+
+Floats = NDArray[np.float64]
+
+inlined = compiled(forceinline=True)
+
+
+class EvenRows(NamedTuple):
+    """Energies per metre ψ (N) of a loss map from below: convex in the force, at each speed.
+
+    `psi_n` (speeds, forces) belongs to the slownesses `tau` (falling) and to the forces force0_n + i/steps_per_n.
+    `steps_per_mps` is 1 over the distance of the speeds, the first of which is one step. `standing_w` is the least loss
+    of a standing train.
+    """
+
+    psi_n: Floats
+    tau: Floats
+    standing_w: float
+    force0_n: float
+    steps_per_n: float
+    steps_per_mps: float
+
+
+class CellTrain(NamedTuple):
+    """Numbers of a train: resistance per speed (N/(m/s)), inertial mass, and powers of motors and electric brake.
+
+    The power of the electric brake is at most `electric_w` and at least `least_electric_w`; what the adhesive weight
+    `adhesive_n` (N) puts on the rail can be less.
+    """
+
+    linear: float
+    mass_kg: float
+    traction_w: float
+    electric_w: float
+    least_electric_w: float
+    adhesive_n: float
+
+
+class CellEfforts(NamedTuple):
+    """Limits of forces (N), of all intervals or of one.
+
+    The motors give between −electric_n and traction_n, and at most their powers at the faster end; all brakes together
+    give at most `brake_n`. Friction brakes only where the electric brake gives all that it can, which is at least
+    `least_electric_n`, or less by its power and by adhesion.
+    """
+
+    traction_n: Floats
+    electric_n: Floats
+    least_electric_n: Floats
+    brake_n: Floats
+
+
+class CellLine(NamedTuple):
+    """What each interval (n,) asks and allows: see `das.solver.bound.cells`.
+
+    Resistance is at least constant_n + linear·v + quadratic·(w0 + w1). `share` is what the line takes of what is fed
+    back, `price_w` the price of time. No run is slower than `slowest_tau` (s/m), and none faster at a node (n + 1,)
+    than `top_mps`.
+    """
+
+    step_m: Floats
+    constant_n: Floats
+    quadratic: Floats
+    efforts: CellEfforts
+    max_acceleration: Floats
+    share: Floats
+    price_w: Floats
+    slowest_tau: Floats
+    top_mps: Floats
+    train: CellTrain
+
+
+class CellInterval(NamedTuple):
+    """What one interval asks and allows: the numbers of `CellLine` and `CellTrain` for it."""
+
+    step_m: float
+    constant_n: float
+    quadratic: float
+    efforts: CellEfforts
+    max_acceleration: float
+    share: float
+    price_w: float
+    slowest_tau: float
+    top_mps: float
+    train: CellTrain
+
+
+@inlined
+def _least_over_forces(tau, c, a, f1, f2, rows):
+    """Least c·ψ − a·f at a slowness over the forces f1 … f2."""
+    x = rows.steps_per_mps / tau
+    last = rows.tau.size - 1
+    r = min(int(x) - 1, last - 1)
+    extra, share = 0.0, 0.0
+    if r < 0:
+        r = 0
+        share = 1.0
+        extra = c * rows.standing_w * (tau - rows.tau[0])
+    else:
+        share = min(max((tau - rows.tau[r + 1]) / (rows.tau[r] - rows.tau[r + 1]), 0.0), 1.0)
+    slow, fast = rows.psi_n[r], rows.psi_n[r + 1]
+    most = slow.size - 2
+    y1, y2 = (f1 - rows.force0_n) * rows.steps_per_n, (f2 - rows.force0_n) * rows.steps_per_n
+    i1, i2 = min(max(int(y1), 0), most), min(max(int(y2), 0), most)
+    wanted = a / (c * rows.steps_per_n)
+    if share * (slow[i2 + 1] - slow[i2]) + (1.0 - share) * (fast[i2 + 1] - fast[i2]) <= wanted:
+        y, i = y2, i2
+    elif share * (slow[i1 + 1] - slow[i1]) + (1.0 - share) * (fast[i1 + 1] - fast[i1]) >= wanted:
+        y, i = y1, i1
+    else:
+        low, high = i1, i2
+        while high - low > 1:
+            mid = (low + high) // 2
+            if share * (slow[mid + 1] - slow[mid]) + (1.0 - share) * (fast[mid + 1] - fast[mid]) >= wanted:
+                high = mid
+            else:
+                low = mid
+        y, i = float(high), high
+    part = y - i
+    psi = share * (slow[i] + part * (slow[i + 1] - slow[i])) + (1.0 - share) * (
+        fast[i] + part * (fast[i + 1] - fast[i])
+    )
+    return c * psi - a * (rows.force0_n + y / rows.steps_per_n) + extra
+
+
+@kernel
+def _weight(f1, f2, tau, a, u, rows):
+    """A weight of ψ between the share u and 1 with which the larger of ψ and u·ψ is bounded well from below."""
+    if _least_over_forces(tau, 1.0, 0.0, f1, f1, rows) >= 0.0:
+        return 1.0
+    if _least_over_forces(tau, 1.0, 0.0, f2, f2, rows) <= 0.0:
+        return u
+    low, high = f1, f2
+    for _ in range(40):
+        mid = 0.5 * (low + high)
+        if _least_over_forces(tau, 1.0, 0.0, mid, mid, rows) >= 0.0:
+            high = mid
+        else:
+            low = mid
+        if high - low < 1.0:
+            break
+    rise = _least_over_forces(tau, 1.0, 0.0, low + 1.0, low + 1.0, rows) - _least_over_forces(
+        tau, 1.0, 0.0, low, low, rows
+    )
+    return min(max(a / max(rise, 1e-9), max(u, 1e-6)), 1.0)
+
+
+@inlined
+def interval(k, line):
+    """The interval k of a line: links that are given numbers instead of arrays take a third of the time."""
+    return CellInterval(
+        line.step_m[k],
+        line.constant_n[k],
+        line.quadratic[k],
+        CellEfforts(
+            line.efforts.traction_n[k],
+            line.efforts.electric_n[k],
+            line.efforts.least_electric_n[k],
+            line.efforts.brake_n[k],
+        ),
+        line.max_acceleration[k],
+        line.share[k],
+        line.price_w[k],
+        line.slowest_tau[k],
+        line.top_mps[k + 1],
+        line.train,
+    )
+
+
+@inlined
+def link(here, start, end, rows):
+    """Least energy and priced time of an interval from a cell to a cell, plus the line of the second, less the first's.
+
+    A cell is given by its slowest and fastest speed and the slope of its line, which is counted from the middle of the
+    cell (in w). Infinite where no run goes from one to the other.
+    """
+    low0, high0, slope0 = start
+    low1, high1, slope1 = end
+    h, mass = here.step_m, here.train.mass_kg
+    a0, b0, a1, b1 = 0.5 * low0 * low0, 0.5 * high0 * high0, 0.5 * low1 * low1, 0.5 * high1 * high1
+    if (a1 - b0) > here.max_acceleration * h:
+        return np.inf
+    quadratic, linear = here.quadratic, here.train.linear
+    slowest, fastest = 0.5 * (low0 + low1), max(high0, high1)
+    base_low = here.constant_n + quadratic * (a0 + a1) + (linear * slowest if linear > 0.0 else linear * fastest)
+    base_high = here.constant_n + quadratic * (b0 + b1) + (linear * fastest if linear > 0.0 else linear * slowest)
+    f1, f2 = mass * (a1 - b0) / h + base_low, mass * (b1 - a0) / h + base_high
+    traction, electric = _efforts(here, max(low0, low1))
+    if f1 > traction or f2 < -here.efforts.brake_n:
+        return np.inf
+    tau1 = 2.0 / (high0 + high1)
+    if tau1 > here.slowest_tau:
+        return np.inf
+    forces = f1, min(f2, traction), electric, _least_electric(here, fastest)
+    rho = slope1 - slope0
+    split = -0.5 * (slope0 + slope1) / mass, rho, 0.0
+    best = _split_link(here, (low0, high0, low1, high1), forces, split, rows)
+    if rho < 0.0 and high1 >= here.top_mps:
+        split = -slope0 / mass, 0.0, rho * b1
+        best = max(best, _split_link(here, (low0, high0, low1, high1), forces, split, rows))
+    return best - slope1 * 0.5 * (a1 + b1) + slope0 * 0.5 * (a0 + b0)
+
+
+@inlined
+def _split_link(here, speeds, forces, split, rows):
+    """The least of a link, with the lines' difference split into a·(force), ρ·(mean of w0 and w1) and a constant."""
+    low0, high0, low1, high1 = speeds
+    f1, f2, electric, least_electric = forces
+    a, rho, constant = split
+    h, linear = here.step_m, here.train.linear
+    a = max(a, 0.0)
+    # Beyond the electric brake, friction takes what the motors do not.
+    beyond = a * max(-electric - f2, 0.0)
+    f1, f2 = max(f1, -electric), max(f2, -least_electric)
+    tau1 = 2.0 / (high0 + high1)
+    tau2 = 2.0 / (low0 + low1) if low0 + low1 > 0.0 else np.inf
+    tau2 = min(tau2, here.slowest_tau)
+    turned = rho + 2.0 * a * h * here.quadratic
+    weight = 1.0
+    if here.share < 1.0:
+        weight = _weight(f1, f2, tau1, a, here.share, rows)
+    # Between the least and the largest slowness the cost is the sum of a concave and of a convex function.
+    bend_tau, bend_w = h * a * max(linear, 0.0), max(turned, 0.0)
+    fall_tau, fall_w = h * a * min(linear, 0.0), min(turned, 0.0)
+    apart = max(abs(high1 - low0), abs(high0 - low1))
+    least_apart = max(low1 - high0, low0 - high1, 0.0)
+    constant += h * (beyond + a * here.constant_n) + fall_w * apart * apart / 8.0
+    constant += bend_w * least_apart * least_apart / 8.0
+    if fall_tau < 0.0:
+        constant += fall_tau * apart * apart * tau2 / 12.0
+    bends = (bend_tau, bend_w, fall_tau, fall_w)
+    return constant + _least_between(tau1, tau2, h, here.price_w, (weight, a, f1, f2), bends, rows)
+
+
+@inlined
+def _efforts(here, faster):
+    """Largest traction and electric brake of interval k (N) where the faster speed is at least this."""
+    speed = max(faster, 1e-3)
+    traction = min(here.efforts.traction_n, here.train.traction_w / speed)
+    return traction, min(here.efforts.electric_n, here.train.electric_w / speed)
+
+
+@inlined
+def _least_electric(here, fastest):
+    """What the electric brake gives at least in interval k (N), at a faster end of at most this speed."""
+    train = here.train
+    least = min(here.efforts.least_electric_n, train.least_electric_w / max(fastest, 1e-3))
+    return min(least, train.adhesive_n * adhesion_coefficient(fastest))
+
+
+@inlined
+def _least_between(tau1, tau2, h, price_w, forces, bends, rows):
+    """Least cost of h metres over the slownesses tau1 … tau2, from below, in parts between the speeds of the map."""
+    weight, a, f1, f2 = forces
+    bend_tau, bend_w, fall_tau, fall_w = bends
+    best, tau = np.inf, tau1
+    left = h * (_least_over_forces(tau, weight, a, f1, f2, rows) + price_w * tau)
+    left += fall_tau / tau + 0.5 * fall_w / (tau * tau)
+    if not tau < tau2:
+        return left + bend_tau / tau + 0.5 * bend_w / (tau * tau)
+    while tau < tau2:
+        r = int(rows.steps_per_mps / tau * (1.0 - 1e-12)) - 1
+        after = min(rows.tau[min(r, rows.tau.size - 1)], tau2) if r >= 0 else tau2
+        if after <= tau:
+            after = tau2
+        right = h * (_least_over_forces(after, weight, a, f1, f2, rows) + price_w * after)
+        right += fall_tau / after + 0.5 * fall_w / (after * after)
+        best = min(best, _with_bend(tau, left, after, right, bend_tau, bend_w))
+        tau, left = after, right
+    return best
+
+
+@inlined
+def _with_bend(tau1, left, tau2, right, bend_tau, bend_w):
+    """Least of a concave function with these ends and of bend_tau/τ + bend_w/(2τ²) over an interval, from below."""
+    if bend_tau == 0.0 and bend_w == 0.0:
+        return min(left, right)
+    mid = 0.5 * (tau1 + tau2)
+    value = bend_tau / mid + 0.5 * bend_w / (mid * mid)
+    slope = -bend_tau / (mid * mid) - bend_w / (mid * mid * mid)
+    tangent = min(left + value + slope * (tau1 - mid), right + value + slope * (tau2 - mid))
+    return max(tangent, min(left, right) + bend_tau / tau2 + 0.5 * bend_w / (tau2 * tau2))
