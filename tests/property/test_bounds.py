@@ -24,10 +24,11 @@ from das.solver.front import Front
 from das.solver.kernels.relaxed_interval import FIXED_ROWS, LOCAL, constraints
 from das.solver.kernels.relaxed_program import proven_bound
 from das.solver.kernels.relaxed_tuples import Multipliers, Planes, Program, RelaxedRun
-from das.solver.kernels.speed_cells import Cells, values_behind
+from das.solver.kernels.speed_cells import values_behind
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
 from das.solver.state import RollOut, State
+from tests.support.cells_near import cells_near
 from tests.support.random_sections import Posed, posed_sections
 
 Floats = NDArray[np.float64]
@@ -187,12 +188,3 @@ def test_no_run_undercuts_the_cells_of_speeds(posed: Posed, factor: float) -> No
         least_j = run.ledger.input + lambda_w * run.time_s
         near_j = values_behind(cells_near(run.trajectory.v_mps, all_cells(task, 0.004)), line, rows)
         assert max(*wide, near_j) <= least_j + 1e-7 * abs(least_j), run.section.name
-
-
-def cells_near(speeds_mps: Floats, cells: Cells) -> Cells:
-    """The cells with only those open that a run goes through, and one on each side: the path is near the run's cost."""
-    at = np.minimum(np.floor(np.sqrt(speeds_mps) / cells.width).astype(int), cells.size - 1)
-    cells.open[:] = False
-    for beside in (-1, 0, 1):
-        cells.open[cells.offset + np.clip(at + beside, 0, cells.size - 1)] = True
-    return cells
