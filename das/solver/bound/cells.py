@@ -15,7 +15,7 @@ from das.solver import tolerances as tol
 from das.solver.bound.planes import map_rows
 from das.solver.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits
 from das.solver.kernels.cell_links import CellEfforts, CellLine, CellTrain, EvenRows
-from das.solver.kernels.loss_planes import MapRows
+from das.solver.kernels.loss_planes import MapRows, row_hulls
 from das.solver.kernels.speed_cells import Cells, values_ahead, values_behind
 
 Floats = NDArray[np.float64]
@@ -24,6 +24,8 @@ FORCE_SLACK_N: Final = 0.01
 """Runs keep the limits of their forces to within this."""
 SLACK_RATIO: Final = 1e-8
 """Runs keep all limits to within this ratio."""
+SLOWEST_TAU: Final = 1e6
+"""Slowness (s/m) of the slowest row of a loss map: no run is as slow."""
 PARTS: Final = 2
 """The open cells are split into this number of parts after each pass."""
 ROUNDING_RATIO: Final = 1e-9
@@ -36,7 +38,7 @@ class TightSettings:
 
     first_width: float = 0.03
     """First width of the cells, in the square root of the speed (m/s): 0.3 m/s at 25 m/s."""
-    narrowest_width: float = 0.0003
+    narrowest_width: float = 0.0001
     """No cells get narrower than this."""
     enough_ratio: float = 1e-3
     """The search ends where the gap is at most this share of the energy."""
@@ -147,18 +149,38 @@ def cell_line(task: Task, lambda_w: float) -> CellLine:
 
 
 def even_rows(rows: MapRows, loss: LossMap) -> EvenRows:
-    """The lower hulls of a loss map's rows at its own forces, continued in a line on both sides."""
-    psi = np.empty((len(rows.tau), len(loss.force_n)))
-    for row, force, hull, count in zip(psi, rows.hull_force, rows.hull_psi, rows.vertices, strict=True):
-        f, p = force[:count], hull[:count]
-        row[:] = np.interp(loss.force_n, f, p)
-        if count > 1:
-            above, below = loss.force_n > f[-1], loss.force_n < f[0]
-            row[above] = p[-1] + (p[-1] - p[-2]) / (f[-1] - f[-2]) * (loss.force_n[above] - f[-1])
-            row[below] = p[0] + (p[1] - p[0]) / (f[1] - f[0]) * (loss.force_n[below] - f[0])
-    return EvenRows(
-        psi, rows.tau, rows.standing_w, float(loss.force_n[0]), 1.0 / loss.force_step_n, 1.0 / loss.speed_step_mps
-    )
+    """The lower hulls of a loss map's rows at its own forces, continued in a line on both sides.
+
+    Between a standing train and the first speed of the map ψ is linear in the slowness for each force, so a row at
+    `SLOWEST_TAU` comes first.
+    """
+    psi = np.empty((len(rows.tau) + 1, len(loss.force_n)))
+    psi[0] = _on_forces(*_slowest_hull(rows, loss), loss.force_n)
+    for row, force, hull, count in zip(psi[1:], rows.hull_force, rows.hull_psi, rows.vertices, strict=True):
+        row[:] = _on_forces(force[:count], hull[:count], loss.force_n)
+    tau = np.concatenate(([SLOWEST_TAU], rows.tau))
+    return EvenRows(psi, tau, float(loss.force_n[0]), 1.0 / loss.force_step_n, 1.0 / loss.speed_step_mps)
+
+
+def _slowest_hull(rows: MapRows, loss: LossMap) -> tuple[Floats, Floats]:
+    """Forces and ψ (N) of the lower hull at the slowness `SLOWEST_TAU`, for the forces that the first row has."""
+    ends = rows.hull_force[0, [0, rows.vertices[0] - 1]]
+    first, last = np.searchsorted(loss.force_n, ends)
+    standing, moving = loss.filled_w[0], loss.filled_w[1]
+    psi = (loss.force_n + SLOWEST_TAU * standing + (moving - standing) / loss.speed_mps[1])[None, :]
+    force, hull, count = np.empty_like(psi), np.empty_like(psi), np.empty(1, np.int64)
+    row_hulls(np.array(loss.force_n), psi, np.array([first]), np.array([last]), force, hull, count)
+    return force[0, : count[0]], hull[0, : count[0]]
+
+
+def _on_forces(hull_n: Floats, psi_n: Floats, force_n: Floats) -> Floats:
+    """A hull at even forces (N), continued in a line on both sides."""
+    found = np.interp(force_n, hull_n, psi_n)
+    if len(hull_n) > 1:
+        above, below = force_n > hull_n[-1], force_n < hull_n[0]
+        found[above] = psi_n[-1] + (psi_n[-1] - psi_n[-2]) / (hull_n[-1] - hull_n[-2]) * (force_n[above] - hull_n[-1])
+        found[below] = psi_n[0] + (psi_n[1] - psi_n[0]) / (hull_n[1] - hull_n[0]) * (force_n[below] - hull_n[0])
+    return np.asarray(found)
 
 
 def all_cells(task: Task, width: float) -> Cells:

@@ -21,14 +21,13 @@ inlined = compiled(forceinline=True)
 class EvenRows(NamedTuple):
     """Energies per metre ψ (N) of a loss map from below: convex in the force, at each speed.
 
-    `psi_n` (speeds, forces) belongs to the slownesses `tau` (falling) and to the forces force0_n + i/steps_per_n.
-    `steps_per_mps` is 1 over the distance of the speeds, the first of which is one step. `standing_w` is the least loss
-    of a standing train.
+    `psi_n` (1 + speeds, forces) belongs to the slownesses `tau` (falling), the first of which no run reaches, and to
+    the forces force0_n + i/steps_per_n. `steps_per_mps` is 1 over the distance of the speeds, the first of which is one
+    step.
     """
 
     psi_n: Floats
     tau: Floats
-    standing_w: float
     force0_n: float
     steps_per_n: float
     steps_per_mps: float
@@ -101,16 +100,8 @@ class CellInterval(NamedTuple):
 @inlined
 def _least_over_forces(tau, c, a, f1, f2, rows):
     """Least c·ψ − a·f at a slowness over the forces f1 … f2."""
-    x = rows.steps_per_mps / tau
-    last = rows.tau.size - 1
-    r = min(int(x) - 1, last - 1)
-    extra, share = 0.0, 0.0
-    if r < 0:
-        r = 0
-        share = 1.0
-        extra = c * rows.standing_w * (tau - rows.tau[0])
-    else:
-        share = min(max((tau - rows.tau[r + 1]) / (rows.tau[r] - rows.tau[r + 1]), 0.0), 1.0)
+    r = min(int(rows.steps_per_mps / tau), rows.tau.size - 2)
+    share = min(max((tau - rows.tau[r + 1]) / (rows.tau[r] - rows.tau[r + 1]), 0.0), 1.0)
     slow, fast = rows.psi_n[r], rows.psi_n[r + 1]
     most = slow.size - 2
     y1, y2 = (f1 - rows.force0_n) * rows.steps_per_n, (f2 - rows.force0_n) * rows.steps_per_n
@@ -133,7 +124,7 @@ def _least_over_forces(tau, c, a, f1, f2, rows):
     psi = share * (slow[i] + part * (slow[i + 1] - slow[i])) + (1.0 - share) * (
         fast[i] + part * (fast[i + 1] - fast[i])
     )
-    return c * psi - a * (rows.force0_n + y / rows.steps_per_n) + extra
+    return c * psi - a * (rows.force0_n + y / rows.steps_per_n)
 
 
 @kernel
@@ -272,8 +263,8 @@ def _least_between(tau1, tau2, h, price_w, forces, bends, rows):
     if not tau < tau2:
         return left + bend_tau / tau + 0.5 * bend_w / (tau * tau)
     while tau < tau2:
-        r = int(rows.steps_per_mps / tau * (1.0 - 1e-12)) - 1
-        after = min(rows.tau[min(r, rows.tau.size - 1)], tau2) if r >= 0 else tau2
+        r = int(rows.steps_per_mps / tau * (1.0 - 1e-12))
+        after = min(rows.tau[min(r, rows.tau.size - 1)], tau2)
         if after <= tau:
             after = tau2
         right = h * (_least_over_forces(after, weight, a, f1, f2, rows) + price_w * after)
