@@ -18,7 +18,7 @@ def polished(
     found: Scheduled, time_s: float, s_m: float, v_mps: float, settings: PolishSettings = DEFAULT
 ) -> Scheduled:
     """A schedule with the same phases, each moved to where it costs least; it is to take `time_s` from a state."""
-    schedule, section = found.schedule, found.schedule.section
+    schedule, section = found.schedule.as_run(), found.schedule.section
     begin = np.array([one.begin for one in schedule.phases])
     kind, share, target = schedule.columns
     target = target.copy()
@@ -33,7 +33,8 @@ def polished(
         for one, place, speed in zip(schedule.phases, begin, target, strict=True)
     )
     try:
-        better = Scheduled(*replace(schedule, phases=phases).settled(s_m, v_mps), found.lambda_w)
+        better, _ = replace(schedule, phases=phases).settled(s_m, v_mps)
+        better = Scheduled(*better.as_run().settled(s_m, v_mps), found.lambda_w)
     except InfeasibleError:
         return found
     return better if better.cost_j(time_s) < found.cost_j(time_s) else found

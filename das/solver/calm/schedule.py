@@ -158,6 +158,31 @@ class Schedule:
             envelope[first] = v_mps
         return first, section.for_kernels._replace(step_m=step), envelope
 
+    def as_run(self) -> Schedule:
+        """The schedule whose phases say what its run does, so that a driver who keeps to them drives that run.
+
+        A brake along the braking curve begins where the run meets the curve: a driver who is told later brakes with
+        friction. A speed to hold downhill that the train never comes down to is the speed that it has there.
+        """
+        kinds, _, _ = self.columns
+        speeds, envelope, phases = self.known.speed_mps, self.section.envelope_mps, list(self.phases)
+        for k in range(1, len(phases)):
+            begin = phases[k].begin
+            while (
+                kinds[k] == NotchKind.CURVE
+                and begin - 1 > phases[k - 1].begin
+                and envelope[begin] < envelope[begin - 1]
+                and speeds[begin] > envelope[begin] - MET_MPS
+            ):
+                begin -= 1
+            phases[k] = phases[k]._replace(begin=begin)
+        ends = [*(one.begin for one in phases[1:]), len(self.at)]
+        for k, end in enumerate(ends):
+            if phases[k].kind in (NotchKind.HOLD, NotchKind.TRACTION):
+                least_mps = float(speeds[phases[k].begin : end + 1].min())
+                phases[k] = phases[k]._replace(target_mps=max(phases[k].target_mps, least_mps))
+        return replace(self, phases=tuple(phases))
+
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
         """The same phases with the run that keeps to them from a state, and that run."""
         forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
