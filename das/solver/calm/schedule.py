@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
+from das.domain.units import KMH
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase, phases_of
@@ -30,6 +31,8 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
+IDLE_MPS = 1.0 * KMH
+"""A brake that takes off less speed than this (m/s) is not worth telling."""
 ON_CURVE_MPS = 0.05
 """A brake to a speed this near (m/s) to what the braking curve comes to there follows the curve."""
 
@@ -47,6 +50,30 @@ class Prospect(NamedTuple):
 
 
 DEFAULT = ScheduleSettings()
+LATE_RATIO = 3.0
+"""A second of being late costs so many times the price of time,"""
+EARLY_RATIO = 0.7
+"""and one of being early is worth this share of it,"""
+EARLY_S = 2.0
+"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as it should."""
+
+
+class PricesOfTime(NamedTuple):
+    """What a second late costs and a second early is worth (W), and how many early ones are worth something (s)."""
+
+    late_w: float
+    early_w: float
+    early_s: float
+
+    @classmethod
+    def to_be_on_time(cls, lambda_w: float) -> PricesOfTime:
+        """The prices of a train that is to be on time, where a second is worth `lambda_w` (W)."""
+        return cls(LATE_RATIO * lambda_w, EARLY_RATIO * lambda_w, EARLY_S)
+
+    @classmethod
+    def at_any_time(cls, lambda_w: float) -> PricesOfTime:
+        """The prices where every second is worth `lambda_w` (W), whenever the train arrives."""
+        return cls(lambda_w, lambda_w, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,27 +188,20 @@ class Schedule:
     def as_run(self) -> Schedule:
         """The schedule whose phases say what its run does, so that a driver who keeps to them drives that run.
 
-        A brake along the braking curve begins where the run meets the curve: a driver who is told later brakes with
-        friction. A speed to hold downhill that the train never comes down to is the speed that it has there.
+        Where a limit ahead brakes the run, a brake begins there: a driver who is told later brakes with friction. A
+        brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
+        that it has there.
         """
-        kinds, _, _ = self.columns
-        speeds, envelope, phases = self.known.speed_mps, self.section.envelope_mps, list(self.phases)
-        for k in range(1, len(phases)):
-            begin = phases[k].begin
-            while (
-                kinds[k] == NotchKind.CURVE
-                and begin - 1 > phases[k - 1].begin
-                and envelope[begin] < envelope[begin - 1]
-                and speeds[begin] > envelope[begin] - MET_MPS
-            ):
-                begin -= 1
-            phases[k] = phases[k]._replace(begin=begin)
-        ends = [*(one.begin for one in phases[1:]), len(self.at)]
+        speeds, said = self.known.speed_mps, list(self.phases)
+        said = _without_idle_brakes(said, self.columns[0], speeds)
+        for begin, end in _braked_by_limits(self.section.envelope_mps, speeds):
+            said = _with_brake(said, begin, end, float(speeds[end]))
+        ends = [*(one.begin for one in said[1:]), len(self.at)]
         for k, end in enumerate(ends):
-            if phases[k].kind in (NotchKind.HOLD, NotchKind.TRACTION):
-                least_mps = float(speeds[phases[k].begin : end + 1].min())
-                phases[k] = phases[k]._replace(target_mps=max(phases[k].target_mps, least_mps))
-        return replace(self, phases=tuple(phases))
+            if said[k].kind in (NotchKind.HOLD, NotchKind.TRACTION):
+                least_mps = float(speeds[said[k].begin : end + 1].min())
+                said[k] = said[k]._replace(target_mps=max(said[k].target_mps, least_mps))
+        return replace(self, phases=tuple(said))
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
         """The same phases with the run that keeps to them from a state, and that run."""
@@ -194,6 +214,51 @@ class Schedule:
         return replace(self, known=run), forecast
 
 
+def _without_idle_brakes(phases: list[Phase], kinds: NDArray[np.int64], speeds: Floats) -> list[Phase]:
+    """The phases without brakes that hardly change the speed; what comes before goes on instead."""
+    found = phases[:1]
+    for k in range(1, len(phases)):
+        one, end = phases[k], phases[k + 1].begin if k + 1 < len(phases) else len(speeds) - 1
+        idle = speeds[one.begin] - speeds[end] < IDLE_MPS and speeds[end] > IDLE_MPS
+        if not (kinds[k] >= NotchKind.BRAKE and idle):
+            found.append(one)
+    return _without_repeats(found)
+
+
+def _without_repeats(phases: list[Phase]) -> list[Phase]:
+    """The phases, where coasting that follows coasting is one with it."""
+    found = phases[:1]
+    for one in phases[1:]:
+        if one.kind is NotchKind.COAST and found[-1].kind is NotchKind.COAST:
+            found[-1] = found[-1]._replace(target_mps=one.target_mps)
+        else:
+            found.append(one)
+    return found
+
+
+def _braked_by_limits(envelope: Floats, speeds: Floats) -> list[tuple[int, int]]:
+    """Where a run brakes along the braking curve: first and last nodes of every such stretch."""
+    met = np.isfinite(speeds) & (speeds > envelope - MET_MPS)
+    brakes = met[1:] & (speeds[1:] < speeds[:-1]) & (envelope[1:] < envelope[:-1])
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], brakes, [False]))))
+    stretches = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [(begin, end) for begin, end in stretches if speeds[begin] - speeds[end] > IDLE_MPS]
+
+
+def _with_brake(phases: list[Phase], begin: int, end: int, target_mps: float) -> list[Phase]:
+    """The phases with a brake from one node to another, where there is none."""
+    here = max(k for k, one in enumerate(phases) if one.begin <= begin or k == 0)
+    one, after = phases[here], phases[here + 1] if here + 1 < len(phases) else None
+    if one.kind in BRAKES or one.begin >= begin:
+        return phases
+    last = end if after is None else min(end, after.begin)
+    if after is not None and after.begin <= end and after.kind in BRAKES:
+        return [*phases[: here + 1], after._replace(begin=begin), *phases[here + 2 :]]
+    brake = Phase(NotchKind.BRAKE, 0.0, begin, target_mps)
+    rest = [] if after is not None and last == after.begin else [one._replace(begin=last)]
+    return [*phases[: here + 1], brake, *rest, *phases[here + 1 :]]
+
+
 class Scheduled(NamedTuple):
     """A schedule, and what keeping to it comes to."""
 
@@ -203,7 +268,8 @@ class Scheduled(NamedTuple):
 
     def cost_j(self, time_s: float) -> float:
         """The energy (J), and what arriving at another time than asked costs or is worth."""
-        return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, self.lambda_w))
+        prices = PricesOfTime.to_be_on_time(self.lambda_w)
+        return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, prices))
 
 
 def scheduled(
