@@ -129,7 +129,7 @@ class Showing:
         if excess > self._settings.overspeed_mps:
             after = schedule.phases[number + 1] if number + 1 < len(schedule.phases) else one
             goal = min(target, after.target_mps if after.kind is NotchKind.BRAKE else place.allowed_mps)
-            if wanted.mode in BRAKES:
+            if wanted.mode in BRAKES and (excess <= self._settings.braked_mps or wanted.effort_ratio <= -1.0):
                 return replace(wanted, speed_mps=min(target, place.allowed_mps))
             if excess > self._settings.braked_mps:
                 return Instruction(mode=Mode.FULL_BRAKE, speed_mps=goal, effort_ratio=-1.0)

@@ -195,7 +195,7 @@ class Schedule:
         speeds, said = self.known.speed_mps, list(self.phases)
         said = _without_idle_brakes(said, self.columns[0], speeds)
         for begin, end in _braked_by_limits(self.section.envelope_mps, speeds):
-            said = _with_brake(said, begin, end, float(speeds[end]))
+            said = _with_brake(said, Phase(NotchKind.BRAKE, 0.0, begin, float(speeds[end])), end)
         ends = [*(one.begin for one in said[1:]), len(self.at)]
         for k, end in enumerate(ends):
             if said[k].kind in (NotchKind.HOLD, NotchKind.TRACTION):
@@ -245,18 +245,19 @@ def _braked_by_limits(envelope: Floats, speeds: Floats) -> list[tuple[int, int]]
     return [(begin, end) for begin, end in stretches if speeds[begin] - speeds[end] > IDLE_MPS]
 
 
-def _with_brake(phases: list[Phase], begin: int, end: int, target_mps: float) -> list[Phase]:
-    """The phases with a brake from one node to another, where there is none."""
-    here = max(k for k, one in enumerate(phases) if one.begin <= begin or k == 0)
+def _with_brake(phases: list[Phase], brake: Phase, end: int) -> list[Phase]:
+    """The phases with a brake up to a node, where there is none, or one whose effort is too small."""
+    here = max(k for k, one in enumerate(phases) if one.begin <= brake.begin or k == 0)
     one, after = phases[here], phases[here + 1] if here + 1 < len(phases) else None
-    if one.kind in BRAKES or one.begin >= begin:
+    said = one.kind in BRAKES and one.share == 0.0
+    if said or one.begin > brake.begin or here == 0:
         return phases
-    last = end if after is None else min(end, after.begin)
-    if after is not None and after.begin <= end and after.kind in BRAKES:
-        return [*phases[: here + 1], after._replace(begin=begin), *phases[here + 2 :]]
-    brake = Phase(NotchKind.BRAKE, 0.0, begin, target_mps)
-    rest = [] if after is not None and last == after.begin else [one._replace(begin=last)]
-    return [*phases[: here + 1], brake, *rest, *phases[here + 1 :]]
+    before = phases[: here + (one.begin < brake.begin)]
+    if after is not None and after.begin <= end:
+        if after.kind in BRAKES and after.share == 0.0:  # It only begins earlier.
+            return [*before, after._replace(begin=brake.begin), *phases[here + 2 :]]
+        return [*before, brake, *phases[here + 1 :]]
+    return [*before, brake, one._replace(begin=end), *phases[here + 1 :]]
 
 
 class Scheduled(NamedTuple):
