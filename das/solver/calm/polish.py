@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from das.domain.errors import InfeasibleError
-from das.solver.calm.schedule import PricesOfTime, Schedule, Scheduled
+from das.solver.calm.schedule import PricesOfTime, Scheduled
 from das.solver.calm.settings import PolishSettings
 from das.solver.kernels.calm_polish import polish
 
@@ -18,10 +18,14 @@ DEFAULT = PolishSettings()
 def polished(
     found: Scheduled, time_s: float, s_m: float, v_mps: float, settings: PolishSettings = DEFAULT
 ) -> Scheduled:
-    """A schedule with the same phases, each changed to where it costs least; it is to take `time_s` from a state."""
+    """A schedule with the same phases, each changed to where it costs least; it is to take `time_s` from a state.
+
+    Its phases say what its run does: where limits ahead brake the run, there is a brake.
+    """
     prices = PricesOfTime.to_be_on_time(found.lambda_w)
     better = _at_prices(found, time_s, prices, s_m, v_mps, settings)
-    return better if better.cost_j(time_s) < found.cost_j(time_s) else found
+    same = _said(found, s_m, v_mps)
+    return better if better.cost_j(time_s) < same.cost_j(time_s) else same
 
 
 def polished_thoroughly(
@@ -67,11 +71,16 @@ def _at_prices(
         one._replace(begin=int(place), share=float(effort), target_mps=float(speed))
         for one, place, effort, speed in zip(schedule.phases, begin, share, target, strict=True)
     )
+    changed = replace(schedule, phases=phases)
     try:
-        return Scheduled(*_as_run(replace(schedule, phases=phases), s_m, v_mps).settled(s_m, v_mps), found.lambda_w)
+        return _said(Scheduled(*changed.settled(s_m, v_mps), found.lambda_w), s_m, v_mps)
     except InfeasibleError:
         return found
 
 
-def _as_run(schedule: Schedule, s_m: float, v_mps: float) -> Schedule:
-    return schedule.settled(s_m, v_mps)[0].as_run()
+def _said(found: Scheduled, s_m: float, v_mps: float) -> Scheduled:
+    """The schedule whose phases say what its run does."""
+    try:
+        return Scheduled(*found.schedule.as_run().settled(s_m, v_mps), found.lambda_w)
+    except InfeasibleError:
+        return found

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.domain.units import KMH
+from das.solver.calm.as_run import phases_as_run
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase, phases_of
@@ -31,8 +31,6 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
-IDLE_MPS = 1.0 * KMH
-"""A brake that takes off less speed than this (m/s) is not worth telling."""
 ON_CURVE_MPS = 0.05
 """A brake to a speed this near (m/s) to what the braking curve comes to there follows the curve."""
 
@@ -192,16 +190,8 @@ class Schedule:
         brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
         that it has there.
         """
-        speeds, said = self.known.speed_mps, list(self.phases)
-        said = _without_idle_brakes(said, self.columns[0], speeds)
-        for begin, end in _braked_by_limits(self.section.envelope_mps, speeds):
-            said = _with_brake(said, Phase(NotchKind.BRAKE, 0.0, begin, float(speeds[end])), end)
-        ends = [*(one.begin for one in said[1:]), len(self.at)]
-        for k, end in enumerate(ends):
-            if said[k].kind in (NotchKind.HOLD, NotchKind.TRACTION):
-                least_mps = float(speeds[said[k].begin : end + 1].min())
-                said[k] = said[k]._replace(target_mps=max(said[k].target_mps, least_mps))
-        return replace(self, phases=tuple(said))
+        phases = phases_as_run(self.phases, self.columns[0], self.section.envelope_mps, self.known.speed_mps)
+        return replace(self, phases=phases)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
         """The same phases with the run that keeps to them from a state, and that run."""
@@ -212,52 +202,6 @@ class Schedule:
         run = known_run(self.section, np.where(known, speeds, v_mps))
         run.time_to_go_s[:first] = run.time_to_go_s[first]
         return replace(self, known=run), forecast
-
-
-def _without_idle_brakes(phases: list[Phase], kinds: NDArray[np.int64], speeds: Floats) -> list[Phase]:
-    """The phases without brakes that hardly change the speed; what comes before goes on instead."""
-    found = phases[:1]
-    for k in range(1, len(phases)):
-        one, end = phases[k], phases[k + 1].begin if k + 1 < len(phases) else len(speeds) - 1
-        idle = speeds[one.begin] - speeds[end] < IDLE_MPS and speeds[end] > IDLE_MPS
-        if not (kinds[k] >= NotchKind.BRAKE and idle):
-            found.append(one)
-    return _without_repeats(found)
-
-
-def _without_repeats(phases: list[Phase]) -> list[Phase]:
-    """The phases, where coasting that follows coasting is one with it."""
-    found = phases[:1]
-    for one in phases[1:]:
-        if one.kind is NotchKind.COAST and found[-1].kind is NotchKind.COAST:
-            found[-1] = found[-1]._replace(target_mps=one.target_mps)
-        else:
-            found.append(one)
-    return found
-
-
-def _braked_by_limits(envelope: Floats, speeds: Floats) -> list[tuple[int, int]]:
-    """Where a run brakes along the braking curve: first and last nodes of every such stretch."""
-    met = np.isfinite(speeds) & (speeds > envelope - MET_MPS)
-    brakes = met[1:] & (speeds[1:] < speeds[:-1]) & (envelope[1:] < envelope[:-1])
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], brakes, [False]))))
-    stretches = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-    return [(begin, end) for begin, end in stretches if speeds[begin] - speeds[end] > IDLE_MPS]
-
-
-def _with_brake(phases: list[Phase], brake: Phase, end: int) -> list[Phase]:
-    """The phases with a brake up to a node, where there is none, or one whose effort is too small."""
-    here = max(k for k, one in enumerate(phases) if one.begin <= brake.begin or k == 0)
-    one, after = phases[here], phases[here + 1] if here + 1 < len(phases) else None
-    said = one.kind in BRAKES and one.share == 0.0
-    if said or one.begin > brake.begin or here == 0:
-        return phases
-    before = phases[: here + (one.begin < brake.begin)]
-    if after is not None and after.begin <= end:
-        if after.kind in BRAKES and after.share == 0.0:  # It only begins earlier.
-            return [*before, after._replace(begin=brake.begin), *phases[here + 2 :]]
-        return [*before, brake, *phases[here + 1 :]]
-    return [*before, brake, one._replace(begin=end), *phases[here + 1 :]]
 
 
 class Scheduled(NamedTuple):

@@ -55,7 +55,7 @@ class ScheduleSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PolishSettings:
-    """How far phases are moved."""
+    """How far phases are changed in place, speed and effort."""
 
     steps_m: tuple[float, ...] = (200.0, 80.0, 30.0)
     """A phase begins this much earlier or later, in rounds of smaller and smaller steps."""

@@ -177,9 +177,9 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
 def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted, steps, least_s, speed):
     """Move the phases (kind, share, target) of a schedule, in rounds of smaller steps, each to where it costs least.
 
-    `wanted` are the time that it is to take (s) and the prices of time (see `cost_of_time`), `steps` those of places (m),
-    of speeds and of shares. Changes `begin`, shares and targets. The run begins with `speed` at node `first`. No phase
-    but a brake is made shorter than `least_s`, or shorter yet.
+    `wanted` are the time that it is to take (s) and the prices of time (see `cost_of_time`), `steps` those of places
+    (m), of speeds and of shares. Changes `begin`, shares and targets. The run begins with `speed` at node `first`. No
+    phase but a brake is made shorter than `least_s`, or shorter yet.
     """
     kind, share, target = phases
     asked, prices = wanted
