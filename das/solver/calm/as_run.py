@@ -73,7 +73,7 @@ def _with_brake(phases: list[Phase], brake: Phase, end: int) -> list[Phase]:
     here = max(k for k, one in enumerate(phases) if one.begin <= brake.begin or k == 0)
     one, after = phases[here], phases[here + 1] if here + 1 < len(phases) else None
     said = one.kind in BRAKES and one.share == 0.0
-    if said or one.begin > brake.begin or here == 0:
+    if said or one.begin > brake.begin:
         return phases
     before = phases[: here + (one.begin < brake.begin)]
     if after is not None and after.begin <= end:
