@@ -91,9 +91,9 @@ def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Schedu
         return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
     at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
     if wanted.earliest_s is not None and at_s < wanted.earliest_s:
-        return _slowed(front, free, wanted, settings)
+        return _slowed(front, free, wanted, settings).as_run(wanted.s_m, wanted.v_mps)
     if wanted.latest_s is not None and at_s > wanted.latest_s:
-        return _hurried(front, wanted, settings)
+        return _hurried(front, wanted, settings).as_run(wanted.s_m, wanted.v_mps)
     return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
 
 

@@ -49,12 +49,13 @@ def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], sp
 
 
 def _without_repeats(phases: list[Phase]) -> list[Phase]:
-    """The phases, where coasting that follows coasting is one with it."""
+    """The phases, where coasting that follows coasting, and holding the same speed again, is one with it."""
     found = phases[:1]
     for one in phases[1:]:
-        if one.kind is NotchKind.COAST and found[-1].kind is NotchKind.COAST:
-            found[-1] = found[-1]._replace(target_mps=one.target_mps)
-        else:
+        before = found[-1]
+        if one.kind is NotchKind.COAST and before.kind is NotchKind.COAST:
+            found[-1] = before._replace(target_mps=one.target_mps)
+        elif one.kind is not NotchKind.HOLD or one != before._replace(begin=one.begin):
             found.append(one)
     return found
 

@@ -24,7 +24,7 @@ def polished(
     """
     prices = PricesOfTime.to_be_on_time(found.lambda_w)
     better = _at_prices(found, time_s, prices, s_m, v_mps, settings)
-    same = _said(found, s_m, v_mps)
+    same = found.as_run(s_m, v_mps)
     return better if better.cost_j(time_s) < same.cost_j(time_s) else same
 
 
@@ -73,14 +73,6 @@ def _at_prices(
     )
     changed = replace(schedule, phases=phases)
     try:
-        return _said(Scheduled(*changed.settled(s_m, v_mps), found.lambda_w), s_m, v_mps)
-    except InfeasibleError:
-        return found
-
-
-def _said(found: Scheduled, s_m: float, v_mps: float) -> Scheduled:
-    """The schedule whose phases say what its run does."""
-    try:
-        return Scheduled(*found.schedule.as_run().settled(s_m, v_mps), found.lambda_w)
+        return Scheduled(*changed.settled(s_m, v_mps), found.lambda_w).as_run(s_m, v_mps)
     except InfeasibleError:
         return found

@@ -211,6 +211,13 @@ class Scheduled(NamedTuple):
     forecast: Prospect
     lambda_w: float
 
+    def as_run(self, s_m: float, v_mps: float) -> Scheduled:
+        """The same from a state, with phases that say what the run does; as it is, where the train would stall so."""
+        try:
+            return Scheduled(*self.schedule.as_run().settled(s_m, v_mps), self.lambda_w)
+        except InfeasibleError:
+            return self
+
     def cost_j(self, time_s: float) -> float:
         """The energy (J), and what arriving at another time than asked costs or is worth."""
         prices = PricesOfTime.to_be_on_time(self.lambda_w)

@@ -46,6 +46,12 @@ def test_a_brake_that_brakes_nothing_is_left_out() -> None:
     assert found == [Phase(COAST, 0.0, 0, 14.0)]
 
 
+def test_without_an_idle_brake_the_speed_is_held_on() -> None:
+    slow = np.full(11, 15.0)
+    found = as_run([Phase(HOLD, 0.0, 0, 15.0), Phase(BRAKE, 1.0, 3, 15.0), Phase(HOLD, 0.0, 4, 15.0)], slow)
+    assert found == [Phase(HOLD, 0.0, 0, 15.0)]
+
+
 def test_a_speed_downhill_that_is_never_reached_is_the_one_held() -> None:
     fast = np.full(11, 19.0)
     assert as_run([Phase(TRACTION, 1.0, 0, 12.0), Phase(HOLD, 0.0, 5, 18.0)], fast) == [
