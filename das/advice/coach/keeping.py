@@ -167,7 +167,8 @@ class Keeper:
     def _ask(self, cause: ReplanCause, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
         """Have a new reference made."""
         assert self._front is not None
-        front, wanted, settings = self._front, self._wanted(state, goal), self._settings
+        front, settings = self._front, self._settings
+        wanted = self._wanted(state, goal, thorough=cause is ReplanCause.START)
         answer = self._worker.submit(lambda: planned(front, wanted, settings))
         if doubted:
             self._doubted_ns = state.now_ns
@@ -282,8 +283,8 @@ class Keeper:
         self._drift.see(state.now_ns, late_s, anew=True)
         return Kept(self.reference, found.forecast, late_s)
 
-    def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
-        """What a new reference is to be made for."""
+    def _wanted(self, state: TrainState, goal: Goal, *, thorough: bool) -> Wanted:
+        """What a new reference is to be made for; `thorough`: it is to stand for the whole section."""
         point, earliest_s, latest_s = goal.passing, None, None
         if point is not None and point.earliest_ns is not None:
             ahead_s = (point.earliest_ns - state.now_ns) * NS
@@ -301,6 +302,7 @@ class Keeper:
             point_m=None if point is None else point.s_m,
             earliest_s=earliest_s,
             latest_s=latest_s,
+            thorough=thorough,
         )
 
     def _left_s(self, state: TrainState, goal: Goal) -> float:

@@ -13,7 +13,7 @@ from das.domain.errors import DasError
 from das.solver.calm.calm import CalmFront, solve_calm, solve_calm_ahead
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
-from das.solver.calm.polish import polished
+from das.solver.calm.polish import polished, polished_thoroughly
 from das.solver.calm.schedule import (
     Prospect,
     Schedule,
@@ -41,7 +41,10 @@ BRAKE_SHARE = 0.7
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What a reference is made for: a state, the time left to the end (s), and a point with its window (s from now)."""
+    """What a reference is made for: a state, the time left to the end (s), and a point with its window (s from now).
+
+    `thorough`: it is worth several times the work.
+    """
 
     s_m: float
     v_mps: float
@@ -49,6 +52,7 @@ class Wanted:
     point_m: float | None = None
     earliest_s: float | None = None
     latest_s: float | None = None
+    thorough: bool = False
 
 
 def drivers_section(section: Section, settings: CoachSettings) -> Section:
@@ -82,14 +86,15 @@ def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Schedu
     """The schedule for what is wanted; raises DasError where the section cannot be finished from the state."""
     left_s = max(wanted.left_s, 1.0)
     free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
+    polish = polished_thoroughly if wanted.thorough else polished
     if wanted.point_m is None or wanted.point_m <= wanted.s_m:
-        return polished(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
+        return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
     at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
     if wanted.earliest_s is not None and at_s < wanted.earliest_s:
-        return _slowed(front, free, wanted, settings)
+        return _slowed(front, free, wanted, settings).as_run(wanted.s_m, wanted.v_mps)
     if wanted.latest_s is not None and at_s > wanted.latest_s:
-        return _hurried(front, wanted, settings)
-    return polished(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
+        return _hurried(front, wanted, settings).as_run(wanted.s_m, wanted.v_mps)
+    return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
 
 
 def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float) -> float:

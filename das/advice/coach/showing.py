@@ -101,9 +101,12 @@ class Showing:
         return ShownNow(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
 
     def _number_for(self, schedule: Schedule, state: TrainState) -> int:
-        """The instruction that holds, or the next one where it is due within the lead; none is taken up again."""
+        """The instruction that holds, or the next one where it is due within the lead; none is taken up again.
+
+        A brake is shown up to its end, however short it is: what follows it is due at its speed.
+        """
         here = max(schedule.number_at(state.s_m), self._number)
-        if here + 1 == len(schedule.phases):
+        if here + 1 == len(schedule.phases) or schedule.phases[here].kind is NotchKind.BRAKE:
             return here
         leads = {NotchKind.COAST: self._settings.lead_s, NotchKind.BRAKE: self._settings.brake.lead_s}
         soon_m = state.s_m + state.v_mps * leads.get(schedule.phases[here + 1].kind, 0.0)
@@ -126,7 +129,7 @@ class Showing:
         if excess > self._settings.overspeed_mps:
             after = schedule.phases[number + 1] if number + 1 < len(schedule.phases) else one
             goal = min(target, after.target_mps if after.kind is NotchKind.BRAKE else place.allowed_mps)
-            if wanted.mode in BRAKES:
+            if wanted.mode in BRAKES and (excess <= self._settings.braked_mps or wanted.effort_ratio <= -1.0):
                 return replace(wanted, speed_mps=min(target, place.allowed_mps))
             if excess > self._settings.braked_mps:
                 return Instruction(mode=Mode.FULL_BRAKE, speed_mps=goal, effort_ratio=-1.0)
@@ -288,9 +291,10 @@ def _aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
 
 
 def reference_force_n(schedule: Schedule, shown: ShownNow, s_m: float, v_mps: float) -> float:
-    """The wheel force (N) that keeps to the reference at a position and speed."""
+    """The wheel force (N) that keeps to the reference at a position and speed; of a brake not due yet, as it begins."""
     section, now, number = schedule.section, shown.now, shown.number
     if now.mode in BRAKES and schedule.phases[number].kind is NotchKind.BRAKE:
+        s_m = max(s_m, schedule.begin_m(number))
         return -max(braking_force_n(section, schedule.needed_mps2(number, s_m, v_mps), s_m, v_mps), 0.0)
     return force_n(section, now, s_m, v_mps)
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
+from das.solver.calm.as_run import phases_as_run
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase, phases_of
@@ -47,6 +48,30 @@ class Prospect(NamedTuple):
 
 
 DEFAULT = ScheduleSettings()
+LATE_RATIO = 3.0
+"""A second of being late costs so many times the price of time,"""
+EARLY_RATIO = 0.7
+"""and one of being early is worth this share of it,"""
+EARLY_S = 2.0
+"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as it should."""
+
+
+class PricesOfTime(NamedTuple):
+    """What a second late costs and a second early is worth (W), and how many early ones are worth something (s)."""
+
+    late_w: float
+    early_w: float
+    early_s: float
+
+    @classmethod
+    def to_be_on_time(cls, lambda_w: float) -> PricesOfTime:
+        """The prices of a train that is to be on time, where a second is worth `lambda_w` (W)."""
+        return cls(LATE_RATIO * lambda_w, EARLY_RATIO * lambda_w, EARLY_S)
+
+    @classmethod
+    def at_any_time(cls, lambda_w: float) -> PricesOfTime:
+        """The prices where every second is worth `lambda_w` (W), whenever the train arrives."""
+        return cls(lambda_w, lambda_w, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,6 +183,16 @@ class Schedule:
             envelope[first] = v_mps
         return first, section.for_kernels._replace(step_m=step), envelope
 
+    def as_run(self) -> Schedule:
+        """The schedule whose phases say what its run does, so that a driver who keeps to them drives that run.
+
+        Where a limit ahead brakes the run, a brake begins there: a driver who is told later brakes with friction. A
+        brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
+        that it has there.
+        """
+        phases = phases_as_run(self.phases, self.columns[0], self.section.envelope_mps, self.known.speed_mps)
+        return replace(self, phases=phases)
+
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
         """The same phases with the run that keeps to them from a state, and that run."""
         forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
@@ -176,9 +211,17 @@ class Scheduled(NamedTuple):
     forecast: Prospect
     lambda_w: float
 
+    def as_run(self, s_m: float, v_mps: float) -> Scheduled:
+        """The same from a state, with phases that say what the run does; as it is, where the train would stall so."""
+        try:
+            return Scheduled(*self.schedule.as_run().settled(s_m, v_mps), self.lambda_w)
+        except InfeasibleError:
+            return self
+
     def cost_j(self, time_s: float) -> float:
         """The energy (J), and what arriving at another time than asked costs or is worth."""
-        return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, self.lambda_w))
+        prices = PricesOfTime.to_be_on_time(self.lambda_w)
+        return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, prices))
 
 
 def scheduled(

@@ -55,11 +55,17 @@ class ScheduleSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PolishSettings:
-    """How far phases are moved."""
+    """How far phases are changed in place, speed and effort."""
 
-    steps_m: tuple[float, ...] = (200.0, 80.0)
+    steps_m: tuple[float, ...] = (200.0, 80.0, 30.0)
     """A phase begins this much earlier or later, in rounds of smaller and smaller steps."""
-    steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH)
+    steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH, 0.5 * KMH)
     """A speed is made this much lower or higher, in the same rounds."""
+    steps_share: tuple[float, ...] = (0.1, 0.05, 0.05)
+    """An effort is made this much smaller or larger, in the same rounds."""
+    prices: int = 3
+    """A schedule that is polished thoroughly is polished at so many prices of time first,"""
+    price_ratio: float = 2.0
+    """at most so many times lower or higher than that of the run that it was made from."""
     least_s: float = 10.0
     """No phase but a brake is made shorter than this by moving its neighbours."""

@@ -60,7 +60,8 @@ def _coasting(i, line, v):
 def followed_step(i, phase, back_share, way, line, envelope, p, v):
     """Drive interval i in a `phase` (kind, share, target); fills v[i + 1].
 
-    Returns the time (s), or -1 after a stall, and whether limits ahead ask for brakes though the phase does not.
+    Returns the time (s), or -1 after a stall, and whether limits ahead ask for brakes, or for more of them, though the
+    phase does not.
     """
     step, g, q, u = line
     here = (step, g, q, on_supply(p, u[i]))
@@ -69,7 +70,8 @@ def followed_step(i, phase, back_share, way, line, envelope, p, v):
     # On a hill that the schedule cannot climb the train takes all its traction.
     if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
         return -1.0, False
-    unsaid = phase[0] < BRAKE and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]
+    by_effort = phase[0] < BRAKE or (phase[0] == BRAKE and phase[1] > 0.0)
+    unsaid = by_effort and landing > envelope[i + 1] + UNSAID_MPS and v[i + 1] < v[i]
     return 2.0 * step[i] / (v[i] + v[i + 1]), unsaid
 
 

@@ -9,24 +9,26 @@ from das.solver.kernels.calm_follow import followed_step
 from das.solver.kernels.calm_moves import BRAKE, HOLD, TRACTION
 from das.solver.kernels.calm_roll_out import step_energy
 
-LATE_RATIO = 3.0
-"""A second of being late costs so many times the price of time,"""
-EARLY_RATIO = 0.7
-"""and one of being early is worth this share of it,"""
-EARLY_S = 2.0
-"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as it should."""
 UNSAID_S = 0.1
 """A move may let limits ahead ask for brakes, where no phase does, for no longer than this more (s)."""
 MET_MPS = 1e-3
 """Two runs whose speeds are this near (m/s) to each other, and whose phases are the same from there on, are one."""
 SLOWEST_MPS = 2.0
 """No speed to hold is made lower than this (m/s)."""
+LEAST_SHARE = 0.2
+"""No effort is made lower than this share of the largest."""
+MOVES = 6
+"""A phase begins earlier or later, leads to a lower or higher speed, or has less or more effort."""
 
 
 @kernel
-def cost_of_time(late, price):
-    """What arriving late (s; early < 0) costs at a price of time (W): in J."""
-    return price * (LATE_RATIO * late if late > 0.0 else EARLY_RATIO * max(late, -EARLY_S))
+def cost_of_time(late, prices):
+    """What arriving late (s; early < 0) costs (J).
+
+    `prices` are those of a second late and of a second early (W), and how many early ones are worth something (s).
+    """
+    late_w, early_w, early_s = prices
+    return late_w * late if late > 0.0 else early_w * max(late, -early_s)
 
 
 @kernel
@@ -126,15 +128,19 @@ def highest(speed, first, last):
 
 
 @kernel
-def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new_target):
-    """One move of phase k: begun earlier (0) or later (1), slower (2) or faster (3).
+def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
+    """One move of phase k: begun earlier (0) or later (1), slower (2) or faster (3), with less (4) or more effort (5).
 
-    Fills in the new places and speeds; returns the first node that is another one and the first behind the change,
-    or (-1, -1) where there is no such move. The end of a brake stays: there its speed is needed.
+    `by` are the distance, the speed and the share. Fills in the new places, shares and speeds; returns the first node
+    that is another one and the first behind the change, or (-1, -1) where there is no such move. The end of a brake
+    stays: there its speed is needed.
     """
-    kind, _, target = phases
+    by_m, by_speed, by_share = by
+    kind, share, target = phases
+    _, new_share, new_target = new_phases
     count = begin.size
     new_begin[:] = begin
+    new_share[:] = share
     new_target[:] = target
     sign = 1.0 if move % 2 else -1.0
     if move < 2:
@@ -147,6 +153,13 @@ def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new
             return -1, -1
         # A brake before it ends elsewhere, and what it does depends on that from its beginning on.
         return min(new_begin[k], begin[k]), max(new_begin[k], begin[k]) + 1
+    if move >= 4:
+        if share[k] == 0.0 or (kind[k] != TRACTION and kind[k] != BRAKE):
+            return -1, -1
+        new_share[k] = min(max(share[k] + sign * by_share, LEAST_SHARE), 1.0)
+        if new_share[k] == share[k]:
+            return -1, -1
+        return begin[k], (begin[k + 1] if k + 1 < count else node.size - 1) + 1
     if kind[k] != TRACTION and kind[k] != HOLD:
         return -1, -1
     last = k
@@ -164,13 +177,13 @@ def moved(k, move, by_m, by_speed, phases, begin, node, envelope, new_begin, new
 def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted, steps, least_s, speed):
     """Move the phases (kind, share, target) of a schedule, in rounds of smaller steps, each to where it costs least.
 
-    `wanted` are the time that it is to take (s) and the price of time (W), `steps` those of places (m) and of speeds.
-    Changes `begin` and the targets. The run begins with `speed` at node `first`. No phase but a brake is made shorter
-    than `least_s`, or shorter yet.
+    `wanted` are the time that it is to take (s) and the prices of time (see `cost_of_time`), `steps` those of places
+    (m), of speeds and of shares. Changes `begin`, shares and targets. The run begins with `speed` at node `first`. No
+    phase but a brake is made shorter than `least_s`, or shorter yet.
     """
     kind, share, target = phases
-    asked, price = wanted
-    by_m, by_speed = steps
+    asked, prices = wanted
+    by_m, by_speed, by_share = steps
     n = node.size - 1
     laid_out = (np.empty(n, np.int64), np.empty(n))
     base = (np.empty(n + 1), np.empty(n + 1), np.empty(n + 1), np.empty(n + 1))
@@ -178,31 +191,31 @@ def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted,
     lay_out(begin, node, laid_out[0], laid_out[1])
     if not record(first, laid_out, phases, back_share, line, envelope, p, c, base):
         return
-    best = base[2][n] + cost_of_time(base[1][n] - asked, price)
-    new_begin, new_target, v = begin.copy(), target.copy(), np.empty(n + 1)
+    best = base[2][n] + cost_of_time(base[1][n] - asked, prices)
+    new_begin, new_share, new_target, v = begin.copy(), share.copy(), target.copy(), np.empty(n + 1)
+    tried = (kind, new_share, new_target)
     missing = missing_time(first, begin, kind, line.step_m, least_s, base[0])
     for r in range(by_m.size):
+        by = (by_m[r], by_speed[r], by_share[r])
         for k in range(begin.size):
-            for move in range(4):
-                start, meets = moved(
-                    k, move, by_m[r], by_speed[r], phases, begin, node, envelope, new_begin, new_target
-                )
+            for move in range(MOVES):
+                start, meets = moved(k, move, by, begin, phases, node, envelope, new_begin, tried)
                 if start < 0:
                     continue
                 start = max(start, first)
                 lay_out(new_begin, node, laid_out[0], laid_out[1])
-                tried = (kind, share, new_target)
                 v[:] = base[0]
                 time, energy, unsaid = drive_schedule(
                     start, meets, laid_out, tried, back_share, line, envelope, p, c, base, v
                 )
-                cost = energy + cost_of_time(time - asked, price)
+                cost = energy + cost_of_time(time - asked, prices)
                 if time < 0.0 or cost >= best or unsaid > base[3][n] + UNSAID_S:
                     continue
                 lacking = missing_time(first, new_begin, kind, line.step_m, least_s, v)
                 if lacking > missing:
                     continue
                 begin[:] = new_begin
+                share[:] = new_share
                 target[:] = new_target
                 best, missing = cost, lacking
                 record(first, laid_out, phases, back_share, line, envelope, p, c, base)

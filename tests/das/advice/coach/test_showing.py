@@ -280,3 +280,38 @@ def test_the_force_of_the_reference_brakes_along_the_curve_and_is_else_that_of_w
 def test_the_settings_are_those_that_this_file_counts_with() -> None:
     assert (SETTINGS.least_shown_s, SETTINGS.above_mps, SETTINGS.below_mps) == (8.0, 4 * KMH, 5 * KMH)
     assert DEFAULT.showing == SETTINGS
+
+
+def test_a_short_brake_before_coasting_is_shown_to_its_end(display: Shown) -> None:
+    """Coasting that follows a brake has no lead: it would take the place of a brake shorter than the lead."""
+    node_m = section().node_m
+    first, last = (int(np.searchsorted(node_m, place)) for place in (3000.0, 3060.0))
+    coast, brake = (NotchKind.COAST, 0.0), (NotchKind.BRAKE, 0.0)
+    short = (
+        *display.schedule.phases[:2],
+        Phase(*brake, first, 95 * KMH),
+        Phase(*coast, last, 85 * KMH),
+        display.schedule.phases[3],
+    )
+    shown = Shown(Showing(SETTINGS), replace(display.schedule, phases=short).settled(0.0, 0.0)[0])
+    found = [shown.at(second, 2960.0 + 27.0 * second, 100 * KMH).now.mode for second in range(3)]
+    assert {*found} <= {*BRAKES}
+    assert shown.at(4.0, 3100.0, 95 * KMH).now.mode is Mode.COAST
+
+
+def test_the_force_of_a_brake_not_due_yet_is_that_with_which_it_begins(display: Shown) -> None:
+    """A driver who looks at it for the next second does not lose that second."""
+    begin_m = display.schedule.begin_m(3)
+    speed = display.schedule.speed_at(begin_m)
+    soon = display.at(0.0, begin_m - 20.0, speed)
+    force = reference_force_n(display.schedule, soon, begin_m - 20.0, speed)
+    assert soon.now.mode in BRAKES
+    assert force < 0.0
+    assert force == pytest.approx(reference_force_n(display.schedule, soon, begin_m, speed), rel=0.02)
+
+
+def test_a_train_far_too_fast_is_told_to_brake_fully_whatever_the_schedule_brakes_with(display: Shown) -> None:
+    """The schedule's brake may be too weak for a limit that it did not know."""
+    place = SpeedsAllowed(15.0, 15.0)
+    found = [display.at(i, 5000.0, 15.0 + over, place).now for i, over in enumerate((0.6, 1.6, 5.0))]
+    assert all(one.effort_ratio <= -1.0 for one in found[1:])

