@@ -61,8 +61,9 @@ class PolishSettings:
     """A phase begins this much earlier or later, in rounds of smaller and smaller steps."""
     steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH, 0.5 * KMH)
     """A speed is made this much lower or higher, in the same rounds."""
-    steps_share: tuple[float, ...] = (0.1, 0.05, 0.05)
-    """An effort is made this much smaller or larger, in the same rounds."""
+    steps_share: tuple[float, ...] = (0.2, 0.2, 0.0)
+    """An effort is made this much smaller or larger, in the same rounds: a fifth, as finely as a driver reads it. An
+    effort between two fifths would flicker on a display that rounds to them."""
     prices: int = 3
     """A schedule that is polished thoroughly is polished at so many prices of time first,"""
     price_ratio: float = 2.0
