@@ -7,11 +7,9 @@ from numpy.typing import NDArray
 
 from das.domain.units import KMH
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import BRAKES, Phase
+from das.solver.calm.phases import BRAKES, NEAR_MPS, Phase
 
 Floats = NDArray[np.float64]
-MET_MPS = 1e-3
-"""A run this near (m/s) to the braking curve is on it."""
 IDLE_MPS = 1.0 * KMH
 """A brake that takes off less speed than this (m/s) is not worth telling."""
 
@@ -62,7 +60,7 @@ def _without_repeats(phases: list[Phase]) -> list[Phase]:
 
 def _braked_by_limits(envelope: Floats, speeds: Floats) -> list[tuple[int, int]]:
     """Where a run brakes along the braking curve: first and last nodes of every such stretch."""
-    met = np.isfinite(speeds) & (speeds > envelope - MET_MPS)
+    met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)
     brakes = met[1:] & (speeds[1:] < speeds[:-1]) & (envelope[1:] < envelope[:-1])
     edges = np.flatnonzero(np.diff(np.concatenate(([False], brakes, [False]))))
     stretches = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

@@ -27,9 +27,9 @@ class Cells(NamedTuple):
     """Cells of speeds at the nodes (n + 1,): number j has the square roots of speeds from j to j + 1 times `width`.
 
     Those of node k are first[k] … first[k] + size[k] − 1, and begin at `offset[k]` of the flat arrays: `slope` and
-    `value` of their lines in w, which is that at the middle of the cell, `ahead` the shortest path from the start, and
-    `open` whether a better run can be in the cell. No speed is above `top_mps` (n + 1,). At both ends there is one
-    cell with one speed.
+    `value` of their lines in w, which is that at the middle of the cell, `guess` the value expected from the costs at
+    the cell's ends, `ahead` the shortest path from the start, and `open` whether a better run can be in the cell. No
+    speed is above `top_mps` (n + 1,). At both ends there is one cell with one speed.
     """
 
     first: NDArray[np.int64]
