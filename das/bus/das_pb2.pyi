@@ -1134,6 +1134,8 @@ class Cab(_message.Message):
     TARGET_WAY_M_FIELD_NUMBER: _builtins.int
     FRICTION_RATIO_FIELD_NUMBER: _builtins.int
     DEVIATION_S_FIELD_NUMBER: _builtins.int
+    NEXT_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    NEXT_EFFORT_RATIO_FIELD_NUMBER: _builtins.int
     HORIZON_SPEED_MPS_FIELD_NUMBER: _builtins.int
     HORIZON_FORCE_N_FIELD_NUMBER: _builtins.int
     LIMITS_AHEAD_FIELD_NUMBER: _builtins.int
@@ -1189,6 +1191,10 @@ class Cab(_message.Message):
     """[ratio] share of the braking that the controller asks of the friction brake"""
     deviation_s: _builtins.float
     """[s] how late the train is (early < 0), where that alone is shown; NaN otherwise"""
+    next_speed_mps: _builtins.float
+    """[m/s] of the coach: the speed to reach or to hold after the next change; NaN: not shown"""
+    next_effort_ratio: _builtins.float
+    """[ratio] of the coach: the share of the largest effort after it; NaN: not shown"""
     @_builtins.property
     def restrictions(self) -> _containers.RepeatedCompositeFieldContainer[Global___Restrictions.Restriction]:
         """temporary ones that the driver knows of"""
@@ -1236,13 +1242,15 @@ class Cab(_message.Message):
         target_way_m: _builtins.float = ...,
         friction_ratio: _builtins.float = ...,
         deviation_s: _builtins.float = ...,
+        next_speed_mps: _builtins.float = ...,
+        next_effort_ratio: _builtins.float = ...,
         horizon_speed_mps: _abc.Iterable[_builtins.float] | None = ...,
         horizon_force_n: _abc.Iterable[_builtins.float] | None = ...,
         limits_ahead: _abc.Iterable[Global___Cab.LimitAhead] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "clock_s", b"clock_s", "departure_s", b"departure_s", "deviation_s", b"deviation_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "friction_ratio", b"friction_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_s", b"next_change_s", "next_mode", b"next_mode", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "clock_s", b"clock_s", "departure_s", b"departure_s", "deviation_s", b"deviation_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "friction_ratio", b"friction_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_s", b"next_change_s", "next_effort_ratio", b"next_effort_ratio", "next_mode", b"next_mode", "next_speed_mps", b"next_speed_mps", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -52,7 +52,8 @@ class AdviceView:
 
     Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
     maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold (`due_s`: the time until it is due,
-    `target_way_m`: the way to where it is reached); `display_speed_mps` is the same in whole km/h, as the driver reads
+    `target_way_m`: the way to where it is reached; `next_speed_mps` and `next_effort_ratio`: speed and share of the
+    largest effort after the next change); `display_speed_mps` is the same in whole km/h, as the driver reads
     it. A simulated driver goes by the former. In DEVIATION there is only `deviation_s`, how late the train is against
     the planned run for its timetable (early < 0). `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
@@ -70,6 +71,8 @@ class AdviceView:
     horizon_force_n: tuple[float, ...] = ()
     next_mode: int = Mode.NONE
     next_change_s: float = math.nan
+    next_speed_mps: float = math.nan
+    next_effort_ratio: float = math.nan
     due_s: float = 0.0
     target_way_m: float = math.nan
     reason: str = ""
@@ -219,6 +222,8 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
         force_n=coach.reference_force_n,
         next_mode=int(following.mode) if following is not None else Mode.NONE,
         next_change_s=following.in_s if following is not None else math.nan,
+        next_speed_mps=following.speed_mps if following is not None else math.nan,
+        next_effort_ratio=following.effort_ratio if following is not None else math.nan,
         due_s=coach.now.in_s,
         target_way_m=coach.target_m,
         reason=coach.reason,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from das.advice.modes import Mode
-from sim.drivers.cab import AdviceView, CabView, Presentation
+from sim.drivers.cab import AdviceView, CabView, Efforts, Presentation
 from sim.drivers.kinds import FOLLOWED_EXACTLY
 from sim.drivers.knowledge import LineKnowledge, Outlook
 from sim.drivers.rule_settings import FOLLOWING, RULE, TRACKING
@@ -11,6 +11,8 @@ from sim.drivers.rules import FastDriver, TimetableDriver
 from sim.drivers.tracking import hold, needed_braking_mps2, stand
 from sim.plant.kernels import electric_effort
 from sim.plant.plant import COAST, Command, force, speed
+
+TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
 
 
 class PerfectDriver:
@@ -36,25 +38,41 @@ class PerfectDriver:
         """Do what the coach says at the moment when it is due."""
         if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
             self._due, self._due_at_m = view, cab.s_m
-        newest, view = view, self._due
+        after = self._accelerating(cab, view, outlook)
+        return after if after is not None else self._obeyed(cab, self._due, outlook)
+
+    def _accelerating(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
+        """The command where the next change is to accelerate and is due now; a limit is passed to its last metre."""
+        due_s = view.time_s + view.next_change_s - RULE.anticipation_s
+        if view.next_mode not in TRACTION or not cab.time_s >= due_s:
+            return None
+        most_n = view.next_effort_ratio * Efforts.at(cab.speed_mps, outlook.train).traction_n
+        return hold(cab, outlook, min(view.next_speed_mps, cab.limit_mps), high_n=most_n)
+
+    def _obeyed(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
+        """The command that does what was shown and is due."""
         target = min(view.speed_mps, cab.limit_mps)
-        if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+        if view.mode in TRACTION:
             return hold(cab, outlook, target, high_n=max(view.force_n, 0.0))
         if view.mode == Mode.CRUISE:
             return hold(cab, outlook, target)
-        if view.mode == Mode.COAST and cab.speed_mps <= cab.limit_mps:
-            return COAST
+        if view.mode == Mode.COAST:
+            rolls = cab.speed_mps <= cab.limit_mps + FOLLOWING.rolling_mps
+            return COAST if rolls else hold(cab, outlook, cab.limit_mps)
         way_m = view.target_way_m - (cab.s_m - self._due_at_m)
         if view.speed_mps < FOLLOWING.creeping_mps:
             needed = needed_braking_mps2(cab, cab.halt_m)
         else:
             needed = (cab.speed_mps**2 - view.speed_mps**2) / (2.0 * max(way_m, 1.0))
-        if needed <= 0 or view.mode == Mode.COAST:
+        if needed <= 0:
             return hold(cab, outlook, target)
         braking_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed
+        if cab.speed_mps <= FOLLOWING.creeping_mps:
+            return force(braking_n)
         # At high speeds the motors brake less than one deceleration asks for, and the advice knows by how much.
-        eased_n = max(braking_n, min(newest.force_n, 0.0))
-        return force(eased_n if cab.speed_mps > FOLLOWING.creeping_mps else braking_n)
+        eased_n = max(braking_n, min(view.force_n, 0.0))
+        motors_n = electric_effort(cab.speed_mps, 1.0, outlook.train)
+        return force(max(eased_n, -motors_n) if -eased_n < FOLLOWING.motors_ratio * motors_n else eased_n)
 
     def _must_mind(self, cab: CabView) -> bool:
         """Whether the train is near the highest speed that a restriction or signal allows; the advice may not know."""

@@ -57,6 +57,11 @@ class FollowingSettings:
     """Nobody brakes less (m/s²) than this for the mark: there is still a way to drive, after a signal short of it."""
     creeping_mps: float = 0.3
     """A speed to brake to that is lower than this is a halt."""
+    rolling_mps: float = 0.3
+    """A train that is to coast is let roll above a limit by up to this (m/s): so well he reads the display."""
+    motors_ratio: float = 1.08
+    """The friction brake is not taken where all needs no more than this times what the motors give: it lets go slowly,
+    and at a lower speed the motors give more."""
     release_s: float = 0.4
     """An effort is given up this much (s) before it is due: half the time it takes to fall."""
 

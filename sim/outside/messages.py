@@ -27,7 +27,7 @@ SHOWN: Final = {number: presentation for presentation, number in PRESENTATIONS.i
 """What the numbers in the message mean."""
 _HIDDEN: Final = (
     *("advised_speed_mps", "advised_lever_ratio", "next_change_s", "display_speed_mps", "advice_s", "valid_until_s"),
-    *("advised_force_n", "due_s", "target_way_m", "deviation_s"),
+    *("advised_force_n", "due_s", "target_way_m", "deviation_s", "next_speed_mps", "next_effort_ratio"),
 )
 """Fields that are NaN while nothing is shown."""
 
@@ -138,6 +138,8 @@ def _advice_fields(view: AdviceView | None, *, horizons: bool) -> dict[str, Any]
         "advice_s": view.time_s,
         "valid_until_s": view.valid_until_s,
         "advised_force_n": view.force_n,
+        "next_speed_mps": view.next_speed_mps,
+        "next_effort_ratio": view.next_effort_ratio,
         "due_s": view.due_s,
         "target_way_m": view.target_way_m,
         "deviation_s": view.deviation_s,
@@ -163,6 +165,8 @@ def _advice_view(message: Any) -> AdviceView | None:
         horizon_force_n=tuple(message.horizon_force_n),
         next_mode=message.next_mode,
         next_change_s=message.next_change_s,
+        next_speed_mps=message.next_speed_mps,
+        next_effort_ratio=message.next_effort_ratio,
         due_s=message.due_s,
         target_way_m=message.target_way_m,
         deviation_s=message.deviation_s,

@@ -237,7 +237,7 @@ class Keeper:
         """Whether the fastest run gains enough over the reference; else no reference does, and none need be made."""
         assert self._front is not None
         fastest_s = State.at(self._front.section, state.s_m, state.v_mps).fastest().time_s
-        return kept.forecast.time_s - fastest_s > self._settings.keeping.least_gain_s
+        return kept.forecast.time_s - fastest_s > self._settings.keeping.late_gain_s
 
     def _misses_window(self, kept: Kept, state: TrainState, goal: Goal) -> bool:
         """Whether the train that keeps the reference passes the point ahead outside its window."""
@@ -267,7 +267,7 @@ class Keeper:
         least_j = keeping.least_gain_power_s * self._section.train.traction_power_w
         better = {
             ReplanCause.POINT: True,
-            ReplanCause.LATE: gain.lateness_s > keeping.least_gain_s,
+            ReplanCause.LATE: gain.lateness_s > keeping.late_gain_s,
             ReplanCause.EARLY: gain.lateness_s > keeping.least_gain_s and gain.energy_j > least_j,
             ReplanCause.ENERGY: -gain.lateness_s < keeping.least_gain_s and gain.worth_j > least_j,
         }

@@ -91,9 +91,9 @@ def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Schedu
         return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
     at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
     if wanted.earliest_s is not None and at_s < wanted.earliest_s:
-        return _slowed(front, free, wanted, settings).as_run(wanted.s_m, wanted.v_mps)
+        return _slowed(front, free, wanted, settings)
     if wanted.latest_s is not None and at_s > wanted.latest_s:
-        return _hurried(front, wanted, settings).as_run(wanted.s_m, wanted.v_mps)
+        return _hurried(front, wanted, settings)
     return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
 
 
@@ -263,9 +263,10 @@ def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Sched
     assert wanted.point_m is not None
     assert wanted.latest_s is not None
     state = State.at(front.section, wanted.s_m, wanted.v_mps)
-    aim_s, best, best_s = wanted.latest_s, None, math.inf
+    aim_s, best, best_s, number = wanted.latest_s, None, math.inf, -1
     for _ in range(LATER_TRIES):
-        number = _slowest_by(front, state, wanted.point_m, aim_s)
+        quicker = min(number + 1, len(front.lambda_w) - 1)
+        number = max(_slowest_by(front, state, wanted.point_m, aim_s), quicker)
         made = schedule_in_time(front.roll_out(state, number, number, 0), 0.0, settings.schedule)
         found = _with_rest(front, (made.schedule, made.forecast), wanted, settings, made.lambda_w)
         late_s = passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m) - wanted.latest_s
@@ -292,13 +293,13 @@ def _slowest_by(front: CalmFront, state: State, point_m: float, latest_s: float)
 def _with_rest(
     front: CalmFront, way: tuple[Schedule, Prospect], wanted: Wanted, settings: CoachSettings, lambda_w: float
 ) -> Scheduled:
-    """A way to the point, and from there on the schedule for the time that is left then."""
+    """A way to the point, and from there on the schedule for the time that is left then; its phases say what is run."""
     assert wanted.point_m is not None
     schedule, forecast = way
     section, node_m = schedule.section, schedule.section.node_m
     point = int(np.searchsorted(node_m, wanted.point_m))
     if point >= len(section.step_m) - 1:
-        return Scheduled(schedule, forecast, lambda_w)
+        return Scheduled(schedule, forecast, lambda_w).as_run(wanted.s_m, wanted.v_mps)
     took_s = passes_s(schedule, forecast, wanted.s_m, float(node_m[point]))
     v_mps = float(forecast.speeds_mps[point])
     left_s, point_m = max(wanted.left_s - took_s, 1.0), float(node_m[point])
@@ -309,4 +310,4 @@ def _with_rest(
     both = replace(schedule, phases=(*before, *after), known=schedule.known._replace(speed_mps=speeds)).settled(
         wanted.s_m, wanted.v_mps
     )
-    return Scheduled(*both, rest.lambda_w)
+    return Scheduled(*both, rest.lambda_w).as_run(wanted.s_m, wanted.v_mps)

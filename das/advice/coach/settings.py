@@ -14,9 +14,9 @@ class DriverSettings:
 
     planning_brake_mps2: float | None = None
     """Limits and stops are braked for at no more than this rate (None: what `braking_ratio` leaves)."""
-    braking_ratio: float = 0.9
+    braking_ratio: float = 0.97
     """Limits and stops are braked for with no more than this share of the train's planned deceleration: a driver who
-    brakes one second late can still keep them."""
+    brakes half a second late can still keep them."""
     below_limit_mps: float = 0.0
     """Limits are planned with this margin."""
 
@@ -32,7 +32,9 @@ class KeepingSettings:
     unhurried_s: float = 0.5
     """A reference arrives later than the timetable by this: so much the build-up of effort takes."""
     least_gain_s: float = 1.0
-    """A new reference because of lateness must gain at least this."""
+    """A new reference because of earliness must gain at least this, one to save energy may lose no more,"""
+    late_gain_s: float = 2.0
+    """and one because of lateness must gain at least this."""
     least_gain_power_s: float = 0.08
     """A new reference to save energy must save what the train's full power needs in this time (0.14 kWh of 6 MW)."""
     astray_mps: float = 1.5
@@ -44,11 +46,21 @@ class KeepingSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LeadSettings:
+    """How much before it is due an instruction is shown."""
+
+    coasting_s: float = 5.0
+    """Coasting: about the time in which a driver reacts."""
+    braking_s: float = 2.0
+    """A brake: a driver who sees it earlier brakes early and arrives late."""
+    accelerating_s: float = 2.0
+    """An acceleration: a driver who looks when it is due sees it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class BrakeShowingSettings:
     """How the effort of a brake is shown."""
 
-    lead_s: float = 2.0
-    """A brake is shown this much before it is due: a driver who sees it earlier brakes early and arrives late."""
     early_ratio: float = 0.5
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
     again_ratio: float = 0.95
@@ -71,8 +83,7 @@ class BrakeShowingSettings:
 class ShowingSettings:
     """How instructions are shown, and when the train counts as being at a speed."""
 
-    lead_s: float = 5.0
-    """Coasting is shown this much before it is due: about the time in which a driver reacts."""
+    lead: LeadSettings = field(default_factory=LeadSettings)
     reached_mps: float = 0.5
     """A speed to be reached is reached from this much below it on."""
     below_mps: float = 5.0 * KMH

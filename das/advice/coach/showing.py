@@ -79,7 +79,7 @@ class Showing:
         if schedule is not self._schedule:
             self._schedule, self._number, self._back, self._brakes, self._coming = schedule, 0, 0, {}, {}
             self._reached_mps = 0.0
-        number = self._number_for(schedule, state)
+        number = self._number_for(schedule, state, place)
         if number != self._number:
             self._back, self._reached_mps = 0, 0.0
         self._number = number
@@ -96,20 +96,29 @@ class Showing:
         following = self._following(schedule, number, state, begins_s)
         end_m = schedule.begin_m(number + 1)
         due_m = schedule.begin_m(number) - state.s_m if number else 0.0
-        if due_m > 0 and state.v_mps <= place.allowed_mps:
+        if due_m > 0 and state.v_mps <= place.allowed_mps + self._settings.overspeed_mps:
             now = replace(now, way_m=due_m, in_s=float(np.interp(schedule.begin_m(number), at_m, times_s)))
         return ShownNow(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
 
-    def _number_for(self, schedule: Schedule, state: TrainState) -> int:
+    def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
         """The instruction that holds, or the next one where it is due within the lead; none is taken up again.
 
-        A brake is shown up to its end, however short it is: what follows it is due at its speed.
+        A brake is shown up to its end, however short it is, unless another brake follows it: anything else is due at
+        its speed. An acceleration is shown before it is due only where the limit allows its speed already.
         """
         here = max(schedule.number_at(state.s_m), self._number)
-        if here + 1 == len(schedule.phases) or schedule.phases[here].kind is NotchKind.BRAKE:
+        if here + 1 == len(schedule.phases):
             return here
-        leads = {NotchKind.COAST: self._settings.lead_s, NotchKind.BRAKE: self._settings.brake.lead_s}
-        soon_m = state.s_m + state.v_mps * leads.get(schedule.phases[here + 1].kind, 0.0)
+        after = schedule.phases[here + 1]
+        lead = self._settings.lead
+        leads = {
+            NotchKind.COAST: lead.coasting_s,
+            NotchKind.BRAKE: lead.braking_s,
+            NotchKind.TRACTION: lead.accelerating_s if after.target_mps <= place.limit_mps else 0.0,
+        }
+        if schedule.phases[here].kind is NotchKind.BRAKE and after.kind is not NotchKind.BRAKE:
+            return here
+        soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)
         return here + 1 if schedule.number_at(soon_m) > here else here
 
     def _wanted(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
@@ -217,7 +226,8 @@ class Showing:
         settled = shown.mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.least_shown_s
         too_fast = state.v_mps > place.allowed_mps + self._settings.overspeed_mps
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
-        braked = less and (wanted.mode in BRAKES or too_fast)
+        slower = shown.mode in BRAKES and wanted.speed_mps < shown.speed_mps - SAME_MPS
+        braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and slower)
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         above = shown.speed_mps > place.limit_mps + SAME_MPS
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:

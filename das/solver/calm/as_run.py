@@ -6,42 +6,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import KMH
+from das.solver.calm.as_held import speeds_as_held
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, NEAR_MPS, Phase
+from das.solver.calm.run_at_nodes import STEADY_MPS, RunAtNodes, ends_of
 
-Floats = NDArray[np.float64]
 IDLE_MPS = 1.0 * KMH
 """A brake that takes off less speed than this (m/s) is not worth telling."""
 
 
 def phases_as_run(
-    phases: tuple[Phase, ...], kinds: NDArray[np.int64], envelope: Floats, speeds: Floats
+    phases: tuple[Phase, ...], kinds: NDArray[np.int64], run: RunAtNodes, back_share: float
 ) -> tuple[Phase, ...]:
     """The phases of a schedule as its run has them.
 
-    `kinds` are those of the phases with `NotchKind.CURVE` for a brake along the braking curve, `envelope` the highest
-    speeds and `speeds` those of the run at the nodes of the section (m/s). Where a limit ahead brakes the run, a brake
-    begins; a brake that brakes nothing is left out; a speed to hold downhill that the train never comes down to is the
-    speed that it has there.
+    `kinds` are those of the phases with `NotchKind.CURVE` for a brake along the braking curve. Where a limit ahead
+    brakes the run, a brake begins; a brake that brakes nothing is left out, and one that only holds a speed at first
+    begins later. What is said of speeds to hold is in `das.solver.calm.as_held`; a train that is slower than the speed
+    to hold gets back to it with `back_share` of its traction.
     """
-    said = _without_idle_brakes(phases, kinds, speeds)
-    for begin, end in _braked_by_limits(envelope, speeds):
-        said = _with_brake(said, Phase(NotchKind.BRAKE, 0.0, begin, float(speeds[end])), end)
-    ends = [*(one.begin for one in said[1:]), len(speeds) - 1]
-    for k, (one, end) in enumerate(zip(said, ends, strict=True)):
-        if one.kind in (NotchKind.HOLD, NotchKind.TRACTION):
-            least_mps = float(speeds[one.begin : end + 1].min())
-            said[k] = one._replace(target_mps=max(one.target_mps, least_mps))
-    return tuple(said)
+    said = _without_early_brakes(_without_idle_brakes(phases, kinds, run), run)
+    for begin, end in _braked_by_limits(run):
+        said = _with_brake(said, begin, end, run)
+    return tuple(speeds_as_held(said, run, back_share))
 
 
-def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], speeds: Floats) -> list[Phase]:
+def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], run: RunAtNodes) -> list[Phase]:
     """The phases without brakes that hardly change the speed; what comes before goes on instead."""
-    found = list(phases[:1])
-    for k in range(1, len(phases)):
-        one, end = phases[k], phases[k + 1].begin if k + 1 < len(phases) else len(speeds) - 1
+    found, speeds = list(phases[:1]), run.speeds_mps
+    for one, kind, end in list(zip(phases, kinds, ends_of(phases, run), strict=True))[1:]:
         idle = speeds[one.begin] - speeds[end] < IDLE_MPS and speeds[end] > IDLE_MPS
-        if not (kinds[k] >= NotchKind.BRAKE and idle):
+        if not (kind >= NotchKind.BRAKE and idle):
             found.append(one)
     return _without_repeats(found)
 
@@ -58,8 +53,9 @@ def _without_repeats(phases: list[Phase]) -> list[Phase]:
     return found
 
 
-def _braked_by_limits(envelope: Floats, speeds: Floats) -> list[tuple[int, int]]:
+def _braked_by_limits(run: RunAtNodes) -> list[tuple[int, int]]:
     """Where a run brakes along the braking curve: first and last nodes of every such stretch."""
+    speeds, envelope = run.speeds_mps, run.envelope_mps
     met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)
     brakes = met[1:] & (speeds[1:] < speeds[:-1]) & (envelope[1:] < envelope[:-1])
     edges = np.flatnonzero(np.diff(np.concatenate(([False], brakes, [False]))))
@@ -67,16 +63,47 @@ def _braked_by_limits(envelope: Floats, speeds: Floats) -> list[tuple[int, int]]
     return [(begin, end) for begin, end in stretches if speeds[begin] - speeds[end] > IDLE_MPS]
 
 
-def _with_brake(phases: list[Phase], brake: Phase, end: int) -> list[Phase]:
-    """The phases with a brake up to a node, where there is none, or one whose effort is too small."""
-    here = max(k for k, one in enumerate(phases) if one.begin <= brake.begin or k == 0)
+def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> list[Phase]:
+    """The phases with a brake along the braking curve between two nodes, where there is none.
+
+    A brake whose effort is too small begins earlier, so that it is enough. What would follow before the last node
+    begins there.
+    """
+    here = max(k for k, one in enumerate(phases) if one.begin <= begin or k == 0)
     one, after = phases[here], phases[here + 1] if here + 1 < len(phases) else None
     said = one.kind in BRAKES and one.share == 0.0
-    if said or one.begin > brake.begin:
+    if said or one.begin > begin:
         return phases
-    before = phases[: here + (one.begin < brake.begin)]
-    if after is not None and after.begin <= end:
-        if after.kind in BRAKES and after.share == 0.0:  # It only begins earlier.
-            return [*before, after._replace(begin=brake.begin), *phases[here + 2 :]]
-        return [*before, brake, *phases[here + 1 :]]
-    return [*before, brake, one._replace(begin=end), *phases[here + 1 :]]
+    before = phases[: here + (one.begin < begin)]
+    if after is not None and after.begin <= end and after.kind in BRAKES and after.share == 0.0:
+        return [*before, after._replace(begin=begin), *phases[here + 2 :]]  # It only begins earlier.
+    if one.kind in BRAKES and one.begin < begin:
+        earlier = _early_enough(one.begin, begin, end, run)
+        if not here or earlier > phases[here - 1].begin:
+            return [*phases[:here], one._replace(begin=earlier), *phases[here + 1 :]]
+    brake = Phase(NotchKind.BRAKE, 0.0, begin, float(run.speeds_mps[end]))
+    return [*before, brake, *_from(phases[here:], end)]
+
+
+def _early_enough(begin: int, met: int, end: int, run: RunAtNodes) -> int:
+    """Where a brake of an effort begins that is in time at its end, though it met the braking curve before."""
+    squares, node_m = run.speeds_mps**2, run.node_m
+    m_per_square = (node_m[met] - node_m[begin]) / max(squares[begin] - squares[met], 1e-9)
+    later_m = (squares[met] - squares[end]) * m_per_square - (node_m[end] - node_m[met])
+    return max(int(np.searchsorted(node_m, node_m[begin] - later_m)) - 1, 0)
+
+
+def _from(phases: list[Phase], node: int) -> list[Phase]:
+    """The phases that hold from a node on; the first of them begins there."""
+    first = max((k for k, one in enumerate(phases) if one.begin <= node), default=0)
+    return [phases[first]._replace(begin=node), *phases[first + 1 :]]
+
+
+def _without_early_brakes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
+    """The phases, where a brake that follows a speed to hold begins no sooner than the run slows down."""
+    found = phases[:1]
+    for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
+        slows = np.flatnonzero(np.diff(run.speeds_mps[one.begin : end + 1]) < -STEADY_MPS)
+        waits = one.kind in BRAKES and found[-1].kind is NotchKind.HOLD and slows.size > 0
+        found.append(one._replace(begin=one.begin + int(slows[0])) if waits else one)
+    return found

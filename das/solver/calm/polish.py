@@ -20,12 +20,20 @@ def polished(
 ) -> Scheduled:
     """A schedule with the same phases, each changed to where it costs least; it is to take `time_s` from a state.
 
-    Its phases say what its run does: where limits ahead brake the run, there is a brake.
+    Its phases say what its run does: where limits ahead brake the run, there is a brake. Where that makes it late, it
+    is made for less time once more.
     """
-    prices = PricesOfTime.to_be_on_time(found.lambda_w)
-    better = _at_prices(found, time_s, prices, s_m, v_mps, settings)
-    same = found.as_run(s_m, v_mps)
-    return better if better.cost_j(time_s) < same.cost_j(time_s) else same
+    prices, best = PricesOfTime.to_be_on_time(found.lambda_w), found.as_run(s_m, v_mps)
+    asked_s = time_s
+    for _ in range(settings.rounds):
+        better = _at_prices(found, asked_s, prices, s_m, v_mps, settings)
+        if better.cost_j(time_s) < best.cost_j(time_s):
+            best = better
+        late_s = best.forecast.time_s - time_s
+        if late_s <= settings.late_s:
+            break
+        asked_s -= late_s
+    return best
 
 
 def polished_thoroughly(
@@ -37,6 +45,7 @@ def polished_thoroughly(
     early. So it is first polished with every second at the same price, and the price is narrowed down to one at which
     it is nearly on time.
     """
+    settings = replace(settings, steps_share=settings.thorough_steps_share)
     best = polished(found, time_s, s_m, v_mps, settings)
     low_w, high_w = found.lambda_w / settings.price_ratio, found.lambda_w * settings.price_ratio
     free = found

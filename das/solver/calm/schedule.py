@@ -19,6 +19,7 @@ from das.solver.calm.as_run import phases_as_run
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase, phases_of
+from das.solver.calm.run_at_nodes import RunAtNodes
 from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.calm_follow import follow
 from das.solver.kernels.calm_polish import cost_of_time
@@ -190,7 +191,9 @@ class Schedule:
         brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
         that it has there.
         """
-        phases = phases_as_run(self.phases, self.columns[0], self.section.envelope_mps, self.known.speed_mps)
+        section = self.section
+        run = RunAtNodes.of(self.known.speed_mps, section.envelope_mps, section.step_m)
+        phases = phases_as_run(self.phases, self.columns[0], run, self.back_share)
         return replace(self, phases=phases)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:

@@ -64,9 +64,15 @@ class PolishSettings:
     steps_share: tuple[float, ...] = (0.2, 0.2, 0.0)
     """An effort is made this much smaller or larger, in the same rounds: a fifth, as finely as a driver reads it. An
     effort between two fifths would flicker on a display that rounds to them."""
+    thorough_steps_share: tuple[float, ...] = (0.2, 0.1, 0.1)
+    """The same of a schedule that is polished thoroughly, which is one for a train that departs or is new."""
     prices: int = 3
     """A schedule that is polished thoroughly is polished at so many prices of time first,"""
     price_ratio: float = 2.0
     """at most so many times lower or higher than that of the run that it was made from."""
     least_s: float = 10.0
     """No phase but a brake is made shorter than this by moving its neighbours."""
+    rounds: int = 2
+    """A schedule is polished so many times,"""
+    late_s: float = 1.0
+    """each time for less time than before, while it is later than this."""

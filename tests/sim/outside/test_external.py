@@ -272,7 +272,8 @@ def test_the_dead_man_brake_is_applied_after_2_s_and_released_at_a_stand() -> No
 ADVICE = AdviceView(
     time_s=0.1 + 0.2, valid_until_s=3.3, presentation=Presentation.VECTOR, mode=2, speed_mps=1 / 3,
     display_speed_mps=0.3, lever_ratio=-0.123, force_n=-1e4 / 7, horizon_speed_mps=(0.1, 0.2),
-    horizon_force_n=(1.0, 2.0), next_mode=4, next_change_s=7.7, due_s=0.3, target_way_m=12.1, reason="why",
+    horizon_force_n=(1.0, 2.0), next_mode=4, next_change_s=7.7, next_speed_mps=9.1,
+    next_effort_ratio=0.6, due_s=0.3, target_way_m=12.1, reason="why",
     deviation_s=-4.4,
 )  # fmt: skip
 

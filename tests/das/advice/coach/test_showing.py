@@ -87,7 +87,7 @@ def test_a_train_on_the_run_is_shown_each_phase_once(display: Shown) -> None:
     assert [mode for mode, _ in found[:3]] == [Mode.REDUCED_TRACTION, Mode.CRUISE, Mode.COAST]
     assert {mode for mode, _ in found[3:]} <= set(BRAKES)
     lead_m = [begin - at for begin, (_, at) in zip(PLACES_M[2:], found[2:4], strict=True)]
-    assert all(0.0 < lead <= (SETTINGS.lead_s + 1.0) * TOP_MPS for lead in lead_m)
+    assert all(0.0 < lead <= (SETTINGS.lead.coasting_s + 1.0) * TOP_MPS for lead in lead_m)
 
 
 @pytest.mark.parametrize("v_kmh", [60, 95, 99, 104, 130])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
 
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
+from das.solver.calm.phases import BRAKES, Phase
 from das.solver.calm.polish import polished, polished_thoroughly
 from das.solver.calm.schedule import Scheduled, scheduled
 from das.solver.calm.settings import PolishSettings
@@ -17,9 +17,10 @@ from tests.support.calm import BUFFERS, BUNDLED, Which, calm_of, front_of, sched
 pytestmark = pytest.mark.slow
 
 
-def driven(phases: tuple[Phase, ...]) -> list[NotchKind]:
-    """The kinds of the phases in which the train is driven or held; brakes may come where limits ask for them."""
-    return [one.kind for one in phases if one.kind in (NotchKind.TRACTION, NotchKind.HOLD)]
+def stretches(phases: tuple[Phase, ...]) -> list[str]:
+    """In which order the train is driven and coasts; limits may bring brakes and other speeds in between."""
+    kinds = ["coasts" if one.kind is NotchKind.COAST else "driven" for one in phases if one.kind not in BRAKES]
+    return [kind for kind, _ in groupby(kinds)]
 
 
 def check(before: Scheduled, after: Scheduled, time_s: float, s_m: float, v_mps: float) -> None:
@@ -27,7 +28,7 @@ def check(before: Scheduled, after: Scheduled, time_s: float, s_m: float, v_mps:
     said = Scheduled(*before.schedule.as_run().settled(s_m, v_mps), before.lambda_w)
     assert after.cost_j(time_s) <= said.cost_j(time_s)
     assert after.lambda_w == before.lambda_w
-    assert driven(after.schedule.phases) == driven(before.schedule.phases)
+    assert stretches(after.schedule.phases) == stretches(said.schedule.phases)
     assert all(0.2 <= one.share <= 1.0 for one in after.schedule.phases if one.share > 0.0)
     begins = [one.begin for one in after.schedule.phases]
     assert all(a < b for a, b in pairwise(begins))
