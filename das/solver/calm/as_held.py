@@ -17,7 +17,8 @@ HELD_S = 10.0
 SLOWER_MPS = 5.0 * KMH
 """A train that is slower than the speed to hold by more than this (m/s) accelerates to it."""
 HARDLY_MPS = 2.5 * KMH
-"""A train that is slower than the speed to hold by less than this (m/s) is only told to hold it."""
+"""A train that is slower than the speed to hold by less than this (m/s) is only told to hold it, unless the schedule
+begins with that: then it is told to accelerate from `SLOWER_MPS` on, as while it holds a speed."""
 ABOVE_MPS = 1.0 * KMH
 """A train that is above the speed to hold by more than this (m/s), and rolls, coasts to it."""
 SAME_MPS = 0.5
@@ -47,7 +48,7 @@ def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float)
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         if one.kind is not NotchKind.HOLD:
             found.append(one)
-        elif found and _hardly_faster(found[-1], one, run):
+        elif found and _hardly_faster(found[-1], one, run, SLOWER_MPS if len(found) == 1 else HARDLY_MPS):
             found[-1] = one._replace(begin=found[-1].begin)
         elif run.speeds_mps[one.begin] < one.target_mps - SLOWER_MPS:
             first = one._replace(kind=NotchKind.TRACTION, share=back_share)
@@ -69,10 +70,10 @@ def _one_after_another(first: Phase, held: Phase, reached: NDArray[np.bool_], en
     return [first] if run.lasts_s(last, end) < HELD_S else [first, held._replace(begin=last)]
 
 
-def _hardly_faster(one: Phase, held: Phase, run: RunAtNodes) -> bool:
+def _hardly_faster(one: Phase, held: Phase, run: RunAtNodes, by_mps: float) -> bool:
     """Whether a phase only accelerates by a little, to the speed that is held then: the driver does that by himself."""
     same = one.kind is NotchKind.TRACTION and abs(one.target_mps - held.target_mps) < SAME_MPS
-    return same and run.speeds_mps[one.begin] > one.target_mps - HARDLY_MPS
+    return bool(same and run.speeds_mps[one.begin] > one.target_mps - by_mps)
 
 
 def _with_coasting(phases: list[Phase], run: RunAtNodes) -> list[Phase]:

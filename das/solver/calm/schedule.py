@@ -32,6 +32,8 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
+SAYINGS = 3
+"""Phases are made to say what their run does so many times; then they hardly change any more."""
 ON_CURVE_MPS = 0.05
 """A brake to a speed this near (m/s) to what the braking curve comes to there follows the curve."""
 
@@ -215,11 +217,20 @@ class Scheduled(NamedTuple):
     lambda_w: float
 
     def as_run(self, s_m: float, v_mps: float) -> Scheduled:
-        """The same from a state, with phases that say what the run does; as it is, where the train would stall so."""
-        try:
-            return Scheduled(*self.schedule.as_run().settled(s_m, v_mps), self.lambda_w)
-        except InfeasibleError:
-            return self
+        """The same from a state, with phases that say what the run does; as it is, where the train would stall so.
+
+        Other phases may make another run, and are compared with that one again.
+        """
+        found = self
+        for _ in range(SAYINGS):
+            said = found.schedule.as_run()
+            if found is not self and said.phases == found.schedule.phases:
+                break
+            try:
+                found = Scheduled(*said.settled(s_m, v_mps), self.lambda_w)
+            except InfeasibleError:
+                break
+        return found
 
     def cost_j(self, time_s: float) -> float:
         """The energy (J), and what arriving at another time than asked costs or is worth."""
