@@ -23,6 +23,8 @@ ABOVE_MPS = 1.0 * KMH
 """A train that is above the speed to hold by more than this (m/s), and rolls, coasts to it."""
 SAME_MPS = 0.5
 """Two speeds to go to, one after the other, that differ by less than this (m/s) are one: no driver tells them apart."""
+SAME_SHARE = 0.15
+"""Two efforts, one after the other, that differ by less than this share of the largest are one."""
 
 
 def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
@@ -39,7 +41,7 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
         if one.kind in (NotchKind.HOLD, NotchKind.TRACTION):
             least_mps = float(run.speeds_mps[one.begin : end + 1].min())
             said[k] = one._replace(target_mps=max(one.target_mps, least_mps))
-    return _with_one_speed(said)
+    return _without_likes(said)
 
 
 def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
@@ -153,15 +155,17 @@ def _held_by_limits(run: RunAtNodes, first: int, end: int) -> list[tuple[int, in
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _with_one_speed(phases: list[Phase]) -> list[Phase]:
-    """The phases, where a speed that is reached and then held, or held twice, is one and the same."""
+def _without_likes(phases: list[Phase]) -> list[Phase]:
+    """The phases, where a speed that is reached and then held, or held twice, is one, and so are two like efforts."""
     found = phases[:1]
     for one in phases[1:]:
         before = found[-1]
         same = one.kind is NotchKind.HOLD and abs(one.target_mps - before.target_mps) < SAME_MPS
         if same and before.kind is NotchKind.HOLD:
             continue
-        if same and before.kind is NotchKind.TRACTION:
+        alike = one.kind is before.kind is NotchKind.TRACTION and abs(one.share - before.share) < SAME_SHARE
+        if alike or (same and before.kind is NotchKind.TRACTION):
             found[-1] = before._replace(target_mps=one.target_mps)
-        found.append(one)
+        if not alike:
+            found.append(one)
     return found
