@@ -102,7 +102,7 @@ class CoachGiven:
             min=0.1,
             max=1.5,
             help="Deceleration for limits and stops to plan with, as drivers here brake "
-            "[default: the train's, of the coach 90 % of it].",
+            "[default: the train's, of the coach 97 % of it].",
             show_default=False,
         ),
     ] = None

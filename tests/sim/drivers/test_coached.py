@@ -19,6 +19,7 @@ from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.perfect import PerfectDriver
 from sim.drivers.shown import Shown
+from sim.plant.kernels import electric_effort
 from sim.plant.plant import COAST
 
 LINE = LineKnowledge(route=load_route("flat-6km"), vehicle=load_vehicle("re460-ic"))
@@ -56,6 +57,7 @@ def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() ->
     assert seen is not None
     assert (seen.mode, seen.next_mode, seen.next_change_s) == (Mode.REDUCED_TRACTION, Mode.COAST, 42.0)
     assert (seen.speed_mps, seen.display_speed_mps) == pytest.approx((100.4 * KMH, 100 * KMH))
+    assert (seen.next_speed_mps, seen.next_effort_ratio) == (10.0, 0.0)
     assert (seen.target_way_m, seen.reason, seen.due_s) == (800.0, "accelerate to 100", 0.0)
     assert seen.lever_ratio == pytest.approx(1e5 / Efforts.at(20.0, LINE.train).traction_n)
     assert seen.horizon_speed_mps == ()
@@ -148,6 +150,39 @@ def test_a_perfect_driver_does_what_is_due_and_no_sooner() -> None:
     )
     later = replace(roll, time_s=4.9, valid_until_s=9.0, due_s=0.1)
     assert driver.command(cab(later, time_s=4.9)) == COAST
+
+
+@pytest.mark.parametrize("limit_mps", [22.0, 40.0])
+def test_a_perfect_driver_accelerates_when_it_is_due_and_no_faster_than_the_limit(limit_mps: float) -> None:
+    """It is announced for 5 s from now, and what is shown then does not change."""
+    driver = PerfectDriver(LINE)
+    seen = view(HOLD, following=(replace(TRACTION, in_s=5.0, way_m=100.0),))
+    assert seen is not None
+    seen = replace(seen, valid_until_s=9.0)
+    assert driver.command(cab(seen, time_s=4.0, limit_mps=limit_mps)).value == pytest.approx(20.0)
+    command = driver.command(cab(seen, time_s=4.4, limit_mps=limit_mps))
+    assert command.value == pytest.approx(min(TRACTION.speed_mps, limit_mps))
+    assert command.high_n == pytest.approx(0.8 * Efforts.at(20.0, LINE.train).traction_n)
+
+
+@pytest.mark.parametrize(("over_mps", "coasts"), [(0.0, True), (0.2, True), (0.5, False)])
+def test_a_perfect_driver_coasts_at_a_limit_and_brakes_to_it_only_from_clearly_above(
+    over_mps: float, coasts: bool
+) -> None:
+    command = PerfectDriver(LINE).command(cab(view(ROLL), limit_mps=20.0 - over_mps))
+    assert (command == COAST) is coasts
+    assert coasts or command.value == pytest.approx(20.0 - over_mps)
+
+
+@pytest.mark.parametrize(("more", "motors_alone"), [(1.05, True), (1.2, False)])
+def test_a_perfect_driver_takes_no_friction_where_the_motors_nearly_suffice(more: float, motors_alone: bool) -> None:
+    """A brake from 20 m/s to 10 m/s that needs so many times what the motors give."""
+    motors_n = float(electric_effort(20.0, 1.0, LINE.train))
+    resistance_n = float(LINE.vehicle.resistance.force_n(20.0))
+    way_m = (20.0**2 - 10.0**2) * LINE.vehicle.inertial_mass_kg / (2.0 * (more * motors_n + resistance_n))
+    seen = view(BRAKE, reference_force_n=-9e5, target_m=way_m)
+    command = PerfectDriver(LINE).command(cab(seen))
+    assert command.value == pytest.approx(-motors_n if motors_alone else -more * motors_n, rel=1e-3)
 
 
 @pytest.mark.parametrize("told_n", [-3e5, -8e4, 0.0])

@@ -315,3 +315,56 @@ def test_a_train_far_too_fast_is_told_to_brake_fully_whatever_the_schedule_brake
     place = SpeedsAllowed(15.0, 15.0)
     found = [display.at(i, 5000.0, 15.0 + over, place).now for i, over in enumerate((0.6, 1.6, 5.0))]
     assert all(one.effort_ratio <= -1.0 for one in found[1:])
+
+
+def two_steps(kind: NotchKind, share: float, second_mps: float) -> Shown:
+    """A display of a schedule that accelerates, brakes to 20 m/s (3.0 to 3.2 km), and goes on to another speed."""
+    node_m = section().node_m
+    begins = [int(np.searchsorted(node_m, at)) for at in (0.0, 3000.0, 3200.0, 4500.0)]
+    phases = (
+        Phase(NotchKind.TRACTION, 0.8, begins[0], 25.0),
+        Phase(NotchKind.BRAKE, 0.0, begins[1], 20.0),
+        Phase(kind, share, begins[2], second_mps),
+        Phase(NotchKind.BRAKE, 0.0, begins[3], 0.0),
+    )
+    raw = Schedule(
+        section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), 20.0)), back_share=0.7
+    )
+    return Shown(Showing(SETTINGS), raw.settled(0.0, 0.0)[0])
+
+
+def test_a_brake_to_a_lower_speed_behind_a_brake_does_not_wait() -> None:
+    """It is shown before it is due, though the one before it has stood for a second only."""
+    display = two_steps(NotchKind.BRAKE, 0.0, 10.0)
+    end_m = display.schedule.begin_m(2)
+    assert display.at(0.0, end_m - 55.0, 22.0).now.speed_mps == pytest.approx(20.0)
+    shown = display.at(1.0, end_m - 33.0, 21.0)
+    assert shown.now.mode in BRAKES
+    assert shown.now.speed_mps == pytest.approx(10.0)
+    assert 0.0 < shown.now.in_s < SETTINGS.lead.braking_s + 0.5
+
+
+@pytest.mark.parametrize(("limit_mps", "shown"), [(40.0, True), (20.5, False)])
+def test_an_acceleration_is_shown_before_it_is_due_where_the_limit_allows_its_speed(
+    limit_mps: float, shown: bool
+) -> None:
+    schedule = two_steps(NotchKind.TRACTION, 0.6, 30.0).schedule
+    held = replace(
+        schedule, phases=(schedule.phases[0], schedule.phases[1]._replace(kind=NotchKind.HOLD), *schedule.phases[2:])
+    )
+    display = Shown(Showing(SETTINGS), held)
+    place = SpeedsAllowed(limit_mps, limit_mps)
+    assert display.at(0.0, 3100.0, 20.0, place).now.mode is Mode.CRUISE
+    soon = display.at(10.0, held.begin_m(2) - 30.0, 20.0, place)
+    assert (soon.now.mode in TRACTION) is shown
+    assert soon.now.speed_mps <= limit_mps
+
+
+@pytest.mark.parametrize(("way_m", "creeps"), [(40.0, True), (0.6, False)])
+def test_a_train_that_would_stand_short_of_its_stop_is_told_to_creep(
+    display: Shown, way_m: float, creeps: bool
+) -> None:
+    """At 0.5 m/s a brake would end it within a metre."""
+    shown = display.at(0.0, section().end_m - way_m, 0.5).now
+    assert (shown.mode is Mode.CRUISE) is creeps
+    assert shown.mode is Mode.CRUISE or shown.mode in BRAKES
