@@ -68,7 +68,9 @@ class BrakeShowingSettings:
     last_mps: float = 3.0
     """A train that is slower than this before its stop is not told to roll any more,"""
     short_ratio: float = 0.1
-    """unless this share of the planned deceleration is enough: braked on it would stand short of its mark."""
+    """unless this share of the planned deceleration is enough,"""
+    short_m: float = 10.0
+    """and the mark is further away than this: braked on the train would stand short of it."""
     creep_mps: float = 3.0
     """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
     least_mps2: float = 0.05

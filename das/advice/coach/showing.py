@@ -180,7 +180,8 @@ class Showing:
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         eased = 1.0 if schedule.brakes_by_effort(number) else needed / schedule.braking_mps2(number)
-        may_roll = target > SAME_MPS or v_mps >= settings.brake.last_mps or eased < settings.brake.short_ratio
+        stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
+        may_roll = target > SAME_MPS or v_mps >= settings.brake.last_mps or stands_short
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll:
             self._back = ROLLS
         elif self._back < 0 and eased > settings.brake.again_ratio:

@@ -360,7 +360,7 @@ def test_an_acceleration_is_shown_before_it_is_due_where_the_limit_allows_its_sp
     assert soon.now.speed_mps <= limit_mps
 
 
-@pytest.mark.parametrize(("way_m", "creeps"), [(40.0, True), (0.6, False)])
+@pytest.mark.parametrize(("way_m", "creeps"), [(40.0, True), (8.0, False), (0.6, False)])
 def test_a_train_that_would_stand_short_of_its_stop_is_told_to_creep(
     display: Shown, way_m: float, creeps: bool
 ) -> None:
