@@ -103,8 +103,8 @@ class ShownWatch:
         self._note_effort(time_s, shown.mode)
 
     def _mode_ended(self, time_s: float, ended: Mode | None, now: Mode | None) -> None:
-        """A mode was followed by another one; that the train stops, or brakes, says nothing of the mode before."""
-        if now is not Mode.STOP and not {ended, now} & BRAKE:
+        """A mode was followed by another one; that the train stops or goes on, or brakes, says nothing of either."""
+        if Mode.STOP not in (ended, now) and not {ended, now} & BRAKE:
             self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
         self._mode_since_s = time_s
 
