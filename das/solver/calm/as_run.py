@@ -82,7 +82,7 @@ def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> l
         if not here or earlier > phases[here - 1].begin:
             return [*phases[:here], one._replace(begin=earlier), *phases[here + 1 :]]
     brake = Phase(NotchKind.BRAKE, 0.0, begin, float(run.speeds_mps[end]))
-    return [*before, brake, *_from(phases[here:], end)]
+    return [*before, brake, *(_from(phases[here:], end) if end < len(run.node_m) - 1 else [])]
 
 
 def _early_enough(begin: int, met: int, end: int, run: RunAtNodes) -> int:

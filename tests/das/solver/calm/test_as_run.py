@@ -94,6 +94,15 @@ def test_what_follows_a_limit_that_brakes_the_run_begins_behind_it() -> None:
     assert found == [Phase(HOLD, 0.0, 0, 24.0), Phase(BRAKE, 0.0, 4, 20.0), Phase(COAST, 0.0, 6, 18.0)]
 
 
+def test_nothing_follows_a_limit_that_brakes_the_run_to_the_end() -> None:
+    """No phase begins where the section ends."""
+    falls, ends = np.append(ENVELOPE[:-1], 15.0), np.append(ON_IT[:-1], 15.0)
+    found = as_run(
+        [Phase(HOLD, 0.0, 0, 24.0), Phase(BRAKE, 0.0, 4, 20.0), Phase(HOLD, 0.0, 6, 20.0)], ends, (1,), falls
+    )
+    assert found[-1] == Phase(BRAKE, 0.0, 9, 15.0)
+
+
 def test_a_brake_that_only_holds_a_speed_at_first_begins_later() -> None:
     found = as_run([Phase(HOLD, 0.0, 0, 24.0), Phase(BRAKE, 0.0, 2, 20.0), Phase(HOLD, 0.0, 6, 20.0)], curve=(1,))
     assert [one.begin for one in found] == [0, 4, 6]
