@@ -28,12 +28,12 @@ EFFORT_ERROR: Final = 0.1
 MOVING_MPS: Final = 0.5
 
 WITHOUT_DEAD_ZONE: Final = KeepingSettings(
-    late_s=0.0, early_s=0.0, least_gain_s=0.0, least_gain_power_s=0.0, astray_mps=0.0
+    late_s=0.0, early_s=0.0, least_gain_s=0.0, late_gain_s=0.0, least_gain_power_s=0.0, astray_mps=0.0
 )
 """Every difference is a reason for a new reference, but none is given up before its least age."""
 WITHOUT_BOTH: Final = KeepingSettings(
-    late_s=0.0, early_s=0.0, least_gain_s=0.0, least_gain_power_s=0.0, astray_mps=0.0, asked_every_s=0.0,
-    least_age_s=0.0,
+    late_s=0.0, early_s=0.0, least_gain_s=0.0, late_gain_s=0.0, least_gain_power_s=0.0, astray_mps=0.0,
+    asked_every_s=0.0, least_age_s=0.0,
 )  # fmt: skip
 """Every difference is a reason for a new reference, every second."""
 
