@@ -189,7 +189,8 @@ class Showing:
         if self._back == ROLLS and target <= SAME_MPS and v_mps < settings.brake.creep_mps:
             self._back = CREEPS
         if self._back == CREEPS:
-            return Instruction(mode=Mode.CRUISE, speed_mps=settings.brake.creep_mps)
+            creep_mps = min(settings.brake.creep_mps, _highest_mps(schedule, number, state.s_m))
+            return Instruction(mode=Mode.CRUISE, speed_mps=creep_mps)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         curve_mps2 = schedule.needed_mps2(number, max(state.s_m, schedule.begin_m(number)), v_mps)

@@ -368,3 +368,11 @@ def test_a_train_that_would_stand_short_of_its_stop_is_told_to_creep(
     shown = display.at(0.0, section().end_m - way_m, 0.5).now
     assert (shown.mode is Mode.CRUISE) is creeps
     assert shown.mode is Mode.CRUISE or shown.mode in BRAKES
+
+
+def test_a_creeping_train_is_told_no_speed_that_the_stop_does_not_allow(display: Shown) -> None:
+    """It was told to creep 40 m before, and is found 2.5 m before its stop."""
+    assert display.at(0.0, section().end_m - 40.0, 0.5).now.mode is Mode.CRUISE
+    allowed_mps = float(np.interp(section().end_m - 2.5, section().node_m, section().envelope_mps))
+    assert allowed_mps < 0.8 * SETTINGS.brake.creep_mps
+    assert display.at(20.0, section().end_m - 2.5, 0.8).now.speed_mps <= allowed_mps + 0.3
