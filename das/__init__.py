@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from das.bus.recording import Recording, read_recording
+    from das.domain.braking import SiteBraking
     from das.domain.conditions import Conditions
     from das.domain.errors import DasError, InfeasibleError, InputError
     from das.domain.files.load import load_journey, load_route, load_vehicle
@@ -28,7 +29,16 @@ if TYPE_CHECKING:
     from das.domain.route import Restriction, Route
     from das.domain.trajectory import Ledger, Trajectory
     from das.domain.vehicle import Vehicle
-    from das.front_door import build_section, front_points, plan_journey, read_table, refined, solve, to_pandas
+    from das.front_door import (
+        build_section,
+        front_points,
+        in_service,
+        plan_journey,
+        read_table,
+        refined,
+        solve,
+        to_pandas,
+    )
     from das.solver.front import Front
     from das.solver.journey.chains import Split
     from das.solver.journey.plan import JourneyPlan
@@ -51,6 +61,7 @@ __all__ = [
     "Restriction",
     "Route",
     "Section",
+    "SiteBraking",
     "Solution",
     "Split",
     "Trajectory",
@@ -58,6 +69,7 @@ __all__ = [
     "__version__",
     "build_section",
     "front_points",
+    "in_service",
     "load_journey",
     "load_route",
     "load_vehicle",
@@ -71,6 +83,7 @@ __all__ = [
 
 _HOMES = {
     "das.bus.recording": ("Recording", "read_recording"),
+    "das.domain.braking": ("SiteBraking",),
     "das.domain.conditions": ("Conditions",),
     "das.domain.errors": ("DasError", "InfeasibleError", "InputError"),
     "das.domain.files.load": ("load_journey", "load_route", "load_vehicle"),
@@ -79,7 +92,16 @@ _HOMES = {
     "das.domain.route": ("Restriction", "Route"),
     "das.domain.trajectory": ("Ledger", "Trajectory"),
     "das.domain.vehicle": ("Vehicle",),
-    "das.front_door": ("build_section", "front_points", "plan_journey", "read_table", "refined", "solve", "to_pandas"),
+    "das.front_door": (
+        "build_section",
+        "front_points",
+        "in_service",
+        "plan_journey",
+        "read_table",
+        "refined",
+        "solve",
+        "to_pandas",
+    ),
     "das.solver.front": ("Front", "Solution"),
     "das.solver.journey.chains": ("Split",),
     "das.solver.journey.plan": ("JourneyPlan",),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from das.domain.braking import SiteBraking
 from das.domain.errors import DasError, InputError
 from das.domain.journey import Journey
 from das.domain.losses import Level
@@ -52,7 +53,9 @@ def build_section(
     `start` and `end` are stops of the route: a name (case does not matter) or a number counted from 1. The defaults are
     the first and the last stop. `between_m` gives two positions on the route (m) in their place. `level` says how the
     train's losses are modelled ("l0-noreg", "l0-reg", "l1", "l2", "l3", "own"); the default is the one that the file of
-    the vehicle names. The other direction of a line is `route.reversed()`, a line with temporary limits
+    the vehicle names. It is planned with the train's full brakes; `das.in_service` plans as the advice on board does.
+
+    The other direction of a line is `route.reversed()`, a line with temporary limits
     `route.with_restrictions(…)`, a train and a line under other conditions `Conditions(…).train(vehicle)` and
     `.line(route)`.
 
@@ -81,6 +84,22 @@ def build_section(
         start_m, end_m = first.position_m, last.position_m
     losses = None if level is None else chosen(Level, vehicle.source, "level", level)
     return section.build_section(route, vehicle, level=losses, start_m=start_m, end_m=end_m)
+
+
+def in_service(section: Section, site: SiteBraking | None = None) -> Section:
+    """A section as advice plans it: with the service braking of its train, and what a site says of its drivers.
+
+    Raises as `build_section` does.
+
+        >>> import das
+        >>> section = das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic"))
+        >>> planned = das.in_service(section, das.SiteBraking(deceleration_mps2=0.5))
+        >>> bool((planned.envelope_mps <= planned.allowed_mps).all())
+        True
+    """
+    from das.solver.section import with_braking
+
+    return with_braking(section, (site or SiteBraking()).of(section.vehicle))
 
 
 def solve(section: Section) -> Front:
@@ -201,7 +220,7 @@ def read_table(folder: str | Path, section: Section) -> Front:
     """The front of a section from a table on disk, which `das-precompute build` wrote; it is not solved again.
 
     A table holds fewer multipliers than `solve` uses, so its runs may need a little more energy. Every file of the
-    table is checked against its hash first.
+    table is checked against its hash first. A table of a build is that of the section in service: see `in_service`.
 
     Raises DasError for a folder that is no table, a table that is damaged, or that of another section.
 

@@ -22,6 +22,19 @@ def test_every_test_that_the_failures_name_is_there_once() -> None:
     assert {name: there.count(name) for name in named if there.count(name) != 1} == {}
 
 
+def test_every_safety_rule_names_its_tests_and_they_are_there() -> None:
+    page = (ROOT / "docs" / "reference" / "safety-rules.md").read_text(encoding="utf-8")
+    rows = [line.strip("|").split("|") for line in page.splitlines() if line.startswith("| ")][1:]
+    files = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")}
+    missing = []
+    for row in rows:
+        named = re.findall(r"`(test_\w+)::(test_\w+)`", row[-1])
+        assert named, row
+        missing += [one for one in named if f"def {one[1]}(" not in files.get(one[0], "")]
+    assert len(rows) > 15
+    assert missing == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_file_of_ours_that_a_page_names_is_there(page: Path) -> None:
     named = {name.rstrip("/") for name in PATH.findall(page.read_text(encoding="utf-8"))}

@@ -38,7 +38,10 @@ class Timetable:
 class Advice:
     """One advice; fields, units and signs are those of das.proto.
 
-    With mode NONE advice is withdrawn: `cause` says why, and `reason` says it in words.
+    With mode NONE advice is withdrawn: `cause` says why, and `reason` says it in words. With mode DEPART
+    speed, force and horizon are those of a train that stands, and `next_mode`, `departure_speed_mps` and
+    `departure_force_ratio` (a share of the available traction) say how to depart when it is cleared; with every other
+    mode these two are 0.
     """
 
     time_ns: int
@@ -70,3 +73,5 @@ class Advice:
     next_four_change_s: float = math.nan
     cause: Cause = Cause.NONE
     coach: Coaching | None = None
+    departure_speed_mps: float = 0.0
+    departure_force_ratio: float = 0.0

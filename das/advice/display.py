@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from das.advice import wording
 from das.advice.advice import Advice, Source
+from das.advice.braking import braking_mode
 from das.advice.cause import Withdrawal
 from das.advice.coach.coaching import Coaching
 from das.advice.modes import EFFORT_ORDER, Mode
@@ -97,6 +99,36 @@ class Display:
         reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
         return self.standing(scene, wording.departs_in((goal.departure_ns - state.now_ns) * NS), reduced_mps)
 
+    def departing(self, scene: Scene, plan: Plan) -> Advice:
+        """The train stands and has to go on: to stand until it is cleared, and how the plan departs then.
+
+        Speed, force and horizon are those of a standing train, so that a driver who keeps to them does not depart.
+        """
+        horizon_s = self._settings.display.horizon_s
+        self._show(Mode.STOP, scene.state.now_ns)  # A mode from before the stop is not held.
+        moving = self.following(scene, plan)
+        self._show(Mode.DEPART, scene.state.now_ns)
+        run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
+        return replace(
+            moving,
+            mode=Mode.DEPART,
+            four_mode=Mode.DEPART,
+            next_mode=moving.mode,
+            next_four_mode=moving.four_mode,
+            next_change_m=math.nan,
+            next_change_s=math.nan,
+            next_four_change_s=math.nan,
+            departure_speed_mps=float(run.v_mps[int(plan.next_change[place.interval])]),
+            departure_force_ratio=moving.advised_force_ratio,
+            display_speed_mps=0.0,
+            advised_speed_mps=0.0,
+            advised_force_n=0.0,
+            advised_force_ratio=0.0,
+            horizon_speed_mps=(0.0,) * horizon_s,
+            horizon_force_n=(0.0,) * horizon_s,
+            reason=wording.departs_when_cleared(moving.reason),
+        )
+
     def braking(self, scene: Scene, reason: str) -> Advice:
         """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
         state, here, planner, _, coach = scene
@@ -140,14 +172,16 @@ class Display:
         place, allowed = plan.at(state.s_m), planner.allowed_mps(state.s_m)
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > self._settings.display.overspeed_named_mps
-        mode = self._follow_mode(plan, place, state.now_ns, too_fast=too_fast)
+        mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
         following = self._next_change(plan, mode, state, place)
         four, next_four = self._next_four_mode(plan, mode, place, following)
+        if planner.ahead.is_due(state.s_m, state.v_mps, self._settings.display.four_brake_ahead_s):
+            four = self._four_mode = Mode.FULL_BRAKE  # A weak brake is not shown as coasting then.
         if too_fast and mode is not Mode.CRUISE:  # A weak brake is not shown as coasting then.
             four = self._four_mode = Mode.COAST if mode is Mode.COAST else Mode.FULL_BRAKE
         advised = min(place.speed_mps, allowed)
         horizon_s = self._settings.display.horizon_s
-        speeds, forces = plan.horizon(place.time_s, planner.section, planner.envelope_w, horizon_s)
+        speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, horizon_s)
         if too_fast:
             speeds = _kept_behind(speeds, advised, state, plan.ahead_m(place.time_s, horizon_s), planner)
         arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
@@ -196,14 +230,16 @@ class Display:
     def _show(self, mode: Mode, now_ns: int) -> None:
         self._mode, self._mode_since_ns = mode, now_ns
 
-    def _follow_mode(self, plan: Plan, place: Place, now_ns: int, *, too_fast: bool) -> Mode:
-        """The mode to show, with the force that goes with it."""
+    def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Mode:
+        """The mode to show, with the force that goes with it: the plan's, or a brake that is needed beyond it."""
         shown_n = float(plan.shown_force_n[place.interval])
         eased = too_fast and shown_n > 0  # The plan begins at the brake curve: above it there is no traction.
         wanted = Mode.COAST if eased else Mode(int(plan.modes[place.interval]))
-        mode = self.held_mode(wanted, now_ns)
+        planned, planned_n = wanted, 0.0 if eased else shown_n
+        wanted, shown_n = _braked_enough(planned, planned_n, scene)
+        mode = self.held_mode(wanted, scene.state.now_ns)
         if mode is wanted:
-            self._force_n = 0.0 if eased else shown_n
+            self._force_n = shown_n
         return mode
 
     def held_mode(self, wanted: Mode, now_ns: int) -> Mode:
@@ -213,7 +249,7 @@ class Display:
         """
         urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
         held_s = (now_ns - self._mode_since_ns) * NS
-        settled = self._mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.modes.hold_s
+        settled = self._mode in (Mode.NONE, Mode.STOP, Mode.DEPART) or not 0 <= held_s < self._settings.modes.hold_s
         if wanted is not self._mode and (urgent or settled):
             self._show(wanted, now_ns)
         return self._mode
@@ -280,6 +316,16 @@ class Display:
         return wording.point_missed(point, missed_s) if missed_s >= self._settings.display.missed_named_s else ""
 
 
+def _braked_enough(mode: Mode, force_n: float, scene: Scene) -> tuple[Mode, float]:
+    """Mode and force (N), or those of the brake that limits and the stop ahead need of a train above its plan."""
+    state, ahead = scene.state, scene.planner.ahead
+    if not ahead.is_due(state.s_m, state.v_mps):
+        return mode, force_n
+    effort = ahead.needed(state.s_m, state.v_mps).effort
+    needed_n = ahead.force_n(effort, state.s_m, state.v_mps)
+    return (braking_mode(effort), needed_n) if needed_n < force_n else (mode, force_n)
+
+
 def _kept_behind(
     speeds_mps: Floats, advised_mps: float, state: TrainState, planned_m: Floats, planner: Planner
 ) -> Floats:
@@ -319,4 +365,4 @@ def _available_n(section: Section, force_n: float, v_mps: float) -> float:
     train, v = section.train, max(v_mps, 0.1)
     if force_n >= 0:
         return float(traction_limit(v, train))
-    return max(float(brake_limit(v, train, train.friction_force_n)), 1.0)
+    return max(float(brake_limit(v, train, train.friction_force_n)), -force_n, 1.0)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
+from typing import Final
 
 import numpy as np
 
@@ -19,7 +21,12 @@ class Mode(IntEnum):
     FULL_BRAKE = 6
     FRICTION_BRAKE = 7
     STOP = 8
+    DEPART = 9
+    """The train stands; it may depart when it is cleared, and not before."""
 
+
+FULL_RATIO: Final = 0.97
+"""An effort of the coach from this share of the largest on counts as full."""
 
 EFFORT_ORDER = (
     Mode.FULL_TRACTION,
@@ -27,6 +34,7 @@ EFFORT_ORDER = (
     Mode.CRUISE,
     Mode.NONE,
     Mode.STOP,
+    Mode.DEPART,
     Mode.COAST,
     Mode.REDUCED_BRAKE,
     Mode.FULL_BRAKE,
@@ -44,6 +52,13 @@ FOUR_MODES[[Mode.REDUCED_TRACTION, Mode.REDUCED_BRAKE, Mode.FRICTION_BRAKE]] = (
     Mode.FULL_BRAKE,
     Mode.FULL_BRAKE,
 )
+
+
+def departure_mode(effort_ratio: float) -> Mode:
+    """The mode that begins when a train departs with a share of the largest traction; NaN: as a speed to hold needs."""
+    if math.isnan(effort_ratio):
+        return Mode.CRUISE
+    return Mode.FULL_TRACTION if effort_ratio >= FULL_RATIO else Mode.REDUCED_TRACTION
 
 
 def mode_name(mode: Mode) -> str:

@@ -13,13 +13,14 @@ import numpy as np
 
 from das.advice import plan_kernels
 from das.advice.advice import Source
-from das.advice.own_braking import as_driven
+from das.advice.braking import BrakingAhead
 from das.advice.passing import PassingFronts, PassingTarget, time_at
 from das.advice.plan import Plan
 from das.advice.reduced import ReducedSpeed
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.errors import DasError
 from das.domain.units import NS
+from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.fastest import capped, fastest, least_time_s
 from das.solver.front import Front
 from das.solver.section import Section
@@ -63,8 +64,7 @@ class Goal:
 class PlanBasis:
     """What a section is planned with.
 
-    `section` is the section as the train can drive it; the `front` may be of the same section with the braking and the
-    margins of the site's drivers. `front` is None while none is known; then the plan is the fastest safe run, nowhere
+    `front` is that of the `section`, or None while none is known; then the plan is the fastest safe run, nowhere
     faster than `before`, the plan under which the train came so far. `passing` serves a point that is to be passed in a
     window of time, and `meanwhile` says why no front is known yet.
     """
@@ -82,12 +82,12 @@ class Planner:
 
     def __init__(self, basis: PlanBasis, settings: AdviceSettings = DEFAULT) -> None:
         self.basis, self.section = basis, basis.section
-        self.envelope_w = self.section.envelope_mps**2
-        driver = settings.coach.driver
-        self._own = basis.front.section if basis.front is not None else as_driven(basis.section, driver)
-        self._own_w = self._own.envelope_mps**2
+        self.allowed_w = self.section.allowed_mps**2
+        self._planned_w = self.section.envelope_mps**2
         self.plan: Plan | None = None
         """The plan that is being advised; None: the next state asks for a new one."""
+        self.ahead = BrakingAhead(self.section)
+        """What limits and the stop ahead ask of the brakes."""
         self.reduced = ReducedSpeed(self.section)
         """The one highest speed that keeps the time, for displays that show no more."""
         self._settings = settings
@@ -109,7 +109,7 @@ class Planner:
         """
         if self.plan is None or not self._follows(self.plan, state):
             planned, v_mps = self._planned_mps(state.s_m), state.v_mps
-            eased = planned < v_mps <= self.allowed_mps(state.s_m) + self._settings.plan.overspeed_eased_mps
+            eased = planned < v_mps <= planned + self._settings.plan.overspeed_eased_mps
             at_least_s = self._settings.plan.braked_early_s if self._brakes_early(state) else 0.0
             start = state._replace(v_mps=planned) if eased else state
             solution = self._solution(start, goal, at_least_s)
@@ -119,12 +119,12 @@ class Planner:
     def allowed_mps(self, s_m: float) -> float:
         """The highest speed (m/s) from which limits and the stop can still be kept."""
         section = self.section
-        return float(plan_kernels.allowed(section.node_m, self.envelope_w, section.limit_mps, s_m))
+        return float(plan_kernels.allowed(section.node_m, self.allowed_w, section.limit_mps, s_m))
 
     def _planned_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) that is planned: what is allowed, or less where the site's drivers brake earlier."""
-        own = self._own
-        return float(plan_kernels.allowed(own.node_m, self._own_w, own.limit_mps, s_m))
+        """The highest speed (m/s) that is planned: with a reserve to what is allowed."""
+        section = self.section
+        return float(plan_kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
 
     def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
         """The least of what is allowed (m/s) on the way between two positions (m); 0 from the end of the section on."""
@@ -152,6 +152,8 @@ class Planner:
     def _follows(self, plan: Plan, state: TrainState) -> bool:
         settings, here = self._settings.plan, plan.at(state.s_m)
         age_s = (state.now_ns - plan.made_ns) * NS
+        if state.v_mps < STANDSTILL_MPS and plan.force_n[here.interval] < 0:
+            return False  # It stands where it was to brake: the plan does not say how it departs.
         return (
             0 <= age_s <= settings.longest_age_s
             and -settings.slower_band_mps <= state.v_mps - here.speed_mps <= settings.faster_band_mps
@@ -165,7 +167,7 @@ class Planner:
         slower = self.plan is not None and self.plan.at(s_m).speed_mps - v_mps > settings.slower_than_planned_mps
         ahead = self.section.node_m > s_m + self._settings.stop.standstill_m
         way_m = self.section.node_m[ahead] - s_m
-        falls = v_mps**2 - self._own_w[ahead] > 2.0 * settings.braking_ahead_mps2 * way_m
+        falls = v_mps**2 - self._planned_w[ahead] > 2.0 * settings.braking_ahead_mps2 * way_m
         brakes = bool(np.any(falls))
         self._braked_early = brakes and (slower or self._braked_early)
         return self._braked_early
@@ -178,7 +180,7 @@ class Planner:
         front, settings = self.basis.front, self._settings.plan
         if front is None:
             return self._cautious(state)
-        least_s = least_time_s(self._own, state.s_m, state.v_mps)
+        least_s = least_time_s(self.section, state.s_m, state.v_mps)
         at_least = least_s + at_least_s if at_least_s else 1e-3
         left_s = max(goal.left_s(state.now_ns) + settings.unhurried_s, at_least)
         asked_s = min(left_s, settings.longest_ratio * least_s)
@@ -208,7 +210,7 @@ class Planner:
         before = self.basis.before
         if before is not None:
             try:
-                return fastest(capped(self._own, before.speeds_mps(self._own.node_m)), state.s_m, state.v_mps)
+                return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)
             except DasError:
                 pass  # There is a hill that cannot be climbed so slowly.
-        return fastest(self._own, state.s_m, state.v_mps)
+        return fastest(self.section, state.s_m, state.v_mps)

@@ -77,6 +77,8 @@ class DisplaySettings:
     """A train that arrives earlier than this is told where to wait; one later than this, how late it is."""
     missed_named_s: float = 1.0
     """A train that passes a point later after the end of its window than this is told so."""
+    four_brake_ahead_s: float = 1.0
+    """A display of four modes shows the brake where the train would be above its planned curve within this time."""
     speed_step_mps: float = 1.0 * KMH
     """The displayed speed is a whole number of these steps."""
     speed_band_ratio: float = 0.75
@@ -108,7 +110,8 @@ class ReducedSpeedSettings:
     judged_every_s: float = 30.0
     """The judged speed stands still for this long before it is judged anew."""
     slowest_mps: float = 20.0 * KMH
-    """No lower speed is asked for, except under a lower limit; before a stop, this is the speed shown."""
+    """No lower speed is asked for, except under a lower limit; before a stop this is the speed shown, and in the last
+    metres the half of it, and so on."""
     halvings: int = 12
     """The speed is found by halving an interval so many times."""
     below_ratio: float = 0.999

@@ -23,7 +23,8 @@ class Staircase:
     It is never above the limit over the train, nor above the curve: where the shown speed would be, the speed at the
     foot of the curve is shown. That is the next lower limit, and before a stop the slowest speed of the settings: a
     stop has no speed of its own, the driver finds the mark without the display, and a train that stands short of it
-    must still be able to move up. Only in the last metres before a stop is that speed above the curve.
+    must still be able to move up. In the last metres, where full braking from the slowest speed would no longer stop
+    the train at the mark, that speed is halved as often as it takes.
 
     A train so much slower than the curve that speeding up saves time is shown a speed that it can reach before it
     must brake. That speed stands until the curve comes down to it.
@@ -35,7 +36,7 @@ class Staircase:
         # An interval in which the curve rises, because the limit does, has the speed from which the next one begins.
         starts = np.where(self._falls, curve_mps[:-1], curve_mps[1:])
         self._start_w, self._end_w = starts**2, curve_mps[1:] ** 2
-        self._foot_mps = _feet(self._falls, curve_mps[1:])
+        self._foot_mps, self._full_w = _feet(self._falls, curve_mps[1:]), section.envelope_mps**2
         self._judged_mps = self._shown_mps = math.nan
 
     def at(self, s_m: float, v_mps: float, judged_mps: float) -> float:
@@ -49,7 +50,7 @@ class Staircase:
         if curve_mps >= free_mps:
             self._shown_mps = self._shown_mps if slows else free_mps
         else:
-            foot_mps = min(self._foot(i), free_mps)
+            foot_mps = min(self._foot(i, s_m), free_mps)
             if not foot_mps < self._shown_mps <= min(curve_mps, free_mps):
                 reached_mps = self._worth_reaching(i, v_mps, curve_mps)
                 self._shown_mps = max(foot_mps, min(self._whole(reached_mps), free_mps))
@@ -74,10 +75,18 @@ class Staircase:
         step = self._settings.display.speed_step_mps
         return math.floor(speed_mps / step + 1e-9) * step
 
-    def _foot(self, i: int) -> float:
-        """The speed to show on a falling curve: the limit at its foot, or the slowest before a stop."""
+    def _foot(self, i: int, s_m: float) -> float:
+        """The speed to show on a falling curve: the limit at its foot, or a slow one before a stop."""
         foot_mps = float(self._foot_mps[i])
-        return self._whole(foot_mps) if foot_mps > 0 else self._settings.reduced.slowest_mps
+        return self._whole(foot_mps) if foot_mps > 0 else self._slow_mps(s_m)
+
+    def _slow_mps(self, s_m: float) -> float:
+        """The slowest speed of the settings, halved until full braking from it stops the train at the mark."""
+        full_mps = math.sqrt(plan_kernels.linear(self._section.node_m, self._full_w, s_m))
+        speed_mps = self._settings.reduced.slowest_mps
+        while speed_mps > full_mps and speed_mps > 0:
+            speed_mps = self._whole(0.5 * speed_mps)
+        return speed_mps
 
     def _worth_reaching(self, i: int, v_mps: float, curve_mps: float) -> float:
         """The speed (m/s) that a train can reach before it must brake, 0 where speeding up to it saves too little.

@@ -80,7 +80,20 @@ def departs_in(seconds: float) -> str:
     return f"depart in {seconds:.0f} s"
 
 
+def departs_when_cleared(then: str) -> str:
+    """A train that stands and has to go on; `then` is what is said of its way from there."""
+    return f"depart when cleared: {then}"
+
+
 STOP_HERE: Final = "stop here"
+
+
+NOTHING_TO_JUDGE_BY: Final = "the advice could not be judged: no position or speed"
+
+
+def brake_for(speed_mps: float, at_m: float, *, stops: bool) -> str:
+    """A train that must brake at once, for a limit or for the stop."""
+    return "brake for the stop" if stops else f"brake to {speed_mps / KMH:.0f} km/h by km {at_m / KM:.2f}"
 
 
 def no_plan_too_fast(why: str) -> str:

@@ -7,7 +7,7 @@ certificate of who sends it, and what it sends itself (`egress`). The receiver's
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 from das.bus.topics import TOPICS
 
@@ -16,12 +16,20 @@ class Role(StrEnum):
     """What a process on the bus is."""
 
     SIMULATOR = "simulator"
+    """All of the world at once: sensors, operator, and what only a simulation says."""
+    SENSORS = "sensors"
+    """Localisation and train control: where the train is, and its forces."""
+    OPERATOR = "operator"
+    """The ground: journey, restrictions, targets and delay."""
     NODE = "node"
     RECORDER = "recorder"
     CAB = "cab"
+    """A listener, which says nothing."""
     DRIVER = "driver"
 
 
+PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control")}
+"""The publishers in the registry of topics that a role stands for, where they are not named as the role is."""
 HEARING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 SAYING = ["put", "reply", "declare_queryable", "liveliness_token"]
 """Zenoh's messages of who hears and of who says; a latched topic is asked for and answered as well. No delete."""
@@ -34,14 +42,15 @@ def common_name(role: Role, train: str) -> str:
 
 def keys_of(role: Role, train: str) -> list[str]:
     """Keys a role publishes. The simulator stands for all of the world: localisation, operator, the train itself."""
-    said_by_us = (Role.NODE, Role.RECORDER, Role.DRIVER)
-    own = [
-        topic
-        for topic in TOPICS
-        if topic.publisher == role or (role is Role.SIMULATOR and topic.publisher not in said_by_us)
-    ]
+    own = [topic for topic in TOPICS if _may_say(role, topic.publisher)]
     # A latched topic's history is found and fetched under keys of its own; `**` does not match them.
     return [key for t in own for key in (t.key(train), *([f"{t.key(train)}/@adv/**"] if t.latched else []))]
+
+
+def _may_say(role: Role, publisher: str) -> bool:
+    if role is Role.SIMULATOR:
+        return publisher not in (Role.NODE, Role.RECORDER, Role.DRIVER)
+    return publisher in PUBLISHERS.get(role, (role,))
 
 
 def access_control(own: Role, train: str) -> dict[str, Any]:

@@ -41,6 +41,8 @@ class _ModeEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Mode.ValueType],
     """friction brake as well"""
     MODE_STOP: _Mode.ValueType  # 8
     """standing at a stop"""
+    MODE_DEPART: _Mode.ValueType  # 9
+    """standing elsewhere, or at a stop after its departure time: depart when cleared, not before"""
 
 class Mode(_Mode, metaclass=_ModeEnumTypeWrapper): ...
 
@@ -57,6 +59,8 @@ MODE_FRICTION_BRAKE: Mode.ValueType  # 7
 """friction brake as well"""
 MODE_STOP: Mode.ValueType  # 8
 """standing at a stop"""
+MODE_DEPART: Mode.ValueType  # 9
+"""standing elsewhere, or at a stop after its departure time: depart when cleared, not before"""
 Global___Mode: _TypeAlias = Mode  # noqa: Y015
 
 class _WithdrawalCause:
@@ -525,7 +529,7 @@ class Coaching(_message.Message):
         speed_mps: _builtins.float
         """[m/s] to reach, or to hold"""
         effort_ratio: _builtins.float
-        """[ratio] of the largest traction at this speed, or of the largest electric brake (< 0); NaN: as the speed needs"""
+        """[ratio] of the largest traction at this speed, or of the electric brake at this speed (< 0; below -1 with friction); NaN: as the speed needs"""
         way_m: _builtins.float
         """[m] from the train to where it begins; 0: it is due"""
         in_s: _builtins.float
@@ -680,6 +684,8 @@ class Advice(_message.Message):
     NEXT_FOUR_CHANGE_S_FIELD_NUMBER: _builtins.int
     CAUSE_FIELD_NUMBER: _builtins.int
     COACH_FIELD_NUMBER: _builtins.int
+    DEPARTURE_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    DEPARTURE_FORCE_RATIO_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     """[ns since 1970, UTC]"""
     tick: _builtins.int
@@ -723,12 +729,16 @@ class Advice(_message.Message):
     reduced_max_speed_mps: _builtins.float
     """[m/s] the top speed to show: keeps the time (judged every 30 s), within what is ahead"""
     four_mode: Global___Mode.ValueType
-    """FULL_TRACTION, CRUISE, COAST, FULL_BRAKE (or STOP, NONE)"""
+    """FULL_TRACTION, CRUISE, COAST, FULL_BRAKE (or STOP, DEPART, NONE)"""
     next_four_mode: Global___Mode.ValueType
     next_four_change_s: _builtins.float
     """[s]"""
     cause: Global___WithdrawalCause.ValueType
     """why mode is NONE; the reason says it in words"""
+    departure_speed_mps: _builtins.float
+    """[m/s] with DEPART: the speed to accelerate to when cleared; otherwise 0"""
+    departure_force_ratio: _builtins.float
+    """[ratio] with DEPART: the share of the available traction to depart with, in next_mode; otherwise 0"""
     @_builtins.property
     def horizon_speed_mps(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """[m/s] at 1 s steps, the first 1 s ahead"""
@@ -774,10 +784,12 @@ class Advice(_message.Message):
         next_four_change_s: _builtins.float = ...,
         cause: Global___WithdrawalCause.ValueType = ...,
         coach: Global___Coaching | None = ...,
+        departure_speed_mps: _builtins.float = ...,
+        departure_force_ratio: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["coach", b"coach"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "coach", b"coach", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "coach", b"coach", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -861,7 +873,7 @@ class Estimate(_message.Message):
     differs: _builtins.bool
     """from what the plan is made with, certainly and by enough to matter"""
     doubt: _builtins.str
-    """why the measured forces are not trusted: two-publishers, clocks, too-strong, coasting, gain (empty: they are)"""
+    """why the measured forces are not trusted: two-publishers, clocks, too-strong, coasting, gain; far-mass: they are, but the mass is strange (empty: they are)"""
     def __init__(
         self,
         *,

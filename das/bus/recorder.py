@@ -26,7 +26,7 @@ from das.bus.session import Bus
 from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Topic
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
-from das.domain.files.writing import umask
+from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
 """What was heard is on the disk after this time (s), and after the 0.1 s for which the recorder listens at a time: so a
@@ -44,7 +44,7 @@ class RecordingFile:
     """An MCAP file under way: protobuf messages of our topics, metadata, attachments; CRCs on."""
 
     def __init__(self, path: Path, clocks: Clocks = WALL) -> None:
-        """Begin a file in the place of what is there; from the first moment on it can be read."""
+        """Begin a file in the place of what is there; from the first moment on it can be read. A link is refused."""
         self.path = path
         self.messages = 0
         self._clocks = clocks
@@ -58,7 +58,7 @@ class RecordingFile:
             self._channels: dict[str, int] = {}
             self.flush()
             if beside is not None:
-                os.replace(beside, path.resolve())
+                os.replace(beside, path)
         except OSError as error:
             self._file.close()
             if beside is not None:
@@ -117,11 +117,11 @@ class RecordingFile:
 
 def _begin(path: Path) -> tuple[IO[bytes], Path | None]:
     """An open file for a recording, and where it stands until it has its first bytes (None: in its place)."""
-    place = path.resolve()
+    refuse_link(path)
     try:
         if path.exists() and not path.is_file():  # a device or a pipe is written to, not replaced
             return path.open("wb"), None
-        handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         os.chmod(name, 0o666 & ~umask())
         return os.fdopen(handle, "wb"), Path(name)
     except OSError as error:

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
+from mcap import records
 from numpy.typing import NDArray
 
 from das.bus.contents import RECOVERED, Contents, read_contents
@@ -38,8 +39,8 @@ class Recording:
 
     `messages` holds the messages by topic name, each topic's in the order of their log times. `train` is the train
     that was asked for, `trains` are all of the file. `metadata` holds texts by record name and key, `attachments` the
-    names of the attached files (see `extract_attachments`). `complete` is False for a file without its end: it was cut
-    off. `health` says what the reading found out about the file.
+    names of the attached files and `attached` the files themselves. `complete` is False for a file without its end: it
+    was cut off. `health` says what the reading found out about the file.
     """
 
     path: Path
@@ -50,6 +51,7 @@ class Recording:
     attachments: tuple[str, ...]
     complete: bool
     health: Health = UNKNOWN
+    attached: tuple[records.Attachment, ...] = ()
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -151,22 +153,6 @@ def _as_dict(message: Message) -> dict[str, Any]:
     return result
 
 
-def extract_attachments(path: Path, folder: Path) -> list[Path]:
-    """Write the attachments of a recording into a folder, by their bare names, and return where they are.
-
-    Damaged ones are left out. Nothing is returned where the recording cannot be read or a file cannot be written.
-    """
-    written = []
-    try:
-        for attachment in read_contents(path).attachments:
-            target = folder / Path(attachment.name).name
-            target.write_bytes(attachment.data)
-            written.append(target)
-    except (OSError, ValueError, DasError):  # ValueError: a name that no file can have
-        return []
-    return written
-
-
 def read_recording(path: str | Path, *, train: str | None = None, skip_damage: bool = False) -> Recording:
     """Read a recording; of one that was cut off, all that was written before.
 
@@ -203,6 +189,7 @@ def recording_of(found: Contents, train: str | None = None) -> Recording:
         attachments=tuple(one.name for one in found.attachments),
         complete=found.health.complete,
         health=found.health,
+        attached=tuple(found.attachments),
     )
 
 

@@ -17,6 +17,7 @@ from das.cab import event_wording
 from das.cab.fronts import Fronts
 from das.cab.guard import Guard, GuardSettings
 from das.cab.heard import (
+    ClockSet,
     DelayHeard,
     Heard,
     JourneyHeard,
@@ -31,7 +32,7 @@ from das.cab.heard import (
 from das.cab.learning import Learning
 from das.cab.leg import NoPlanError
 from das.cab.legs import Legs
-from das.cab.orders import Post
+from das.cab.orders import Post, is_of_another_day
 from das.cab.outputs import NodeState, Output, Severity, Status
 from das.cab.preparation import Preparation
 from das.cab.reporting import Reporting
@@ -74,6 +75,16 @@ class CabSettings:
     guard: GuardSettings = field(default_factory=GuardSettings)
 
 
+@dataclass(kw_only=True)
+class _Now:
+    """What changes from moment to moment: the clock, the journey told last, and whether an answer is due or failed."""
+
+    clock_ns: int = 0
+    journey: JourneyHeard | None = None
+    news_pending: bool = False
+    failing: bool = False
+
+
 class Cab:
     """One train's on-board system: tell it with `hear`, ask it with `tick`.
 
@@ -95,13 +106,12 @@ class Cab:
         self._guard, self._reporting = Guard(settings.guard), Reporting()
         self._localisation = Localisation(situation.vehicle)
         self._trust = Trust(restrictions_told=settings.no_restrictions)
-        self._clock_ns = 0
-        self._news_pending, self._failing = False, False
+        self._now = _Now()
 
     @property
     def urgent(self) -> bool:
         """Whether the world has changed, or a front was found, since the last advice."""
-        return self._news_pending or (self.legs.preparation.has_answer and not self._failing)
+        return self._now.news_pending or (self.legs.preparation.has_answer and not self._now.failing)
 
     @property
     def searching(self) -> bool:
@@ -117,7 +127,7 @@ class Cab:
         """End the thread that looks for fronts."""
         self.legs.preparation.close()
 
-    def hear(self, heard: Heard | PublisherSeen | NodeSeen) -> list[Output]:
+    def hear(self, heard: Heard | PublisherSeen | NodeSeen | ClockSet) -> list[Output]:
         """Act on something that was told, or say why not.
 
         Whatever else goes wrong is said as well, and the next advice is withdrawn: a cab that died could say nothing.
@@ -125,27 +135,31 @@ class Cab:
         if isinstance(heard, NodeSeen):
             self._guard.see_node(heard)
             return []
+        if isinstance(heard, ClockSet):
+            self._localisation.set_clock(heard.step_s)
+            self._reporting.complain(heard.heard_ns, event_wording.clock_set(heard.step_s))
+            return self._reporting.take()
         if isinstance(heard, PublisherSeen):
             waiting = self._guard.see(heard)
             return self.hear(dataclasses.replace(waiting, heard_ns=heard.heard_ns)) if waiting is not None else []
-        self._clock_ns = heard.heard_ns or self._clock_ns
+        self._now.clock_ns = heard.heard_ns or self._now.clock_ns
         if isinstance(heard, JourneyHeard) and not heard.heard_ns:  # Nothing else tells the time yet.
-            self._clock_ns = max(self._clock_ns, heard.time_ns)
+            self._now.clock_ns = max(self._now.clock_ns, heard.time_ns)
         kind = kind_of(heard)
         try:
             if self._guard.heeds(heard):
                 problem = self._guard.problem(heard)
                 if problem:
-                    self._reporting.complain(self._clock_ns, problem)
+                    self._reporting.complain(self._now.clock_ns, problem)
                 else:
                     self._act(heard)
             for news in self._guard.take_news():
-                self._reporting.complain(self._clock_ns, news)
+                self._reporting.complain(self._now.clock_ns, news)
         except (ArithmeticError, ValueError) as error:
             self._ignore(kind, event_wording.failed(error))
         except Exception as error:
             self._lose(kind, self._unforeseen(error))
-        self._news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
+        self._now.news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
         return self._reporting.take()
 
     def tick(self, now_ns: int, *, dropped: int = 0) -> list[Output]:
@@ -157,9 +171,10 @@ class Cab:
         for heard in self._guard.due(now_ns):
             for output in self.hear(dataclasses.replace(heard, heard_ns=now_ns)):
                 self._reporting.say(output)
-        self._clock_ns = now_ns
-        self._news_pending, self._failing = False, False
+        self._now.clock_ns = now_ns
+        self._now.news_pending = self._now.failing = False
         try:
+            self._judge_day(now_ns)
             self._answer(now_ns, dropped)
         except Exception as error:  # It is said, and tried again at the next tick.
             return self.fail(now_ns, error)
@@ -167,7 +182,7 @@ class Cab:
 
     def fail(self, now_ns: int, error: Exception) -> list[Output]:
         """A tick failed, here or where its answer was to be used: no advice, and why."""
-        self._failing = True
+        self._now.failing = True
         self._reporting.note_internal_error()
         text = self._unforeseen(error)
         self._reporting.say(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
@@ -186,13 +201,14 @@ class Cab:
         elif isinstance(heard, RestrictionsHeard):
             self.legs.set_restrictions([Restriction(**one._asdict()) for one in heard.restrictions])
             if astray := event_wording.off_route(heard.restrictions, self._post.route.length_m):
-                self._reporting.complain(self._clock_ns, astray)
+                self._reporting.complain(self._now.clock_ns, astray)
             self._trust = dataclasses.replace(self._trust, restrictions_told=True)
         elif isinstance(heard, TargetsHeard):
             self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in heard.targets])
 
     def _begin(self, journey: JourneyHeard) -> None:
         """Take over a journey, or refuse it: then there is no journey, and no advice, until there is another."""
+        self._now.journey = journey
         try:
             order = self._post.accept(journey)
             same = order.vehicle is self.legs.situation.vehicle
@@ -205,24 +221,30 @@ class Cab:
             self._localisation = Localisation(order.vehicle)
         self._trust = dataclasses.replace(self._trust, journey_refused="")
         self.learning.set_vehicle(order.vehicle)
-        if not self._reporting.may_tell(self._clock_ns):
+        if not self._reporting.may_tell(self._now.clock_ns):
             return
         names = [stop.name for stop in order.stops]
         self._reporting.event(journey.time_ns, Severity.INFO, event_wording.journey(names))
         self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
+
+    def _judge_day(self, now_ns: int) -> None:
+        """Judge the journey again where the clock has come to its day, or gone from it, since it was last judged."""
+        told = self._now.journey
+        if told is not None and is_of_another_day(told, now_ns) != is_of_another_day(told, told.heard_ns):
+            self._begin(dataclasses.replace(told, heard_ns=now_ns))
 
     def _refuse(self, time_ns: int, why: str) -> None:
         known = self._trust.journey_refused == why
         self._trust = dataclasses.replace(self._trust, journey_refused=why)
         self.legs.end()
         text = event_wording.journey_refused(why)
-        self._reporting.complain(self._clock_ns, text, Severity.ERROR)
-        if not known or self._reporting.may_tell(self._clock_ns):
+        self._reporting.complain(self._now.clock_ns, text, Severity.ERROR)
+        if not known or self._reporting.may_tell(self._now.clock_ns):
             self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
         """Say that something was ignored; while restrictions in force are not known, there is no advice."""
-        self._reporting.complain(self._clock_ns, event_wording.about(kind, why))
+        self._reporting.complain(self._now.clock_ns, event_wording.about(kind, why))
         if kind is Kind.RESTRICTION:
             self._guard.lose_restrictions(why)
 
@@ -230,7 +252,7 @@ class Cab:
         """Something went wrong that nobody foresaw while this was taken over: the next advice is withdrawn."""
         self._trust = dataclasses.replace(self._trust, internal_error=fault)
         if kind is Kind.JOURNEY:
-            self._refuse(self._clock_ns, fault)
+            self._refuse(self._now.clock_ns, fault)
         elif kind is Kind.RESTRICTION:
             self._guard.lose_restrictions(fault)
 
@@ -239,7 +261,7 @@ class Cab:
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
         text = event_wording.internal_error(what, Path(place.filename).name, place.lineno)
-        self._reporting.complain(self._clock_ns, text, Severity.ERROR)
+        self._reporting.complain(self._now.clock_ns, text, Severity.ERROR)
         return text
 
     def _answer(self, now_ns: int, dropped: int) -> None:
@@ -248,7 +270,7 @@ class Cab:
         conditions = self.learning.due(now_ns)
         if conditions is not None:
             self.legs.set_conditions(conditions)
-        advice = self._lasting(self._advise(now_ns))
+        advice = self.legs.judged(self._lasting(self._advise(now_ns)), self.here)
         took_s = self._settings.stopwatch() - began
         self._trust = dataclasses.replace(self._trust, internal_error="")
         reporting = self._reporting

@@ -138,9 +138,10 @@ def two_operators(source: str | None, rival: str) -> str:
     return f"{_named(source)} and {_named(rival)}"
 
 
-def takes_over(kind: Kind, source: str | None, before: str) -> str:
-    """A publisher whose word counts now that the one before is gone."""
-    return about(kind, f"{_named(source)} counts from now on, {_named(before)} is gone")
+def takes_over(kind: Kind, source: str | None, before: str, *, joined: bool) -> str:
+    """A publisher whose word counts now that the one before is gone; `joined`: what that one said holds as well."""
+    also = f"; what both said holds until {_named(source)} tells a list anew" if joined else ""
+    return about(kind, f"{_named(source)} counts from now on, {_named(before)} is gone{also}")
 
 
 def not_heeded(kind: Kind, source: str, before: str | None) -> str:
@@ -189,6 +190,12 @@ def other_direction(*, told_reverse: bool, own_reverse: bool) -> str:
     """A journey that drives the route the other way."""
     way = ("forwards", "in reverse")
     return f"it drives the route {way[told_reverse]}, this node has it {way[own_reverse]}"
+
+
+def other_day(departure_ns: int, now_ns: int) -> str:
+    """A journey of another day than the clock shows."""
+    departs, now = (f"{datetime.fromtimestamp(at_ns * NS, UTC):%Y-%m-%d %H:%M} UTC" for at_ns in (departure_ns, now_ns))
+    return f"it departs on {departs}, more than a day from the node's clock ({now})"
 
 
 def unknown_vehicle(told: str, known: Iterable[str]) -> str:
@@ -285,6 +292,14 @@ def calibration_off(doubt: ForceDoubt) -> str:
     return f"calibration off: {_FORCE_DOUBTS[doubt]}"
 
 
+def far_mass(ratio: float) -> str:
+    """A mass that is used, although it is so far from the planned one that something else may be wrong."""
+    return (
+        f"calibration: the mass found is {ratio:.2f} of the file's: either another train than planned runs, or "
+        "the force sensor is wrong"
+    )
+
+
 CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measured forces any more"
 
 
@@ -324,10 +339,6 @@ def table_broken(error: Exception) -> str:
     return f"{error}; solved instead"
 
 
-OWN_BRAKING: Final = "made with the train's own braking, not with that of the site's drivers"
-"""Why no table serves where the site says how its drivers brake."""
-
-
 def table_unfit(folder: object, why: str) -> str:
     """A table that was made for a section like this one, but not for this one."""
     return f"{folder}: {why}; solved instead"
@@ -348,7 +359,7 @@ def tables_not_used(folder: object, error: Exception) -> str:
 
 def shown(mode: Mode, reason: str) -> str:
     """Advice of another mode, or withdrawn for another cause, than before."""
-    return f"{mode_name(mode)}: {reason}"
+    return reason if mode is Mode.DEPART else f"{mode_name(mode)}: {reason}"
 
 
 def position_restarted(s_m: float) -> str:
@@ -363,6 +374,12 @@ def clocks_differ(off_s: float) -> str:
 
 
 CLOCKS_AGREE: Final = "position: its time stamps agree with the clock again"
+
+
+def clock_set(step_s: float) -> str:
+    """A clock of the node that somebody set (> 0: forward)."""
+    way = "forward" if step_s > 0 else "back"
+    return f"the clock was set {way} by {abs(step_s):.1f} s; until the next position, the train may be as far off"
 
 
 def position_rejected(what: Problem) -> str:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Source
 from das.advice.coach.planning import solve_coach
-from das.advice.coach.settings import CoachSettings, DriverSettings
-from das.advice.own_braking import AS_THE_TRAIN, as_driven, says_how
+from das.advice.coach.settings import CoachSettings
 from das.cab import event_wording
 from das.compiling.sources import SourcesMissingError
 from das.domain.errors import DasError
@@ -58,14 +57,13 @@ class Fronts:
         self._calm: OrderedDict[str, CalmFront] = OrderedDict()
         self._tables = self._listed(tables) if tables is not None else ()
 
-    def find(self, section: Section, s_m: float | None = None, driver: DriverSettings = AS_THE_TRAIN) -> Found:
+    def find(self, section: Section, s_m: float | None = None) -> Found:
         """The front of a section: from a table, one found before, or solved now; raises as `solve_front` does.
 
-        For a train at a position (m) the way behind it is not solved; the answers are the same. Where the site says how
-        its drivers brake, the front is the one for that, and no table serves.
+        For a train at a position (m) the way behind it is not solved; the answers are the same.
         """
         hashes = hashes_of(section)
-        key = combined(hashes) + (f" {driver}" if says_how(driver) else "")
+        key = combined(hashes)
         s_m = section.start_m if s_m is None else s_m
         with self._lock:
             known = self._known.get(key)
@@ -74,7 +72,7 @@ class Fronts:
         if known is not None:
             known.front.cover(s_m)
             return known
-        found = self._as_driven(section, driver, s_m) if says_how(driver) else self._from_tables(section, hashes, s_m)
+        found = self._from_tables(section, hashes, s_m)
         with self._lock:
             self._known[key] = found
             while len(self._known) > 1 and sum(map(_size, self._known.values())) > self._kept_bytes:
@@ -86,7 +84,7 @@ class Fronts:
 
         For a train at a position (m) the way behind it is not solved; the answers are the same.
         """
-        key = f"{combined(hashes_of(section))} {settings.calm} {settings.driver}"
+        key = f"{combined(hashes_of(section))} {settings.calm}"
         with self._lock:
             known = self._calm.get(key)
             if known is not None:
@@ -100,14 +98,6 @@ class Fronts:
             while len(self._calm) > 1 and sum(one.nbytes for one in self._calm.values()) > self._kept_bytes:
                 self._calm.popitem(last=False)
         return found
-
-    def _as_driven(self, section: Section, driver: DriverSettings, s_m: float) -> Found:
-        """The front of the section as the site's drivers brake: tables are made for the braking of the train."""
-        meant = (table for table in self._tables if table.is_meant_for(section))
-        notes = tuple(event_wording.table_unfit(table.folder, event_wording.OWN_BRAKING) for table in meant)
-        own = as_driven(section, driver)
-        front = solve_ahead(own, s_m, threads=self._threads, lambda_w=onboard_ladder(own))
-        return Found(front=front, source=Source.SOLVED, notes=notes[:1])
 
     def _from_tables(self, section: Section, hashes: Mapping[str, str], s_m: float) -> Found:
         notes, others = [], []

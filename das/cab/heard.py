@@ -6,7 +6,7 @@ session that said it, where that is known.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import ClassVar, Final, NamedTuple
 
@@ -122,6 +122,10 @@ class RestrictionsHeard(StateHeard):
     kind: ClassVar[Kind] = Kind.RESTRICTION
     restrictions: tuple[ToldRestriction, ...]
 
+    def is_same(self, other: Heard | None) -> bool:
+        """Whether another message is this one, whenever it was heard."""
+        return other is not None and replace(other, heard_ns=self.heard_ns) == self
+
 
 @dataclass(frozen=True, kw_only=True)
 class TargetsHeard(StateHeard):
@@ -155,6 +159,14 @@ class NodeSeen:
 
     source: str
     there: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockSet:
+    """The clock that the cab is told the time by was set by `step_s` (s; < 0: back)."""
+
+    step_s: float
+    heard_ns: int = 0
 
 
 def kind_of(heard: Heard) -> Kind:

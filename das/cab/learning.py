@@ -80,14 +80,17 @@ class Learning:
         return replace(found, usable=False, doubt=self._mixed) if self._mixed is not None else found
 
     def news(self, now_ns: int) -> str:
-        """What is to be said once: that the measured forces are not trusted, or are again; or nothing.
+        """What is to be said once: that the forces are not trusted, are again, or give a strange mass; or nothing.
 
         The next news waits for a while, so that a sensor at the edge of a bound does not make an event a second.
         """
-        doubt = self._found.doubt if self._found is not None else None
+        found = self._found
+        doubt = found.remark() if found is not None else None
         if doubt is self._doubt_said or is_fresh(self._doubt_said_ns, now_ns, SAID_EVERY_S):
             return ""
         self._doubt_said, self._doubt_said_ns = doubt, now_ns
+        if found is not None and doubt is ForceDoubt.FAR_MASS:
+            return event_wording.far_mass(found.mass_ratio)
         return event_wording.calibration_off(doubt) if doubt is not None else event_wording.CALIBRATION_ON
 
     def due(self, now_ns: int) -> Conditions | None:
@@ -101,6 +104,7 @@ class Learning:
         if found is None or is_fresh(self._said_ns, now_ns, SAID_EVERY_S):
             return None
         self._said_ns = now_ns
+        remark = found.remark()
         return Estimated(
             time_ns=now_ns,
             mass_ratio=found.mass_ratio,
@@ -110,7 +114,7 @@ class Learning:
             samples=found.samples,
             usable=found.usable,
             differs=found.differs(self._recalibration.conditions),
-            doubt=found.doubt.value if found.doubt is not None else "",
+            doubt=remark.value if remark is not None else "",
         )
 
 

@@ -10,7 +10,7 @@ from das.advice.advice import Advice, Timetable
 from das.advice.cause import Withdrawal
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching
-from das.advice.coach.showing import SpeedsAllowed
+from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene
 from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, PlanBasis, Planner, TrainState
@@ -138,16 +138,17 @@ class Leg:
         if not stands or beyond_m < -stop.at_stop_m:
             self._arrived_ns = None
         if stands:
-            scene = scene._replace(coach=self._standing(state))
             if beyond_m >= -stop.at_stop_m:
+                scene = scene._replace(coach=self._standing(state))
                 return self.display.standing(scene, wording.arrived(self._arrival_late_s(state.now_ns)))
             if state.s_m <= self.section.start_m + stop.at_stop_m and state.now_ns < self.goal.departure_ns:
-                return self.display.waiting(scene)
+                return self.display.waiting(scene._replace(coach=self._standing(state)))
         if beyond_m >= -stop.standstill_m:
             return self._braking(scene, wording.STOP_HERE)
         try:
             plan = planner.plan_for(state, self.goal)
-            return self.display.following(scene._replace(coach=self._coaching(state)), plan)
+            scene = scene._replace(coach=self._coaching(state, stands=stands))
+            return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
                 return self._braking(scene, wording.no_plan_too_fast(str(error)))
@@ -160,7 +161,12 @@ class Leg:
 
     def _braking(self, scene: Scene, reason: str) -> Advice:
         self._forget()
-        return self.display.braking(scene, reason)
+        advice = self.display.braking(scene, reason)
+        if self._coach is None:
+            return advice
+        state = scene.state
+        effort = advice.advised_force_n / min(self.planner.ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
+        return replace(advice, coach=self._coach.brakes(advice.mode, effort, advice.advised_force_n, reason))
 
     def _forget(self) -> None:
         """Neither the plan nor the coach's reference holds any more."""
@@ -168,13 +174,14 @@ class Leg:
         if self._coach is not None:
             self._coach.forget()
 
-    def _coaching(self, state: TrainState) -> Coaching | None:
-        """What the coach says to a train under way."""
+    def _coaching(self, state: TrainState, *, stands: bool) -> Coaching | None:
+        """What the coach says to a train under way, or to one that stands and has to go on."""
         if self._coach is None:
             return None
         planner = self.planner
         place = SpeedsAllowed(planner.allowed_mps(state.s_m), planner.limit_mps(state.s_m))
-        return self._coach.advise(state, self.goal, place)
+        say = self._coach.departs if stands else self._coach.advise
+        return say(state, self.goal, place)
 
     def _standing(self, state: TrainState) -> Coaching | None:
         """What the coach says to a train that stands and is right to."""

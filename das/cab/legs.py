@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from das.advice.advice import Timetable
+from das.advice.advice import Advice, Timetable
 from das.advice.settings import DEFAULT, AdviceSettings, StopSettings
 from das.cab import event_wording
 from das.cab import targets as traffic
 from das.cab.heard import Target
+from das.cab.last_words import LastWords
 from das.cab.leg import Leg
 from das.cab.preparation import News, Preparation
 from das.cab.situation import AS_PLANNED, Situation
@@ -19,6 +20,7 @@ from das.domain.errors import DasError
 from das.domain.losses import Level
 from das.domain.route import Restriction, Stop
 from das.domain.vehicle import Vehicle
+from das.estimate.estimate import Estimate
 
 Moment = tuple[float, bool] | None
 """Where the train is (m) and whether it stands there; None where nobody knows."""
@@ -33,6 +35,8 @@ class Legs:
     def __init__(self, situation: Situation, preparation: Preparation, settings: AdviceSettings = DEFAULT) -> None:
         self.situation, self.preparation = situation, preparation
         self.legs: tuple[Leg, ...] = ()
+        self.last_words = LastWords()
+        """The last word on every advice of a leg."""
         self._started, self._settings = situation, settings
         self._index: int | None = None
         self._targets: tuple[Target, ...] = ()
@@ -53,11 +57,18 @@ class Legs:
 
     def take_news(self) -> list[News]:
         """What has happened since this was last asked."""
-        news = self.preparation.take_news()
+        news = self.preparation.take_news() + [News(text, True) for text in self.last_words.take_news()]
         if self._agreed != self._agreed_said:
             self._agreed_said = self._agreed
             news.append(News(event_wording.targets(self._agreed)))
         return news
+
+    def judged(self, advice: Advice, here: Estimate) -> Advice:
+        """An advice of the leg under way after the last word on it: the same, or what is safe."""
+        leg = self.current
+        if leg is None:
+            return advice
+        return self.last_words.judged(advice, here, self.situation, (leg.start.position_m, leg.end.position_m))
 
     def check(self, stops_m: Sequence[float]) -> None:
         """Look at the sections between stops before there is a journey; raises DasError where one cannot be driven."""
@@ -97,7 +108,10 @@ class Legs:
         for leg in legs:
             if leg not in self.legs:
                 self.preparation.add(leg, free)
-        self.situation, self.legs, self._index = situation, tuple(legs), None
+        # A journey told again, or changed elsewhere, does not take the train off the leg that it has not ended.
+        current = self.current
+        self._index = legs.index(current) if self._index is not None and current in legs else None
+        self.situation, self.legs = situation, tuple(legs)
         self.place(moment)
         self.set_targets(self._targets)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from das.cab import event_wording
 from das.cab.heard import STATES, Heard, Kind, PublisherSeen, RestrictionsHeard, Unreadable, kind_of
 
@@ -14,6 +16,9 @@ class Operator:
 
     The first session that is heard counts until its publisher is gone. The newest message of any other session that is
     there waits until then. Where nobody tells who is there, every session is taken to be there.
+
+    Restrictions that two sessions say differently hold together when the first session is gone, until the other one
+    tells a list after the conflict was named.
     """
 
     def __init__(self) -> None:
@@ -22,6 +27,13 @@ class Operator:
         self._newest: Heard | None = None
         self._rivals: dict[str, Heard] = {}
         self._gone: dict[str, Heard | None] = {}
+        self._informed: set[str] = set()
+        self._joined: RestrictionsHeard | None = None
+
+    @property
+    def joined(self) -> bool:
+        """Whether the restrictions of a session that is gone hold together with those of the one that counts."""
+        return self._joined is not None and self._joined.is_same(self._newest)
 
     def heeds(self, heard: Heard) -> bool:
         """Whether a message counts; one that does not is kept while its publisher is there.
@@ -37,13 +49,36 @@ class Operator:
                 self._gone[self.source] = self._newest
             self.source = source
         if source == self.source:
+            if self._repeats(heard):
+                return False
             self._newest = heard
+            self._informed.clear()
             return True
+        before = self._rivals.get(source) or self._gone.get(source)
+        if before is not None and _places(before) != _places(self._newest):
+            self._informed.add(source)
         if source in self._gone:
             self._gone[source] = heard
         else:
             self._wait(source, heard)
         return False
+
+    def _repeats(self, heard: Heard) -> bool:
+        """Whether a message is the one that was joined, as the bus has kept it."""
+        if not self.joined or self._joined is None or not isinstance(heard, RestrictionsHeard):
+            return False
+        return heard.time_ns <= self._joined.time_ns and not self._joined.is_same(heard)
+
+    def _stricter(self, rival: Heard | None) -> Heard | None:
+        """What holds when a rival's message counts now: its restrictions, and those that it may not know of."""
+        told = self._newest
+        if not isinstance(rival, RestrictionsHeard) or not isinstance(told, RestrictionsHeard):
+            return rival
+        if rival.source in self._informed or _places(rival) == _places(told):
+            return rival
+        both = tuple(dict.fromkeys((*told.restrictions, *rival.restrictions)))
+        self._joined = replace(rival, restrictions=both)
+        return self._joined
 
     def _wait(self, source: str, heard: Heard) -> None:
         """Keep a message for when the session that counts is gone."""
@@ -71,13 +106,13 @@ class Operator:
             if said is None or source == self.source:
                 return None
             if self.source in self._gone:
-                return said
+                return self._stricter(said)
             self._wait(source, said)
             return None
         self._gone[source] = self._rivals.pop(source, self._gone.get(source))
         if len(self._gone) > MOST_GONE:
             self._gone.pop(next(one for one in self._gone if one != self.source))
-        return next(iter(self._rivals.values()), None) if source == self.source else None
+        return self._stricter(next(iter(self._rivals.values()), None)) if source == self.source else None
 
     def contradiction(self) -> str | None:
         """The session that says other restrictions than the one that counts; None where no session does."""
@@ -101,7 +136,7 @@ class Operators:
         known, before = operator.is_rival(heard.source), operator.source
         if operator.heeds(heard):
             if before is not None and operator.source != before:
-                self._news.append(event_wording.takes_over(kind, operator.source, before))
+                self._news.append(event_wording.takes_over(kind, operator.source, before, joined=operator.joined))
             return True
         if not known and operator.is_rival(heard.source):
             self._news.append(event_wording.not_heeded(kind, heard.source, before))

@@ -15,6 +15,15 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 
+DAY_NS = 86_400 * 10**9
+"""A journey all of whose times are further from the clock than this is of another day."""
+
+
+def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
+    """Whether all times of a journey are more than a day from the clock (ns since 1970; 0: not known, so no)."""
+    times_ns = [time_ns for stop in journey.stops for time_ns in (stop.arrival_ns, stop.departure_ns) if time_ns > 0]
+    return now_ns > 0 and bool(times_ns) and min(abs(time_ns - now_ns) for time_ns in times_ns) > DAY_NS
+
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
@@ -36,7 +45,7 @@ class Post:
     reverse: bool = False
 
     def accept(self, journey: JourneyHeard) -> Order:
-        """The journey as an order; DasError where it is not for this train or line, or has no sense."""
+        """The journey as an order; DasError where it is not for this train, line or day, or has no sense."""
         if journey.route_id != self.route.id:
             raise DasError(event_wording.other_route(journey.route_id, self.route.id))
         if journey.train and journey.train != self.train:
@@ -46,6 +55,8 @@ class Post:
         if len(journey.stops) < 2:
             raise DasError(event_wording.too_few_stops(len(journey.stops)))
         _check_times(journey.stops)
+        if is_of_another_day(journey, journey.heard_ns):
+            raise DasError(event_wording.other_day(journey.stops[0].departure_ns, journey.heard_ns))
         if journey.level and journey.level not in list(Level):
             raise DasError(event_wording.unknown_level(journey.level))
         return Order(

@@ -68,7 +68,7 @@ class Estimated:
     usable: bool
     differs: bool
     doubt: str = ""
-    """Why the measured forces are not trusted; nothing: they are."""
+    """Why the measured forces are not trusted, or `far-mass`: they are, but the mass is strange; nothing: neither."""
 
 
 Output = Advice | Status | Plan | Estimated | Event

@@ -12,8 +12,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from das.advice.coach.settings import CoachSettings, DriverSettings
-from das.advice.own_braking import says_how
+from das.advice.coach.settings import CoachSettings
 from das.advice.passing import PassingFronts, PassingRun, PassingTarget
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
@@ -144,7 +143,7 @@ class Preparation:
         front alone is enough to advise.
         """
         began = self._stopwatch()
-        self._fronts.find(section, driver=self._coach.driver)
+        self._fronts.find(section)
         self.solve_s = self._stopwatch() - began
         if self._coach.enabled:
             calm = self.coach_worker.submit(lambda: self._fronts.find_calm(section, self._coach))
@@ -183,8 +182,8 @@ class Preparation:
             one.give_up()
         if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
             one.served = point
-            question, driver = _Question.of(leg), self._coach.driver
-            one.search = self._solver.submit(lambda: _answered(self._fronts, question, driver, self._stopwatch))
+            question = _Question.of(leg)
+            one.search = self._solver.submit(lambda: _answered(self._fronts, question, self._stopwatch))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.calm is not None and one.calm.done():
@@ -204,13 +203,12 @@ class Preparation:
         if answer.refusal:
             self._news.append(News(event_wording.target_unsolved(answer.refusal), True))
         self._news += [News(note, True) for note in found.notes]
-        # Where the site says how its drivers brake, the front is not of the leg's own section.
-        section = leg.section if says_how(self._coach.driver) else found.front.section
+        section = found.front.section
         leg.use(PlanBasis(section=section, front=found.front, source=found.source, passing=answer.passing))
         why, one.why = one.why, ""
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
         if self._coach.enabled:
-            section, s_m = leg.section, _Question.of(leg).s_m
+            s_m = _Question.of(leg).s_m
             one.calm = self.coach_worker.submit(lambda: _calm(self._fronts, section, self._coach, s_m))
 
     def _take_calm(self, leg: Leg, one: _Prepared, answer: CalmFront | str) -> None:
@@ -262,12 +260,12 @@ class _Question(NamedTuple):
         return cls(section, goal.passing, now_ns, goal.arrival_ns, here.s_m, here.speed_mps)
 
 
-def _answered(fronts: Fronts, question: _Question, driver: DriverSettings, stopwatch: Callable[[], float]) -> _Answer:
+def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
     """Look for a front, and for those of a point; whatever goes wrong is the answer."""
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
-        found = fronts.find(question.section, question.s_m, driver)
+        found = fronts.find(question.section, question.s_m)
         passing = _passing(question, found.front.section)
     except DasError as error:
         refusal = str(error)

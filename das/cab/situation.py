@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from das.cab import event_wording
+from das.domain.braking import USUAL, SiteBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
@@ -30,6 +31,8 @@ class Situation:
     point_mass: bool = False
     restrictions: tuple[Restriction, ...] = ()
     conditions: Conditions = AS_PLANNED
+    braking: SiteBraking = USUAL
+    """How the drivers of the site brake."""
 
     def between(self, start_m: float, end_m: float) -> Situation:
         """This situation with only the restrictions that the train meets between two positions (m).
@@ -45,12 +48,12 @@ class Situation:
         return (
             self.route is other.route
             and self.vehicle is other.vehicle
-            and (self.level, self.point_mass, self.restrictions, self.conditions)
-            == (other.level, other.point_mass, other.restrictions, other.conditions)
+            and (self.level, self.point_mass, self.restrictions, self.conditions, self.braking)
+            == (other.level, other.point_mass, other.restrictions, other.conditions, other.braking)
         )
 
     def section(self, start_m: float, end_m: float) -> Section:
-        """A section in this situation; raises as `build_section` does.
+        """A section in this situation, planned with the service braking; raises as `build_section` does.
 
         What was found of mass and resistance while driving may make braking curves lower, never higher: forces measured
         too small make a train look light and its brakes good.
@@ -64,11 +67,14 @@ class Situation:
         if careful == self.conditions:
             return section
         braked = self._section(careful, start_m, end_m)
-        lower_w = np.interp(section.node_m, braked.node_m, braked.envelope_mps**2)
+        allowed_w, lower_w = (
+            np.interp(section.node_m, braked.node_m, speeds_mps**2)
+            for speeds_mps in (braked.allowed_mps, braked.envelope_mps)
+        )
         bounded = capped(section, np.sqrt(lower_w))
-        if np.any(bounded.envelope_mps**2 > lower_w + SAME_W):
+        if np.any(bounded.envelope_mps**2 > allowed_w + SAME_W):
             raise DasError(event_wording.HILL_NEEDS_BRAKES)
-        return bounded
+        return replace(bounded, allowed_mps=np.minimum(section.allowed_mps, np.sqrt(allowed_w)))
 
     def _section(self, conditions: Conditions, start_m: float, end_m: float) -> Section:
         return build_section(
@@ -77,7 +83,7 @@ class Situation:
             level=self.level,
             start_m=start_m,
             end_m=end_m,
-            options=SectionOptions(point_mass=self.point_mass),
+            options=SectionOptions(point_mass=self.point_mass, braking=self.braking.of(self.vehicle)),
         )
 
 

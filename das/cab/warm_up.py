@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from das.advice.advice import Source, Timetable
+from das.advice.braking_model import BrakingBasis
 from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
+from das.advice.last_word import LastWord
 from das.advice.planner import PlanBasis
 from das.advice.settings import AdviceSettings
 from das.cab.leg import Leg
+from das.domain.conditions import Conditions
 from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.fix import PositionFix
@@ -16,7 +19,7 @@ from das.solver.warm_up import warm_up as solve_tiny
 
 
 def warm_up() -> None:
-    """Advise on a tiny section: under way, and braking for the stop."""
+    """Advise on a tiny section, under way and braking for the stop, and have it judged."""
     front = solve_tiny()
     section = front.section
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
@@ -25,7 +28,10 @@ def warm_up() -> None:
     leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
     leg.use_calm(solve_coach(section, settings.coach))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
+    vehicle = section.vehicle
+    basis = BrakingBasis(section.route, vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m)
     for tick, (s_m, speed_mps) in enumerate(((100.0, 10.0), (110.0, 10.0), (385.0, 5.0))):
-        localisation = Localisation(section.vehicle)
+        localisation = Localisation(vehicle)
         localisation.take(PositionFix(time_ns=tick, s_m=s_m, speed_mps=speed_mps))
-        leg.advise(localisation.at(tick))
+        here = localisation.at(tick)
+        LastWord().judge(leg.advise(here), here, basis)

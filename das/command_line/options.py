@@ -102,6 +102,9 @@ TablesOption = Annotated[
 # --- what comes out -----------------------------------------------------------------------------------------------
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+OverwriteOption = Annotated[
+    bool, typer.Option("--overwrite", help="Replace a file that is there already; a symbolic link is refused.")
+]
 OutFolder = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
 OutFolderOption = Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
 OutRecording = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write.")]

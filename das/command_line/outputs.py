@@ -13,10 +13,11 @@ from das.domain.files.writing import check_writable, write_whole
 PICTURES = (".png", ".pdf", ".svg")
 
 
-def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
-    """Refuse outputs that cannot be written, that are the same file, or that would replace an input.
+def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (), overwrite: bool = False) -> None:
+    """Refuse outputs that cannot be written, that are there already, that are the same file, or that are an input.
 
     None stands for an output or input that is not asked for. `inputs` may hold names of bundled files as well.
+    `overwrite`: a file that is there already may be replaced.
     Raises DasError; meant to be called before long work starts.
     """
     read = {Path(path).resolve() for path in inputs if path is not None}
@@ -29,7 +30,7 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (
         if path.resolve() in seen:
             raise DasError(f"{path}: two outputs name the same file")
         seen.add(path.resolve())
-        check_writable(path)
+        check_writable(path, overwrite=overwrite)
 
 
 def check_picture(path: Path | None) -> None:

@@ -243,6 +243,14 @@ class Route:
             value = np.where(within, np.minimum(value, one.limit_mps), value)
         return replace(self, limits_mps=Stretches(start_m=start_m, value=value))
 
+    def limits_over_train(self, train_length_m: float) -> Stretches:
+        """Lowest speed limit (m/s) over a train of a length (m, 0: a point mass), by the position of its head."""
+        limits = self.limits_mps
+        start_m = np.unique(np.concatenate((limits.start_m, limits.start_m + train_length_m)))
+        inside = np.append(0.5 * (start_m[:-1] + start_m[1:]), start_m[-1] + 1.0)
+        lowest = limits.minimum(inside - train_length_m, inside + POSITION_TOLERANCE_M)
+        return Stretches(start_m=start_m, value=lowest)
+
     def altitude_m(self, position_m: ArrayLike) -> Floats:
         """Altitude above sea level (m), from the altitude at the start and the gradients."""
         return self.altitude_at_start_m + self.gradients_ratio.integral(np.asarray(position_m, dtype=float))

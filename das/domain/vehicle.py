@@ -72,6 +72,16 @@ class EffortEnvelope:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ServiceBrake:
+    """How a train is braked in ordinary service: the largest deceleration, and the time until its brakes act fully."""
+
+    deceleration_mps2: float = 0.7
+    """Ordinary service braking of passenger trains (assumption where a file says nothing)."""
+    build_up_s: float = 1.5
+    """Electric brakes with electronic control take 1 to 2 s, air brakes in position P 3 to 5 s (UIC 540)."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Load:
     """A load state of a train: its whole mass, and its constant resistance where known (else see `with_mass`)."""
 
@@ -104,6 +114,7 @@ class Vehicle:
     brake_policy: BrakePolicy
     max_acceleration_mps2: float = np.inf
     max_deceleration_mps2: float = np.inf
+    service_brake: ServiceBrake = ServiceBrake()
     adhesive_mass_kg: float = np.inf
     adhesion_ratio: float = 1.0
     auxiliary_power_w: float = 0.0
@@ -261,7 +272,10 @@ def _check_resistance(vehicle: Vehicle) -> None:
         raise InputError(vehicle.source, f"resistance (N) at {least_at / KMH:.0f} km/h", least_n, "a force >= 0")
 
 
-_POSITIVE = frozenset({"mass_kg", "max_speed_mps", "traction.max_force_n", "traction.max_power_w", "adhesion_ratio"})
+_POSITIVE = frozenset({
+    *("mass_kg", "max_speed_mps", "traction.max_force_n", "traction.max_power_w", "adhesion_ratio"),
+    "service_brake.deceleration_mps2",
+})  # fmt: skip
 _LOWER_BOUNDS = {
     "mass_kg": 0,
     "rotating_mass_ratio": 0,
@@ -274,6 +288,8 @@ _LOWER_BOUNDS = {
     "electric_brake.max_force_n": 0,
     "electric_brake.max_power_w": 0,
     "friction_brake_force_n": 0,
+    "service_brake.deceleration_mps2": 0,
+    "service_brake.build_up_s": 0,
     "adhesion_ratio": 0,
     "auxiliary_power_w": 0,
     "comfort_power_w": 0,

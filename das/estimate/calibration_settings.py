@@ -108,6 +108,9 @@ class ForceSettings:
     """A mass ratio nearer to 1 than this would not change the plan, so that no gain needs to be looked for."""
     gain_sds: float = 3.0
     """Mass and resistance ratio nearer to each other than this many standard deviations may both be the gain."""
+    near_mass_least: float = 0.7
+    near_mass_most: float = 1.4
+    """A mass ratio beyond these is said with both explanations: another train than planned, or a wrong force sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,6 +25,21 @@ class ClockDifference:
         self._heard: deque[tuple[int, float]] = deque(maxlen=settings.most_fixes)
         self.seconds = 0.0
         """The clock here less the time stamps (s): > 0 where the positions are late, or their clock is behind."""
+        self._newest_s = 0.0
+
+    @property
+    def doubt_s(self) -> float:
+        """By how much the age of the newest position may be wrong (s).
+
+        That is the difference, or that of the newest position alone: after a step of a clock it is the first to know.
+        """
+        return max(abs(self.seconds), abs(self._newest_s))
+
+    def set(self, step_s: float) -> None:
+        """Take note that the clock here was set by a time (s): until the next position, it is in doubt by that."""
+        self._waiting.clear()
+        self._heard.clear()
+        self._newest_s = step_s
 
     def hear(self, stamp_ns: int, heard_ns: int) -> None:
         """Take note of a position with a time stamp, heard at a time of our clock (0: not known; ns since 1970)."""
@@ -47,3 +62,4 @@ class ClockDifference:
         late_s = (heard_ns - stamp_ns) * NS
         if abs(late_s) <= self._settings.largest_s:
             self._heard.append((heard_ns, late_s))
+            self._newest_s = late_s

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.clock_difference import ClockDifference
+from das.estimate.clock_steps import ClockSteps
 from das.estimate.doubts import Doubts
 from das.estimate.estimate import NOTHING_HEARD, Estimate
 from das.estimate.fix import PositionFix, deviations
@@ -37,6 +38,17 @@ class _Tally:
     """How many times the estimate began anew where rejected fixes agreed."""
 
 
+class _Noticed:
+    """What is noticed of the fixes of one estimate; another estimate begins with another of these."""
+
+    def __init__(self, settings: LocalisationSettings, fastest_mps: float) -> None:
+        self.doubts = Doubts(settings, fastest_mps)
+        self.frozen = FrozenReceiver(settings)
+        self.standstill = Standstill(settings.standstill)
+        self.usability = Usability(settings.use)
+        self.steps = ClockSteps(settings.steps)
+
+
 class Localisation:
     """Estimates where one train is: give it each fix with `take`, and ask for the estimate with `at`."""
 
@@ -54,44 +66,48 @@ class Localisation:
         self._track: Track | None = None
         self._time_ns = 0
         self._problem: Problem | None = None
-        self._doubts = Doubts(self._settings, self._motion.fastest_mps)
-        self._frozen = FrozenReceiver(self._settings)
-        self._standstill = Standstill(self._settings.standstill)
-        self._usability = Usability(self._settings.use)
+        self._noticed = _Noticed(self._settings, self._motion.fastest_mps)
 
     @property
     def moment(self) -> tuple[float, bool] | None:
         """The position (m) at the last accepted fix, and whether the train stands there; None without a state."""
-        first = self._frozen.first
+        first = self._noticed.frozen.first
         if self._track is None or first is None:
             return None
         unmeasured = math.isnan(first.speed_mps) and self._track.v <= self._settings.standstill.expected_slow_mps
-        return self._track.s, self._standstill.stands or unmeasured
+        return self._track.s, self._noticed.standstill.stands or unmeasured
 
     def take(self, fix: PositionFix, heard_ns: int = 0) -> None:
         """Accept a fix or reject it; it was heard at a time of the clock (ns since 1970; 0: not known).
 
-        A fix that is not newer than the last accepted one changes nothing.
+        A fix that is not newer than the last accepted one changes nothing, unless the clock of the sensors was set.
         """
         self.heard = True
-        self._clock.hear(fix.time_ns, heard_ns)
         x, span_s = self._track, (fix.time_ns - self._time_ns) * NS
-        if x is not None and span_s <= 0:
-            return
+        if x is not None:
+            step_s = self._noticed.steps.take(fix, x, span_s)
+            x, span_s = x._replace(ss=x.ss + (x.v * step_s) ** 2), span_s - step_s
+            if span_s <= 0:
+                return
+        self._clock.hear(fix.time_ns, heard_ns)
         if span_s > self._settings.restart.silence_s:
             x = None
         problem = impossible(
             fix, self._settings.possible, fastest_mps=self._motion.fastest_mps, has_state=x is not None
-        ) or self._frozen.judge(fix)
+        ) or self._noticed.frozen.judge(fix)
         if problem:
             self._reject(problem)
         elif x is not None:
             self._take_next(fix, x, span_s)
-        elif not self._doubts.outlast(fix.time_ns):
+        elif not self._noticed.doubts.outlast(fix.time_ns):
             self._begin(fix)
         else:
             self._reject(self._problem or NOTHING_HEARD)
             self._doubt(fix)
+
+    def set_clock(self, step_s: float) -> None:
+        """Take note that the clock here was set forward by a time (s; < 0: back)."""
+        self._clock.set(step_s)
 
     def at(self, now_ns: int) -> Estimate:
         """Return the estimate for a time (ns since 1970).
@@ -104,12 +120,11 @@ class Localisation:
         if x is None:
             return self._counted(now_ns, self._problem or NOTHING_HEARD)
         age_s = (now_ns - self._time_ns) * NS
-        if not self._standstill.stands:
+        if not self._noticed.standstill.stands:
             x = self._motion.carried_on(x, min(max(age_s, 0.0), self._settings.restart.silence_s))
-        if self._clock.seconds:
-            x = x._replace(ss=x.ss + (x.v * self._clock.seconds) ** 2)
-        found = self._estimate(now_ns, x, self._usability.judge(x, age_s, self._problem))
-        if self._usability.is_ahead(age_s):
+        x = x._replace(ss=x.ss + (x.v * self._clock.doubt_s) ** 2)
+        found = self._estimate(now_ns, x, self._noticed.usability.judge(x, age_s, self._problem))
+        if self._noticed.usability.is_ahead(age_s):
             self._forget()
         return found
 
@@ -127,7 +142,7 @@ class Localisation:
 
     def _estimate(self, now_ns: int, x: Track, problem: Problem | None) -> Estimate:
         """Return the estimate that a state makes."""
-        stands = self._standstill.stands
+        stands = self._noticed.standstill.stands
         return replace(
             self._counted(now_ns, problem),
             fix_time_ns=self._time_ns,
@@ -147,9 +162,9 @@ class Localisation:
             if not math.isnan(fix.s_m):
                 self._doubt(fix)
             return
-        stood = self._standstill.stands
-        self._standstill.notice(fix, sds.speed_mps, expected.v)
-        if self._standstill.stands:
+        stood = self._noticed.standstill.stands
+        self._noticed.standstill.notice(fix, sds.speed_mps, expected.v)
+        if self._noticed.standstill.stands:
             self._accept(fix, self._motion.stand(x, fix, span_s))
             return
         if stood:
@@ -160,16 +175,16 @@ class Localisation:
         """Begin the state with what this fix says, and nothing else."""
         state = self._motion.begin(fix)
         self._standstill = Standstill(self._settings.standstill)
-        self._standstill.notice(fix, deviations(fix, self._settings.sensors).speed_mps, state.v)
+        self._noticed.standstill.notice(fix, deviations(fix, self._settings.sensors).speed_mps, state.v)
         self._accept(fix, state, begins=True)
 
     def _accept(self, fix: PositionFix, state: Track, *, begins: bool = False) -> None:
         """Take over the state that an accepted fix makes."""
         if self._track is not None:
-            self._usability.accept((fix.time_ns - self._time_ns) * NS)
-        self._frozen.accept(fix, begins=begins)
+            self._noticed.usability.accept((fix.time_ns - self._time_ns) * NS)
+        self._noticed.frozen.accept(fix, begins=begins)
         self._track, self._time_ns, self._problem = state, fix.time_ns, None
-        self._doubts.clear()
+        self._noticed.doubts.clear()
 
     def _reject(self, problem: Problem) -> None:
         """Count a rejected fix, and keep why it was rejected."""
@@ -178,6 +193,6 @@ class Localisation:
 
     def _doubt(self, fix: PositionFix) -> None:
         """Keep a rejected fix; where enough of them agree, the state was wrong and begins anew there."""
-        if self._doubts.add(fix):
+        if self._noticed.doubts.add(fix):
             self._tally.restarts += 1
             self._begin(fix)

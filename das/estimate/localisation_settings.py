@@ -147,6 +147,22 @@ class ClockSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ClockStepSettings:
+    """How it is noticed that the clock of the positions was set."""
+
+    rate_fixes: int = 5
+    """The usual time between two fixes is the median of so many times between them."""
+    odd_fixes: int = 1
+    """A receiver sends at a steady rate if no more than this many of these times are no multiples of the usual one."""
+    lost_fixes: int = 2
+    """So many fixes may have been lost just when the clock was set."""
+    least_s: float = 0.25
+    """A time stamp that is off its receiver's rate by no more than this is jitter."""
+    largest_s: float = 5.0
+    """After a larger step, the estimate begins anew instead of going on."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LocalisationSettings:
     """All the tuning of the localisation."""
 
@@ -159,6 +175,7 @@ class LocalisationSettings:
     restart: RestartSettings = field(default_factory=RestartSettings)
     use: UseSettings = field(default_factory=UseSettings)
     clock: ClockSettings = field(default_factory=ClockSettings)
+    steps: ClockStepSettings = field(default_factory=ClockStepSettings)
 
 
 DEFAULT: Final = LocalisationSettings()

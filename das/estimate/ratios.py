@@ -11,7 +11,7 @@ from das.domain.conditions import Conditions
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from das.estimate.belief import Belief, Floats
-from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ReplanSettings
+from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ForceSettings, ReplanSettings
 from das.estimate.window import MeasuredWindow
 
 
@@ -28,6 +28,8 @@ class ForceDoubt(StrEnum):
     """Without any force, on known gradients, the train moves otherwise than the forces say."""
     GAIN = "gain"
     """Mass and resistance are off by the same factor, which a gain of the sensor would explain as well."""
+    FAR_MASS = "far-mass"
+    """The mass is far from the planned one: another train, or a sensor that is wrong. It is used, but not silently."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +59,11 @@ class Estimates:
             mass >= max(settings.mass_step, settings.certain_sds * self.mass_sd)
             or resistance >= max(settings.resistance_step, settings.certain_sds * self.resistance_sd)
         )
+
+    def remark(self, settings: ForceSettings = DEFAULT.force) -> ForceDoubt | None:
+        """Return what is to be said: the doubt, or that the mass to be used is far from the planned one."""
+        near = settings.near_mass_least < self.mass_ratio < settings.near_mass_most
+        return ForceDoubt.FAR_MASS if self.usable and not near else self.doubt
 
     @property
     def planned_mass_ratio(self) -> float:

@@ -12,7 +12,7 @@ from das.domain.route import NEUTRAL, Route
 from das.domain.vehicle import Vehicle
 from das.estimate.belief import Floats
 from das.estimate.calibration_settings import WindowSettings
-from das.solver.section import LineProfile
+from das.solver.line_profile import LineProfile
 
 NORMAL_MAD = 0.6745
 """The median size of a normal variable, in standard deviations."""

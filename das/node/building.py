@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from das.advice.coach.settings import CoachSettings, DriverSettings
+from das.advice.coach.settings import CoachSettings
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings, no_stopwatch
 from das.cab.fronts import Fronts
@@ -12,6 +12,7 @@ from das.cab.orders import Post
 from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.command_line.loading import load_route, load_vehicle, warn_of_braking, warn_unusual
+from das.domain.braking import SiteBraking
 from das.domain.clocks import WALL_STOPWATCH
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route, section_stops
@@ -47,7 +48,17 @@ def plan_cab(options: NodeOptions) -> CabPlan:
         warn_of_braking(vehicle)
     return CabPlan(
         post=Post(train=options.place.train, route=route, trains=trains, reverse=line.reverse),
-        situation=Situation(route=route, vehicle=started, level=driven.level, point_mass=driven.point_mass),
+        situation=Situation(
+            route=route,
+            vehicle=started,
+            level=driven.level,
+            point_mass=driven.point_mass,
+            braking=SiteBraking(
+                deceleration_mps2=advice.led.planning_brake,
+                reaction_s=advice.led.reaction,
+                below_limit_mps=advice.led.below_limit * KMH,
+            ),
+        ),
         fronts=Fronts(advice.tables),
         settings=_settings(advice),
         stops_m=stops_m,
@@ -75,13 +86,6 @@ def _settings(advice: AdviceGiven) -> CabSettings:
         no_restrictions=advice.no_restrictions,
         calibrate=advice.calibrate,
         background=by_wall,
-        advice=AdviceSettings(
-            coach=CoachSettings(
-                enabled=advice.led.coach,
-                driver=DriverSettings(
-                    planning_brake_mps2=advice.led.planning_brake, below_limit_mps=advice.led.below_limit * KMH
-                ),
-            )
-        ),
+        advice=AdviceSettings(coach=CoachSettings(enabled=advice.led.coach)),
         stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
     )

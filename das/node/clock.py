@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Protocol
 
 from das.bus.received import Received
 from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, TARGET
-from das.domain.clocks import WALL_NS
+from das.domain.clocks import WALL, Clocks
+from das.domain.units import NS
+
+LEAST_STEP_S = 0.05
+"""A wall clock that differs from the seconds that never jump by less than this was not set, but read a little later."""
 
 
 class Clock(Protocol):
@@ -22,6 +25,9 @@ class Clock(Protocol):
     def judged_at_ns(self) -> int:
         """The time (ns since 1970) by which messages are judged; 0 before it is known."""
 
+    def set_by_s(self) -> float:
+        """By how much the clock was set since this was last asked (s; < 0: back; 0: not, or nobody can tell)."""
+
     def note(self, received: Received) -> None:
         """Take note of a message that has been taken."""
 
@@ -34,8 +40,22 @@ class WallClock:
 
     is_wall = True
 
-    def __init__(self, time_ns: Callable[[], int] = WALL_NS) -> None:
-        self.now_ns = self.judged_at_ns = time_ns
+    def __init__(self, clocks: Clocks = WALL) -> None:
+        self.now_ns = self.judged_at_ns = clocks.now_ns
+        self._seconds = clocks.seconds
+        self._began_s = self._ahead_s()
+
+    def _ahead_s(self) -> float:
+        """The time of day less the seconds that never jump (s)."""
+        return self.now_ns() * NS - self._seconds()
+
+    def set_by_s(self) -> float:
+        """By how much somebody set the clock since this was last asked, told by the seconds that never jump."""
+        step_s = self._ahead_s() - self._began_s
+        if abs(step_s) < LEAST_STEP_S:
+            return 0.0
+        self._began_s += step_s
+        return step_s
 
     def note(self, received: Received) -> None:
         """Messages do not move this clock."""
@@ -65,6 +85,10 @@ class BusClock:
     def judged_at_ns(self) -> int:
         """The time of the last Control message answered (ns since 1970; 0 before the first)."""
         return self._control_ns
+
+    def set_by_s(self) -> float:
+        """Nobody can tell whether a clock that is heard was set."""
+        return 0.0
 
     def note(self, received: Received) -> None:
         """Take note of a message: a Control is held until it can be answered."""

@@ -9,7 +9,7 @@ from das.bus.received import Received
 from das.bus.session import Bus
 from das.bus.topics import STATUS
 from das.cab.cab import Cab
-from das.cab.heard import Kind, NodeSeen, PublisherSeen
+from das.cab.heard import ClockSet, Kind, NodeSeen, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Severity, Status
 from das.command_line.printing import say
 from das.node.clock import Clock
@@ -42,8 +42,10 @@ class Node:
             self.tick(control.time_ns, control.tick)
 
     def look_around(self) -> None:
-        """Take note of publishers that came or went, among them other nodes of this train."""
+        """Take note of a clock that was set, and of publishers (also other nodes of this train) that came or went."""
         now_ns = self.clock.judged_at_ns()
+        if step_s := self.clock.set_by_s():
+            self.publish(self.cab.hear(ClockSet(step_s=step_s, heard_ns=now_ns)))
         for one in self.bus.presences():
             if one.topic is STATUS:
                 self.publish(self.cab.hear(NodeSeen(source=one.source, there=one.there)))

@@ -25,6 +25,7 @@ from das.command_line.options import (
     TrainOption,
     VehicleOption,
 )
+from das.domain.braking import REACTION_S
 
 OWN_ENDPOINT = "tcp/127.0.0.1:7447"
 FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
@@ -102,10 +103,16 @@ class CoachGiven:
             min=0.1,
             max=1.5,
             help="Deceleration for limits and stops to plan with, as drivers here brake "
-            "[default: the train's, of the coach 97 % of it].",
+            "[default: that of the train in service].",
             show_default=False,
         ),
     ] = None
+    reaction: Annotated[
+        float,
+        typer.Option(
+            "--reaction", metavar="S", min=0.0, max=10.0, help="How late drivers begin to brake, to plan with."
+        ),
+    ] = REACTION_S
     below_limit: Annotated[
         float,
         typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits to plan with."),

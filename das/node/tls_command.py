@@ -32,7 +32,7 @@ def tls_init(
     port: Annotated[int, typer.Option(help="The node's port; simulator and recorder take the next two.", min=1)] = 7447,
     days: Annotated[float, typer.Option(help="How long the certificates are valid.", max=3650)] = 90.0,
 ) -> None:
-    """Make a test authority, certificates and bus files for node, simulator, recorder and cab.
+    """Make a test authority, certificates and bus files for every role (node, recorder, cab, sensors, operator …).
 
     For tests and trials on one machine, not a public-key infrastructure.
     """

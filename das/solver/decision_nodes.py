@@ -20,13 +20,17 @@ _SLOWEST_MPS = 1.0
 """Where the fastest run is slower than this, near a stop, steps are as for this speed."""
 
 
-def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float) -> Floats:
+def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, beside_m: float = 0.0) -> Floats:
     """Positions (m) that must be decision nodes: all changes of the line, the train's end past them, and by the stops.
 
-    `length_m` is the length of the train, 0 for a point mass.
+    `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are nodes so far before each change
+    of the limit, and behind the place where the train has passed it.
     """
     start_m, end_m = ends_m
     breaks = route.breakpoints_m()
+    if beside_m > 0.0:
+        limits = route.limits_mps.start_m
+        breaks = np.concatenate((breaks, limits - beside_m, limits + beside_m))
     offsets = np.array([x for x in tol.STOP_OFFSETS_M if x < (end_m - start_m) / 2])
     nodes = np.concatenate((breaks, breaks + length_m, start_m + offsets, end_m - offsets))
     nodes = np.unique(nodes[(nodes > start_m + tol.MIN_STEP_M) & (nodes < end_m - tol.MIN_STEP_M)])

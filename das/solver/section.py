@@ -10,98 +10,52 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError, InfeasibleError
-from das.domain.formulary import curve_resistance_mps2, line_force_n
 from das.domain.losses import Level, LossMap, LossModel, outside_map
-from das.domain.route import NEUTRAL, Route, Stretches
+from das.domain.route import NEUTRAL, Route
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
 from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes, subdivide
-from das.solver.kernels.envelope import braking_envelope, climbing_floor
+from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope, climbing_floor
 from das.solver.kernels.fastest import fastest_roll_out, fastest_run
 from das.solver.kernels.forces import mean_resistance
-from das.solver.kernels.tuples import KnownRun, LineArrays, SpeedBounds
+from das.solver.kernels.tuples import KnownRun, SpeedBounds
+from das.solver.line_profile import LineProfile
 from das.solver.params import LossParams, TrainParams, loss_params, train_params
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LineProfile:
-    """What the line asks of a train on a grid of positions `node_m` (route coordinates).
-
-    The other arrays hold one value per interval: `step_m`, `grade_ratio` (gradient averaged over the train),
-    `constant_n` (gradient and curve force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train), and `supply`
-    (receptivity, `NO_REGENERATION` or `NEUTRAL`; the least where an interval has several).
-    """
-
-    node_m: Floats
-    step_m: Floats
-    grade_ratio: Floats
-    constant_n: Floats
-    tunnel_n_per_mps2: Floats
-    limit_mps: Floats
-    supply: Floats
-
-    @classmethod
-    def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, train_length_m: float) -> Self:
-        """The line under a train of this length (m, 0: a point mass), between the given positions."""
-        grade = _over_train(route.gradients_ratio, node_m, train_length_m)
-        curve = _over_train(_curve_resistance(route), node_m, train_length_m)
-        constant_n = line_force_n(vehicle.mass_kg, grade, curve)
-        limit = np.minimum(
-            route.limits_mps.minimum(node_m[:-1] - train_length_m, node_m[1:]),
-            vehicle.max_speed_mps,
-        )
-        tunnel = _over_train(_tunnel_coefficient(route, vehicle), node_m, train_length_m)
-        return cls(
-            node_m=node_m,
-            step_m=np.diff(node_m),
-            grade_ratio=grade,
-            constant_n=constant_n,
-            tunnel_n_per_mps2=tunnel,
-            limit_mps=limit,
-            supply=route.supply().minimum(node_m[:-1], node_m[1:]),
-        )
-
-    def elapsed_s(self, speeds_mps: Floats) -> Floats:
-        """Times (s, from 0) at the nodes of a run with these speeds, at constant acceleration between the nodes."""
-        return np.concatenate(([0.0], np.cumsum(2.0 * self.step_m / (speeds_mps[:-1] + speeds_mps[1:]))))
-
-    @property
-    def for_kernels(self) -> LineArrays:
-        """Step, constant force, tunnel coefficient and supply of each interval, as every kernel takes them."""
-        return LineArrays(self.step_m, self.constant_n, self.tunnel_n_per_mps2, self.supply)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Section(LineProfile):
     """A section that one train runs on: from `start_m` to `end_m` of a route (positions in route coordinates).
 
-    The arrays of the line's profile are those on the integration nodes. `envelope_mps` (per node) is the fastest speed
-    from which everything ahead can be kept, and `floor_mps` the slowest from which the end speed can still be reached
-    (mostly 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the decision nodes among the
-    integration nodes.
+    The arrays of the line's profile are those on the integration nodes. `allowed_mps` (per node) is the fastest speed
+    from which everything ahead can be kept with full brakes, and `envelope_mps` the fastest one that is planned: the
+    same, unless the section is planned with a service `braking`. `floor_mps` is the slowest speed from which the end
+    speed can still be reached (mostly 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the
+    decision nodes among the integration nodes.
     """
 
     route: Route
     vehicle: Vehicle
     level: Level
     brakes: BrakePolicy
-    loss: LossModel
     train_length_m: float
     start_speed_mps: float
     end_speed_mps: float
     floor_mps: Floats
     envelope_mps: Floats
+    allowed_mps: Floats
     decision: NDArray[np.int64]
-    train: TrainParams
+    braking: ServiceBraking | None = None
 
     @property
     def start_m(self) -> float:
@@ -117,9 +71,19 @@ class Section(LineProfile):
     def asked_decision_m(self) -> Floats | None:
         """Positions of the decision nodes where they are not those of the solver's settings but were asked for."""
         ends = _Ends(self.start_m, self.end_m, self.start_speed_mps, self.end_speed_mps, self.train_length_m)
-        usual_m, _ = _decided(self.route, self.vehicle, self.train, ends)
+        usual_m, _ = _decided(self.route, self.vehicle, self.train, ends, self.braking)
         # Shorter steps are more steps.
         return None if len(self.decision) == len(usual_m) else self.node_m[self.decision]
+
+    @cached_property
+    def loss(self) -> LossModel:
+        """The losses of the train at the level of the section."""
+        return self.vehicle.loss_model(self.level)
+
+    @cached_property
+    def train(self) -> TrainParams:
+        """The numbers of the train, with the brakes of the section, as the kernels take them."""
+        return train_params(self.vehicle, self.brakes)
 
     @cached_property
     def loss_params(self) -> LossParams:
@@ -184,6 +148,8 @@ class SectionOptions:
     """The brakes that a planned run may use; None stands for those of the vehicle at the level of the section."""
     longest_step_m: float | None = None
     """The decision nodes are at most this far apart (m); None: as far as the settings of the solver say."""
+    braking: ServiceBraking | None = None
+    """How limits and stops are braked for; None: with the train's full brakes, without any reserve."""
 
 
 ORDINARY = SectionOptions()
@@ -216,26 +182,45 @@ def build_section(
     length_m = 0.0 if options.point_mass else vehicle.train_length_m
 
     ends = _Ends(start_m, end_m, options.start_speed_mps, options.end_speed_mps, length_m)
-    decision_m, fastest = _decided(route, vehicle, train, ends, options.longest_step_m)
+    braking = options.braking
+    decision_m, fastest = _decided(route, vehicle, train, ends, braking, options.longest_step_m)
     counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
     fine = LineProfile.on(route, vehicle, subdivide(decision_m, counts), length_m)
-    floor, envelope, fastest = _bounding_speeds(route, fine, train, ends)
+    bounds = _bounding_speeds(route, fine, train, ends, braking)
     if isinstance(loss, LossMap):
-        _check_coverage(loss, vehicle, float(envelope.max()))
+        _check_coverage(loss, vehicle, float(bounds.allowed_mps.max()))
     return Section(
         **vars(fine),
         route=route,
         vehicle=vehicle,
         level=level,
         brakes=brakes,
-        loss=loss,
         train_length_m=length_m,
         start_speed_mps=options.start_speed_mps,
         end_speed_mps=options.end_speed_mps,
-        floor_mps=floor,
-        envelope_mps=envelope,
+        floor_mps=bounds.floor_mps,
+        envelope_mps=bounds.envelope_mps,
+        allowed_mps=bounds.allowed_mps,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
-        train=train,
+        braking=braking,
+    )
+
+
+def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
+    """The same section, planned with a service braking, or with the train's full brakes; raises as `build_section`."""
+    return build_section(
+        section.route,
+        section.vehicle,
+        level=section.level,
+        start_m=section.start_m,
+        end_m=section.end_m,
+        options=SectionOptions(
+            start_speed_mps=section.start_speed_mps,
+            end_speed_mps=section.end_speed_mps,
+            point_mass=section.train_length_m == 0,
+            brakes=section.brakes,
+            braking=braking,
+        ),
     )
 
 
@@ -249,13 +234,29 @@ class _Ends(NamedTuple):
     length_m: float
 
 
+class _Bounds(NamedTuple):
+    """Bounds of the speed at the nodes of a grid (m/s): see `Section`, and the fastest run under them."""
+
+    floor_mps: Floats
+    envelope_mps: Floats
+    allowed_mps: Floats
+    fastest_mps: Floats
+
+
 def _decided(
-    route: Route, vehicle: Vehicle, train: TrainParams, ends: _Ends, asked_m: float | None = None
+    route: Route,
+    vehicle: Vehicle,
+    train: TrainParams,
+    ends: _Ends,
+    braking: ServiceBraking | None,
+    asked_m: float | None = None,
 ) -> tuple[Floats, Floats]:
     """Positions of the decision nodes (m), at most `asked_m` apart, and the speeds of the fastest run there (m/s)."""
-    fixed_m = fixed_nodes(route, (ends.start_m, ends.end_m), ends.length_m)
+    beside_m = 0.0 if braking is None else braking.deviation_m
+    fixed_m = fixed_nodes(route, (ends.start_m, ends.end_m), ends.length_m, beside_m)
     even_m = even_nodes(fixed_m)
-    _, _, fastest = _bounding_speeds(route, LineProfile.on(route, vehicle, even_m, ends.length_m), train, ends)
+    profile = LineProfile.on(route, vehicle, even_m, ends.length_m)
+    fastest = _bounding_speeds(route, profile, train, ends, braking).fastest_mps
     decision_m = decision_nodes(route, fixed_m, even_m, fastest, asked_m)
     return decision_m, np.interp(decision_m, even_m, fastest)
 
@@ -266,31 +267,6 @@ def _check_ends(route: Route, start_m: float, end_m: float) -> None:
             f"{route.source}: a section from {start_m:g} m to {end_m:g} m: expected one that leads forwards "
             f"on the route, 0 … {route.length_m:g} m"
         )
-
-
-def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats:
-    """Mean over each interval of a quantity that is itself averaged over the train's length."""
-    if length_m == 0:
-        return stretches.mean(node_m[:-1], node_m[1:])
-    # The train-averaged profile is linear between nodes that contain every breakpoint b and b + length.
-    at_nodes = stretches.mean(node_m - length_m, node_m)
-    return 0.5 * (at_nodes[:-1] + at_nodes[1:])
-
-
-def _curve_resistance(route: Route) -> Stretches:
-    return Stretches(
-        start_m=route.curvature_per_m.start_m.copy(), value=curve_resistance_mps2(route.curvature_per_m.value)
-    )
-
-
-def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
-    starts, values = [0.0], [0.0]
-    for tunnel in route.tunnels:
-        if tunnel.start_m == starts[-1]:
-            starts.pop(), values.pop()
-        starts += [tunnel.start_m, tunnel.start_m + tunnel.length_m]
-        values += [vehicle.tunnel_coefficient_n_per_mps2(tunnel.area_m2), 0.0]
-    return Stretches(start_m=np.array(starts), value=np.array(values))
 
 
 def _slope_change(route: Route, node_m: Floats, length_m: float) -> Floats:
@@ -318,23 +294,29 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Float
 
 
 def _bounding_speeds(
-    route: Route, profile: LineProfile, train: TrainParams, ends: _Ends
-) -> tuple[Floats, Floats, Floats]:
-    """Climbing floor, braking envelope and fastest run over a grid; InfeasibleError where one is impossible."""
+    route: Route, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking | None
+) -> _Bounds:
+    """Climbing floor, envelopes and fastest run over a grid; InfeasibleError where one is impossible."""
     line, start_speed_mps, end_speed_mps = profile.for_kernels, ends.start_speed_mps, ends.end_speed_mps
     if end_speed_mps > profile.limit_mps[-1]:
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
-    envelope, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train)
+    allowed, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train, ALL_OF_IT)
     if stuck >= 0:
         raise InfeasibleError(
             f"{route.source}: the train cannot brake on the descent at {profile.node_m[stuck]:.0f} m "
             f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
         )
-    if start_speed_mps > envelope[0] + tol.SPEED_TOLERANCE_MPS:
+    if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
         raise InfeasibleError(
             f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or cannot be braked"
         )
-    fastest, stuck = fastest_run(line, envelope, start_speed_mps, train)
+    floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
+    envelope = allowed
+    if braking is not None:
+        envelope = _planned_envelope(route, profile, train, ends, braking)
+        # What hills ahead ask for comes before the reserve of the brakes.
+        envelope = np.minimum(np.maximum(envelope, floor), allowed)
+    fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
     if stuck >= 0:
         place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
         if profile.supply[stuck] == NEUTRAL:
@@ -344,8 +326,23 @@ def _bounding_speeds(
         raise InfeasibleError(
             f"{route.source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
         )
-    floor = climbing_floor(line, envelope, tol.CREST_MPS, train)
-    return floor, envelope, fastest
+    return _Bounds(floor, envelope, allowed, fastest)
+
+
+def _planned_envelope(
+    route: Route, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
+) -> Floats:
+    """The fastest speeds (m/s) from which limits and the end are kept by braking as in service.
+
+    A limit that the train meets only by the deviation of its position counts as one that it meets.
+    """
+    node_m, beside_m = profile.node_m, braking.deviation_m
+    limit = route.limits_mps.minimum(node_m[:-1] - ends.length_m - beside_m, node_m[1:] + beside_m)
+    limit = np.minimum(limit, profile.limit_mps)
+    limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
+    service = (braking.deceleration_mps2, braking.delay_s)
+    envelope, _ = braking_envelope(profile.for_kernels, limit, ends.end_speed_mps, train, service)
+    return np.asarray(envelope)
 
 
 def _check_coverage(loss: LossMap, vehicle: Vehicle, top_speed_mps: float) -> None:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from das.domain.route import NEUTRAL
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
-from das.solver.section import LineProfile, Section
+from das.solver.line_profile import LineProfile
+from das.solver.section import Section
 
 if TYPE_CHECKING:
     from das.solver.bound.certificate import Certificate

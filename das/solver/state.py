@@ -16,7 +16,8 @@ from das.solver.kernels.fastest import fastest_roll_out
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.roll_out import blend_runs, roll_out
 from das.solver.kernels.tuples import DecisionStep, Policies, Policy, SpeedBounds
-from das.solver.section import LineProfile, Section
+from das.solver.line_profile import LineProfile
+from das.solver.section import Section
 from das.solver.solution import Fit, Solution, trajectory_on
 
 Floats = NDArray[np.float64]

@@ -112,6 +112,8 @@ class Tolerances:
     """An interpolation weight below this is rounding, and it is taken as 0."""
     crest_mps: float = 0.05
     """No crest is planned to be passed slower than this (m/s), because at its very floor speed a train would stop."""
+    slowest_limit_mps: float = 2.0
+    """A margin below a limit leaves at least this speed (m/s), or the limit itself where that is lower."""
     creep_mps: float = 0.1
     """A train slower than this (m/s) at the start of the last decision step first moves on as fast as it may."""
 
@@ -169,4 +171,5 @@ UNREACHABLE: Final = settings.tolerances.unreachable_j
 INFEASIBLE: Final = settings.tolerances.infeasible_j
 SMALLEST_SHARE: Final = settings.tolerances.smallest_share
 CREST_MPS: Final = settings.tolerances.crest_mps
+SLOWEST_LIMIT_MPS: Final = settings.tolerances.slowest_limit_mps
 CREEP_MPS: Final = settings.tolerances.creep_mps

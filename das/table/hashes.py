@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from das.compiling.kernels import cache_root
 from das.compiling.sources import code_sha256, sources_of, text_sha256
+from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.losses import Level, LossMap
@@ -47,7 +48,7 @@ _LINE_IGNORES = frozenset({
     *("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg"),
 })  # fmt: skip
 _TRAIN_IGNORES = frozenset(
-    {"id", "name", "source", "train_length_m", "comfort_power_w", "default_level", "losses", "loads"}
+    {"id", "name", "source", "train_length_m", "comfort_power_w", "default_level", "losses", "loads", "service_brake"}
 )
 _SOLVER_IGNORES = frozenset({
     *("LADDER_IDLE_RATIOS", "JOURNEY_FRONTS_BYTES", "JOURNEY_TIME_TOLERANCE_S"),
@@ -72,10 +73,12 @@ class Course:
     length_m: float | None = None
     decision_m: Floats | None = None
     """Positions of the decision nodes (m) where they are not those of the solver's settings."""
+    braking: ServiceBraking | None = None
+    """How limits and stops are braked for; None: with full brakes."""
 
 
 def section_hashes(route: Route, vehicle: Vehicle, course: Course) -> dict[str, str]:
-    """SHA-256 of each part of what determines a section: line, train, losses, ends, and the solver's settings.
+    """SHA-256 of each part of what determines a section: line, train, losses, ends, braking, solver's settings.
 
     Names, geometry and what lies outside the section do not count. Raises DasError where the vehicle has no such level.
     """
@@ -93,6 +96,7 @@ def section_hashes(route: Route, vehicle: Vehicle, course: Course) -> dict[str, 
         "train": {**train, "length_m": length_m, "brakes": vehicle.brakes_at(course.level)},
         "losses": vehicle.loss_model(course.level),
         "ends": (course.start_m, course.end_m, course.start_speed_mps, course.end_speed_mps),
+        "braking": course.braking,
         "solver": {**settings, **grid},
     }
     return {name: _sha256(part) for name, part in parts.items()}
@@ -108,6 +112,7 @@ def hashes_of(section: Section) -> dict[str, str]:
         end_speed_mps=section.end_speed_mps,
         length_m=section.train_length_m,
         decision_m=section.asked_decision_m,
+        braking=section.braking,
     )
     return section_hashes(section.route, section.vehicle, course)
 

@@ -19,7 +19,7 @@ MOST_NODES, MOST_SPEEDS, MOST_MULTIPLIERS, MOST_POINTS, MOST_RUNS = 200_000, 5_0
 LARGEST_NUMBER: Final = 1e300
 MOST_SHOWN = 60
 """Characters of a wrong value that a message repeats."""
-HASHED = ("line", "train", "losses", "ends", "solver")
+HASHED = ("line", "train", "losses", "ends", "braking", "solver")
 """Parts of what determines a table whose hashes every manifest has."""
 
 _MISSING: Final = object()

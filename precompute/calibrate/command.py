@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from das.command_line.compiling import loading_solver
-from das.command_line.options import JsonOption, OutFolderOption
+from das.command_line.options import JsonOption, OutFolderOption, OverwriteOption
 from das.command_line.printing import busy, error_console
 from das.domain.errors import DasError
 
@@ -33,6 +33,7 @@ def calibrate(
         bool, typer.Option("--check", help="Only hold the bundled vehicles against the targets (seconds).")
     ] = False,
     out: OutFolderOption = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints.
@@ -53,7 +54,7 @@ def calibrate(
 
         vehicle_ids = {What.GTO: fit.GTO, What.IGBT: fit.IGBT}
         names = [vehicle_ids[kind] for kind in What if what in (None, kind)]
-        _check_folder(out, [f"{name}.toml" for name in names])
+        _check_folder(out, [f"{name}.toml" for name in names], overwrite=overwrite)
         warm_up()
     chains = {name: read_loss_chain(locate_vehicle(name)) for name in (fit.GTO, fit.IGBT)}
     if not check:
@@ -69,7 +70,7 @@ def calibrate(
         raise typer.Exit(1)
 
 
-def _check_folder(folder: Path | None, names: list[str]) -> None:
+def _check_folder(folder: Path | None, names: list[str], *, overwrite: bool) -> None:
     """Refuse, before the work begins, a folder that is not there or files that cannot be written."""
     from das.domain.files.writing import check_writable
 
@@ -78,7 +79,7 @@ def _check_folder(folder: Path | None, names: list[str]) -> None:
     if not folder.is_dir():
         raise DasError(f"{folder}: no such folder")
     for name in names:
-        check_writable(folder / name)
+        check_writable(folder / name, overwrite=overwrite)
 
 
 def _written(folder: Path | None, chains: Mapping[str, LossChain]) -> list[Path]:

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from das.command_line.compiling import loading_solver
-from das.command_line.options import JsonOption
+from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy
 from das.command_line.progress import progress_bar
@@ -61,6 +61,7 @@ class ExactOptions:
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="With --exact: every point of the front to write (.csv)."),
     ] = None
+    overwrite: OverwriteOption = False
 
     def largest_percent(self) -> float:
         """The largest buffer (%) of the exact front; DasError for one that cannot be."""
@@ -95,7 +96,7 @@ def front(
         raise DasError("--out, --bucket and --max-buffer belong to --exact")
     largest, budget_s = witness.largest_percent(), refine_seconds(refine)
     wanted = _buffers(BUFFERS_PERCENT if buffers is None else buffers)
-    check_outputs(witness.out, inputs=pose.inputs())
+    check_outputs(witness.out, inputs=pose.inputs(), overwrite=witness.overwrite)
     section, solved, min_time_s, front_s = solved_front(pose)
     if witness.exact:
         from precompute.exact.command import exact_front

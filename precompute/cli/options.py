@@ -16,6 +16,7 @@ from das.command_line.options import (
     LoadOption,
     LossMapOption,
     OutCsvOption,
+    OverwriteOption,
     PlotOption,
     PointMassOption,
     ReverseOption,
@@ -175,12 +176,13 @@ class TableFiles:
 
     out: OutCsvOption = None
     plot: PlotOption = None
+    overwrite: OverwriteOption = False
     as_json: JsonOption = False
 
     def check(self, *inputs: str | Path | None) -> None:
         """Refuse, before the work begins, files that cannot be written or would replace an input."""
         check_picture(self.plot)
-        check_outputs(self.out, self.plot, inputs=inputs)
+        check_outputs(self.out, self.plot, inputs=inputs, overwrite=self.overwrite)
 
     def tell(self) -> None:
         """Say what was written."""

@@ -19,9 +19,10 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.trajectory import Ledger, Trajectory
 from das.domain.units import KM, KMH, PERMILLE
 from das.solver import tolerances as tol
-from das.solver.kernels.envelope import braking_envelope
+from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope
 from das.solver.kernels.roll_out import blend_runs
-from das.solver.section import LineProfile, Section
+from das.solver.line_profile import LineProfile
+from das.solver.section import Section
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front
 from precompute.sensitivity.variations import Variation
@@ -160,7 +161,8 @@ def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
 
 def _envelope(line: LineProfile, section: Section) -> Floats:
     """Fastest speed at each node of a line from which the changed train keeps everything ahead."""
-    envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, section.end_speed_mps, section.train)
+    end_mps = section.end_speed_mps
+    envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, end_mps, section.train, ALL_OF_IT)
     if stuck >= 0:
         raise InfeasibleError(f"the train cannot brake on the descent at {_place(line, stuck)}")
     return np.asarray(envelope)

@@ -10,7 +10,7 @@ from typing import Any
 
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from das.solver.section import build_section
+from das.solver.section import SectionOptions, build_section
 from das.solver.warm_up import warm_up as compile_solver
 from das.table.hashes import Course, section_hashes
 from precompute.tables.writing import TableSettings, make_table, table_hashes, table_key
@@ -61,7 +61,12 @@ class Job:
         warm_up()
         course = self.course
         section = build_section(
-            self.route, self.vehicle, level=course.level, start_m=course.start_m, end_m=course.end_m
+            self.route,
+            self.vehicle,
+            level=course.level,
+            start_m=course.start_m,
+            end_m=course.end_m,
+            options=SectionOptions(braking=course.braking),
         )
         return make_table(section, self.settings, threads=1)
 

@@ -11,7 +11,9 @@ from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, TypeVar
 
+from das.domain.braking import USUAL, SiteBraking
 from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.braking_toml import site_braking
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import Fields, number, read_toml
@@ -65,7 +67,7 @@ def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", "routes", "trains", "tables", "synthetic"])
+    fields.check_keys(["schema_version", "routes", "trains", "tables", "braking", "synthetic"])
     lines = [line for entry in _entries(fields, "routes") for line in _lines(entry)]
     if fields.has("synthetic"):
         lines += _synthetic(fields.table("synthetic"))
@@ -76,19 +78,32 @@ def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
         raise fields.error("trains", MISSING, "at least one [[trains]]")
     settings = _settings(fields.table("tables")) if fields.has("tables") else TableSettings()
     settings = replace(settings, refine_s=refine_s)
+    site = _braking(fields)
     jobs: dict[str, Job] = {}
     for line, train in product(lines, trains):
         for start, end in pairwise(line.stops):
-            job = _job(line.route, start, end, train, settings)
+            job = _job(line.route, start, end, train, site, settings)
             if job.name in jobs:
                 raise InputError(path, "routes or trains", job.name, "every section and train once")
             jobs[job.name] = job
     return BuildPlan(source=path, jobs=tuple(jobs.values()), settings=settings)
 
 
-def _job(route: Route, start: Stop, end: Stop, train: _Train, settings: TableSettings) -> Job:
+def _braking(fields: Fields) -> SiteBraking | None:
+    """How the drivers brake that the tables are for; None: with the train's full brakes, as for a study."""
+    if not fields.has("braking"):
+        return USUAL
+    table = fields.table("braking")
+    if not table.flag("full", False):
+        return site_braking(Fields.of(table.source, {k: v for k, v in table.data.items() if k != "full"}, table.prefix))
+    table.check_keys(["full"])
+    return None
+
+
+def _job(route: Route, start: Stop, end: Stop, train: _Train, site: SiteBraking | None, settings: TableSettings) -> Job:
     vehicle, level = train.vehicle, train.level
-    course = Course(level=level, start_m=start.position_m, end_m=end.position_m)
+    braking = None if site is None else site.of(vehicle)
+    course = Course(level=level, start_m=start.position_m, end_m=end.position_m, braking=braking)
     ends = f"{_slug(start.name)}-{_slug(end.name)}"
     return Job.of(
         f"{_slug(route.id)}_{ends}_{_slug(vehicle.id)}_{level}",

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.bus.recording import Recording
-from das.solver.solution import Fit, Solution
+from das.domain.errors import DasError
+from das.solver.solution import Solution
 from sim.accounts.causes import EnergyCause
 from sim.accounts.committed import Committed, committed, spacing
 from sim.accounts.energies import LegEnergies, leg_energies
@@ -18,7 +19,9 @@ from sim.accounts.knowledge import Knowledge, epochs_of
 from sim.accounts.motion import DrivenLeg, legs_of, motion_of
 from sim.accounts.places import Places, even_edges, limit_edges, places_between
 from sim.accounts.shown import ShownAdvice
+from sim.recording.saving import SAID_BY_THE_RECORDING, not_comparable_by_record
 from sim.review.happenings import Signal, signals
+from sim.trips.saving import NOT_COMPARABLE, why_not_comparable
 
 Floats = NDArray[np.float64]
 
@@ -50,11 +53,6 @@ class LegAccount:
     def optimum_j(self) -> float:
         """Energy of the optimum for the same time (J)."""
         return self.optimum.ledger.input
-
-    @property
-    def too_fast_for_plan(self) -> bool:
-        """Whether the leg took less time than the plan's train can: its optimum is the fastest run."""
-        return self.optimum.fit is Fit.LATE
 
     @property
     def by_cause(self) -> dict[EnergyCause, float]:
@@ -118,6 +116,11 @@ class Account:
     advice_shown: bool
 
     @property
+    def why_not_comparable(self) -> str:
+        """Why the drive cannot be compared with its optimum, in words; nothing where it can."""
+        return why_not_comparable([(leg.optimum, leg.leg.trip_s) for leg in self.legs])
+
+    @property
     def driven_j(self) -> float:
         """Energy at the current collector as driven, from departures to arrivals (J)."""
         return sum(leg.driven_j for leg in self.legs)
@@ -161,9 +164,18 @@ def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, f
 def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Account:
     """The account of a recorded drive; `inputs` are given where the recording does not hold them.
 
-    Raises DasError for a recording that has no journey, no positions, or whose line and train are not known.
+    Raises DasError for a recording that has no journey, no positions, or whose line and train are not known, and for a
+    drive that cannot be compared with its optimum, here or in the replay that recorded it.
     """
-    inputs = inputs_of(recording) if inputs is None else inputs
+    found = account_with(recording, inputs_of(recording) if inputs is None else inputs)
+    why = found.why_not_comparable or (SAID_BY_THE_RECORDING if not_comparable_by_record(recording) else "")
+    if why:
+        raise DasError(f"{recording.path}: {NOT_COMPARABLE}: {why}")
+    return found
+
+
+def account_with(recording: Recording, inputs: DriveInputs) -> Account:
+    """The account of a recorded drive with any line and train, also where `why_not_comparable` says that it is none."""
     motion = motion_of(recording)
     epochs, shown, seen = epochs_of(recording), ShownAdvice.of(recording), signals(recording)
     driven = legs_of(recording, motion)

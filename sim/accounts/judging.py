@@ -116,7 +116,7 @@ class Judge:
 
 def _other_effort(now: Moment, seen: Seen) -> bool:
     """Whether the effort leads away from what was advised."""
-    if seen.top_only:
+    if seen.top_only or seen.mode is Mode.DEPART:  # How to depart is no advice for a moment of its own.
         return False
     if math.isnan(seen.lever_ratio) or math.isnan(seen.advised_ratio):
         return seen.mode in PULLING and now.brakes

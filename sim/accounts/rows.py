@@ -49,7 +49,6 @@ def leg_dict(leg: LegAccount) -> dict[str, Any]:
         "optimum_timetable_kwh": optional(leg.timetable_j),
         "late_departure_kwh": optional(leg.recovered_j),
         "early_arrival_kwh": optional(leg.early_j),
-        "faster_than_plans_train": leg.too_fast_for_plan,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in leg.by_cause.items()},
         "per_100_m": place_rows(leg.even),
         "per_limit": place_rows(leg.by_limit),

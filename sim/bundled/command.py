@@ -13,6 +13,7 @@ from das.command_line.options import (
     DEFAULT_TRAIN,
     FromOption,
     OutRecording,
+    OverwriteOption,
     ReverseOption,
     RouteOption,
     SeedOption,
@@ -38,6 +39,7 @@ def make_trip(
     route: RouteOption,
     vehicle: VehicleOption,
     out: OutRecording,
+    overwrite: OverwriteOption = False,
     from_stop: FromOption = None,
     to_stop: ToOption = None,
     reverse: ReverseOption = False,
@@ -53,7 +55,7 @@ def make_trip(
     train: TrainOption = DEFAULT_TRAIN,
 ) -> None:
     """Make a recorded trip by simulation: a driver without advice, seen through a GPS receiver."""
-    check_writable(out)
+    check_writable(out, overwrite=overwrite)
     with busy("driving the simulated train …"):
         from das.bus.topics import check_train_name
         from das.command_line.loading import load_route, load_vehicle

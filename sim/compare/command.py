@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.options import JsonOption, PlotOption
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.outputs import check_outputs, check_picture, save_figure
 from das.command_line.printing import busy, paragraph, print_table, tell
 from das.domain.errors import DasError
@@ -31,13 +31,14 @@ def compare(
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Table (.csv) to write: one row a position.")
     ] = None,
     plot: PlotOption = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compare recorded drives at the same places: where and by how much their times and energies part."""
     if len(files) < 2:
         raise DasError("expected two recordings or more, of which the first is the one to compare with")
     check_picture(plot)
-    check_outputs(out, plot, inputs=files)
+    check_outputs(out, plot, inputs=files, overwrite=overwrite)
     from das.domain.files.writing import write_whole
     from sim.compare.aligned import AlignedDrives
     from sim.compare.on_track import drives_on_track

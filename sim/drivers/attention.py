@@ -144,11 +144,12 @@ class DisplayReading:
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
         self._seen = view = cab.shown
         self._diary.note(now_s, "glance", 0 if view is None else view.mode)
-        item = None if view is None else _item(view)
+        read = None if view is None else view.departure  # He drives, so that he is cleared.
+        item = None if read is None else _item(read)
         if item != self._judged:
             self._judged = item
             self.heeded = self.heeded._replace(reached=False)
-            self._judge(view, now_s)
+            self._judge(read, now_s)
         self._expect(view, now_s)
         if self._pending is None:
             self.heeded = self.heeded._replace(view=view)

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
-from das.advice.modes import Mode
+from das.advice.coach.coaching import Instruction
+from das.advice.modes import Mode, departure_mode
 from das.domain.units import KMH, NS
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
@@ -57,6 +58,9 @@ class AdviceView:
     it. A simulated driver goes by the former. In DEVIATION there is only `deviation_s`, how late the train is against
     the planned run for its timetable (early < 0). `lever_ratio` is the advised effort on the controller's scale (see
     `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
+
+    With mode DEPART the display says to stand until the train is cleared, with the efforts and horizons of a train that
+    stands. The next change is the departure then, and `departure` is what a driver who is cleared reads.
     """
 
     time_s: float
@@ -82,6 +86,27 @@ class AdviceView:
     def shown_speed_mps(self) -> float:
         """The speed that is read off the display (m/s): as it is written there, or else as it is advised."""
         return self.speed_mps if math.isnan(self.display_speed_mps) else self.display_speed_mps
+
+    @property
+    def departure(self) -> AdviceView:
+        """What a driver who is cleared reads of advice to depart: how to depart; any other advice is as it is.
+
+        A display that says nothing of how to drive, but a top speed at most, says nothing of how to depart either.
+        """
+        if self.mode != Mode.DEPART or self.next_mode == Mode.NONE:
+            return self
+        known = not math.isnan(self.next_speed_mps)
+        return replace(
+            self,
+            mode=self.next_mode,
+            speed_mps=self.next_speed_mps,
+            display_speed_mps=round(self.next_speed_mps / KMH) * KMH if known else math.nan,
+            lever_ratio=self.next_effort_ratio,
+            force_n=math.nan,
+            horizon_speed_mps=(),
+            horizon_force_n=(),
+            next_mode=Mode.NONE,
+        )
 
     def foreseen_mps(self, now_s: float) -> float:
         """The speed (m/s) for a later moment as the preview shows it; where there is none, the speed that is shown."""
@@ -179,6 +204,7 @@ def present(
     if presentation is Presentation.FOUR_MODE:
         mode = int(advice.four_mode)
         holds = mode == Mode.CRUISE
+        departs_held = mode == Mode.DEPART and int(advice.next_four_mode) == Mode.CRUISE
         return replace(
             view,
             mode=mode,
@@ -186,12 +212,14 @@ def present(
             display_speed_mps=advice.display_speed_mps if holds else math.nan,
             next_mode=int(advice.next_four_mode),
             next_change_s=advice.next_four_change_s,
+            next_speed_mps=advice.departure_speed_mps if departs_held else math.nan,
         )
     return _in_full(view, advice, train)
 
 
 def _in_full(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView:
     """What the display shows of speed and effort."""
+    departs = view.mode == Mode.DEPART
     return replace(
         view,
         speed_mps=advice.advised_speed_mps,
@@ -202,6 +230,8 @@ def _in_full(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView:
         horizon_force_n=tuple(advice.horizon_force_n),
         next_mode=int(advice.next_mode),
         next_change_s=advice.next_change_s,
+        next_speed_mps=advice.departure_speed_mps if departs else math.nan,
+        next_effort_ratio=advice.departure_force_ratio if departs else math.nan,
     )
 
 
@@ -210,8 +240,9 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
     coach = advice.coach
     if coach is None or int(coach.now.mode) == Mode.NONE:
         return None
-    following = coach.following[0] if coach.following else None
     mode = int(coach.now.mode)
+    departs = mode == Mode.DEPART
+    following = _departure(coach.now) if departs else coach.following[0] if coach.following else None
     holds = mode == Mode.CRUISE  # Nobody is told with what effort to hold a speed.
     return replace(
         view,
@@ -228,6 +259,12 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
         target_way_m=coach.target_m,
         reason=coach.reason,
     )
+
+
+def _departure(now: Any) -> Instruction:
+    """The instruction that is due when a train that the coach tells to depart is cleared, whenever that is."""
+    mode = departure_mode(now.effort_ratio)
+    return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
 
 
 def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:

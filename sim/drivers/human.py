@@ -148,8 +148,10 @@ class HumanDriver:
         return heeded.follows and heeded.view is not None and heeded.view.presentation is Presentation.RMS
 
     def _advised(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting that the advice asks for."""
-        handling = self._handling
+        """The setting that the advice asks for; until he looks again, a departure as he read it when he was cleared."""
+        handling, departs, view = self._handling, view.mode == Mode.DEPART, view.departure
+        if view.presentation is Presentation.VECTOR and departs:
+            return self._to_speed(cab, outlook, view, allowed_mps)
         if view.presentation is Presentation.VECTOR:
             return self._by_vector(cab, outlook, view, allowed_mps)
         if view.presentation is Presentation.COACH:
@@ -177,10 +179,12 @@ class HumanDriver:
         return min(max(self._set(view.lever_ratio) + more, -1.0), 1.0)
 
     def _to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting where the display shows a speed but no effort: all traction, or the brake that he plans with."""
-        brakes = advice_kind(view) == "brake"
-        own = self._handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
-        return self._coached(cab, outlook, replace(view, lever_ratio=own), allowed_mps)
+        """The setting for a speed to go for; where no effort is shown: all traction, or his own brake."""
+        if math.isnan(view.lever_ratio):
+            brakes = advice_kind(view) == "brake"
+            own = self._handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
+            view = replace(view, lever_ratio=own)
+        return self._coached(cab, outlook, view, allowed_mps)
 
     def _set(self, lever_ratio: float) -> float:
         """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""

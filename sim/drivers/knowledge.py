@@ -43,19 +43,18 @@ class LineKnowledge:
     route: Route
     vehicle: Vehicle
     train: TrainNumbers = field(init=False)
+    line_limits_mps: Stretches = field(init=False)
+    """The limit of the line over the train by the position of its head."""
     limits_mps: Stretches = field(init=False)
-    """The limit over the train by the position of its head."""
+    """What a driver keeps: the limit of the line, and the train's own top speed."""
     supply: Stretches = field(init=False)
 
     def __post_init__(self) -> None:
-        length_m, limits = self.vehicle.train_length_m, self.route.limits_mps
-        start_m = np.unique(np.concatenate((limits.start_m, limits.start_m + length_m)))
-        inside = np.append(0.5 * (start_m[:-1] + start_m[1:]), start_m[-1] + 1.0)
-        lowest = limits.minimum(inside - length_m, inside + POSITION_TOLERANCE_M)
+        line = self.route.limits_over_train(self.vehicle.train_length_m)
+        allowed = np.minimum(line.value, self.vehicle.max_speed_mps)
         object.__setattr__(self, "train", train_numbers(self.vehicle))
-        object.__setattr__(
-            self, "limits_mps", Stretches(start_m=start_m, value=np.minimum(lowest, self.vehicle.max_speed_mps))
-        )
+        object.__setattr__(self, "line_limits_mps", line)
+        object.__setattr__(self, "limits_mps", Stretches(start_m=line.start_m, value=allowed))
         object.__setattr__(self, "supply", self.route.supply())
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from das.advice.modes import Mode
 from sim.drivers.cab import AdviceView, CabView, Efforts, Presentation
 from sim.drivers.kinds import FOLLOWED_EXACTLY
@@ -30,9 +32,20 @@ class PerfectDriver:
         if (cab.restrictions or cab.signal_m < cab.stop_m) and self._must_mind(cab):
             return self._minding.command(cab)
         outlook = self._alone.foresight.outlook(cab)
+        if view.mode == Mode.DEPART:
+            self._due = None
+            return stand(cab) or self._depart(cab, view.departure, outlook)
         if view.presentation is Presentation.COACH:
             return stand(cab) or self._coached(cab, view, outlook)
         return stand(cab) or self._follow(cab, view, outlook)
+
+    def _depart(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
+        """Set the train in motion as the advice says, now that it is cleared."""
+        target = min(view.speed_mps, cab.limit_mps)
+        if math.isnan(view.lever_ratio):
+            return hold(cab, outlook, target)
+        most_n = view.lever_ratio * Efforts.at(cab.speed_mps, outlook.train).traction_n
+        return hold(cab, outlook, target, high_n=max(most_n, 0.0))
 
     def _coached(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
         """Do what the coach says at the moment when it is due."""

@@ -45,8 +45,9 @@ class ScreenSettings:
 class Screen:
     """What is on the display, tick by tick; `show` is to be called in the order of time.
 
-    Advice that is withdrawn goes off the display at once, and a train that stands is shown everything at once, because
-    the advice of the stop before would otherwise be on the display at the departure.
+    Advice that is withdrawn goes off the display at once. A train that stands is shown everything at once, because the
+    advice of the stop before would otherwise be on the display at the departure; for the same reason advice to depart
+    does not stay on the display of a train that moves.
     """
 
     def __init__(self, settings: ScreenSettings | None = None) -> None:
@@ -57,7 +58,8 @@ class Screen:
     def show(self, view: AdviceView | None, now_s: float, *, stands: bool) -> AdviceView | None:
         """What is on the display when it is given `view` at a time (s on the cab's clock)."""
         view = None if view is None else self._cut(view)
-        if view is None or self._shown is None or stands:
+        departs = self._shown is not None and self._shown.mode == Mode.DEPART
+        if view is None or self._shown is None or stands or departs:
             self._take(view, now_s)
         elif now_s - self._refreshed_s >= self._settings.update_interval_s - ROUNDING_S:
             self._refreshed_s = now_s

@@ -63,6 +63,8 @@ def _mark(one: DriveEvent) -> str:
             return "signal at danger"
         case EventKind.OVERSPEED if one.facts["over_kmh"] >= MUCH_OVER_KMH or one.facts["lasted_s"] >= LONG_OVER_S:
             return "too fast"
+        case EventKind.BEYOND_TRAIN if one.facts["over_kmh"] >= MUCH_OVER_KMH or one.facts["lasted_s"] >= LONG_OVER_S:
+            return "another train?"
         case EventKind.WITHDRAWAL if lasted_s >= LONG_SILENT_S:
             return "advice withdrawn"
         case EventKind.LAPSE if lasted_s >= LONG_SILENT_S:

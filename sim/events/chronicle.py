@@ -17,7 +17,14 @@ from sim.events.bookmarks import deviation_events, with_marks
 from sim.events.calls import RecordedCall, calls
 from sim.events.clock import DriveClock
 from sim.events.decision_events import decision_events
-from sim.events.driving_events import call_events, driver_events, overspeed_events, pause_events, stand_events
+from sim.events.driving_events import (
+    call_events,
+    driver_events,
+    overspeed_events,
+    pause_events,
+    stand_events,
+    top_speed_events,
+)
 from sim.events.event import DriveEvent, EventKind
 from sim.events.notes import read_notes
 from sim.events.told_events import told_events
@@ -49,6 +56,7 @@ class Chronicle:
             *replan_events(recording, trip),
             *withdrawal_events(recording, trip, silent),
             *overspeed_events(recording, trip),
+            *top_speed_events(recording, trip),
             *(decision_events(recording, trip) if recording.of(topics.DECISION) else driver_events(recording, trip)),
             *pause_events(recording, trip),
             *deviation_events(recording, trip),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from das.domain.units import KM, NS, kmh
 from sim.drivers.cab import AT_STOP_M
 from sim.events.calls import NEAR_M, STANDING_MPS, RecordedCall, arrival_ns, departure_ns, stands
 from sim.events.event import DriveEvent, EventKind
-from sim.review.limits import limit_in_force
-from sim.review.series import DrivenCourse
+from sim.review.limits import known_inputs, limit_in_force
+from sim.review.series import DrivenCourse, Floats, Times
 
 OVER_MPS: Final = 1.0 / 3.6
 """A train this much (m/s) above the limit is too fast: less is within the error of a speedometer."""
@@ -97,23 +97,57 @@ def stand_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator
 
 
 def overspeed_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """The stretches of time in which the train was above the limit in force."""
+    """The stretches of time in which the train was above the limit in force (`sim.review.limits`)."""
     at, limit_mps = limit_in_force(recording, trip)
-    if not len(at):
+    for over in _spans_above(at, trip.at(at, trip.speed_mps), limit_mps):
+        limit_kmh, facts = kmh(over.allowed_mps), {"limit_mps": over.allowed_mps, **over.facts}
+        text = f"up to {over.over_kmh:.0f} km/h above the limit of {limit_kmh:.0f} km/h for {over.lasted_s:.0f} s"
+        yield _at_speed(trip, over, EventKind.OVERSPEED, text, facts)
+
+
+def top_speed_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The stretches of time in which the train was faster than its vehicle file says that it can go."""
+    inputs = known_inputs(recording)
+    if inputs is None:
         return
-    speed_mps, s_m = trip.at(at, trip.speed_mps), trip.at(at, trip.s_m)
-    over = np.concatenate(([False], speed_mps > limit_mps + OVER_MPS, [False]))
+    top_mps = inputs.vehicle.max_speed_mps
+    for over in _spans_above(trip.time_ns, trip.speed_mps, np.full(len(trip.time_ns), top_mps)):
+        text = (
+            f"up to {over.over_kmh:.0f} km/h faster than the vehicle file says the train can go "
+            f"({kmh(top_mps):.0f} km/h) for {over.lasted_s:.0f} s: is it the right train?"
+        )
+        yield _at_speed(trip, over, EventKind.BEYOND_TRAIN, text, {"top_speed_mps": top_mps, **over.facts})
+
+
+class _SpanAbove(NamedTuple):
+    """A stretch of time (ns) above a speed: by how much at most (km/h), that speed there (m/s), and how long (s)."""
+
+    start_ns: int
+    end_ns: int
+    over_kmh: float
+    allowed_mps: float
+    lasted_s: float
+
+    @property
+    def facts(self) -> dict[str, float]:
+        """The figures of the stretch."""
+        return {"over_kmh": self.over_kmh, "lasted_s": self.lasted_s}
+
+
+def _spans_above(at: Times, speed_mps: Floats, allowed_mps: Floats) -> Iterator[_SpanAbove]:
+    """The stretches of time in which a train was above a speed by more than the error of a speedometer."""
+    over = np.concatenate(([False], speed_mps > allowed_mps + OVER_MPS, [False]))
     edges = np.flatnonzero(np.diff(over.astype(np.int8)))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
-        worst = first + int(np.argmax((speed_mps - limit_mps)[first:end]))
-        over_kmh = kmh(float(speed_mps[worst] - limit_mps[worst]))
-        limit_kmh = kmh(float(limit_mps[worst]))
+        worst = first + int(np.argmax((speed_mps - allowed_mps)[first:end]))
+        over_kmh = kmh(float(speed_mps[worst] - allowed_mps[worst]))
         lasted_s = float(at[min(end, len(at) - 1)] - at[first]) * NS
-        yield DriveEvent(
-            time_ns=int(at[first]), end_ns=int(at[end - 1]), kind=EventKind.OVERSPEED, s_m=float(s_m[first]),
-            text=f"up to {over_kmh:.0f} km/h above the limit of {limit_kmh:.0f} km/h for {lasted_s:.0f} s",
-            facts={"over_kmh": over_kmh, "limit_mps": float(limit_mps[worst]), "lasted_s": lasted_s},
-        )  # fmt: skip
+        yield _SpanAbove(int(at[first]), int(at[end - 1]), over_kmh, float(allowed_mps[worst]), lasted_s)
+
+
+def _at_speed(trip: DrivenCourse, over: _SpanAbove, kind: EventKind, text: str, facts: dict[str, float]) -> DriveEvent:
+    s_m = float(trip.at(np.array([over.start_ns]), trip.s_m)[0])
+    return DriveEvent(time_ns=over.start_ns, end_ns=over.end_ns, kind=kind, s_m=s_m, text=text, facts=facts)
 
 
 def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:

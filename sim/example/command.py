@@ -33,7 +33,7 @@ def example(
         content = example_files(seed)
     if filled:
         for name in content:
-            check_writable(folder / name)
+            check_writable(folder / name, overwrite=True)
         for name, data in content.items():
             write_whole(folder / name, data)
     else:

@@ -26,6 +26,11 @@ PERSON_ID: Final = "participant_id"
 PERSON_NUMBER: Final = "person"
 """Column of the participants: number in the population."""
 
+CHECKSUMS: Final = "checksums.json"
+"""The SHA-256 of the tables that are analysed, by their names: file → hash."""
+CHECKED_TABLES: Final = (TRIALS_TABLE, PEOPLE_TABLE)
+"""The tables whose hashes are kept."""
+
 PROVENANCE: Final = "provenance.json"
 """Which program made the data from which files, when and how."""
 

@@ -24,10 +24,10 @@ from sim.batch.pool import worked
 from sim.cli.shared import progress_bar, typed_command
 from sim.experiment.cluster import worked_on_cluster
 from sim.experiment.design import Design
-from sim.experiment.files import FAILED_TABLE, KEY_HASH, PROVENANCE, TRIALS_TABLE
+from sim.experiment.files import CHECKSUMS, FAILED_TABLE, KEY_HASH, PROVENANCE, TRIALS_TABLE
 from sim.experiment.freezing import resolved
 from sim.experiment.jobs import DrivenTrial, TrialJob, in_order_of_work, is_finished, worked_off
-from sim.experiment.study_files import study_files, trials_table
+from sim.experiment.study_files import checksums, study_files, trials_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +115,7 @@ def _write(folder: Path, files: Mapping[str, bytes]) -> None:
 def _write_results(
     design: Design, jobs: Sequence[TrialJob], folder: Path, rows: Mapping[int, Mapping[str, Any] | None]
 ) -> list[Mapping[str, Any]]:
-    """Write the table of trials and the list of those that failed; returns the rows of the latter."""
+    """Write the table of trials, the list of those that failed and the checksums; returns the rows that failed."""
     known = {number: row for number, row in rows.items() if row is not None}
     good = {number: row["measures"] for number, row in known.items() if row.get("error") is None}
     failed = [row for row in known.values() if row.get("error") is not None]
@@ -124,6 +124,7 @@ def _write_results(
         write_whole(folder / FAILED_TABLE, _failures(failed))
     else:
         (folder / FAILED_TABLE).unlink(missing_ok=True)
+    write_whole(folder / CHECKSUMS, checksums(folder))
     return failed
 
 

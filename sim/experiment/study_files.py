@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from das import __version__
@@ -13,21 +14,25 @@ from sim.drivers.population import load_population
 from sim.experiment.describing import events_sidecar, participants_sidecar, series_sidecar, trials_sidecar
 from sim.experiment.design import Design
 from sim.experiment.files import (
+    CHECKED_TABLES,
+    CHECKSUMS,
     DESIGN_JSON,
     PEOPLE_TABLE,
     PERSON_ID,
     PERSON_NUMBER,
+    PROVENANCE,
     TRIALS_SIDECAR,
     TRIALS_TABLE,
     columns,
 )
 from sim.experiment.trial_files import TASK, tab_separated
 from sim.experiment.trials import StudyTrial
+from sim.recording.inputs import sha256
 
 BIDS_VERSION: Final = "1.10.0"
 IGNORED: Final = (
     *("*.parquet", "*.mcap", "*.jsonl", "*.csv", "*.toml", "*.html"),
-    *(DESIGN_JSON, TRIALS_SIDECAR, "check.json", "provenance.json", f"task-{TASK}_series.json"),
+    *(DESIGN_JSON, TRIALS_SIDECAR, "check.json", CHECKSUMS, PROVENANCE, f"task-{TASK}_series.json"),
 )
 """What a BIDS validator is not to look at: BIDS has no place for it."""
 
@@ -71,6 +76,11 @@ def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes
     }
 
 
+def checksums(folder: Path) -> bytes:
+    """The hashes of the tables of a study that are analysed, as they lie in its folder."""
+    return _json({name: sha256(folder / name) for name in CHECKED_TABLES})
+
+
 def _json(content: Any) -> bytes:
     return json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
 
@@ -106,6 +116,7 @@ def _readme(design: Design) -> str:
     return (
         f"{design.title}\n\n{described}"
         f"{TRIALS_TABLE} has one row for each trial, and {TRIALS_SIDECAR} says what each column is.\n"
+        f"{CHECKSUMS} has the SHA-256 of the tables that are analysed.\n"
         "design.toml is the design as it was frozen, and design.json the same with all defaults and its hash.\n"
         "sub-XX/ses-YY/beh has for each trial what the driver decided (events.tsv), how the trial was set up\n"
         "(events.json) and a series of one row a second (series.parquet).\n"

@@ -1,34 +1,48 @@
-"""The input files that a recording brings along, put where programs of today can read them."""
+"""The input files that a recording brings along, put into a private folder where programs of today can read them.
+
+A recording is data: what it brings along is read, and what it only names is not opened. A bundled file of a name counts
+as ours, not as one that the recording names.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Final
+from typing import Any, Final, TypeVar
 
 from mcap import records
 
 from das.bus.contents import Contents
+from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.files.load import catalogue
 from das.domain.files.reading import read_toml
+from das.domain.route import Route
+from das.domain.vehicle import Vehicle
+from sim.recording.inputs import sha256
 
 DEEP: Final = PurePosixPath("a/b/c/d")
 """A vehicle may name its loss map in a folder above its own: the files are put this deep, so that it stays inside."""
+LOSS_MAP: Final = "loss_map"
+
+_Input = TypeVar("_Input", Route, Vehicle)
 
 
 class AttachedFiles:
     """The attached files of a recording by what its metadata call them; each is written when it is asked for."""
 
-    def __init__(self, contents: Contents, folder: Path) -> None:
-        """`folder` is where the files are put."""
-        self._run = contents.metadata.get("run", {})
-        self._attached = {hashlib.sha256(one.data).hexdigest(): one for one in contents.attachments}
+    def __init__(self, recording: Contents | Recording, folder: Path) -> None:
+        """`folder` is private; the files are put there under their bare names, each in a place of its own."""
+        files = recording.attachments if isinstance(recording, Contents) else recording.attached
+        self._path = recording.path
+        self._run = recording.metadata.get("run", {})
+        self._attached = {hashlib.sha256(one.data).hexdigest(): one for one in files}
         self._folder = folder
 
     def has(self, kind: str) -> bool:
         """Whether the recording brings a file along: "route", "vehicle", "loss_map", "scenario", "true_vehicle" …"""
-        return self._run.get(f"{kind}_sha256", "") in self._attached
+        return self.sha256(kind) in self._attached
 
     def sha256(self, kind: str) -> str:
         """The hash of a file as the metadata have it; nothing where they do not name it."""
@@ -40,15 +54,54 @@ class AttachedFiles:
 
     def place(self, kind: str) -> Path:
         """Where a file is, written now; DasError where it cannot be written."""
-        one = self._attached[self.sha256(kind)]
-        return put(self._folder / kind / DEEP / Path(one.name).name, one.data)
+        return self._put(self.sha256(kind))
 
-    def place_vehicle(self, kind: str = "vehicle", loss_map: str = "loss_map") -> Path:
-        """Where a vehicle is, with its own loss map where its file says that it is."""
-        path = self.place(kind)
-        if self.has(loss_map):
-            _put_beside(path, self.place(loss_map), self._folder / kind)
+    def place_vehicle(self, kind: str = "vehicle", loss_map: str = LOSS_MAP) -> Path:
+        """Where a vehicle is, with its own loss map where its file says that it is.
+
+        Raises DasError where the file cannot be written, and where it names a loss map outside the private folder.
+        """
+        return self._put(self.sha256(kind), loss_map)
+
+    def find(self, kind: str, identity: str, load: Callable[[Path], _Input]) -> tuple[_Input, str, str]:
+        """The route or vehicle (`kind`: "routes", "vehicles") of an identity, its name or path, and where it is from.
+
+        It is the attached file of that identity, else the bundled one. Raises DasError where there is neither.
+        """
+        bundled, tried = catalogue(kind).get(identity), []
+        for hashed, one in self._attached.items():
+            if PurePosixPath(one.name).suffix.lower() not in (".toml", ".json"):
+                continue
+            if bundled is not None and hashed == sha256(bundled):
+                break  # the bundled file has its loss map where the file says
+            try:
+                path = self._put(hashed, LOSS_MAP)
+                found = load(path)
+            except DasError as error:
+                tried.append(str(error))
+                continue
+            if found.id == identity:
+                return found, str(path), "from the recording"
+        if bundled is not None:
+            return load(bundled), identity, "bundled"
+        why = f" ({tried[-1]})" if tried else ""
+        raise DasError(f"{self._path}: its {kind[:-1]} {identity!r} is neither in it nor bundled{why}")
+
+    def _put(self, hashed: str, loss_map: str = "") -> Path:
+        """Write an attached file, and the loss maps that it names beside it."""
+        one, root = self._attached[hashed], self._folder / hashed
+        path = put(root / DEEP / Path(one.name).name, one.data)
+        for name in _maps_of(path):
+            target = (path.parent / name).resolve()
+            if not target.is_relative_to(root.resolve()):
+                raise DasError(f"{self._path}: its {path.name} names {name}, expected a file in the recording")
+            brought = self._attached.get(self.sha256(loss_map)) or self._of_name(target.name)
+            if brought is not None:
+                put(target, brought.data)
         return path
+
+    def _of_name(self, name: str) -> records.Attachment | None:
+        return next((one for one in self._attached.values() if Path(one.name).name == name), None)
 
 
 def put(path: Path, content: bytes) -> Path:
@@ -61,19 +114,14 @@ def put(path: Path, content: bytes) -> Path:
     return path
 
 
-def _put_beside(vehicle: Path, loss_map: Path, root: Path) -> None:
-    """Put a loss map where the vehicle's file says that it is, as long as that stays within the folder."""
-    for name in _maps_of(vehicle):
-        target = (vehicle.parent / name).resolve()
-        if target.is_relative_to(root.resolve()):
-            put(target, loss_map.read_bytes())
+def _maps_of(path: Path) -> list[str]:
+    """The loss maps that a vehicle's file names; none of a file that is no TOML."""
+    return list(_paths_in(read_toml(path).data)) if path.suffix.lower() == ".toml" else []
 
 
-def _maps_of(vehicle: Path) -> Sequence[str]:
-    """The loss maps that a vehicle's file names."""
-    if vehicle.suffix.lower() != ".toml":
-        return ()
-    losses = read_toml(vehicle).data.get("losses")
-    levels = losses.values() if isinstance(losses, Mapping) else ()
-    paths = (level.get("path") for level in levels if isinstance(level, Mapping))
-    return [path for path in paths if isinstance(path, str)]
+def _paths_in(table: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        if key == "path" and isinstance(value, str):
+            yield value
+        elif isinstance(value, Mapping):
+            yield from _paths_in(value)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import os
-import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -21,7 +17,7 @@ from das.bus.schemas import schema_of
 from das.bus.sealing import UNCHECKED, sealed
 from das.bus.topics import topic_of
 from das.domain.errors import DasError
-from das.domain.files.writing import umask
+from das.domain.files.writing import whole_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,32 +89,9 @@ def recover(source: Path, out: Path) -> Recovered:
         unchecked_metadata=unchecked,
         last_ns=max(one.log_time for one in raw.messages),
     )
-    _write_whole(out, lambda file: _write(file, raw, found))
+    with whole_file(out) as file:
+        _write(file, raw, found)
     return found
-
-
-def _write_whole(out: Path, write: Callable[[IO[bytes]], None]) -> None:
-    """Write a file beside its place, and put it there when it is whole."""
-    place = out.resolve()
-    try:
-        if place.exists() and not place.is_file():  # a device or a pipe is written to, not replaced
-            content = io.BytesIO()
-            write(content)
-            place.write_bytes(content.getvalue())
-            return
-        handle, name = tempfile.mkstemp(dir=place.parent, prefix=f".{place.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                write(file)
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(name, 0o666 & ~umask())
-            os.replace(name, place)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise DasError(f"{out}: cannot be written ({error.strerror})") from error
 
 
 def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:

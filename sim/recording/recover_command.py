@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.options import JsonOption
+from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy, tell
 from sim.cli.options import RecordingArgument
@@ -17,10 +17,11 @@ from sim.cli.options import RecordingArgument
 def recover(
     file: RecordingArgument,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="New recording (.mcap) to write.")],
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Save what is sound in a cut or damaged recording into a new file, and say what is gone."""
-    check_outputs(out, inputs=(file,))
+    check_outputs(out, inputs=(file,), overwrite=overwrite)
     with busy(f"reading {file} …"):
         from sim.recording.check import utc
         from sim.recording.recover import recover as save

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import kwh
+from sim.trips.saving import NOT_COMPARABLE
+
+SAID_BY_THE_RECORDING: Final = "the recording says so of its trip and the optimum"
+
+
+def not_comparable_by_record(recording: Recording) -> bool:
+    """Whether the recording says that its drive and the optimum cannot be compared; False where it says nothing."""
+    return any(not entry.message.comparable for entry in recording.of(topics.SAVING)[-1:])
 
 
 def saving_rows(recording: Recording) -> list[tuple[str, str]]:
@@ -16,7 +25,7 @@ def saving_rows(recording: Recording) -> list[tuple[str, str]]:
         found = entry.message
         name = "advice would have saved" if not found.measured else "above the optimum of the true train"
         if not found.comparable:
-            rows.append((name, "cannot be stated: drive and optimum cannot be compared"))
+            rows.append((name, NOT_COMPARABLE))
             continue
         rows.append((name, f"{kwh(found.driven_j - found.optimum_j):.1f} of {kwh(found.driven_j):.1f} kWh"))
         if not found.measured:

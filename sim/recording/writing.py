@@ -11,6 +11,7 @@ from pathlib import Path
 from das.bus.recorder import RecordingFile
 from das.domain.clocks import Clocks
 from das.domain.errors import DasError
+from das.domain.files.writing import refuse_link
 
 
 @contextmanager
@@ -19,15 +20,15 @@ def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
 
     `now_ns` is the time at which files are attached (ns since 1970). Raises DasError where it cannot be written.
     """
-    place = out.resolve()
+    refuse_link(out)
     try:
-        with tempfile.TemporaryDirectory(dir=place.parent, prefix=f".{place.name}.") as folder:
-            beside = Path(folder) / place.name
+        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
+            beside = Path(folder) / out.name
             file = RecordingFile(beside, Clocks(now_ns=lambda: now_ns))
             try:
                 yield file
             finally:
                 file.close()
-            os.replace(beside, place)
+            os.replace(beside, out)
     except OSError as error:
         raise DasError(f"{out}: cannot be written ({error.strerror})") from error

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from das.command_line.compiling import loading_solver
-from das.command_line.options import JsonOption, OutRecordingOption
+from das.command_line.options import JsonOption, OutRecordingOption, OverwriteOption
 from das.command_line.printing import busy
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
@@ -21,11 +21,15 @@ BUNDLED: Final = "zurich-zug-late.mcap"
 
 
 def replay(
-    trip: TripArgument, options: ReplayOptions, out: OutRecordingOption = None, as_json: JsonOption = False
+    trip: TripArgument,
+    options: ReplayOptions,
+    out: OutRecordingOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Replay a recorded trip: the advice node answers every second, and everything is recorded."""
     if out is not None:
-        check_writable(out)
+        check_writable(out, overwrite=overwrite)
         _replay(trip, options, out, as_json)
         return
     reserved = new_recording("replay")

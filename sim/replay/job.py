@@ -10,18 +10,18 @@ import numpy as np
 
 from das import __version__
 from das.bus.config import bus_folder
-from das.bus.recording import extract_attachments
 from das.bus.topics import check_train_name
 from das.cab.warm_up import warm_up
 from das.command_line.loading import load_route, load_vehicle
 from das.domain.errors import DasError
-from das.domain.files.load import catalogue
+from das.domain.files import load
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.units import NS
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli.shared import speed_factor
 from sim.processes.crew import Crew
+from sim.recording.attached import AttachedFiles
 from sim.recording.inputs import input_files, sha256
 from sim.replay.options import ReplayOptions
 from sim.replay.replay import ReplayJob, plan_timing
@@ -88,7 +88,7 @@ def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[Trip
     Files that a recording brings along are put into `folder`. Raises DasError for anything unusable.
     """
     reading = read_trip(trip_path, options.of_train)
-    options = _completed(trip_path, reading, options, folder)
+    options = _completed(reading, options, folder)
     if options.route is None:
         raise DasError(f"{trip_path}: a trip without a journey needs --route")
     said = Whereabouts(
@@ -102,38 +102,24 @@ def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[Trip
     return replace(options, reverse=trip.reversed, line=None if trip.line_not_used else options.line), trip
 
 
-def _completed(trip_path: Path, reading: Reading, options: TripOptions, folder: Path) -> TripOptions:
+def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOptions:
     """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
     journey = RecordedJourney.of(reading)
-    if journey is None:
+    if journey is None or reading.recording is None:
         return options
     if options.reverse is not None:
         raise DasError("--reverse: the recording says itself in which direction it drives")
-    attached = extract_attachments(trip_path, folder)
-    route = options.route or _recorded(journey.route_id, "routes", attached)
+    files = AttachedFiles(reading.recording, folder)
+    route = options.route or files.find("routes", journey.route_id, load.load_route)[1]
     same_route = load_route(route).id == journey.route_id
     return replace(
         options,
         route=route,
-        vehicle=options.vehicle or _recorded(journey.vehicle_id, "vehicles", attached),
+        vehicle=options.vehicle or files.find("vehicles", journey.vehicle_id, load.load_vehicle)[1],
         reverse=journey.reversed,
         from_stop=options.from_stop or (journey.from_stop if same_route else None),
         to_stop=options.to_stop or (journey.to_stop if same_route else None),
     )
-
-
-def _recorded(identity: str, kind: str, attached: list[Path]) -> str:
-    """The bundled route or vehicle of this identity, else the attached file that has it, else the identity itself."""
-    if identity in catalogue(kind):
-        return identity
-    for path in attached:
-        try:
-            found = load_route(str(path)).id if kind == "routes" else load_vehicle(str(path)).id
-        except DasError:
-            continue
-        if found == identity:
-            return str(path)
-    return identity
 
 
 def trip_section(trip: Trip, options: TripOptions) -> Section:

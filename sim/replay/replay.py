@@ -209,6 +209,7 @@ class _Feed:
     def _truth(self) -> Iterator[tuple[int, Outgoing]]:
         run, driven = self.job.trip.run, self.job.driven
         trajectory, index = driven.trajectory, driven.index
+        limit_mps = self.job.trip.route.limits_over_train(self.job.front.section.train_length_m).at(run.s_m)
         for i in range(len(run.time_s)):
             time_ns = run.start_time_ns + round(float(run.time_s[i]) / NS)
             j = int(np.clip(np.searchsorted(index, i, side="right") - 1, 0, len(index) - 2))
@@ -222,6 +223,6 @@ class _Feed:
                 force_friction_n=float(trajectory.force_friction_n[j]) if moving else 0.0,
                 energy_input_j=float(driven.energy_input_j[np.searchsorted(index, i, side="right") - 1]),
                 gradient_ratio=float(trajectory.grade_ratio[j]),
-                limit_mps=float(trajectory.limit_mps[j]),
+                limit_mps=float(limit_mps[i]),
             )
             yield time_ns, Outgoing(TRUTH, truth)

@@ -16,6 +16,7 @@ from sim.replay.saving import TripSaving
 from sim.trips.estimate import EnergyRange
 from sim.trips.findings import FindingKind
 from sim.trips.report import direction_by_posts, line_not_used, unknowns
+from sim.trips.saving import NOT_COMPARABLE
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip
 
@@ -75,6 +76,7 @@ def _energies(job: ReplayJob, saving: TripSaving) -> dict[str, Any]:
         "saved_likely_high_kwh": None if likely is None else kwh(likely.high_j),
         "saved_low_kwh": None if saved is None else kwh(saved.low_j),
         "saved_high_kwh": None if saved is None else kwh(saved.high_j),
+        "not_comparable": saving.why_not or None,
         "saving_certain": saved is not None and saving_certain(saved, saving.whole_j),
         "saved_unknowns": [] if saved is None else unknowns(saved),
         "saved_cases_left_out": 0 if saved is None else saved.left_out,
@@ -196,7 +198,7 @@ def saving_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """The rows about the saving: it is a figure only if something is saved whatever the unknowns are."""
     what = "advice would have saved"
     if found["saved_kwh"] is None:
-        return [(what, "not comparable" if found["direction_known"] else "not stated")]
+        return [(what, NOT_COMPARABLE if found["direction_known"] else "not stated")]
     ratio = "" if found["saved_ratio"] is None else f" ({100 * found['saved_ratio']:.0f} %)"
     certain = f"{found['saved_kwh']:.1f} kWh{ratio}" if found["saving_certain"] else "perhaps nothing"
     return [
@@ -214,10 +216,7 @@ def notes(found: dict[str, Any]) -> list[str]:
 def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     notes = []
     if found["optimum_fit"] == Fit.LATE:
-        late = found["optimum_time_s"] - found["driving_time_s"]
-        notes.append(
-            f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {late:.1f} s later"
-        )
+        notes.append(found["not_comparable"])
     if found["timetable_fit"] == Fit.LATE:
         late = found["timetable_late_s"]
         notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")

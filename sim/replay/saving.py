@@ -10,7 +10,7 @@ from das.solver.solution import Fit, Solution
 from sim.replay.replay import ReplayJob
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run
 from sim.trips.profile import to_profile
-from sim.trips.saving import LikelySaving, likely_saving, saving_range
+from sim.trips.saving import LikelySaving, likely_saving, saving_range, why_not_comparable
 from sim.trips.sections import DrivenSection, driven_sections
 
 
@@ -18,7 +18,8 @@ from sim.trips.sections import DrivenSection, driven_sections
 class TripSaving:
     """The energy of a trip as driven, and of the optimum with the same arrivals, section by section.
 
-    `saved` is the saving in every case of the unknowns, None where trip and optimum cannot be compared.
+    `saved` is the saving in every case of the unknowns, None where trip and optimum cannot be compared; `why_not` says
+    why.
     """
 
     sections: tuple[DrivenSection, ...]
@@ -26,6 +27,7 @@ class TripSaving:
     driven_j: tuple[float, ...]
     spread: EnergyRange
     saved: EnergyRange | None
+    why_not: str
 
     @property
     def optimum_j(self) -> float:
@@ -53,13 +55,18 @@ def trip_saving(job: ReplayJob) -> TripSaving:
     trip = job.trip
     sections = driven_sections(trip, job.front)
     optima = tuple(one.front.trajectory(one.trip_s) for one in sections)
-    comparable = trip.whole and trip.direction_known and not any(one.fit is Fit.LATE for one in optima)
+    why_not = why_not_comparable(
+        [(best, one.trip_s) for best, one in zip(optima, sections, strict=True)],
+        whole=trip.whole,
+        direction_known=trip.direction_known,
+    )
     return TripSaving(
         sections=sections,
         optima=optima,
         driven_j=(job.driven.ledger.input,) if len(sections) == 1 else tuple(map(_driven_j, sections)),
         spread=energy_range(job.front.section, trip.matched),
-        saved=saving_range(sections) if comparable else None,
+        saved=None if why_not else saving_range(sections),
+        why_not=why_not,
     )
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from das.command_line.compiling import loading_solver
-from das.command_line.options import JsonOption
+from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy, paragraph, tell
 from das.domain.errors import DasError
@@ -30,10 +30,11 @@ def report(
     pdf: Annotated[
         Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
     ] = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write one page about recorded drives: figures in words, pictures, where the energy went, and what happened."""
-    _check(files, out, pdf)
+    _check(files, out, pdf, overwrite=overwrite)
     with loading_solver():
         from das.domain.files.writing import write_whole
         from sim.report.page import as_dict, compared, page
@@ -62,7 +63,7 @@ def report(
             tell(f"written: {path}")
 
 
-def _check(files: list[Path], out: Path | None, pdf: Path | None) -> None:
+def _check(files: list[Path], out: Path | None, pdf: Path | None, *, overwrite: bool) -> None:
     """DasError where an output cannot be made; asked before the work begins."""
     missing = [name for name in ("jinja2", "matplotlib") if importlib.util.find_spec(name) is None]
     if missing:
@@ -70,7 +71,7 @@ def _check(files: list[Path], out: Path | None, pdf: Path | None) -> None:
     for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
         if path is not None and path.suffix.lower() not in suffixes:
             raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
-    check_outputs(out, pdf, inputs=files)
+    check_outputs(out, pdf, inputs=files, overwrite=overwrite)
     if pdf is not None:
         from sim.report.printing import browser
 

@@ -71,7 +71,8 @@ def _speeds(axis: Any, subject: ReviewedDrive) -> None:
         advised = np.where(given, kmh(shown.speed_mps), np.nan)
         said = "speed advised" if shown.any_shown else "speed advised, but not shown to the driver"
         axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.7, label=said)
-    if len(at):
+    known = np.isfinite(limit_mps)
+    if known.any():
         axis.step(
             trip.at(at, trip.s_m) / KM,
             kmh(limit_mps),
@@ -86,7 +87,7 @@ def _speeds(axis: Any, subject: ReviewedDrive) -> None:
         label = "optimum for the same times" if number == 0 else None
         axis.plot(run.s_m / KM, kmh(run.v_mps), color=OPTIMUM, linewidth=1.1, linestyle="--", label=label)
     axis.plot(trip.s_m / KM, kmh(trip.speed_mps), color=DRIVEN, linewidth=1.2, label="driven")
-    top = max(float(np.nanmax(kmh(limit_mps))) if len(at) else 0.0, kmh(float(trip.speed_mps.max())))
+    top = kmh(max(float(limit_mps[known].max(initial=0.0)), float(trip.speed_mps.max())))
     axis.set_ylim(0.0, 1.18 * top)
     marked = bookmarks(subject.chronicle.events)
     for number, one in enumerate(marked, start=1):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
 from sim.accounts.account import Account, account_of
@@ -13,6 +15,7 @@ from sim.accounts.shown import ShownAdvice
 from sim.events.chronicle import Chronicle
 from sim.recording.check import Checked, check_contents
 from sim.recording.opening import open_contents
+from sim.review.limits import limit_in_force
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,6 +33,11 @@ class ReviewedDrive:
     likely: LikelyRange | None
     shown: ShownAdvice
     checked: Checked
+
+    @property
+    def limit_known(self) -> bool:
+        """Whether the limit of the line is known on all of the way."""
+        return bool(np.isfinite(limit_in_force(self.recording, self.chronicle.trip)[1]).all())
 
     @property
     def name(self) -> str:

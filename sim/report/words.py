@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -37,6 +38,9 @@ TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
 """The kinds of events that the page lists; it counts the others."""
+
+RIGHT_TRAIN: Final = "Is it the right train?"
+LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
 
 Row = dict[str, Any]
 
@@ -121,16 +125,10 @@ def _took(subject: ReviewedDrive) -> list[str]:
 def _kept(subject: ReviewedDrive) -> list[str]:
     """How limits and advice were kept."""
     events = subject.chronicle.events
-    over = [one for one in events if one.kind is EventKind.OVERSPEED]
-    told = []
-    if over:
-        worst = max(one.facts["over_kmh"] for one in over)
-        lasted = sum(one.facts["lasted_s"] for one in over)
-        told.append(
-            f"The train was above the limit {_times(len(over))}, for {lasted:.0f} s in all, by up to {worst:.0f} km/h."
-        )
-    else:
-        told.append("It kept every limit.")
+    told = _fast(events, EventKind.OVERSPEED, "above the limit")
+    told = told or (["It kept every limit."] if subject.limit_known else [LIMIT_UNKNOWN])
+    told += _fast(events, EventKind.BEYOND_TRAIN, "faster than the vehicle file says the train can go")
+    told += [RIGHT_TRAIN] if any(one.kind is EventKind.BEYOND_TRAIN for one in events) else []
     followed = compliance(subject)
     if followed is not None:
         lasted = spell(shown_s(subject))
@@ -146,6 +144,15 @@ def _kept(subject: ReviewedDrive) -> list[str]:
         told.append("Advice was never withdrawn.")
     told += at_signals(subject)
     return told
+
+
+def _fast(events: Sequence[DriveEvent], kind: EventKind, words: str) -> list[str]:
+    """How often, how long and by how much the train was faster than allowed or possible; nothing where it was not."""
+    over = [one.facts for one in events if one.kind is kind]
+    if not over:
+        return []
+    worst_kmh, lasted_s = max(one["over_kmh"] for one in over), sum(one["lasted_s"] for one in over)
+    return [f"The train was {words} {_times(len(over))}, for {lasted_s:.0f} s in all, by up to {worst_kmh:.0f} km/h."]
 
 
 def _times(count: int) -> str:

@@ -15,6 +15,7 @@ from das.bus import topics
 from das.bus.contents import Contents
 from das.command_line.application import single_command
 from das.domain.errors import DasError
+from das.domain.files.load import catalogue
 from das.node.options import AdviceGiven, BusPlace, ClockKind, LineServed, NodeOptions, TrainServed
 from sim.processes.crew import NODE_ARGUMENTS
 from sim.recording.attached import AttachedFiles
@@ -55,12 +56,13 @@ def node_given(contents: Contents, train: str, folder: Path, said: str | None) -
 
     `said` is what the user says about it, in place of what the recording says; the files that it names are used. Where
     neither says it, it is guessed from the journey and the topics, and a note says so. Raises DasError where nothing
-    can be made of it.
+    can be made of it, and for a file that the recording names and does not bring along, unless it is a bundled one.
     """
     given = _words(contents, train, contents.metadata.get("run", {}), said)
     given.typed = list(given.words)
     if said is None:
         given.words = _with_files(contents, given, folder)
+        _refuse_what_is_only_named(contents.path, given.options(), folder)
     if topics.CONTROL in {one.topic for one in contents.messages if one.train == train}:
         given.words += ["--clock", "bus"]
     given.words += ["--train", train]
@@ -110,12 +112,33 @@ def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]
             continue
         place = words.index(option) + 1
         if files.has(kind):
-            own_map = kind == "vehicle" and "--loss-map" not in words
-            words[place] = str(files.place_vehicle() if own_map else files.place(kind))
+            words[place] = str(files.place_vehicle() if kind == "vehicle" else files.place(kind))
         else:
             what = kind.replace("_", " ")
             given.notes.append(f"the recording does not bring its {what} along: {words[place]} of today is used")
     return words
+
+
+def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Path) -> None:
+    """Raise DasError where the words of a recording would open a file that is neither attached to it nor bundled.
+
+    Files of `folder` are attached ones. The options are looked at as they will be used, however they were spelled.
+    """
+    line, driven, bundled = options.line, options.driven, {*catalogue("routes"), *catalogue("vehicles")}
+    named: list[tuple[str, str | Path | None]] = [
+        ("--route", line.route),
+        ("--vehicle", driven.vehicle),
+        *(("--other-vehicle", name) for name in driven.other_vehicle or ()),
+        ("--loss-map", driven.loss_map),
+        ("--tables", options.advice.tables),
+        ("--bus", options.place.bus),
+    ]
+    for option, name in named:
+        if name is not None and name not in bundled and not Path(name).resolve().is_relative_to(folder.resolve()):
+            raise DasError(
+                f"{recording}: names {option} {name}, which is not attached and not opened unasked: "
+                f"expected --node with all options of das-node, {option} among them"
+            )
 
 
 def by_bus_clock(options: NodeOptions) -> bool:

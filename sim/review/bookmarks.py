@@ -16,6 +16,7 @@ COLORS: Final = {
     EventKind.NOTE: Meaning.NOTE,
     EventKind.WARNING: Meaning.WARNING,
     EventKind.OVERSPEED: Meaning.WARNING,
+    EventKind.BEYOND_TRAIN: Meaning.WARNING,
     EventKind.MISSED_STOP: Meaning.WARNING,
     EventKind.SIGNAL: Meaning.DANGER,
     EventKind.RESTRICTION: Meaning.LIMIT,

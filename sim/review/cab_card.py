@@ -15,6 +15,7 @@ from sim.outside.messages import SHOWN
 from sim.review.series import DrivenCourse
 
 NOTHING: Final = "## No advice is shown"
+DEPART: Final = "depart when cleared"
 NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
 
 
@@ -54,6 +55,8 @@ def _of_cab(cab: Any) -> str:
             ("next", _next(cab.next_mode, cab.next_change_s)),
             ("why", cab.reason),
         ]
+    if presentation is not None and cab.mode == Mode.DEPART:
+        rows[:2] = [("when cleared", _departure(cab.next_mode, cab.next_speed_mps, cab.next_effort_ratio))]
         rows.append(("display", presentation.value))
     if math.isfinite(cab.signal_m) and cab.signal_m > 0:
         rows.append(("signal at danger", f"km {cab.signal_m / KM:.2f}"))
@@ -68,6 +71,9 @@ def _of_advice(advice: Any) -> str:
         ("next", _next(advice.next_mode, advice.next_change_s)),
         ("limit", _speed(advice.limit_mps)),
     ]
+    if advice.mode == Mode.DEPART:
+        how = _departure(advice.next_mode, advice.departure_speed_mps, advice.departure_force_ratio)
+        return _text(f"## {DEPART}", [("when cleared", how), *rows[2:]], NODE_ALONE)
     return _text(f"## {_mode(advice.mode)}, {_speed(advice.display_speed_mps)}", rows, NODE_ALONE)
 
 
@@ -75,8 +81,11 @@ def _headline(cab: Any, presentation: Presentation) -> str:
     """The largest words of the display: mode and speed, or the top speed alone."""
     # 0 in a recording that is older than the field, and than the stop in the same message.
     speed_mps = cab.display_speed_mps if cab.display_speed_mps or cab.stop_m else cab.advised_speed_mps
+    departs = [DEPART] if cab.mode == Mode.DEPART else []
     if presentation is Presentation.RMS and cab.mode != Mode.STOP:
-        return f"top speed {_speed(speed_mps)}"
+        return ", ".join([*departs, f"top speed {_speed(speed_mps)}"])
+    if departs:
+        return DEPART
     if cab.mode == Mode.STOP:
         return _mode(cab.mode)
     return ", ".join(filter(None, (_mode(cab.mode), _speed(speed_mps))))
@@ -97,6 +106,11 @@ def _share(ratio: float) -> str:
 def _next(number: int, in_s: float) -> str:
     name = _mode(number)
     return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
+
+
+def _departure(number: int, speed_mps: float, ratio: float) -> str:
+    """How to depart: with which mode, to what speed, with what effort, as far as the display shows it."""
+    return ", ".join(filter(None, (_mode(number), _speed(speed_mps), _share(ratio)))) if number else ""
 
 
 def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:

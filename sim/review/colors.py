@@ -135,6 +135,7 @@ MODES: Final = {
     "full brake": "#c4739a",
     "friction brake": "#84345f",
     "stop": "#4c4654",
+    "depart": "#664d80",
 }
 """Colours of the advised modes, as patches in lanes; the same on either background."""
 TOP_SPEED_COLOR: Final = "#5f7d74"

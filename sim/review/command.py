@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from das.command_line.options import OverwriteOption
 from das.command_line.outputs import check_outputs, check_picture
 from das.command_line.printing import busy, tell, typed
 from das.domain.errors import DasError
@@ -49,6 +50,7 @@ def view(
     file: Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.mcap) to look at.")],
     save: SaveOption = None,
     plot: PlotOption = None,
+    overwrite: OverwriteOption = False,
     start: StartOption = None,
     end: EndOption = None,
     theme: ThemeOption = "light",
@@ -60,7 +62,7 @@ def view(
     For example: das-sim view run.mcap --from 10:00 --to 20:00 --plot part.pdf
     """
     check_picture(plot)
-    check_outputs(save, plot, inputs=(file,))
+    check_outputs(save, plot, inputs=(file,), overwrite=overwrite)
     from sim.recording.cutting import part_of
     from sim.recording.opening import open_recording
     from sim.review.colors import THEMES

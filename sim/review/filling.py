@@ -1,6 +1,6 @@
 """What a recording of the node alone does not hold, found from the files that it brings along and its positions.
 
-Gradient and limit are those of the line; forces and energy are the estimate of inverse dynamics (docs/explanation/
+The gradient is that of the line; forces and energy are the estimate of inverse dynamics (docs/explanation/
 trip-energy.md), as `das-sim energy` makes it.
 """
 
@@ -16,20 +16,19 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KN, NS, PERMILLE, kwh
-from sim.review.series import DrivenCourse, Floats, Found, MapTrack, Times
+from sim.review.series import DrivenCourse, Found, MapTrack
 
 NOTHING: Final[Found] = {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilledIn:
-    """Series by the names of `STYLES`, the limit of the line under the train (m/s), its way on the map, and the source.
+    """Series by the names of `STYLES`, the train's way on the map, and the source.
 
     `source` says in a sentence what is estimated, or why nothing could be; it is empty where nothing was missing.
     """
 
     series: Found
-    limit: tuple[Times, Floats] | None
     source: str
     way: MapTrack | None = None
 
@@ -37,12 +36,12 @@ class FilledIn:
 def filled_in(recording: Recording, trip: DrivenCourse) -> FilledIn:
     """What is missing in a recording without a simulator; nothing where the simulator was recorded."""
     if recording.of(topics.TRUTH) or not recording.of(topics.JOURNEY):
-        return FilledIn(series=NOTHING, limit=None, source="")
+        return FilledIn(series=NOTHING, source="")
     try:
         return _estimated(recording, trip)
     except DasError as error:
         why = str(error).removeprefix(f"{recording.path}: ")
-        return FilledIn(series=NOTHING, limit=None, source=f"force, energy and gradient are not known: {why}")
+        return FilledIn(series=NOTHING, source=f"force, energy and gradient are not known: {why}")
 
 
 def _estimated(recording: Recording, trip: DrivenCourse) -> FilledIn:
@@ -73,7 +72,6 @@ def _estimated(recording: Recording, trip: DrivenCourse) -> FilledIn:
         found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
     return FilledIn(
         series=found,
-        limit=(at[:-1][within[:-1]], run.limit_mps[within[:-1]]),
         source=f"force and energy are estimated from positions, nobody measured them ({inputs.source})",
         way=_way(inputs.route, trip),
     )

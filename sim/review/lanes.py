@@ -28,6 +28,8 @@ TOP_SPEED: Final = "a top speed"
 DEVIATION: Final = "early or late"
 WITHOUT_MODE: Final = {TOP_SPEED: TOP_SPEED_COLOR, DEVIATION: DEVIATION_COLOR}
 """Colours of displays that show no mode."""
+STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
+"""The modes of a train that stands, which a display of a top speed shows as well."""
 
 
 class Change(NamedTuple):
@@ -131,7 +133,7 @@ def _shown(cab: Any) -> str:
     """What the display shows: a mode, or only the reduced maximum speed or the deviation where it shows that."""
     if cab.presentation == das_pb2.Cab.PRESENTATION_NONE:
         return ""
-    if cab.presentation == das_pb2.Cab.PRESENTATION_RMS and cab.mode != das_pb2.MODE_STOP:
+    if cab.presentation == das_pb2.Cab.PRESENTATION_RMS and cab.mode not in STANDING:
         return TOP_SPEED
     if cab.presentation == das_pb2.Cab.PRESENTATION_DEVIATION:
         return DEVIATION

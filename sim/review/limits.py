@@ -1,4 +1,7 @@
-"""Temporary restrictions of a recording, and the limit in force under the train with them."""
+"""What "above the limit" means: the limit of the line over the train, with the temporary restrictions told by then.
+
+The train's own top speed is no limit: a train that is faster than its file says may be another train.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ import numpy as np
 from das.advice.advice import Source
 from das.bus import topics
 from das.bus.recording import Recording
+from das.domain.errors import DasError
+from sim.accounts.inputs import DriveInputs, inputs_of
 from sim.review.series import DrivenCourse, Floats, Times
 
 Place = tuple[float, float, float]
@@ -46,30 +51,35 @@ def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[Temporar
     return tuple(found)
 
 
-def limit_in_force(
-    recording: Recording, trip: DrivenCourse, line: tuple[Times, Floats] | None = None
-) -> tuple[Times, Floats]:
-    """Times and speeds (m/s): the line's limit and under it the restrictions told by then, from the train's head on.
+def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Floats]:
+    """Times, and the limit of the line (m/s) over the train with the restrictions told by then; NaN where unknown.
 
-    `line` is the line's limit under the train where the recording does not hold it.
-
-    No recording says how long the train is: behind a restriction's end it holds while the node says that it does.
+    Line and length of the train are those of the recording's files. Where it brings none along, the line's limit is
+    what a simulator wrote down, and behind a restriction's end it holds as long as the node says that it does.
     """
-    advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
+    inputs = known_inputs(recording)
     truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
-    said_mps = np.where(advice["source"] == Source.NONE, np.nan, advice["limit_mps"])
-    if not len(truth["time_ns"]) and line is not None:
-        truth = {"time_ns": line[0], "limit_mps": line[1]}
-    if not len(truth["time_ns"]):
-        truth = {"time_ns": advice["time_ns"], "limit_mps": said_mps}
-    at, limit_mps = truth["time_ns"], truth["limit_mps"].copy()
-    said_mps = _held(advice["time_ns"], said_mps, at)
-    head_m = trip.at(at, trip.s_m)
+    at, length_m, said_mps = trip.time_ns, 0.0, np.full(len(trip.time_ns), np.nan)
+    if inputs is not None:
+        length_m = inputs.vehicle.train_length_m
+        limit_mps = inputs.route.limits_over_train(length_m).at(trip.s_m)
+    else:
+        advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
+        said_mps = np.where(advice["source"] == Source.NONE, np.nan, advice["limit_mps"])
+        said_mps, limit_mps = _held(advice["time_ns"], said_mps, at), _held(truth["time_ns"], truth["limit_mps"], at)
     for one in temporary_limits(recording, trip):
-        over = (head_m >= one.start_m) & ((head_m <= one.end_m) | (said_mps <= one.limit_mps))
+        over = (trip.s_m >= one.start_m) & ((trip.s_m - length_m <= one.end_m) | (said_mps <= one.limit_mps))
         over &= (at >= one.told_ns) & (at < one.lifted_ns)
         limit_mps[over] = np.fmin(limit_mps[over], one.limit_mps)
     return at, limit_mps
+
+
+def known_inputs(recording: Recording) -> DriveInputs | None:
+    """Line and train of a recorded drive; None where the recording neither brings them along nor names bundled ones."""
+    try:
+        return inputs_of(recording)
+    except DasError:
+        return None
 
 
 def _told(recording: Recording) -> Iterator[tuple[int, set[Place]]]:

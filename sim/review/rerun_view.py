@@ -32,7 +32,7 @@ def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -
     installed.
     """
     _check_installed()
-    check_writable(rrd_path)
+    check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
         write_view(recording, whole, with_map=with_map)

@@ -45,7 +45,7 @@ class Story:
         """The story of a recording; DasError if it has no position at all."""
         trip = DrivenCourse.of(recording)
         silent, filled = silences(recording, trip), filled_in(recording, trip)
-        at, limit_mps = limit_in_force(recording, trip, filled.limit)
+        at, limit_mps = limit_in_force(recording, trip)
         return cls(
             recording=recording,
             trip=trip,

@@ -37,7 +37,7 @@ def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT)
     if importlib.util.find_spec("matplotlib") is None:
         raise DasError("matplotlib is not installed: pip install '.[view]' in the checkout")
     check_picture(picture_path)
-    check_writable(picture_path)
+    check_writable(picture_path, overwrite=True)
     from sim.review.canvas import DPI
 
     save_figure(picture_path, picture_of(recording, theme), dpi=DPI, facecolor=theme.background)

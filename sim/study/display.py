@@ -42,7 +42,9 @@ class Steps(ShownAsIs):
     """Shows effort in steps of 20 % of the controller."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
-        return replace(view, lever_ratio=round(view.lever_ratio / EFFORT_STEP_RATIO) * EFFORT_STEP_RATIO)
+        return replace(
+            view, lever_ratio=_in_steps(view.lever_ratio), next_effort_ratio=_in_steps(view.next_effort_ratio)
+        )
 
 
 class Refreshed(ShownAsIs):
@@ -58,9 +60,11 @@ class Refreshed(ShownAsIs):
 
 
 class Unannounced(ShownAsIs):
-    """Does not say what comes next, nor when."""
+    """Does not say what comes next, nor when; but it says how to depart."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        if view.mode == Mode.DEPART:
+            return view
         return replace(view, next_mode=Mode.NONE, next_change_s=float("nan"))
 
 
@@ -78,6 +82,8 @@ class TargetSpeed(ShownAsIs):
     """
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
+        if view.mode == Mode.DEPART:
+            return replace(view, next_effort_ratio=math.nan)
         target_mps = view.shown_speed_mps
         if view.mode != Mode.CRUISE and view.horizon_speed_mps:
             last_s = len(view.horizon_speed_mps)
@@ -93,6 +99,10 @@ class TargetSpeed(ShownAsIs):
             horizon_speed_mps=(),
             horizon_force_n=(),
         )
+
+
+def _in_steps(ratio: float) -> float:
+    return ratio if math.isnan(ratio) else round(ratio / EFFORT_STEP_RATIO) * EFFORT_STEP_RATIO
 
 
 class Looking:

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.advice.modes import Mode
+from das.domain.braking import SiteBraking
 from das.domain.units import kwh
 from sim.drivers.cab import CabView, Driver, Presentation
 from sim.drivers.human import HumanDriver
@@ -24,7 +25,6 @@ from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import World
 from sim.world.outcome import DayOutcome, outcome
-from sim.world.scenario import PlannedBraking
 from sim.world.service import Service, prepare_service
 
 SEEDS: Final = tuple(range(12))
@@ -42,10 +42,10 @@ class PlanVariant(NamedTuple):
     own_brake: bool = False
     own_margin: bool = False
 
-    def braking(self, human: HumanParameters) -> PlannedBraking:
+    def braking(self, human: HumanParameters) -> SiteBraking:
         """As a scenario says it."""
-        return PlannedBraking(
-            planning_brake_mps2=human.braking_mps2 if self.own_brake else None,
+        return SiteBraking(
+            deceleration_mps2=human.braking_mps2 if self.own_brake else None,
             below_limit_mps=human.below_limit_mps if self.own_margin else 0.0,
         )
 
@@ -163,7 +163,7 @@ def _rows(
     first: list[BrakingFigures] = []
     for plan in plans:
         braking = plan.braking(make_day(service, seeds[0]).human)
-        planned = service.on(replace(service.scenario, coach=braking))
+        planned = service.on(replace(service.scenario, braking=braking))
         found = [figures(planned, seed, shown, block.friction) for seed in seeds]
         exact = [figures(planned, seed, shown, None) for seed in seeds[:PERFECT_SEEDS]]
         energy, gap = (_less(found, first, name) if first else "" for name in ("energy_kwh", "gap_percent"))

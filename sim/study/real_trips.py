@@ -23,7 +23,7 @@ from das.domain.route import Restriction
 from das.domain.units import KM, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.accounts.account import Account, account_of
+from sim.accounts.account import Account, account_with
 from sim.accounts.causes import EnergyCause
 from sim.accounts.inputs import DriveInputs
 from sim.accounts.likely import LikelyRange, likely_range
@@ -67,7 +67,7 @@ class TripAccount:
     @property
     def possible(self) -> bool:
         """Whether the train could have run in the time of the trip."""
-        return not any(leg.too_fast_for_plan for leg in self.account.legs)
+        return not self.account.why_not_comparable
 
     @property
     def above_ratio(self) -> float:
@@ -94,7 +94,7 @@ def trip_accounts(data: Path) -> list[TripAccount]:
                 vehicle = load_vehicle(_train(data, train))
                 level = vehicle.default_level
                 inputs = DriveInputs(route=route, vehicle=vehicle, level=level, source=train)
-                account = account_of(recording, inputs)
+                account = account_with(recording, inputs)
                 likely = likely_range(account)
                 assert likely is not None  # a trip is estimated, and has one leg
                 entry_j = above_slow_entry_j(account)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from das.command_line.options import JsonOption, PlotOption
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.outputs import check_outputs, check_picture
 from das.command_line.printing import busy, tell
 from sim.cli.options import TripArgument
@@ -24,11 +24,13 @@ def trip(
         typer.Option("--out", "-o", "--write", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
     ] = None,
     plot: PlotOption = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Look at a recorded trip: what was cleaned, how it fits the line, where it stood, its energy."""
     check_picture(plot)
-    check_outputs(out, plot, inputs=(file, options.route, options.vehicle, options.line, options.loss_map))
+    inputs = (file, options.route, options.vehicle, options.line, options.loss_map)
+    check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
     with busy("reading the trip …"):
         found, report = _look(file, options, out, plot)
     if as_json:

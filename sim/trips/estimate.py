@@ -20,7 +20,8 @@ from das.domain.losses import LossMap
 from das.domain.route import Floats
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
-from das.solver.section import LineProfile, Section
+from das.solver.line_profile import LineProfile
+from das.solver.section import Section
 from sim.trips.matching import MatchedTrip
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.settings import ESTIMATE, SMOOTHING

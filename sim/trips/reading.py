@@ -28,13 +28,14 @@ BACKWARD_NOISE_MPS = 0.3
 class Reading:
     """A record, the format of its file, and what a recording of ours says besides: its journey and its delays.
 
-    `delays` are pairs of a time (ns) and a delay (s).
+    `delays` are pairs of a time (ns) and a delay (s). `recording` is None for a record of another format.
     """
 
     record: Record
     format: str
     journey: Any | None = None
     delays: tuple[tuple[int, float], ...] = ()
+    recording: Recording | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +115,7 @@ def _of_recording(path: Path, train: str | None) -> Reading:
         format="MCAP",
         journey=journeys[0].message if journeys else None,
         delays=tuple(zip(delays["time_ns"].tolist(), delays["delay_s"].tolist(), strict=True)),
+        recording=recording,
     )
 
 

@@ -9,11 +9,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from das.domain.errors import DasError
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solution import Fit
+from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, driven_energy, over_unknowns
 from sim.trips.sections import DrivenSection
@@ -25,6 +25,28 @@ class LikelySaving(NamedTuple):
 
     low_j: float
     high_j: float
+
+
+NOT_COMPARABLE: Final = "not comparable"
+"""What every command says in the place of a saving, or of a distance to the optimum, that cannot be stated."""
+
+
+def why_not_comparable(
+    driven: Sequence[tuple[Solution, float]], *, whole: bool = True, direction_known: bool = True
+) -> str:
+    """Why a drive cannot be compared with its optimum, in words; nothing where it can.
+
+    `driven` has the optimum of each section and the time (s) that the section took. A drive that is faster than its
+    train can be has no optimum, nor has one that does not go from stand to stand at stops, or in an unknown direction.
+    """
+    late_s = math.fsum(best.time_s - trip_s for best, trip_s in driven)
+    if any(best.fit is Fit.LATE for best, _ in driven):
+        return (
+            f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {late_s:.1f} s later"
+        )
+    if not whole:
+        return "the trip does not run from standstill to standstill at the stops"
+    return "" if direction_known else "the direction of the trip is not known"
 
 
 def saving_range(sections: Sequence[DrivenSection]) -> EnergyRange:

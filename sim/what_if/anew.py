@@ -13,7 +13,7 @@ from das.domain.errors import DasError
 from das.domain.levels import Level
 from das.domain.units import KMH
 from sim.cli.shared import typed_command
-from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, Presentation, named_driver
+from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
 from sim.drivers.population import DEFAULT, Participant, load_population, participant_of
 from sim.recording.inputs import sha256
@@ -80,13 +80,13 @@ def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -
         scenario = replace(scenario, vehicle=cab.vehicle, load=cab.load, loss_map=None)
     elif cab.load is not None:
         scenario = replace(scenario, load=cab.load)
-    coach = scenario.coach
+    braking = scenario.braking
     if cab.planning_brake is not None:
-        coach = replace(coach, planning_brake_mps2=cab.planning_brake)
+        braking = replace(braking, deceleration_mps2=cab.planning_brake)
     if cab.below_limit is not None:
-        coach = replace(coach, below_limit_mps=cab.below_limit * KMH)
+        braking = replace(braking, below_limit_mps=cab.below_limit * KMH)
     truth = scenario.truth if true_level is None else replace(scenario.truth, level=true_level)
-    return replace(scenario, coach=coach, truth=truth)
+    return replace(scenario, braking=braking, truth=truth)
 
 
 def _levels(origin: Origin, cab: CabOtherwise, scenario: Scenario) -> tuple[Level | None, Level | None]:
@@ -119,6 +119,11 @@ def _how(origin: Origin, new: Otherwise) -> How:
         driver = named_driver("--driver", driven.driver)
     else:
         driver = named_driver(f"{origin.path}: driver", run.get("driver", DriverKind.HUMAN))
+        if isinstance(driver, OwnClass):
+            raise DasError(
+                f"{origin.path}: was driven by the class {driver}, which is not run unasked: "
+                f"expected --driver {driver}, or another driver"
+            )
     if isinstance(driver, External):
         if driven.driver is not None:
             raise DasError(f"--driver {driver}: expected a driver who drives within this process")

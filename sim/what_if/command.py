@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from das.command_line.compiling import loading_solver
-from das.command_line.options import JsonOption, TablesOption
+from das.command_line.options import JsonOption, OverwriteOption, TablesOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.command_line.running import interrupt_on_termination
@@ -94,6 +94,7 @@ def what_if(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write [default: beside the old one]."),
     ] = None,
+    overwrite: OverwriteOption = False,
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -101,7 +102,7 @@ def what_if(
 
     What is not said stays as it was. With nothing otherwise, the new recording holds the same messages.
     """
-    check_outputs(out, inputs=(file,))
+    check_outputs(out, inputs=(file,), overwrite=overwrite)
     new = asked.otherwise
     interrupt_on_termination()
     with loading_solver():

@@ -23,6 +23,8 @@ WHAT_IF: Final = "what_if"
 """The key of a recording's metadata that says of which kind a what-if is."""
 KEPT: Final = "what_if_kept"
 """The key of a what-if's metadata under which its changes are kept, so that it can be the day of another what-if."""
+KEPT_OF_CAB: Final = frozenset({"load", "planning_brake", "below_limit"})
+"""The changes of the cab that a what-if keeps in its metadata; its train and the losses are in the attached files."""
 SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
 """Range of the limits that can be asked for."""
 _RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)")
@@ -148,7 +150,7 @@ class Otherwise:
 
     def kept(self) -> str:
         """What another what-if of this day has to make again, as JSON; the train is attached to the recording."""
-        cab = {name: value for name, value in asdict(self.cab).items() if name not in ("vehicle", "level")}
+        cab = {name: value for name, value in asdict(self.cab).items() if name in KEPT_OF_CAB}
         restrictions = [list(one) for one in self.restrictions]
         return json.dumps({**cab, "restrictions": restrictions, "without_restrictions": self.without_restrictions})
 
@@ -161,6 +163,8 @@ class Otherwise:
             kept: dict[str, Any] = json.loads(run[KEPT])
             restrictions = tuple(ToldRestriction(*map(float, one)) for one in kept.pop("restrictions"))
             without = bool(kept.pop("without_restrictions"))
+            if not kept.keys() <= KEPT_OF_CAB:
+                raise ValueError(f"expected no more than {', '.join(sorted(KEPT_OF_CAB))}")
             return cls(cab=CabOtherwise(**kept), restrictions=restrictions, without_restrictions=without)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise DasError(f"metadata run.{KEPT}: cannot be read ({error})") from None

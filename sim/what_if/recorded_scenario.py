@@ -13,7 +13,7 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.errors import DasError
-from das.domain.files.load import locate_route
+from das.domain.files.load import catalogue
 from das.domain.units import NS
 from das.node.options import NodeOptions
 from sim.events.calls import RecordedCall, calls
@@ -58,21 +58,18 @@ def _truth(origin: Origin, truth: Truth) -> Truth:
 
 def _file(origin: Origin, kind: str, name: str) -> str:
     """A route by its name, where today's bundled one is that of the recording; else the attached file."""
-    try:
-        same = sha256(locate_route(name)) == origin.files.sha256(kind)
-    except DasError:
-        same = False
-    return name if same else str(_attached(origin, kind))
+    bundled = catalogue("routes").get(name)
+    if bundled is not None and sha256(bundled) == origin.files.sha256(kind):
+        return name
+    return str(_attached(origin, kind))
 
 
 def _vehicle(origin: Origin, prefix: str, name: str) -> str:
     """The same of a vehicle, whose loss map counts as well."""
     files = origin.files
-    try:
-        same = all(sha256(path) == files.sha256(f"{prefix}{kind}") for kind, path in vehicle_files(name).items())
-    except (DasError, OSError):
-        same = False
-    if same:
+    if name in catalogue("vehicles") and all(
+        sha256(path) == files.sha256(f"{prefix}{kind}") for kind, path in vehicle_files(name).items()
+    ):
         return name
     _attached(origin, f"{prefix}vehicle")
     return str(files.place_vehicle(f"{prefix}vehicle", f"{prefix}loss_map"))

@@ -19,6 +19,7 @@ from das.command_line.options import (
     JsonOption,
     LevelOption,
     OutRecordingOption,
+    OverwriteOption,
     SeedOption,
     TrainOption,
 )
@@ -102,6 +103,7 @@ def run(
     seed: SeedOption = 0,
     speed: SpeedOption = "max",
     out: OutRecordingOption = None,
+    overwrite: OverwriteOption = False,
     in_process: InProcessOption = False,
     level: LevelOption = None,
     participant: ParticipantOption = None,
@@ -113,10 +115,9 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
-    _check_outputs(in_process, out, bus)
-    who = named_driver("--driver", driver)
+    _check_outputs(in_process, out, bus, overwrite=overwrite)
+    who, factor = named_driver("--driver", driver), speed_factor(speed)
     listens = _driver_at(who, in_process, bus, driver_at)
-    factor = speed_factor(speed)
     with loading_solver():
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
@@ -156,14 +157,14 @@ def _tell(found: DayResult, as_json: bool) -> None:
         print_result(found)
 
 
-def _check_outputs(in_process: bool, out: Path | None, bus: Path | None) -> None:
+def _check_outputs(in_process: bool, out: Path | None, bus: Path | None, *, overwrite: bool) -> None:
     """DasError where options that need the bus are given for a run without one, or nothing can be written."""
     if in_process and out is not None:
         raise DasError("--out: a run --in-process records nothing")
     if in_process and bus is not None:
         raise DasError("--bus: a run --in-process has no bus")
     if out is not None:
-        check_writable(out)
+        check_writable(out, overwrite=overwrite)
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:

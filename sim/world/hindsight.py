@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from das.advice.coach.planning import drivers_section
-from das.advice.coach.settings import CoachSettings, DriverSettings
+from das.domain.braking import ServiceBraking
 from das.solver.front import Front
-from das.solver.section import build_section
+from das.solver.section import build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.world.day import Day
@@ -49,8 +48,10 @@ def fronts_of_own_braking(day: Day) -> tuple[Front, ...]:
     human, kept = day.human, day.service.own_braking_fronts
     key = (day.conditions, human.braking_mps2, human.below_limit_mps)
     if key not in kept:
-        driver = DriverSettings(planning_brake_mps2=human.braking_mps2, below_limit_mps=human.below_limit_mps)
-        settings = CoachSettings(driver=driver)
+        braking = ServiceBraking(
+            deceleration_mps2=human.braking_mps2, build_up_s=0.0, reaction_s=0.0, deviation_m=0.0,
+            below_limit_mps=human.below_limit_mps,
+        )  # fmt: skip
         kept.clear()
-        kept[key] = tuple(solve_front(drivers_section(front.section, settings)) for front in true_fronts(day))
+        kept[key] = tuple(solve_front(with_braking(front.section, braking)) for front in true_fronts(day))
     return kept[key]

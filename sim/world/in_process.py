@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from das.advice.advice import Advice
-from das.advice.coach.settings import CoachSettings, DriverSettings
+from das.advice.coach.settings import CoachSettings
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
@@ -41,14 +41,11 @@ class InProcess:
             vehicle=service.vehicle,
             level=service.level,
             point_mass=service.scenario.point_mass,
+            braking=service.scenario.braking,
         )
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
-        braking = service.scenario.coach
-        driver = DriverSettings(
-            planning_brake_mps2=braking.planning_brake_mps2, below_limit_mps=braking.below_limit_mps
-        )
-        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach, driver=driver))
+        advice = AdviceSettings(coach=CoachSettings(enabled=self._coach))
         calibrate = service.scenario.sensors.force_noise_ratio is not None
         self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, advice=advice))
         """The on-board system."""

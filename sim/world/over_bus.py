@@ -16,6 +16,7 @@ from das.bus import das_pb2
 from das.bus.config import BusFolder
 from das.bus.topics import CAB, DECISION, LOCATION, LOG, MEASURES, SAVING, TRUTH
 from das.cab.heard import PositionHeard
+from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from das.solver.solution import Fit
@@ -30,6 +31,7 @@ from sim.processes.crew import Crew
 from sim.processes.lockstep import Lockstep, Traffic
 from sim.processes.messages import happened, location
 from sim.recording.inputs import sha256
+from sim.trips.saving import why_not_comparable
 from sim.world.day import Day
 from sim.world.disturbances import described
 from sim.world.hindsight import hindsight, true_fronts
@@ -174,10 +176,13 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
         arguments.append("--reverse")
     if scenario.sensors.force_noise_ratio is not None:
         arguments.append("--calibrate")
-    if scenario.coach.planning_brake_mps2 is not None:
-        arguments += ["--planning-brake", repr(scenario.coach.planning_brake_mps2)]
-    if scenario.coach.below_limit_mps > 0:
-        arguments += ["--below-limit", repr(round(scenario.coach.below_limit_mps / KMH, 9))]
+    braking = scenario.braking
+    if braking.deceleration_mps2 is not None:
+        arguments += ["--planning-brake", repr(braking.deceleration_mps2)]
+    if braking.reaction_s != REACTION_S:
+        arguments += ["--reaction", repr(braking.reaction_s)]
+    if braking.below_limit_mps > 0:
+        arguments += ["--below-limit", repr(round(braking.below_limit_mps / KMH, 9))]
     return tuple(arguments)
 
 
@@ -198,7 +203,7 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
         force_friction_n=state.force_friction_n,
         energy_input_j=state.input_j,
         gradient_ratio=day.plant.gradient_ratio(state.s_m),
-        limit_mps=told.cab.limit_mps,
+        limit_mps=float(day.service.line.line_limits_mps.at(state.s_m)),
         adhesion_ratio=adhesion_ratio,
         head_wind_mps=head_wind_mps,
         resistance_j=state.resistance_j,
@@ -214,12 +219,13 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
 def saving_of(day: Day, run: Run, now_ns: int) -> das_pb2.Saving:
     """What a run took above the optimum of its true train; nothing is estimated, so that the ranges are a point."""
     best = hindsight(true_fronts(day), run)
+    times_s = [arrived.time_s - departed.time_s for departed, arrived in run.legs]
     taken_j = [day.plant.ledger(*leg).input for leg in run.legs]
     saved_j = sum(taken_j) - sum(one.ledger.input for one in best)
     return das_pb2.Saving(
         time_ns=now_ns,
         measured=True,
-        comparable=not any(one.fit is Fit.LATE for one in best),
+        comparable=not why_not_comparable(list(zip(best, times_s, strict=True))),
         driven_j=sum(taken_j),
         optimum_j=sum(one.ledger.input for one in best),
         likely_low_j=saved_j,
@@ -230,13 +236,13 @@ def saving_of(day: Day, run: Run, now_ns: int) -> das_pb2.Saving:
             das_pb2.Saving.Section(
                 start=start.name,
                 end=end.name,
-                trip_s=arrived.time_s - departed.time_s,
+                trip_s=trip_s,
                 driven_j=driven_j,
                 optimum_j=one.ledger.input,
                 faster_than_possible=one.fit is Fit.LATE,
             )
-            for (start, end), (departed, arrived), driven_j, one in zip(
-                pairwise(day.service.stops), run.legs, taken_j, best, strict=True
+            for (start, end), trip_s, driven_j, one in zip(
+                pairwise(day.service.stops), times_s, taken_j, best, strict=True
             )
         ],
     )

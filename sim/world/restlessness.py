@@ -67,6 +67,7 @@ class ShownWatch:
 
     A spell is a time in which the train moves and advice is shown. What was shown before a spell, and how long its last
     mode would have stood, is not known: a spell that begins is no change, and the mode in which it ends does not count.
+    A spell begins after the advice to depart: that the train is told to accelerate as soon as it moves is no change.
     """
 
     def __init__(self) -> None:
@@ -87,7 +88,8 @@ class ShownWatch:
 
     def look(self, time_s: float, speed_mps: float, shown: Shown | None) -> None:
         """Take note of what is shown (None: nothing) at a time to the driver of a train with a speed."""
-        shown = shown if speed_mps > 0 else None
+        under_way = speed_mps > 0 and shown is not None and shown.mode is not Mode.DEPART
+        shown = shown if under_way else None
         before, span_s = self._before, time_s - self._before_s
         self._before, self._before_s = shown, time_s
         if before is not None and span_s <= GAP_S:

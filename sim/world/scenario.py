@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from das.domain.braking import SiteBraking
 from das.domain.conditions import STRONGEST_WIND_MPS
 from das.domain.errors import DasError
-from das.domain.files.reading import Fields, read_toml
-from das.domain.units import FACTORS, KMH
+from das.domain.files.braking_toml import site_braking
+from das.domain.files.reading import Fields, range_expected, read_toml
 from sim.world.disturbances import (
     KINDS,
     DepartureDelay,
@@ -68,8 +69,6 @@ _RANGES = {
     "adhesion": (0.01, 10.0),
     "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS),
     "size": (1.0, LONGEST_LINE_M),
-    "planning_brake": (0.1, 1.5),
-    "below_limit": (0.0, 20.0 * KMH),
 }
 """Least and greatest values (SI) of figures that may not be anything from 0 up: a train has to get through."""
 
@@ -104,14 +103,6 @@ class Sensors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedBraking:
-    """How the advice plans that drivers brake, where the scenario says it: deceleration, and margin to limits."""
-
-    planning_brake_mps2: float | None = None
-    below_limit_mps: float = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
 class Scenario:
     """A day to be simulated. `human` are the human drivers, from whom each seed draws one.
 
@@ -135,7 +126,7 @@ class Scenario:
     truth: Truth
     human: HumanRange
     sensors: Sensors
-    coach: PlannedBraking
+    braking: SiteBraking
     disturbances: tuple[PlannedDisturbance, ...]
     calls: tuple[str, ...] | None = None
     loss_map: Path | None = None
@@ -187,12 +178,12 @@ def read_scenario(path: Path) -> Scenario:
         from_stop=main.text("from") if main.has("from") else None,
         to_stop=main.text("to") if main.has("to") else None,
         departure_ns=_moment(timetable),
-        buffer_ratio=_within(timetable, "buffer", "ratio", 0.07, (0.0, 10.0)),
-        dwell_s=_within(timetable, "dwell", "time", 60.0, (0.0, LONGEST_DWELL_S)),
+        buffer_ratio=timetable.within("buffer", "ratio", 0.07, (0.0, 10.0)),
+        dwell_s=timetable.within("dwell", "time", 60.0, (0.0, LONGEST_DWELL_S)),
         truth=read_truth(_optional(fields, "truth")),
         human=read_human(_optional(fields, "human")),
         sensors=_sensors(_optional(fields, "sensors")),
-        coach=_planned_braking(_optional(fields, "coach")),
+        braking=site_braking(_optional(fields, "coach")),
         disturbances=_disturbances(fields),
         calls=_calls(main),
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
@@ -233,42 +224,15 @@ def _moment(timetable: Fields) -> int:
     return (moment - EPOCH) // timedelta(microseconds=1) * 1000
 
 
-def _within(fields: Fields, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
-    """Read a quantity that must be finite and within its ends (SI)."""
-    value = fields.quantity(name, dimension, default, unbounded=True)
-    if not ends[0] <= value <= ends[1] or np.isinf(value):
-        key = key_of(fields, name, dimension)
-        raise fields.error(key, fields.data[key], _expected(key[len(name) + 1 :], dimension, ends))
-    return value
-
-
-def _expected(unit: str, dimension: str, ends: tuple[float, float]) -> str:
-    """Words for a range (SI), in the unit of the file."""
-    low, high = (end / FACTORS[dimension][unit] for end in ends)
-    return f"a finite number >= {low:g}" if np.isinf(high) else f"a number from {low:g} to {high:g}"
-
-
 def _sensors(fields: Fields) -> Sensors:
     force_keys = fields.quantity_keys({"force_noise": "ratio"})
     fields.check_keys([*fields.quantity_keys({"position_noise": "length", "speed_noise": "speed"}), *force_keys])
     says_forces = any(fields.has(key) for key in force_keys)
     any_size = (0.0, np.inf)
     return Sensors(
-        position_noise_m=_within(fields, "position_noise", "length", Sensors.position_noise_m, any_size),
-        speed_noise_mps=_within(fields, "speed_noise", "speed", Sensors.speed_noise_mps, any_size),
-        force_noise_ratio=_within(fields, "force_noise", "ratio", 0.0, any_size) if says_forces else None,
-    )
-
-
-def _planned_braking(fields: Fields) -> PlannedBraking:
-    brake, below = {"planning_brake": "acceleration"}, {"below_limit": "speed"}
-    fields.check_keys(fields.quantity_keys(brake | below))
-    says_brake = any(fields.has(key) for key in fields.quantity_keys(brake))
-    return PlannedBraking(
-        planning_brake_mps2=_within(fields, "planning_brake", "acceleration", 0.5, _RANGES["planning_brake"])
-        if says_brake
-        else None,
-        below_limit_mps=_within(fields, "below_limit", "speed", 0.0, _RANGES["below_limit"]),
+        position_noise_m=fields.within("position_noise", "length", Sensors.position_noise_m, any_size),
+        speed_noise_mps=fields.within("speed_noise", "speed", Sensors.speed_noise_mps, any_size),
+        force_noise_ratio=fields.within("force_noise", "ratio", 0.0, any_size) if says_forces else None,
     )
 
 
@@ -320,6 +284,6 @@ def _checked(table: Fields, name: str, dimension: str, figure: Drawn) -> Drawn:
     key = key_of(table, name, dimension)
     least, most = _RANGES.get(name, (0.0, _MOST.get(dimension, np.inf)))
     if not least <= figure.low <= figure.high <= most or np.isinf(figure.high):
-        expected = _expected(key[len(name) + 1 :], dimension, (least, most))
+        expected = range_expected(key[len(name) + 1 :], dimension, (least, most))
         raise table.error(key, table.data[key], f"{expected}, or {{min = …, max = …}} in this order")
     return figure

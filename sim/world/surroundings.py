@@ -18,6 +18,7 @@ from das.cab.heard import (
     TargetsHeard,
     ToldRestriction,
 )
+from das.domain.route import Stretches
 from sim.drivers.cab import AdviceView, CabView
 from sim.plant.plant import PlantState
 from sim.world.calls import Calls
@@ -25,7 +26,6 @@ from sim.world.day import Day
 from sim.world.news import DayNews
 from sim.world.safety import Violations, Watch
 from sim.world.sensors import SimulatedLocalisation, TrainControl
-from sim.world.service import Service
 
 DELAY_EVERY_S = 10
 COMPARED_EVERY_S = 35.0
@@ -39,7 +39,9 @@ class Surroundings:
         self._service = day.service
         self.news, self.calls = DayNews(day), Calls(day)
         self._localisation, self._train_control = SimulatedLocalisation(day), TrainControl(day)
-        self._limits, self._watch = _LimitSteps(day.service), Watch(day.plant.vehicle.train_length_m)
+        self._limits = _LimitSteps(day.service.line.limits_mps)
+        self._line_limits = _LimitSteps(day.service.line.line_limits_mps)
+        self._watch = Watch(day.plant.vehicle.train_length_m)
         # A node is told of restrictions even where there are none: until then it must not advise.
         self._compared_s, self._deviation_s = -math.inf, math.nan
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
@@ -109,17 +111,16 @@ class Surroundings:
             after,
             span_s,
             signal_m=self.news.signal_m,
-            limit_mps=self._limits.at(after.s_m),
+            limit_mps=self._line_limits.at(after.s_m),
             temporary=self.news.told,
         )
         return violated if called is None else [called, *violated]
 
 
 class _LimitSteps:
-    """The limit over the train by the position of its head, quick to look up."""
+    """A limit (m/s) by the position of the train's head, quick to look up."""
 
-    def __init__(self, service: Service) -> None:
-        limits = service.line.limits_mps
+    def __init__(self, limits: Stretches) -> None:
         self._at_m: list[float] = limits.start_m.tolist()
         self._limit_mps: list[float] = limits.value.tolist()
 

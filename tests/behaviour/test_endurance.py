@@ -24,6 +24,7 @@ from sim.world.loop import World
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
 from tests.das.node.test_node import START_NS, journey, node, status, until
+from tests.support.followed import after_a_second_mps
 
 HOURS = float(os.environ.get("DAS_ENDURANCE_H", "0.25"))
 LATE_DAYS = int(os.environ.get("DAS_LATE_DAYS", "4"))
@@ -56,7 +57,7 @@ def test_a_node_drives_for_hours_without_growing(capsys: pytest.CaptureFixture[s
                 second += 1
                 if s_m > 5_999.0 and speed_mps == 0:
                     break
-                after = advice.horizon_speed_mps[0] if advice.horizon_speed_mps else 0.0
+                after = after_a_second_mps(advice) if advice.horizon_speed_mps else 0.0
                 s_m, speed_mps = min(s_m + 0.5 * (speed_mps + after), 6_000.0), after
                 if s_m >= 5_999.5:
                     speed_mps = 0.0

@@ -1,12 +1,12 @@
-"""A random day in closed loop for the assessment: line, train, operators, sensors and clocks that go wrong."""
+"""A random day in closed loop for the assessment: line, train, driver, operators, sensors and clocks that go wrong."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,129 +35,36 @@ from das.cab.trains import Trains
 from das.domain.files.load import load_route, load_vehicle
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
-from sim.drivers.cab import AdviceView, CabView, PostedRestriction, Presentation, present
+from sim.drivers.cab import CabView, PostedRestriction, Presentation
 from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.perfect import PerfectDriver
-from sim.plant.plant import Command, Plant, PlantState, lever, speed
-from tests.support.making import REPOSITORY
-from tests.support.raw_witness import Place
+from sim.plant.plant import Plant, PlantState
+from tests.support.drawn_day import Change, Drawn, Operators, Style, Upset
+from tests.support.obedient_drivers import AssessedDriver, CarelessDriver, ObedientDriver, Scene
+from tests.support.raw_witness import Place, RawLine
 
 S = 10**9
 START_NS = 1_800_000_000 * S
+BEGINS_S = -10
 LOOK_S = 0.2
-TOO_FAST_MPS = 0.3
-"""A driver who holds the advised speed brakes fully where he will be faster than it by more than this."""
 SPEED_SD_MPS = 0.05
 """Deviation of the measured speed."""
-LONGEST_S = 2500.0
-CATALOGUE = REPOSITORY / "das" / "domain" / "catalogue"
-
-
-class Operators(StrEnum):
-    """What becomes of the operators on a day."""
-
-    ONE = "one"
-    LOST = "lost"
-    RIVAL_SAME = "rival-same"
-    RIVAL_OTHER = "rival-other"
-    RIVAL_UNSTAMPED = "rival-unstamped"
-    TAKEN_OVER = "taken-over"
-    NODE_RESTARTED = "node-restarted"
-    NODE_RESTARTED_ALONE = "node-restarted-alone"
+POSITION_SD_M = 3.0
+DWELL_S = 15.0
+LONGEST_S = 2000.0
+AT_STOP_M = 50.0
+"""For the cab, a train that stands this near to a stop has arrived there."""
+CLEAR_M = 300.0
+"""A stop is added no nearer than this to the next one."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn:
-    """What is drawn for a day."""
+class DayStop:
+    """A stop of the journey as it is ordered now: its times are in s, NaN where there is none."""
 
-    seed: int
-    operators: Operators
-    gain: float
-    clock_off_s: float
-    force_clock_off_s: float
-    holds_speed: bool
-    lists: tuple[tuple[float, tuple[Place, ...]], ...]
-    """From when on (s) which restrictions hold."""
-    rival: tuple[Place, ...]
-    happens_s: float
-    buffer_ratio: float
-    blended: bool
-
-    @property
-    def said(self) -> str:
-        """What is drawn, in short."""
-        follower = "holds the speed" if self.holds_speed else "follows all"
-        return (
-            f"day {self.seed}: operators {self.operators} at {self.happens_s:.0f} s, force gain {self.gain:.2f}, "
-            f"clocks {self.clock_off_s:+.1f}/{self.force_clock_off_s:+.1f} s, {len(self.lists)} lists, {follower}"
-        )
-
-
-def draw(seed: int, length_m: float) -> Drawn:
-    """Draw a day's faults."""
-    random = np.random.default_rng([18, seed])
-
-    def places(most: int) -> tuple[Place, ...]:
-        made = []
-        for _ in range(int(random.integers(0, most + 1))):
-            start_m = float(random.uniform(-300.0, length_m))
-            made.append((start_m, start_m + float(random.uniform(20.0, 2000.0)), float(random.uniform(4.0, 40.0))))
-        return tuple(made)
-
-    off_s = float(random.choice([0.0, random.uniform(-5.0, 5.0), random.uniform(-1.5, 1.5)], p=[0.5, 0.25, 0.25]))
-    same_clock = bool(random.random() < 0.7)
-    times = sorted(random.uniform(0.0, 150.0, int(random.integers(0, 3))).tolist())
-    return Drawn(
-        seed=seed,
-        operators=list(Operators)[int(random.integers(0, len(Operators)))],
-        gain=float(random.choice([1.0, random.uniform(0.5, 1.5)], p=[0.25, 0.75])),
-        clock_off_s=off_s,
-        force_clock_off_s=off_s if same_clock else 0.0,
-        holds_speed=bool(random.random() < 0.5),
-        lists=((-10.0, places(3)), *((at_s, places(3)) for at_s in times)),
-        rival=places(2),
-        happens_s=float(random.uniform(5.0, 150.0)),
-        buffer_ratio=float(random.uniform(0.0, 0.3)),
-        blended=bool(random.random() < 0.3),
-    )
-
-
-def write_files(folder: Path, number: int, *, blended: bool) -> tuple[Path, Path]:
-    """Write the route and the vehicle of a number: a short line with limits and gradients, and a train for it."""
-    random = np.random.default_rng([19, number])
-    middle_km, length_km = (round(float(x), 3) for x in (random.uniform(1.8, 2.6), random.uniform(4.2, 5.5)))
-    at_km, limits = 0.0, []
-    while at_km < length_km:
-        limits.append([round(at_km, 3), float(random.choice([50, 60, 80, 90, 100, 120, 140]))])
-        at_km += float(random.uniform(0.4, 1.5))
-    gradients = [[0.0, 0.0]]
-    while gradients[-1][0] < length_km - 1.0:
-        before = gradients[-1][0]
-        gradients.append([round(before + float(random.uniform(0.3, 0.8)), 3), round(float(random.uniform(-12, 12)), 1)])
-    route = folder / f"line-{number}.toml"
-    route.write_text(
-        f'schema_version = 1\n[route]\nid = "line-{number}"\nname = "Line {number}"\nlength_km = {length_km}\n'
-        + "".join(
-            f'[[stops]]\nname = "{name}"\nposition_km = {km}\n'
-            for name, km in (("A", 0.0), ("B", middle_km), ("C", length_km))
-        )
-        + f'[speed_limits]\ncolumns = ["position_km", "limit_kmh"]\nrows = {limits}\n'
-        + f'[gradients]\ncolumns = ["position_km", "gradient_permille"]\nrows = {gradients}\n'
-    )
-    text = (CATALOGUE / "vehicles" / "re460-ic.toml").read_text()
-    # A train that blends has more brake than the plan uses: friction brakes take seconds to build up.
-    limited = "max_deceleration_mps2 = 0.6\n" if blended else ""
-    changes = {
-        "mass_t = 440.0": f"{limited}mass_t = {random.uniform(300, 560):.1f}",
-        "length_m = 200.0": f"length_m = {random.uniform(80, 250):.0f}.0",
-        'policy = "electric"': f'policy = "{"blended" if blended else "electric"}"',
-    }
-    for before_text, after in changes.items():
-        assert before_text in text
-        text = text.replace(before_text, after)
-    vehicle = folder / f"train-{number}-{'blended' if blended else 'electric'}.toml"
-    vehicle.write_text(text)
-    return route, vehicle
+    name: str
+    s_m: float
+    arrival_s: float
+    departure_s: float
 
 
 @dataclass(kw_only=True)
@@ -167,185 +74,295 @@ class Seen:
     second: float
     state: PlantState
     places: tuple[Place, ...]
-    leg: int
+    stop_m: float
+    """Where the train is to stand next (m)."""
     advice: Advice
-    followed: bool
+    obeyed: bool
+    """Whether the driver does what the advice shows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stood:
+    """Where the train stood at the end of a leg, and where it should have stood (m)."""
+
+    second: float
+    s_m: float
+    stop_m: float
 
 
 @dataclass(kw_only=True)
-class Told:
+class Said:
     """What was said on the day beside advice."""
 
     estimates: list[Estimated] = field(default_factory=list)
-    events: list[str] = field(default_factory=list)
-    stood_m: list[float] = field(default_factory=list)
-    """Where the train stood at the end of each leg (m)."""
+    events: list[tuple[float, str]] = field(default_factory=list)
+    stood: list[Stood] = field(default_factory=list)
+
+
+class NeverArrivedError(Exception):
+    """The train has not come to its last stop within the longest time."""
 
 
 class AssessedDay:
-    """Drives one day; iterate over `seconds`, then look at `told`."""
+    """Drives one day; iterate over `seconds`, then look at `said`."""
 
-    def __init__(self, drawn: Drawn, route: Path, vehicle: Path, fronts: Fronts) -> None:
-        self.drawn, self.told = drawn, Told()
+    def __init__(self, drawn: Drawn, route: Path, vehicle: Path, raw: RawLine, fronts: Fronts) -> None:
+        self.drawn, self.said = drawn, Said()
         self.route, self.vehicle = load_route(str(route)), load_vehicle(str(vehicle))
         self._fronts = fronts
-        self._random = np.random.default_rng([20, drawn.seed])
         self._plant = Plant(self.route, self.vehicle)
-        line = LineKnowledge(route=self.route, vehicle=self.vehicle)
-        self._line, self._driver = line, PerfectDriver(line)
-        self._stops_m = [stop.position_m for stop in self.route.stops]
-        self._times_s = self._timetable()
+        self._line = LineKnowledge(route=self.route, vehicle=self.vehicle)
+        self._driver = self._new_driver(raw)
+        self._stops = self._timetable()
+        self._operators = _Operators(drawn)
+        self._sensors = _Measuring(drawn)
         self._cab = self._new_cab()
-        self._in_force: tuple[Place, ...] = ()
-        self._wander_m = 0.0
-        self._is_lost = False
 
-    def _timetable(self) -> list[tuple[float, float]]:
-        """Departure and arrival (s) of each leg."""
-        found, at_s = [], 0.0
-        for start_m, end_m in zip(self._stops_m, self._stops_m[1:], strict=False):
-            section = Situation(route=self.route, vehicle=self.vehicle).section(start_m, end_m)
-            took_s = section.fastest_run.time_to_go_s[0] * (1.0 + self.drawn.buffer_ratio)
-            found.append((at_s, at_s + float(took_s) + 5.0))
-            at_s = found[-1][1] + 20.0
+    def seconds(self) -> Iterator[Seen]:
+        """Drive to the last stop, second by second; raises NeverArrivedError."""
+        state, next_stop = self._plant.at(self._stops[0].s_m, time_s=BEGINS_S), 1
+        changes_at = round(self.drawn.changes_s)
+        while state.time_s < LONGEST_S:
+            second = round(state.time_s)
+            heard = list(self._operators.says(second, state.s_m))
+            if self.drawn.change is not Change.NONE and second == changes_at:
+                self._stops = changed(self._stops, next_stop, state, self.drawn)
+            if self._operators.restarts(second):
+                self._cab.close()
+                self._cab = self._new_cab()
+            # Where nothing changes the journey, it is told once more.
+            told_journey = second in (BEGINS_S, changes_at) or self._operators.restarts(second)
+            if told_journey:
+                heard.insert(0, self._journey(second))
+            for one in (*heard, *self._sensors.measured(state, second)):
+                self._cab.hear(replace(one, heard_ns=self._clock_ns(second - 1) if second > BEGINS_S else 0))
+            *others, advice = self._cab.tick(self._clock_ns(second))
+            assert isinstance(advice, Advice)
+            self.said.events += [(second, one.text) for one in others if isinstance(one, Event)]
+            self.said.estimates += [one for one in others if isinstance(one, Estimated)]
+            stop = self._stops[next_stop]
+            yield Seen(
+                second=second,
+                state=state,
+                places=self._operators.in_force,
+                stop_m=stop.s_m,
+                advice=advice,
+                obeyed=self._driver.obeys(advice),
+            )
+            state = self._driven(state, advice, next_stop, second)
+            if self._has_arrived(state, advice, stop.s_m):
+                state = state._replace(speed_mps=0.0)
+                self.said.stood.append(Stood(second=second, s_m=state.s_m, stop_m=stop.s_m))
+                next_stop += 1
+                if next_stop == len(self._stops):
+                    return
+        raise NeverArrivedError(f"the train did not arrive, it is at {state.s_m:.0f} m")
+
+    def _driven(self, state: PlantState, advice: Advice, next_stop: int, second: int) -> PlantState:
+        """The state one second later."""
+        for _ in range(round(1.0 / LOOK_S)):
+            at = partial(self._view, state, next_stop)
+            scene = Scene(state, self._stops[next_stop - 1].departure_s, self._stops[next_stop].s_m, at, advice)
+            state = self._plant.advance(state, self._driver.command(scene), LOOK_S)
+        return state._replace(time_s=float(second + 1))
+
+    def _has_arrived(self, state: PlantState, advice: Advice, stop_m: float) -> bool:
+        """Whether the train stands at its stop; the cab may see this at a speed that is within the measured noise."""
+        near_m, slow_mps = (AT_STOP_M, 0.1 + SPEED_SD_MPS) if advice.mode is Mode.STOP else (10.0, 0.0)
+        return state.speed_mps <= slow_mps and stop_m - state.s_m <= near_m
+
+    def _view(self, state: PlantState, next_stop: int) -> CabView:
+        departure_s, stop = self._stops[next_stop - 1].departure_s, self._stops[next_stop]
+        return CabView(
+            state.time_s, state.s_m, state.speed_mps, float(self._line.limits_mps.at(state.s_m)), stop.s_m,
+            departure_s, stop.arrival_s, state.time_s >= departure_s,
+            restrictions=tuple(PostedRestriction(*one) for one in self._operators.in_force),
+        )  # fmt: skip
+
+    def _timetable(self) -> list[DayStop]:
+        """The stops of the day, with their times."""
+        first, last = self.drawn.stops
+        stops = self.route.stops[first : last + 1]
+        found, at_s = [DayStop(name=stops[0].name, s_m=stops[0].position_m, arrival_s=np.nan, departure_s=0.0)], 0.0
+        for start, end in pairwise(stops):
+            section = Situation(route=self.route, vehicle=self.vehicle).section(start.position_m, end.position_m)
+            took_s = float(section.fastest_run.time_to_go_s[0]) * (1.0 + self.drawn.buffer_ratio)
+            arrival_s = round(at_s + took_s + 5.0)
+            at_s = arrival_s + DWELL_S
+            found.append(DayStop(name=end.name, s_m=end.position_m, arrival_s=arrival_s, departure_s=at_s))
         return found
+
+    def _new_driver(self, raw: RawLine) -> AssessedDriver:
+        drawn = self.drawn
+        if drawn.style is Style.CARELESS:
+            return CarelessDriver(self._line, drawn.presentation, START_NS, drawn.seed)
+        return ObedientDriver(self._line, raw, drawn.presentation, drawn.style, drawn.delay_s)
 
     def _new_cab(self) -> Cab:
         post = Post(train="T", route=self.route, trains=Trains(self.vehicle, self.vehicle))
-        advice = AdviceSettings(coach=CoachSettings(enabled=False))
+        coach = CoachSettings(enabled=self.drawn.presentation is Presentation.COACH)
         situation = Situation(route=self.route, vehicle=self.vehicle)
-        return Cab(post, situation, self._fronts, CabSettings(calibrate=True, advice=advice))
+        return Cab(post, situation, self._fronts, CabSettings(calibrate=True, advice=AdviceSettings(coach=coach)))
 
-    def seconds(self) -> Iterator[Seen]:
-        """Drive to the last stop, second by second."""
-        state, leg, view = self._plant.at(0.0, time_s=-10.0), 0, None
-        while state.time_s < LONGEST_S:
-            second = round(state.time_s)
-            for heard in (*self._operators(second), *self._measured(state, second)):
-                self._hear(heard, second - 1)
-            *others, advice = self._cab.tick(START_NS + second * S)
-            assert isinstance(advice, Advice)
-            self.told.events += [one.text for one in others if isinstance(one, Event)]
-            self.told.estimates += [one for one in others if isinstance(one, Estimated)]
-            view = present(advice, Presentation.VECTOR, self._line.train, clock_zero_ns=START_NS)
-            yield Seen(
-                second=second, state=state, places=self._in_force, leg=leg, advice=advice, followed=view is not None
+    def _clock_ns(self, second: float) -> int:
+        """What the clock of the cab shows."""
+        at_s, by_s = self.drawn.sensors.clock_step
+        return START_NS + round((second + (by_s if second >= at_s else 0.0)) * S)
+
+    def _journey(self, second: int) -> JourneyHeard:
+        def ns(at_s: float) -> int:
+            return START_NS + round(at_s * S)
+
+        first, last = self._stops[0], self._stops[-1]
+        stops = [
+            OrderedStop(
+                one.name,
+                one.s_m,
+                0 if one is first else ns(one.arrival_s),
+                0 if one is last else ns(one.departure_s),
             )
-            for _ in range(round(1.0 / LOOK_S)):
-                state = self._plant.advance(state, self._command(state, leg, view), LOOK_S)
-            state = state._replace(time_s=float(second + 1))
-            # For the cab, a train that is measured at 0.1 m/s or less within 50 m of a stop has arrived there.
-            near_m, slow_mps = (50.0, 0.1 + SPEED_SD_MPS) if advice.mode is Mode.STOP else (10.0, 0.0)
-            if state.speed_mps <= slow_mps and self._stops_m[leg + 1] - state.s_m <= near_m:
-                state = state._replace(speed_mps=0.0)
-                self.told.stood_m.append(state.s_m)
-                leg += 1
-                if leg == len(self._times_s):
-                    return
-        raise AssertionError(f"{self.drawn.said}: the train did not arrive, it is at {state.s_m:.0f} m")
-
-    def _command(self, state: PlantState, leg: int, view: AdviceView | None) -> Command:
-        places = tuple(PostedRestriction(*one) for one in self._in_force)
-        departure_s, arrival_s = self._times_s[leg]
-        cab = CabView(
-            state.time_s, state.s_m, state.speed_mps, float(self._line.limits_mps.at(state.s_m)),
-            self._stops_m[leg + 1], departure_s, arrival_s, state.time_s >= departure_s, restrictions=places,
-            advice=view,
-        )  # fmt: skip
-        left_m = self._stops_m[leg + 1] - state.s_m
-        if view is None or not self.drawn.holds_speed or left_m < 0 or cab.shall_stand or view.mode == Mode.STOP:
-            # The rules of the perfect follower are without restrictions: the advice alone keeps him to those.
-            return self._driver.command(cab if view is None else cab._replace(restrictions=()))
-        since_s = state.time_s - view.time_s
-        speeds = (view.speed_mps, *view.horizon_speed_mps)
-        if state.speed_mps < 0.5 and max(speeds[:4]) < 0.5 and left_m > 10.0:
-            return self._driver.command(cab)
-        now, soon, later = (float(np.interp(since_s + x, range(len(speeds)), speeds)) for x in (0.0, 1.0, 2.0))
-        if state.speed_mps > min(now, soon, later) + TOO_FAST_MPS:
-            return lever(-1.0)
-        return speed(soon, rate_mps2=later - soon)
-
-    def _hear(self, heard: Heard | PublisherSeen, second: int) -> None:
-        heard_ns = START_NS + second * S if second >= -10 else 0
-        self._cab.hear(replace(heard, heard_ns=heard_ns))
-
-    def _measured(self, state: PlantState, second: int) -> Iterator[Heard]:
-        drawn, noise = self.drawn, self._random.standard_normal(4)
-        self._wander_m = 0.967 * self._wander_m + 0.25 * 3.0 * float(noise[0])
-        moves = state.speed_mps > 0
-        stamp_ns = START_NS + round((second - drawn.clock_off_s) * S)
-        yield PositionHeard(
-            source="sensor",
-            fix=PositionFix(
-                time_ns=stamp_ns,
-                s_m=state.s_m + (self._wander_m if moves else 0.0),
-                speed_mps=max(state.speed_mps + SPEED_SD_MPS * float(noise[1]), 0.0) if moves else 0.0,
-                uncertainty_m=3.0,
-                speed_uncertainty_mps=SPEED_SD_MPS,
-            ),
-        )
-        electric, friction = (drawn.gain * (1.0 + 0.02 * noise[2:])).tolist()
-        yield EffortHeard(
-            source="control",
-            effort=Effort(
-                time_ns=START_NS + round((second - drawn.force_clock_off_s) * S),
-                force_el_n=electric * state.force_el_n,
-                force_friction_n=min(friction * state.force_friction_n, 0.0),
-            ),
+            for one in self._stops
+        ]
+        return JourneyHeard(
+            source="a", time_ns=ns(second), route_id=self.route.id, vehicle_id=self.vehicle.id, stops=tuple(stops)
         )
 
-    def _operators(self, second: int) -> Iterator[Heard | PublisherSeen]:
-        """What is said by whom at a second; keeps what truly holds."""
-        kind, happens = self.drawn.operators, second == round(self.drawn.happens_s)
-        if second == -10:
+
+def changed(stops: list[DayStop], next_stop: int, state: PlantState, drawn: Drawn) -> list[DayStop]:
+    """The stops after a change of the journey under way; as they are where the change makes no sense."""
+    share, now_s = drawn.change_by, state.time_s
+    done, coming = stops[:next_stop], stops[next_stop:]
+    if drawn.change is Change.DROPPED_STOP and len(coming) > 1 and state.speed_mps > 0:
+        return [*done, *coming[1:]]
+    if drawn.change is Change.OTHER_TIMES:
+        by_s = -30.0 + 150.0 * share
+        late = [
+            replace(one, arrival_s=max(one.arrival_s + by_s, now_s + 20.0 + 40.0 * i), departure_s=np.nan)
+            for i, one in enumerate(coming)
+        ]
+        return [*done, *(replace(one, departure_s=one.arrival_s + DWELL_S) for one in late)]
+    if drawn.change is Change.ADDED_STOP and state.speed_mps > 0:
+        at_m = state.s_m + 100.0 + 2400.0 * share
+        if at_m < coming[0].s_m - CLEAR_M:
+            added = DayStop(name="X", s_m=at_m, arrival_s=now_s + 120.0, departure_s=now_s + 120.0 + DWELL_S)
+            later = [
+                replace(one, arrival_s=one.arrival_s + 240.0, departure_s=one.departure_s + 240.0) for one in coming
+            ]
+            return [*done, added, *later]
+    return stops
+
+
+class _Operators:
+    """The operators of a day: what each says of restrictions, and what truly holds."""
+
+    def __init__(self, drawn: Drawn) -> None:
+        self._drawn, self._is_lost = drawn, False
+        self._happens_s = round(drawn.happens_s)
+        self._told: dict[int, RestrictionsHeard] = {}
+        self.in_force: tuple[Place, ...] = ()
+
+    def restarts(self, second: int) -> bool:
+        """Whether the node is started anew in this second."""
+        kinds = (Operators.NODE_RESTARTED, Operators.NODE_RESTARTED_ALONE)
+        return self._drawn.operators in kinds and second == self._happens_s
+
+    def says(self, second: int, head_m: float) -> Iterator[Heard | PublisherSeen]:
+        """What is said by whom in a second, with the train's head at a position."""
+        if second == BEGINS_S:
             for told in (Kind.JOURNEY, Kind.RESTRICTION):
                 yield PublisherSeen(kind=told, source="a", there=True)
-            yield self._journey()
         if not self._is_lost:
-            for at_s, places in self.drawn.lists:
-                if second == round(at_s):
-                    self._in_force = places
-                    yield self._list(second, places, "a")
-        if not happens:
-            return
-        yield from self._incident(kind, second)
+            for told_list in self._drawn.lists:
+                if second == round(told_list.at_s):
+                    self.in_force = told_list.resolved(head_m)
+                    self._told[second + 2] = _list(second, self.in_force, "a")
+                    yield self._told[second + 2]
+            if second in self._told and self._drawn.sensors.late_ratio and self._told[second] == self._newest():
+                yield self._told[second]  # The bus says it once more.
+        if second == self._happens_s:
+            yield from self._incident(second)
 
-    def _incident(self, kind: Operators, second: int) -> Iterator[Heard | PublisherSeen]:
+    def _newest(self) -> RestrictionsHeard:
+        return self._told[max(self._told)]
+
+    def _incident(self, second: int) -> Iterator[Heard | PublisherSeen]:
         """Operators come and go, or the node is started anew."""
+        kind, rival = self._drawn.operators, self._drawn.rival
         gone = PublisherSeen(kind=Kind.RESTRICTION, source="a", there=False)
         if kind is Operators.LOST:
             self._is_lost = True
             yield gone
         elif kind in (Operators.RIVAL_SAME, Operators.RIVAL_OTHER):
             yield PublisherSeen(kind=Kind.RESTRICTION, source="b", there=True)
-            yield self._list(second, self._in_force if kind is Operators.RIVAL_SAME else self.drawn.rival, "b")
+            yield _list(second, self.in_force if kind is Operators.RIVAL_SAME else rival, "b")
         elif kind is Operators.RIVAL_UNSTAMPED:
-            yield self._list(second, self.drawn.rival, UNSTAMPED)
+            yield _list(second, rival, UNSTAMPED)
         elif kind is Operators.TAKEN_OVER:
             self._is_lost = True
             yield PublisherSeen(kind=Kind.RESTRICTION, source="b", there=True)
-            yield self._list(second, self.drawn.rival, "b")
+            yield _list(second, rival, "b")
             yield gone
-            self._in_force = self.drawn.rival
-        elif kind in (Operators.NODE_RESTARTED, Operators.NODE_RESTARTED_ALONE):
-            self._cab.close()
-            self._cab = self._new_cab()
-            yield self._journey()
-            if kind is Operators.NODE_RESTARTED:
-                yield self._list(second, self._in_force, "a")
-            else:
-                self._is_lost = True
+            self.in_force = rival
+        elif kind is Operators.NODE_RESTARTED:
+            yield _list(second, self.in_force, "a")
+        elif kind is Operators.NODE_RESTARTED_ALONE:
+            self._is_lost = True
 
-    def _list(self, second: int, places: tuple[Place, ...], source: str) -> RestrictionsHeard:
-        told = tuple(ToldRestriction(*one) for one in places)
-        return RestrictionsHeard(source=source, time_ns=START_NS + second * S, restrictions=told)
 
-    def _journey(self) -> JourneyHeard:
-        arrivals = [0, *(START_NS + round(end_s * S) for _, end_s in self._times_s)]
-        departures = [*(START_NS + round(start_s * S) for start_s, _ in self._times_s), 0]
-        stops = [
-            OrderedStop(stop.name, stop.position_m, arrival, departure)
-            for stop, arrival, departure in zip(self.route.stops, arrivals, departures, strict=True)
-        ]
-        common: dict[str, Any] = {"route_id": self.route.id, "vehicle_id": self.vehicle.id, "stops": tuple(stops)}
-        return JourneyHeard(source="a", time_ns=START_NS - 10 * S, **common)
+def _list(second: int, places: tuple[Place, ...], source: str) -> RestrictionsHeard:
+    told = tuple(ToldRestriction(*one) for one in places)
+    return RestrictionsHeard(source=source, time_ns=START_NS + second * S, restrictions=told)
+
+
+class _Measuring:
+    """What the sensors say of the train, with all that is wrong with them on the day."""
+
+    def __init__(self, drawn: Drawn) -> None:
+        self._sensors = drawn.sensors
+        self._random = np.random.default_rng([20, drawn.seed])
+        self._wander_m, self._frozen_m = 0.0, np.nan
+        self._late: list[PositionHeard] = []
+
+    def measured(self, state: PlantState, second: int) -> Iterator[Heard]:
+        """The messages of a second: positions, perhaps late or twice, and the wheel forces."""
+        noise, chance = self._random.standard_normal(4), float(self._random.random())
+        self._wander_m = 0.967 * self._wander_m + 0.25 * POSITION_SD_M * float(noise[0])
+        late, self._late = self._late, []
+        yield from late
+        heard = PositionHeard(source="sensor", fix=self._fix(state, second, float(noise[1])))
+        upset, (from_s, to_s) = self._sensors.upset, self._sensors.upset_s
+        if upset is Upset.SILENT and from_s <= second < to_s:
+            pass
+        elif chance < self._sensors.late_ratio:
+            self._late.append(heard)
+        else:
+            yield heard
+            if chance > 1.0 - self._sensors.late_ratio:
+                yield heard
+        electric, friction = (self._sensors.gain * (1.0 + 0.02 * noise[2:])).tolist()
+        yield EffortHeard(
+            source="control",
+            effort=Effort(
+                time_ns=START_NS + round((second - self._sensors.force_clock_off_s) * S),
+                force_el_n=electric * state.force_el_n,
+                force_friction_n=min(friction * state.force_friction_n, 0.0),
+            ),
+        )
+
+    def _fix(self, state: PlantState, second: int, noise: float) -> PositionFix:
+        sensors, moves = self._sensors, state.speed_mps > 0
+        s_m = state.s_m + (self._wander_m if moves else 0.0)
+        v_mps = max(state.speed_mps + SPEED_SD_MPS * noise, 0.0) if moves else 0.0
+        upset, (from_s, to_s) = sensors.upset, sensors.upset_s
+        if from_s <= second < to_s:
+            if np.isnan(self._frozen_m):
+                self._frozen_m = s_m
+            s_m = {Upset.JUMP: s_m + sensors.upset_by, Upset.FROZEN: self._frozen_m}.get(upset, s_m)
+            v_mps *= 1.0 + sensors.upset_by if upset is Upset.WRONG_SPEED else 1.0
+        return PositionFix(
+            time_ns=START_NS + round((second - sensors.clock_off_s) * S),
+            s_m=s_m,
+            speed_mps=v_mps,
+            uncertainty_m=POSITION_SD_M,
+            speed_uncertainty_mps=SPEED_SD_MPS,
+        )

@@ -6,13 +6,14 @@ from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
+from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.calm.calm import CalmFront, solve_calm
 from das.solver.calm.polish import polished
 from das.solver.calm.schedule import Schedule, Scheduled, scheduled
 from das.solver.calm.settings import CalmSettings
 from das.solver.front import Front
-from das.solver.section import Section, build_section
+from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 
 BUNDLED = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
@@ -31,10 +32,11 @@ class Asked(NamedTuple):
 
 @cache
 def section_of(which: Which) -> Section:
-    """A bundled section with the bundled train."""
-    route = load_route(which[0])
+    """A bundled section with the bundled train, planned with the usual service braking as on board."""
+    route, vehicle = load_route(which[0]), load_vehicle("re460-ic")
     start, end = list(pairwise(route.stops))[which[1]]
-    return build_section(route, load_vehicle("re460-ic"), start_m=start.position_m, end_m=end.position_m)
+    options = SectionOptions(braking=USUAL.of(vehicle))
+    return build_section(route, vehicle, start_m=start.position_m, end_m=end.position_m, options=options)
 
 
 @cache

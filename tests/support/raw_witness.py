@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,11 @@ Floats = NDArray[np.float64]
 GRAVITY_MPS2 = 9.80665
 Place = tuple[float, float, float]
 """A temporary restriction: from where to where (m), and the limit (m/s)."""
+REACTION_S = 3.0
+"""Nobody brakes within this time after a message that comes too late."""
+ELECTRIC_BUILD_UP_S, FRICTION_BUILD_UP_S = 1.2, 4.5
+"""An electric brake acts fully so long after it was asked for; an air brake in position P (UIC 540, 3 to 5 s)."""
+STEP_S, HELD_STEP_S = 0.1, 0.25
 
 
 def _rows(table: dict[str, object], factor: float) -> tuple[Floats, Floats]:
@@ -35,9 +40,14 @@ class RawTrain:
     length_m: float
     top_mps: float
     resistance: tuple[float, float, float]
+    traction_n: float
+    traction_w: float
     brake_n: float
     brake_w: float
     friction_n: float
+    """What the policy lets a plan use of the friction brake."""
+    service_friction_n: float
+    """What the friction brake can do when a driver asks for it."""
     most_mps2: float
 
     @classmethod
@@ -45,25 +55,48 @@ class RawTrain:
         """Read a vehicle's file; a plan that may use the electric brake only is judged by that brake."""
         data = tomllib.loads(path.read_text())
         vehicle, held, brake = data["vehicle"], data["resistance"], data["electric_brake"]
-        blended = data["brakes"]["policy"] != "electric"
+        blended, friction_n = data["brakes"]["policy"] != "electric", 1000.0 * data["friction_brake"]["max_force_kn"]
         return cls(
             mass_kg=1000.0 * vehicle["mass_t"],
             rotating_ratio=vehicle["rotating_mass_ratio"],
             length_m=vehicle["length_m"],
             top_mps=vehicle["max_speed_kmh"] / 3.6,
             resistance=(1000.0 * held["c0_kn"], 1000.0 * held["c1_kn_per_mps"], 1000.0 * held["c2_kn_per_mps2"]),
+            traction_n=1000.0 * data["traction"]["max_force_kn"],
+            traction_w=1000.0 * data["traction"]["max_power_kw"],
             brake_n=1000.0 * brake["max_force_kn"],
             brake_w=1000.0 * brake["max_power_kw"],
-            friction_n=1000.0 * data["friction_brake"]["max_force_kn"] if blended else 0.0,
+            friction_n=friction_n if blended else 0.0,
+            service_friction_n=friction_n,
             most_mps2=vehicle.get("max_deceleration_mps2", math.inf),
         )
 
-    def braking_mps2(self, speed_mps: float, uphill_ratio: float) -> float:
-        """What all brakes, the running resistance and the line give at a speed."""
+    @property
+    def inertial_kg(self) -> float:
+        """The mass that resists a change of speed: with the share of the wheels."""
+        return self.mass_kg * (1.0 + self.rotating_ratio)
+
+    def pulling_n(self, speed_mps: float) -> float:
+        """The largest traction at a speed."""
+        return min(self.traction_n, self.traction_w / max(speed_mps, 0.1))
+
+    def electric_n(self, speed_mps: float) -> float:
+        """The largest electric brake at a speed."""
+        return min(self.brake_n, self.brake_w / max(speed_mps, 0.1))
+
+    def brakes_n(self, speed_mps: float) -> float:
+        """The largest force of all brakes that the policy lets a plan use, at a speed."""
+        return self.electric_n(speed_mps) + self.friction_n
+
+    def held_n(self, speed_mps: float, uphill_ratio: float) -> float:
+        """The force that running resistance and gradient hold the train back with."""
         c0, c1, c2 = self.resistance
-        brakes_n = min(self.brake_n, self.brake_w / max(speed_mps, 0.1)) + self.friction_n
-        held_n = c0 + c1 * speed_mps + c2 * speed_mps**2 + self.mass_kg * GRAVITY_MPS2 * uphill_ratio
-        return min((brakes_n + held_n) / (self.mass_kg * (1.0 + self.rotating_ratio)), self.most_mps2)
+        return c0 + c1 * speed_mps + c2 * speed_mps**2 + self.mass_kg * GRAVITY_MPS2 * uphill_ratio
+
+    def braking_mps2(self, speed_mps: float, uphill_ratio: float, built_up: tuple[float, float] = (1.0, 1.0)) -> float:
+        """What all brakes (shares of electric brake and friction), the running resistance and the line give."""
+        brakes_n = built_up[0] * self.electric_n(speed_mps) + built_up[1] * self.friction_n
+        return min((brakes_n + self.held_n(speed_mps, uphill_ratio)) / self.inertial_kg, self.most_mps2)
 
 
 class RawLine:
@@ -72,14 +105,21 @@ class RawLine:
     def __init__(self, path: Path, train: RawTrain) -> None:
         data = tomllib.loads(path.read_text())
         self.length_m = 1000.0 * data["route"]["length_km"]
-        self.stops_m = [1000.0 * stop["position_km"] for stop in data["stops"]]
-        self._train, self._s_m = train, np.arange(0.0, self.length_m + 1.0)
+        self.train, self._s_m = train, np.arange(0.0, self.length_m + 1.0)
         self._limit = _steps(*_rows(data["speed_limits"], 1 / 3.6), self._s_m)
         gradient = _steps(*_rows(data["gradients"], 1e-3), self._s_m)
         height = np.concatenate(([0.0], np.cumsum(gradient[:-1])))
         tail_m = self._s_m - train.length_m
         behind = np.where(tail_m < 0, gradient[0] * tail_m, np.interp(tail_m, self._s_m, height))
-        self._uphill = (height - behind) / train.length_m
+        self._uphill = ((height - behind) / train.length_m).tolist()
+
+    def uphill_ratio(self, s_m: float) -> float:
+        """The gradient over the train with its head at a position."""
+        return self._uphill[min(max(int(s_m), 0), len(self._uphill) - 1)]
+
+    def held_n(self, s_m: float, speed_mps: float) -> float:
+        """The force that holds the train back at a position and speed."""
+        return self.train.held_n(speed_mps, self.uphill_ratio(s_m))
 
     def allowed(self, places: Sequence[Place], stop_m: float) -> Allowed:
         """Limits and brake curve before a stop, under temporary restrictions."""
@@ -88,17 +128,53 @@ class RawLine:
             # A metre that the restriction covers in part counts as covered.
             inside = (self._s_m > start_m - 1.0) & (self._s_m < end_m)
             line = np.where(inside, np.minimum(line, limit_mps), line)
-        length = math.floor(self._train.length_m)
+        length = math.floor(self.train.length_m)
         padded = np.concatenate((np.full(length, np.inf), line))
         limit = np.lib.stride_tricks.sliding_window_view(padded, length + 1).min(axis=1)
-        limit = np.minimum(limit, self._train.top_mps)
+        limit = np.minimum(limit, self.train.top_mps)
         return Allowed(limit, self._braked(limit, round(stop_m)))
+
+    def unavoidable(self, s_m: float, speed_mps: float, gain_mps2: float) -> tuple[list[float], float]:
+        """What a train does that learns something too late: it goes on for the reaction, then brakes fully.
+
+        `gain_mps2` is how it gains speed at that moment. Returns its speed at each metre of the line (0 where it never
+        comes), and where it stands (m).
+        """
+        fastest, at_m, v, now_s = [0.0] * len(self._s_m), s_m, speed_mps, 0.0
+        passed = min(max(int(at_m), 0), len(fastest) - 1)
+        while v > 0.0 and now_s < 600.0:
+            index = min(max(int(at_m), 0), len(fastest) - 1)
+            for i in range(passed, index + 1):
+                fastest[i] = max(fastest[i], v)
+            passed = index
+            after_s = now_s - REACTION_S
+            if after_s < 0.0:
+                rate = max(gain_mps2, 0.0)
+            else:
+                built_up = min(after_s / ELECTRIC_BUILD_UP_S, 1.0), min(after_s / FRICTION_BUILD_UP_S, 1.0)
+                rate = -self.train.braking_mps2(v, self.uphill_ratio(at_m), built_up)
+            before, v, now_s = v, max(v + rate * STEP_S, 0.0), now_s + STEP_S
+            at_m += 0.5 * (before + v) * STEP_S
+        return fastest, at_m
+
+    def driven(
+        self, s_m: float, speed_mps: float, force_n: Callable[[float, float], float], over_s: float
+    ) -> list[tuple[float, float]]:
+        """Positions (m) and speeds (m/s) of a train under a force by position and speed, each `HELD_STEP_S`."""
+        train, at_m, v, found = self.train, s_m, speed_mps, []
+        for _ in range(round(over_s / HELD_STEP_S)):
+            asked = min(max(force_n(at_m, v), -train.brakes_n(v)), train.pulling_n(v))
+            rate = max((asked - self.held_n(at_m, v)) / train.inertial_kg, -train.most_mps2)
+            before, v = v, max(v + rate * HELD_STEP_S, 0.0)
+            at_m += 0.5 * (before + v) * HELD_STEP_S
+            found.append((at_m, v))
+        return found
 
     def _braked(self, limit: Floats, stop: int) -> Floats:
         """Backwards from the stop: v² grows by twice the braking of each metre, up to the limit."""
         curve, speed = np.zeros(len(limit)), 0.0
         for i in range(min(stop, len(limit) - 1) - 1, -1, -1):
-            rate = self._train.braking_mps2(speed, float(self._uphill[i]))
+            rate = self.train.braking_mps2(speed, self._uphill[i])
             speed = min(math.sqrt(max(speed**2 + 2.0 * rate, 0.0)), float(limit[i]))
             curve[i] = speed
         return curve
@@ -108,18 +184,19 @@ class Allowed:
     """Limit over the train and brake curve by the position of the head (m/s on a grid of 1 m)."""
 
     def __init__(self, limit_mps: Floats, curve_mps: Floats) -> None:
-        self._limit_mps, self._curve_mps = limit_mps, curve_mps
+        self._limit_mps, self.curve_mps = limit_mps.tolist(), curve_mps.tolist()
 
     def limit(self, from_m: float, to_m: float) -> float:
         """The highest limit anywhere between two positions."""
-        return self._highest(self._limit_mps, from_m, to_m)
+        return highest(self._limit_mps, from_m, to_m)
 
     def curve(self, from_m: float, to_m: float) -> float:
         """The highest allowed speed anywhere between two positions."""
-        return self._highest(self._curve_mps, from_m, to_m)
+        return highest(self.curve_mps, from_m, to_m)
 
-    @staticmethod
-    def _highest(values: Floats, from_m: float, to_m: float) -> float:
-        last = len(values) - 1
-        first, end = (min(max(math.floor(x), 0), last) for x in (from_m, to_m + 1.0))
-        return float(values[first : end + 1].max())
+
+def highest(values: list[float], from_m: float, to_m: float) -> float:
+    """The highest value of a grid of 1 m anywhere between two positions."""
+    last = len(values) - 1
+    first, end = min(max(int(from_m), 0), last), min(max(int(to_m + 1.0), 0), last)
+    return max(values[first : end + 1])

@@ -12,6 +12,8 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
+from das.bus.contents import read_contents
+from das.bus.recorder import RecordingFile
 from das.bus.recording import read_recording
 from das.bus.sealing import sealed
 from das.domain.errors import DasError
@@ -54,6 +56,21 @@ def write_recording(
                 writer.flush()
         writer.finish()
     return path
+
+
+def with_run(source: Path, out: Path, *attach: tuple[str, bytes], without: bool = False, **run: str) -> Path:
+    """A recording with other entries about its run and with more attached files; `without` those that it had."""
+    contents = read_contents(source)
+    file = RecordingFile(out)
+    file.add_metadata("run", {**contents.metadata["run"], **run})
+    for one in () if without else contents.attachments:
+        file.add_attachment(one.name, one.media_type, one.data)
+    for name, data in attach:
+        file.add_attachment(name, "text/plain", data)
+    for message in contents.messages:
+        file.add(message.topic, message.topic.key(message.train), message.message, message.log_time_ns)
+    file.close()
+    return out
 
 
 def at_ns(t_s: float) -> int:

@@ -15,12 +15,15 @@ from das.cab.leg import Leg
 from das.cab.legs import Legs
 from das.cab.preparation import News, Preparation
 from das.cab.situation import Situation
+from das.domain.braking import USUAL, SiteBraking
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix
 from das.estimate.localisation import Localisation
+from das.solver.section import Section, SectionOptions, build_section
+from tests.support.followed import after_a_second_mps
 from tests.support.making import make_route, make_train
 from tests.support.one_section import advised
 
@@ -31,6 +34,11 @@ LENGTH_M = 100.0
 
 def ns(seconds: float) -> int:
     return T0 + round(seconds / NS)
+
+
+def planned_section(vehicle: Vehicle, end_m: float) -> Section:
+    """The section of the small line from its begin, planned with the usual service braking as on board."""
+    return build_section(LINE, vehicle, end_m=end_m, options=SectionOptions(braking=USUAL.of(vehicle)))
 
 
 def train(mass_kg: float = 1e5) -> Vehicle:
@@ -107,8 +115,10 @@ def trip(
     background: bool = False,
     due: Sequence[Timetable] = DUE,
     settings: AdviceSettings = DEFAULT,
+    braking: SiteBraking = USUAL,
 ) -> SmallTrip:
-    made = SmallTrip(Situation(route=LINE, vehicle=TRAIN), fronts, background=background, settings=settings)
+    situation = Situation(route=LINE, vehicle=TRAIN, braking=braking)
+    made = SmallTrip(situation, fronts, background=background, settings=settings)
     made.begin(LINE.stops, due)
     return made
 
@@ -129,7 +139,7 @@ def follow(
         yield advice
         if advice.reason.startswith("arrived") and s_m > LINE.length_m - 60:
             return
-        after = advice.horizon_speed_mps[0]
+        after = after_a_second_mps(advice)
         s_m, v_mps = s_m + 0.5 * (v_mps + after), after
 
 

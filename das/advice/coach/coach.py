@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from datetime import UTC, datetime
 
 from das.advice.coach import wording
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.settings import DEFAULT, CoachSettings
-from das.advice.coach.showing import BRAKES, Showing, ShownNow, SpeedsAllowed, force_n, reference_force_n
+from das.advice.coach.showing import Showing, ShownNow
+from das.advice.coach.shown_brakes import BRAKES, TRACTION, SpeedsAllowed
 from das.advice.modes import Mode
 from das.advice.planner import Goal, TrainState
+from das.advice.wording import departs_when_cleared
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -65,8 +69,8 @@ class Coach:
             following=shown.following,
             target_m=shown.target_m,
             target_s=shown.target_s,
-            force_n=force_n(self._section, shown.now, state.s_m, state.v_mps),
-            reference_force_n=reference_force_n(kept.reference.schedule, shown, state.s_m, state.v_mps),
+            force_n=shown.force_n,
+            reference_force_n=shown.reference_force_n,
             reason=self._reason(kept, shown, state, goal, place),
             worth_j=self._worth_j(kept, state, waits=_waits(goal, state)),
             replan=kept.reference.replan,
@@ -78,9 +82,29 @@ class Coach:
         now = Instruction(mode=Mode.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Coaching(now=now, target_s=departs_in_s)
 
+    def brakes(self, mode: Mode, effort: float, force_n: float, reason: str) -> Coaching:
+        """The train is at its stop, or too fast for any reference: to brake to a standstill with an effort (> 0)."""
+        self.forget()
+        now = Instruction(mode=mode, speed_mps=0.0, effort_ratio=-effort)
+        return Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
+
+    def departs(self, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
+        """What the driver of a standing train that has to go on should do: stand until cleared, then depart like this.
+
+        None where no reference can be made (yet), or the reference brakes here.
+        """
+        self._showing.forget()
+        found = self.advise(state, goal, place)
+        if found is None or found.now.mode in BRAKES:
+            return None
+        ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan
+        now = Instruction(mode=Mode.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
+        reason = departs_when_cleared(found.reason)
+        return replace(found, now=now, force_n=0.0, reference_force_n=0.0, worth_j=0.0, reason=reason)
+
     def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> str:
         excess_mps = state.v_mps - place.allowed_mps
-        if excess_mps > self._settings.showing.overspeed_mps:
+        if excess_mps > self._settings.showing.limit.overspeed_mps:
             return wording.too_fast(excess_mps)
         point = goal.passing
         ahead = self._ahead(kept.reference.schedule, shown.number, state)

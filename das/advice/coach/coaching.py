@@ -42,8 +42,8 @@ class Instruction:
     """One thing to do: the mode, the speed to reach or to hold, with what effort, and where and when it begins.
 
     `effort_ratio` is a share of the largest traction at the present speed (> 0), or of the largest electric brake at
-    any speed (< 0), so that the force of a brake stays the same while the train slows down; it is NaN for a speed to
-    hold. `way_m` and `in_s` lead from the train to where the instruction begins; 0: it is due.
+    the present speed (< 0; of all brakes where there is none; below -1 with the friction brake as well). It is NaN for
+    a speed to hold. `way_m` and `in_s` lead from the train to where the instruction begins; 0: it is due.
     """
 
     mode: Mode = Mode.NONE

@@ -181,7 +181,11 @@ class Keeper:
         self._asked = None
 
     def _answered(self, asked: _Asked, kept: Kept | None, state: TrainState, goal: Goal) -> Kept | None:
-        """What was made, if it is taken, or else the reference that stands."""
+        """What was made, if it is taken, or else the reference that stands.
+
+        A reference whose phases do not brake where limits ahead ask for it is not taken while there is another. Where
+        there is none, the brakes are told all the same (`ShownBrakes.safe`).
+        """
         try:
             found = asked.answer.result()
             if state.now_ns != asked.state.now_ns:  # The train has gone on since.
@@ -191,6 +195,8 @@ class Keeper:
                 return kept
             raise
         gain = self._gain(kept, found, state, goal)
+        if kept is not None and not found.says_its_brakes:
+            return kept
         if asked.doubted and not self._is_better(asked.cause, gain):
             return kept
         replan = Replan(cause=asked.cause, time_ns=state.now_ns, gain_j=gain.energy_j, gain_s=gain.lateness_s)

@@ -22,8 +22,6 @@ from das.solver.calm.schedule import (
     scheduled,
     topped,
 )
-from das.solver.fastest import capped
-from das.solver.kernels.envelope import braking_envelope
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -55,31 +53,11 @@ class Wanted:
     thorough: bool = False
 
 
-def drivers_section(section: Section, settings: CoachSettings) -> Section:
-    """The section with the braking and the margins that the driver uses."""
-    driver, train = settings.driver, section.train
-    rate_mps2 = driver.braking_ratio * train.max_deceleration_mps2
-    if driver.planning_brake_mps2 is not None:
-        rate_mps2 = min(driver.planning_brake_mps2, rate_mps2)
-    ratio = driver.braking_ratio
-    train = train._replace(
-        max_deceleration_mps2=rate_mps2,
-        electric_force_n=ratio * train.electric_force_n,
-        electric_power_w=ratio * train.electric_power_w,
-        friction_force_n=ratio * train.friction_force_n,
-    )
-    limit = np.maximum(section.limit_mps - driver.below_limit_mps, np.minimum(section.limit_mps, SLOWEST_MPS))
-    ceiling, stuck = braking_envelope(section.for_kernels, limit, section.end_speed_mps, train)
-    # Where a descent cannot be braked so easily, the section's own envelope holds.
-    return section if stuck >= 0 else capped(section, ceiling)
-
-
 def solve_coach(section: Section, settings: CoachSettings, s_m: float | None = None, *, threads: int = 2) -> CalmFront:
     """The calm runs that the coach of a section chooses from; for a train at a position (m) those ahead of it."""
-    own = drivers_section(section, settings)
     if s_m is None:
-        return solve_calm(own, settings.calm, threads=threads)
-    return solve_calm_ahead(own, s_m, settings.calm, threads=threads)
+        return solve_calm(section, settings.calm, threads=threads)
+    return solve_calm_ahead(section, s_m, settings.calm, threads=threads)
 
 
 def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:

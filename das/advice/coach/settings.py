@@ -9,19 +9,6 @@ from das.solver.calm.settings import CalmSettings, PolishSettings, ScheduleSetti
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriverSettings:
-    """How the driver brakes and which margins he keeps, so that what is planned is what he does."""
-
-    planning_brake_mps2: float | None = None
-    """Limits and stops are braked for at no more than this rate (None: what `braking_ratio` leaves)."""
-    braking_ratio: float = 0.97
-    """Limits and stops are braked for with no more than this share of the train's planned deceleration: a driver who
-    brakes half a second late can still keep them."""
-    below_limit_mps: float = 0.0
-    """Limits are planned with this margin."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class KeepingSettings:
     """When the reference is kept, and when a new one is worth the change."""
 
@@ -73,14 +60,29 @@ class BrakeShowingSettings:
     """and the mark is further away than this: braked on the train would stand short of it."""
     creep_mps: float = 3.0
     """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
-    least_mps2: float = 0.05
-    """The effort of a brake is shown for no smaller deceleration than this (m/s²)."""
     step_ratio: float = 0.05
-    """The effort of the brake is shown in steps of this size."""
+    """The effort of the brake is shown in steps of this size, rounded up."""
+    build_up_ratio: float = 0.15
+    """The build-up of the brakes takes at most this share of the way of a brake."""
     settled_s: float = 3.0
-    """So near to the end of a brake to a lower speed its effort stands: the driver sees the speed himself."""
-    band_ratio: float = 0.25
-    """The effort of the brake stands while the deceleration that is needed stays this near to the one it gives."""
+    """So near to the end of a brake to a lower speed no less effort is shown: the driver sees the speed himself."""
+    less_ratio: float = 0.25
+    """Less effort is shown only where what is needed is less by more than this share. More is shown at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitShowingSettings:
+    """What is shown to a train at its limit, or above it."""
+
+    overspeed_mps: float = 0.5
+    """A train above the limit by more than this is told to coast, or to hold the limit where it would not slow down,"""
+    braked_mps: float = 1.5
+    """and by more than this to brake."""
+    closes_in_s: float = 4.0
+    """The force of an instruction that leads to a speed brings the train there in this time: longer than an advice
+    is valid, so that a driver who sets the force exactly does not pass the speed."""
+    slows_mps2: float = 0.02
+    """A train that coasts and slows down by less than this does not come down to a limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,10 +101,7 @@ class ShowingSettings:
     """A train faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0
     """An instruction stands for at least this long. Brakes, their release, and a lower limit do not wait."""
-    overspeed_mps: float = 0.5
-    """A train above what is allowed by more than this is told to coast,"""
-    braked_mps: float = 1.5
-    """and by more than this to brake."""
+    limit: LimitShowingSettings = field(default_factory=LimitShowingSettings)
     brake: BrakeShowingSettings = field(default_factory=BrakeShowingSettings)
     ahead: int = 2
     """So many changes ahead are shown."""
@@ -139,7 +138,6 @@ class CoachSettings:
     calm: CalmSettings = field(default_factory=CalmSettings)
     schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
     polish: PolishSettings = field(default_factory=PolishSettings)
-    driver: DriverSettings = field(default_factory=DriverSettings)
     keeping: KeepingSettings = field(default_factory=KeepingSettings)
     showing: ShowingSettings = field(default_factory=ShowingSettings)
     margin: MarginSettings = field(default_factory=MarginSettings)

@@ -7,54 +7,41 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
-from das.advice.modes import EFFORT_ORDER, Mode
+from das.advice.coach.shown_brakes import BRAKES, SAME_MPS, TRACTION, ShownBrakes, SpeedsAllowed, announced_brake
+from das.advice.modes import EFFORT_ORDER, FULL_RATIO, Mode
 from das.advice.planner import TrainState
 from das.domain.units import NS
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
 from das.solver.calm.schedule import Schedule
-from das.solver.kernels.forces import electric_limit, traction_limit
-from das.solver.section import Section
 
-FULL_RATIO = 0.97
-"""An effort from this share of the largest on counts as full."""
-SAME_MPS = 0.3
-"""Speeds this near to each other are the same on a display."""
+Floats = NDArray[np.float64]
 FOLLOWING = 3
 """Of so many phases after the present one it is known when they begin: one of them may be no change."""
 ROLLS, CREEPS = -1, -2
 """A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
-TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
-BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
-
-
-class SpeedsAllowed(NamedTuple):
-    """What bounds an instruction where the train is: the highest speed that is safe, and the limit (m/s)."""
-
-    allowed_mps: float
-    limit_mps: float
 
 
 class ShownNow(NamedTuple):
-    """What is shown: the instruction, those after it, and way (m) and time (s) to where it ends."""
+    """What is shown: the instruction, those after it, and way (m) and time (s) to where it ends.
+
+    `number` is that of the phase, `force_n` the wheel force of the instruction (N), and `reference_force_n` that which
+    keeps to the reference: of a brake exactly what it needs, before its effort is rounded up.
+    """
 
     now: Instruction
     following: tuple[Instruction, ...]
     target_m: float
     target_s: float
     number: int
-
-
-class _Brake(NamedTuple):
-    """The deceleration (m/s²) that a brake was shown for, and its effort as a share of the motors' largest."""
-
-    rate_mps2: float
-    ratio: float
+    force_n: float
+    reference_force_n: float
 
 
 class Showing:
@@ -65,7 +52,7 @@ class Showing:
         self._schedule: Schedule | None = None
         self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
         self._reached_mps = 0.0
-        self._brakes: dict[int, _Brake] = {}
+        self._brakes: ShownBrakes | None = None
         self._coming: dict[int, Instruction] = {}
         self._shown, self._since_ns = Instruction(), 0
 
@@ -77,8 +64,10 @@ class Showing:
         """What is shown of the reference to a train in a state."""
         schedule = kept.reference.schedule
         if schedule is not self._schedule:
-            self._schedule, self._number, self._back, self._brakes, self._coming = schedule, 0, 0, {}, {}
+            self._schedule, self._number, self._back, self._coming = schedule, 0, 0, {}
             self._reached_mps = 0.0
+        if self._brakes is None or self._brakes.ahead.section is not schedule.section:
+            self._brakes = ShownBrakes(schedule.section, self._settings)
         number = self._number_for(schedule, state, place)
         if number != self._number:
             self._back, self._reached_mps = 0, 0.0
@@ -87,18 +76,24 @@ class Showing:
         begins_m = [schedule.begin_m(k) for k in range(number + 1, number + 2 + FOLLOWING)]
         begins_s = np.interp(begins_m, at_m, times_s).tolist()
         self._left_s = begins_s[0]
-        wanted = self._wanted(schedule, number, state, place)
+        planned = self._planned(schedule, number, state, place)
+        wanted = self._brakes.safe(self._brakes.under_limit(planned, state, place), state)
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
         between = brakes_again and begins_s[0] < self._settings.least_shown_s
         # A speed that cannot be reached before the phase ends is not shown any longer than a limit that is passed.
         reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
-        now = self._held(wanted, state, reachable, between_brakes=between)
+        urgent = wanted is not planned
+        now = self._held(wanted, state, reachable, between_brakes=between, urgent=urgent)
         following = self._following(schedule, number, state, begins_s)
+        following = self._in_time(now, following, state, (times_s, at_m))
         end_m = schedule.begin_m(number + 1)
         due_m = schedule.begin_m(number) - state.s_m if number else 0.0
-        if due_m > 0 and state.v_mps <= place.allowed_mps + self._settings.overspeed_mps:
+        if due_m > 0 and state.v_mps <= place.allowed_mps + self._settings.limit.overspeed_mps:
             now = replace(now, way_m=due_m, in_s=float(np.interp(schedule.begin_m(number), at_m, times_s)))
-        return ShownNow(now, following, max(end_m - state.s_m, 0.0), begins_s[0], number)
+        return ShownNow(
+            now, following, max(end_m - state.s_m, 0.0), begins_s[0], number, self._brakes.force_n(now, state),
+            self._brakes.force_n(self._brakes.unrounded(now), state),
+        )  # fmt: skip
 
     def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
         """The instruction that holds, or the next one where it is due within the lead; none is taken up again.
@@ -121,29 +116,18 @@ class Showing:
         soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)
         return here + 1 if schedule.number_at(soon_m) > here else here
 
-    def _wanted(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
-        """The instruction for the train as it is."""
+    def _planned(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
+        """The instruction of the schedule for the train as it is."""
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(_aim_mps(schedule, number, state.s_m), place.limit_mps)
-        excess = v_mps - place.allowed_mps
         if one.kind is NotchKind.BRAKE:
-            wanted = self._braking(schedule, number, state, target)
-        elif one.kind is NotchKind.COAST:
-            wanted = Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        elif self._accelerates(one, v_mps, target):
+            return self._braking(schedule, number, state, target)
+        if one.kind is NotchKind.COAST:
+            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+        if self._accelerates(one, v_mps, target):
             self._share = one.share
-            wanted = _traction(one.share, target)
-        else:
-            wanted = self._holding(schedule, state, target)
-        if excess > self._settings.overspeed_mps:
-            after = schedule.phases[number + 1] if number + 1 < len(schedule.phases) else one
-            goal = min(target, after.target_mps if after.kind is NotchKind.BRAKE else place.allowed_mps)
-            if wanted.mode in BRAKES and (excess <= self._settings.braked_mps or wanted.effort_ratio <= -1.0):
-                return replace(wanted, speed_mps=min(target, place.allowed_mps))
-            if excess > self._settings.braked_mps:
-                return Instruction(mode=Mode.FULL_BRAKE, speed_mps=goal, effort_ratio=-1.0)
-            return Instruction(mode=Mode.COAST, speed_mps=goal, effort_ratio=0.0)
-        return wanted
+            return _traction(one.share, target)
+        return self._holding(schedule, state, target)
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
         """Whether the train is still to accelerate to the speed of a phase: once it is reached it is held."""
@@ -193,30 +177,13 @@ class Showing:
             return Instruction(mode=Mode.CRUISE, speed_mps=creep_mps)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        curve_mps2 = schedule.needed_mps2(number, max(state.s_m, schedule.begin_m(number)), v_mps)
-        rate_mps2 = max(curve_mps2, settings.brake.least_mps2)
-        ratio = self._brake_ratio(schedule, number, state, rate_mps2)
-        return _brake(schedule.section, ratio, v_mps, target)
-
-    def _brake_ratio(self, schedule: Schedule, number: int, state: TrainState, needed_mps2: float) -> float:
-        """The effort of a brake: that of one deceleration, which stands until clearly more or less is needed."""
-        kept = self._brakes.get(number)
-        section, step = schedule.section, self._settings.brake.step_ratio
-        if kept is not None and abs(needed_mps2 / kept.rate_mps2 - 1.0) < self._settings.brake.band_ratio:
-            return kept.ratio
-        left_m, slows = schedule.begin_m(number + 1) - state.s_m, schedule.phases[number].target_mps > SAME_MPS
-        if kept is not None and slows and left_m < state.v_mps * self._settings.brake.settled_s:
-            return kept.ratio
-        force = braking_force_n(section, needed_mps2, state.s_m, state.v_mps)
-        most = 1.0 + section.train.friction_force_n / largest_brake_n(section)
-        ratio = min(max(round(force / largest_brake_n(section) / step), 1) * step, most)
-        self._brakes[number] = _Brake(needed_mps2, ratio)
-        return ratio
+        assert self._brakes is not None
+        return self._brakes.shown(self._brakes.needed(schedule, number, state, target), state)
 
     def _held(
-        self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, *, between_brakes: bool
+        self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, *, between_brakes: bool, urgent: bool
     ) -> Instruction:
-        """The instruction to show: it stands for a while, unless limits ahead ask for another one.
+        """The instruction to show: it stands for a while, unless limits ask for another one (`urgent`).
 
         Between two brakes that follow each other at once the first one stands: at its speed the driver releases it.
         """
@@ -226,16 +193,18 @@ class Showing:
             return shown
         held_s = (state.now_ns - self._since_ns) * NS
         settled = shown.mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.least_shown_s
-        too_fast = state.v_mps > place.allowed_mps + self._settings.overspeed_mps
+        too_fast = state.v_mps > place.allowed_mps + self._settings.limit.overspeed_mps
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
-        slower = shown.mode in BRAKES and wanted.speed_mps < shown.speed_mps - SAME_MPS
-        braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and slower)
+        harder = shown.mode in BRAKES and (
+            wanted.speed_mps < shown.speed_mps - SAME_MPS or wanted.effort_ratio < shown.effort_ratio
+        )
+        braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         above = shown.speed_mps > place.limit_mps + SAME_MPS
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
-        if settled or braked or released or above:
+        if settled or braked or released or above or urgent:
             self._shown, self._since_ns = wanted, state.now_ns
         return self._shown
 
@@ -261,6 +230,24 @@ class Showing:
                 break
         return tuple(found)
 
+    def _in_time(
+        self, now: Instruction, following: tuple[Instruction, ...], state: TrainState, elapsed: tuple[Floats, Floats]
+    ) -> tuple[Instruction, ...]:
+        """The next changes, where a brake is announced in time for a driver who reaches the speed that is shown now.
+
+        The forecast may stay below this speed, on a hill, and its brake begins later. `elapsed` are times (s) and
+        places (m) of the forecast.
+        """
+        assert self._brakes is not None
+        if not following or following[0].mode not in BRAKES or now.mode in BRAKES:
+            return following
+        times_s, at_m = elapsed
+        way_m = self._brakes.ahead.curve_begins_m(state.s_m, max(now.speed_mps, state.v_mps)) - state.s_m
+        if way_m >= following[0].way_m:
+            return following
+        in_s = float(np.interp(state.s_m + way_m, at_m, times_s))
+        return (replace(following[0], way_m=way_m, in_s=in_s), *following[1:])
+
     def _announced(self, schedule: Schedule, number: int) -> Instruction:
         """An instruction as it is shown before it is due; it depends on the schedule alone, and is made once."""
         found = self._coming.get(number)
@@ -272,11 +259,12 @@ class Showing:
 def _announced(schedule: Schedule, number: int) -> Instruction:
     """An instruction as it is shown before it is due."""
     one = schedule.phases[number]
-    target = _aim_mps(schedule, number, schedule.begin_m(number))
+    # It leads to no higher speed than the limit where it begins, even if a higher one is allowed before it ends.
+    target = min(_aim_mps(schedule, number, schedule.begin_m(number)), float(schedule.section.limit_mps[one.begin]))
     if one.kind is NotchKind.TRACTION:
         return _traction(one.share, target)
     if one.kind is NotchKind.BRAKE:
-        return _announced_brake(schedule, number, target)
+        return announced_brake(schedule, number, target)
     if one.kind is NotchKind.COAST:
         return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
     return Instruction(mode=Mode.CRUISE, speed_mps=target)
@@ -302,60 +290,6 @@ def _aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
     return float(min(one.target_mps, highest))
 
 
-def reference_force_n(schedule: Schedule, shown: ShownNow, s_m: float, v_mps: float) -> float:
-    """The wheel force (N) that keeps to the reference at a position and speed; of a brake not due yet, as it begins."""
-    section, now, number = schedule.section, shown.now, shown.number
-    if now.mode in BRAKES and schedule.phases[number].kind is NotchKind.BRAKE:
-        s_m = max(s_m, schedule.begin_m(number))
-        return -max(braking_force_n(section, schedule.needed_mps2(number, s_m, v_mps), s_m, v_mps), 0.0)
-    return force_n(section, now, s_m, v_mps)
-
-
-def force_n(section: Section, now: Instruction, s_m: float, v_mps: float) -> float:
-    """The wheel force (N) of an instruction at a position and speed: of a speed to hold, what it needs."""
-    train, v = section.train, max(v_mps, 0.1)
-    if now.mode in TRACTION:
-        return now.effort_ratio * float(traction_limit(v, train))
-    if now.mode in BRAKES:
-        return now.effort_ratio * largest_brake_n(section)
-    if now.mode is not Mode.CRUISE:
-        return 0.0
-    return float(min(max(-braking_force_n(section, 0.0, s_m, v), -largest_brake_n(section)), traction_limit(v, train)))
-
-
-def braking_force_n(section: Section, rate_mps2: float, s_m: float, v_mps: float) -> float:
-    """The braking force (N, > 0) that decelerates a train at a rate (m/s²) at a position and speed."""
-    return section.train.inertial_mass_kg * rate_mps2 - section.resistance_n(s_m, v_mps)
-
-
-def largest_brake_n(section: Section) -> float:
-    """The largest effort (N) of the electric brake at any speed; of all brakes where there is no electric one."""
-    train = section.train
-    if train.electric_force_n > 0 and not train.brakes_dissipate:
-        return train.electric_force_n
-    return max(train.friction_force_n + train.electric_force_n, 1.0)
-
-
-def _announced_brake(schedule: Schedule, number: int, target: float) -> Instruction:
-    """A brake as it is shown before it is due: with the effort with which the schedule begins it."""
-    section, one = schedule.section, schedule.phases[number]
-    v_mps = max(float(schedule.known.speed_mps[one.begin]), 1.0)
-    at_m = float(section.node_m[one.begin])
-    by_effort = schedule.brakes_by_effort(number)
-    rate_mps2 = schedule.needed_mps2(number, at_m, v_mps) if by_effort else schedule.braking_mps2(number)
-    force = braking_force_n(section, rate_mps2, at_m, v_mps)
-    return _brake(section, max(force, 0.0) / largest_brake_n(section), v_mps, target)
-
-
 def _traction(share: float, target_mps: float) -> Instruction:
     mode = Mode.FULL_TRACTION if share >= FULL_RATIO else Mode.REDUCED_TRACTION
     return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)
-
-
-def _brake(section: Section, ratio: float, v_mps: float, target_mps: float) -> Instruction:
-    """A brake of an effort; where the motors cannot give it at this speed, with friction."""
-    motors = float(electric_limit(max(v_mps, 0.1), section.train)) / largest_brake_n(section)
-    mode = Mode.REDUCED_BRAKE if ratio < FULL_RATIO * motors else Mode.FULL_BRAKE
-    if ratio > motors + 1e-6:
-        mode = Mode.FRICTION_BRAKE
-    return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=-ratio)

@@ -17,7 +17,7 @@ from das.domain.loss_chain import LossChain
 from das.domain.losses import Level
 from das.domain.plausibility import ACCEPTED, ROUTE_CHECKS, VEHICLE_CHECKS, check_route, check_vehicle
 from das.domain.route import Route, Stop, Stretches, Tunnel, Zone
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, ServiceBrake, Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def read_vehicle(path: Path) -> Vehicle:
     fields.check_keys(
         [
             *("schema_version", "vehicle", "resistance", "tunnel_resistance", "traction"),
-            *("electric_brake", "friction_brake", "brakes", "adhesion", "losses", "loads"),
+            *("electric_brake", "friction_brake", "brakes", "service_brake", "adhesion", "losses", "loads"),
         ]
     )
     vehicle = _lossless(fields)  # checks masses, speeds and forces before a loss map is made from them
@@ -81,6 +81,7 @@ def _lossless(fields: Fields) -> Vehicle:
         brake_policy=_brake_policy(fields, electric, friction_n),
         max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf, unbounded=True),
         max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf, unbounded=True),
+        service_brake=_service_brake(fields),
         adhesive_mass_kg=_adhesive_mass(fields),
         auxiliary_power_w=main.quantity("auxiliary_power", "power", 0.0),
         comfort_power_w=main.quantity("comfort_power", "power", 0.0),
@@ -183,6 +184,19 @@ def _friction_brake_n(fields: Fields) -> float:
     table = fields.table("friction_brake")
     table.check_keys(["source", *table.quantity_keys({"max_force": "force"})])
     return table.quantity("max_force", "force")
+
+
+def _service_brake(fields: Fields) -> ServiceBrake:
+    """How the train is braked in service; the usual figures for what the file does not say."""
+    usual = ServiceBrake()
+    if not fields.has("service_brake"):
+        return usual
+    table = fields.table("service_brake")
+    table.check_keys(["source", *table.quantity_keys({"deceleration": "acceleration", "build_up": "time"})])
+    return ServiceBrake(
+        deceleration_mps2=table.quantity("deceleration", "acceleration", usual.deceleration_mps2),
+        build_up_s=table.quantity("build_up", "time", usual.build_up_s),
+    )
 
 
 def _adhesive_mass(fields: Fields) -> float:

@@ -151,6 +151,14 @@ class Fields:
         key, value = self.prefix + found[0], self.data[found[0]]
         return in_si(self.source, key, value, (unit, dimension), unbounded=unbounded)
 
+    def within(self, name: str, dimension: str, default: float, ends: tuple[float, float]) -> float:
+        """A quantity that must be finite and within its ends (SI)."""
+        value = self.quantity(name, dimension, default, unbounded=True)
+        if not ends[0] <= value <= ends[1] or math.isinf(value):
+            key = next((key for key in self.quantity_keys({name: dimension}) if key in self.data), name)
+            raise self.error(key, self.data[key], range_expected(key[len(name) + 1 :], dimension, ends))
+        return value
+
     def quantity_keys(self, quantities: Mapping[str, str]) -> list[str]:
         """All keys under which the given quantities (name → dimension) may appear: `mass_kg`, `mass_t`."""
         return [
@@ -254,3 +262,9 @@ def _cell(table: Fields, index: int, row: object, column: int) -> object:
     if not isinstance(row, list) or len(row) != len(table.data["columns"]):
         raise table.error(f"rows[{index}]", row, "a row with a value for every column")
     return row[column]
+
+
+def range_expected(unit: str, dimension: str, ends: tuple[float, float]) -> str:
+    """Words for a range (SI), in the unit of the file."""
+    low, high = (end / FACTORS[dimension][unit] for end in ends)
+    return f"a finite number >= {low:g}" if math.isinf(high) else f"a number from {low:g} to {high:g}"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 from das.domain.errors import DasError
 
@@ -16,13 +19,19 @@ UNFINISHED = ".unfinished-"
 """Folders that are being written have names that begin so; one stays behind where its writer was killed."""
 
 
-def check_writable(path: Path) -> None:
-    """Raise DasError unless a file can be created at `path`: a command checks this before it starts long work."""
+def check_writable(path: Path, *, overwrite: bool) -> None:
+    """Raise DasError unless a file can be created at `path`: a command checks this before it starts long work.
+
+    A file that is there is refused unless it is to be overwritten. A symbolic link is refused in any case.
+    """
+    refuse_link(path)
     if path.exists() and not path.is_file() and not path.is_dir():
         return
     folder = path.resolve().parent
     if path.is_dir():
         raise DasError(f"{path}: is a folder, expected a file to write")
+    if path.exists() and not overwrite:
+        raise DasError(f"{path}: is there already, expected a new file (--overwrite replaces it)")
     if not folder.is_dir():
         raise DasError(f"{path}: no such folder {path.parent}")
     try:
@@ -30,6 +39,12 @@ def check_writable(path: Path) -> None:
             pass
     except OSError as error:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def refuse_link(path: Path) -> None:
+    """Raise DasError for a symbolic link: what is written must not end up in a place that the user did not name."""
+    if path.is_symlink():
+        raise DasError(f"{path}: is a symbolic link, expected the file itself or a new name")
 
 
 def new_file(path: Path, content: bytes = b"") -> Path:
@@ -69,19 +84,30 @@ def _make_new(path: Path, content: bytes) -> None:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` to a new file beside `path` and rename it to `path`; DasError where that fails.
+    """Write `content` to a new file beside `path` and rename it to `path`; DasError as `whole_file` raises it."""
+    with whole_file(path) as file:
+        file.write(content)
 
-    A link is followed. A device or a pipe is written to, not replaced.
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """A file to write to, which takes the place of `path` when the block ends; if the block fails, nothing changes.
+
+    A device or a pipe is written to, not replaced. Raises DasError for a symbolic link, and where writing fails.
     """
+    refuse_link(path)
     try:
-        path = path.resolve()
         if path.exists() and not path.is_file():
-            path.write_bytes(content)
+            content = io.BytesIO()  # a pipe cannot tell its writer how far it is
+            yield content
+            path.write_bytes(content.getvalue())
             return
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(handle, "wb") as file:
-                file.write(content)
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
             os.chmod(name, 0o666 & ~umask())
             os.replace(name, path)
         except BaseException:

@@ -17,7 +17,7 @@ from das.solver.bound.cells import Incumbent, tightened_j
 from das.solver.bound.planes import efficiency_planes
 from das.solver.bound.relaxation import Task
 from das.solver.bound.search import proven, proven_for_map
-from das.solver.section import LineProfile
+from das.solver.line_profile import LineProfile
 
 if TYPE_CHECKING:
     from das.solver.solution import Solution

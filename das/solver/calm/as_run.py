@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import KMH
-from das.solver.calm.as_held import speeds_as_held
+from das.solver.calm.as_held import HELD_S, speeds_as_held
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, NEAR_MPS, Phase
 from das.solver.calm.run_at_nodes import STEADY_MPS, RunAtNodes, ends_of
@@ -29,6 +29,38 @@ def phases_as_run(
     for begin, end in _braked_by_limits(run):
         said = _with_brake(said, begin, end, run)
     return tuple(speeds_as_held(said, run, back_share))
+
+
+def with_all_brakes(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]:
+    """The phases with a brake wherever a limit ahead brakes the run; what holds there goes on behind it."""
+    found = list(phases)
+    for begin, end in _braked_by_limits(run):
+        here = max((k for k, one in enumerate(found) if one.begin <= begin), default=0)
+        ends = [*(one.begin for one in found[1:]), len(run.node_m) - 1]
+        if found[here].kind in BRAKES and found[here].share == 0.0 and ends[here] >= end:
+            continue
+        before = [one for one in found if one.begin < begin]
+        brake = Phase(NotchKind.BRAKE, 0.0, begin, float(run.speeds_mps[end]))
+        after = _from(found, end) if end < len(run.node_m) - 1 else []
+        if len(after) > 1 and run.lasts_s(end, after[1].begin) < HELD_S:
+            after = [after[1]._replace(begin=end), *after[2:]]
+        found = [*before, brake, *after]
+    return with_one_brake(tuple(found), run)
+
+
+def with_one_brake(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]:
+    """The phases, where two brakes along the curve that hardly anything lies between are one."""
+    found: list[Phase] = []
+    for one in phases:
+        curve = one.kind in BRAKES and one.share == 0.0
+        behind = found[-2] if len(found) > 1 else None
+        goes_on = behind is not None and behind.kind in BRAKES and behind.share == 0.0
+        between = found[-1] if found else one
+        if curve and goes_on and between.kind not in BRAKES and run.lasts_s(between.begin, one.begin) < HELD_S:
+            found[-2:] = [found[-2]._replace(target_mps=one.target_mps)]
+        else:
+            found.append(one)
+    return tuple(found)
 
 
 def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], run: RunAtNodes) -> list[Phase]:

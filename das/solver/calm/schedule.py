@@ -7,6 +7,7 @@ this place, coast, brake to that speed.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.solver.calm.as_run import phases_as_run
+from das.solver.calm.as_run import phases_as_run, with_all_brakes, with_one_brake
 from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase, phases_of
@@ -32,6 +33,8 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
 NOWHERE = -1.0
+MOST_UNSAID_S = 0.5
+"""Limits ahead may ask the run of a schedule for a brake that no phase says for no longer than this (s)."""
 SAYINGS = 3
 """Phases are made to say what their run does so many times; then they hardly change any more."""
 ON_CURVE_MPS = 0.05
@@ -230,7 +233,28 @@ class Scheduled(NamedTuple):
                 found = Scheduled(*said.settled(s_m, v_mps), self.lambda_w)
             except InfeasibleError:
                 break
-        return found
+        joined = found._with(with_one_brake, s_m, v_mps)
+        found = joined if joined.says_its_brakes else found
+        return found if found.says_its_brakes else found._with(with_all_brakes, s_m, v_mps)
+
+    @property
+    def says_its_brakes(self) -> bool:
+        """Whether there is a phase to brake wherever limits ahead ask the run to."""
+        return self.forecast.unsaid_s <= MOST_UNSAID_S
+
+    def _with(
+        self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float
+    ) -> Scheduled:
+        """The same with other phases, made of its own and its run; as it is, where the train would stall so."""
+        section = self.schedule.section
+        run = RunAtNodes.of(self.schedule.known.speed_mps, section.envelope_mps, section.step_m)
+        phases = changed(self.schedule.phases, run)
+        if phases == self.schedule.phases:
+            return self
+        try:
+            return Scheduled(*replace(self.schedule, phases=phases).settled(s_m, v_mps), self.lambda_w)
+        except InfeasibleError:
+            return self
 
     def cost_j(self, time_s: float) -> float:
         """The energy (J), and what arriving at another time than asked costs or is worth."""

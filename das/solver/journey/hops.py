@@ -15,10 +15,11 @@ from das.domain.route import Route, Stretches
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
-from das.solver.kernels.envelope import braking_envelope, climbing_floor
+from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope, climbing_floor
 from das.solver.kernels.fastest import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
-from das.solver.section import LineProfile, Section, SectionOptions, build_section
+from das.solver.line_profile import LineProfile
+from das.solver.section import Section, SectionOptions, build_section
 
 Floats = NDArray[np.float64]
 
@@ -136,7 +137,8 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
     if highest < envelope[node]:
         before = slice(None, node)
         line = LineArrays(*(array[before] for array in section.for_kernels))
-        envelope[: node + 1], stuck = braking_envelope(line, section.limit_mps[before], highest, section.train)
+        limit = section.limit_mps[before]
+        envelope[: node + 1], stuck = braking_envelope(line, limit, highest, section.train, ALL_OF_IT)
         if stuck >= 0:
             raise InfeasibleError(
                 f"{section.route.source}: passing {passing.name} at {highest / KMH:.1f} km/h: the train cannot brake "

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from das.command_line.options import JsonOption, SeedOption
+from das.command_line.options import JsonOption, OverwriteOption, SeedOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy, paragraph, print_table, tell
 from das.domain.errors import DasError
@@ -43,10 +43,11 @@ def analyse(
     out: PageOption = None,
     pdf: PdfOption = None,
     effect: EffectsOption = None,
+    overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Analyse a study that was run: paired differences with intervals, a mixed model, checks."""
-    _check(folder, out, pdf, effect or ())
+    _check(folder, (out, pdf), effect or (), overwrite=overwrite)
     from das.domain.files.writing import write_whole
     from sim.experiment.analysis.comparing import analyse_study
     from sim.experiment.analysis.page import as_dict, page
@@ -77,13 +78,15 @@ def analyse(
             tell(f"written: {path}")
 
 
-def _check(folder: Path, out: Path | None, pdf: Path | None, effects: Sequence[float]) -> None:
+def _check(folder: Path, files: tuple[Path | None, Path | None], effects: Sequence[float], *, overwrite: bool) -> None:
     """DasError where an output cannot be made or an option is wrong; asked before the work begins."""
     _check_extra("jinja2", "matplotlib", "scipy", "statsmodels")
+    out, pdf = files
     for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
         if path is not None and path.suffix.lower() not in suffixes:
             raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
-    check_outputs(out, pdf, inputs=[folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)])
+    read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
+    check_outputs(out, pdf, inputs=read, overwrite=overwrite)
     for one in effects:
         _check_effect(one)
     if pdf is not None:

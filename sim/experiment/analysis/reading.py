@@ -17,6 +17,8 @@ from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import read_json, read_text
 from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, as_text, read_plan
 from sim.experiment.files import (
+    CHECKED_TABLES,
+    CHECKSUMS,
     FAILED_TABLE,
     PEOPLE_TABLE,
     PERSON_ID,
@@ -25,6 +27,7 @@ from sim.experiment.files import (
     TRIALS_SIDECAR,
     TRIALS_TABLE,
 )
+from sim.recording.inputs import sha256
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -94,11 +97,12 @@ class RunStudy:
 def read_study(folder: Path) -> RunStudy:
     """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json` and `failed.csv`.
 
-    DasError where one of them cannot be used.
+    DasError where one of them cannot be used, or where a table is not the one that `checksums.json` has the hash of.
     """
     if not folder.is_dir():
         raise DasError(f"{folder}: expected the folder of a study that was run")
     plan = read_plan(folder)
+    _check_sums(folder)
     return RunStudy(
         folder=folder,
         plan=plan,
@@ -109,6 +113,20 @@ def read_study(folder: Path) -> RunStudy:
         level_words=_level_words(folder / TRIALS_SIDECAR, plan),
         made=_made(folder / PROVENANCE),
     )
+
+
+def _check_sums(folder: Path) -> None:
+    """InputError where a table is not the one that the run wrote; studies of before have no checksums."""
+    kept = folder / CHECKSUMS
+    if not kept.is_file():
+        return
+    sums = read_json(kept)
+    for name in CHECKED_TABLES:
+        wanted, path = sums.text(name), folder / name
+        found = sha256(path) if path.is_file() else MISSING
+        if found != wanted:
+            how = f"{wanted} ({CHECKSUMS}): the file was altered after the study was run"
+            raise InputError(path, "SHA-256", found, how)
 
 
 def _level_words(path: Path, plan: StudyPlan) -> dict[str, dict[str, str]]:

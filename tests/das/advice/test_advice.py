@@ -28,6 +28,7 @@ from das.estimate.fix import PositionFix, Quality
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from tests.support.followed import after_a_second_mps
 from tests.support.one_section import OneSection
 
 T0 = 1_800_000_000_000_000_000
@@ -71,7 +72,7 @@ def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Fro
         if advice.mode is Mode.STOP:
             break
         first = first or advice
-        after = advice.horizon_speed_mps[0]
+        after = after_a_second_mps(advice)
         s, v = s + 0.5 * (v + after), after
     assert advice.mode is Mode.STOP
     assert s == pytest.approx(29_000.0, abs=30.0)
@@ -162,7 +163,7 @@ def test_too_late_gives_the_fastest_run_and_says_how_late(front: Front) -> None:
     _, advice = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=900.0)
     least = front.fastest().time_s
     assert advice.predicted_deviation_s == pytest.approx(least - 900.0, abs=0.1)
-    assert advice.reason == f"fastest, {least - 900:.0f} s late"
+    assert advice.reason == f"depart when cleared: fastest, {least - 900:.0f} s late"
     assert advice.buffer_ratio < 0
 
 
@@ -175,6 +176,38 @@ def test_an_arrival_in_the_past_still_gives_the_fastest_run(front: Front) -> Non
 def test_never_departs_early(front: Front) -> None:
     _, advice = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_500.0, departure_s=42.0)
     assert (advice.mode, advice.advised_speed_mps, advice.reason) == (Mode.STOP, 0.0, "depart in 42 s")
+
+
+@pytest.mark.parametrize("s_m", [0.0, 14_000.0, 28_900.0])
+def test_a_train_that_stands_before_its_stop_is_told_to_depart_when_cleared_and_how(front: Front, s_m: float) -> None:
+    """At its departure stop or under way: nothing in the advice moves it, and all that is needed to depart is there."""
+    advisor, advice = advisor_at(front, s_m, 0.0, now_s=0.0, arrival_s=1_250.0)
+    assert (advice.mode, advice.four_mode) == (Mode.DEPART, Mode.DEPART)
+    assert advice.reason.startswith("depart when cleared: ")
+    moving = (advice.advised_speed_mps, advice.display_speed_mps, advice.advised_force_n, advice.advised_force_ratio)
+    assert moving == (0.0, 0.0, 0.0, 0.0)
+    assert set(advice.horizon_speed_mps) == set(advice.horizon_force_n) == {0.0}
+    assert advice.next_mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+    assert advice.next_four_mode is Mode(int(FOUR_MODES[advice.next_mode]))
+    assert math.isnan(advice.next_change_s)
+    assert 0.0 < advice.departure_speed_mps <= max(front.section.limit_mps)
+    assert 0.0 < advice.departure_force_ratio <= 1.0
+    advisor.set_position(PositionFix(time_ns=ns(1), s_m=s_m + 1.0, speed_mps=1.5))
+    gone = advisor.update(ns(1))
+    assert gone.mode is advice.next_mode
+    assert gone.advised_force_n > 0.0
+    assert (gone.departure_speed_mps, gone.departure_force_ratio) == (0.0, 0.0)
+
+
+def test_a_train_that_comes_to_stand_where_the_plan_brakes_is_told_how_to_depart(front: Front) -> None:
+    """It was to brake on to the stop, and is still near enough to its plan to count as following it."""
+    states = [(28_935.0 - 0.5 * (5.0 - 0.5 * t) ** 2 / 0.5, 5.0 - 0.5 * t) for t in range(11)]
+    told = driven(front, states, arrival_s=1_250.0)
+    assert Mode.DEPART in {advice.mode for advice in told}
+    for advice in told:
+        if advice.mode is Mode.DEPART:
+            assert advice.departure_force_ratio >= 0.0
+            assert advice.next_mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION, Mode.COAST)
 
 
 def test_standing_at_the_end_is_arrived(front: Front) -> None:
@@ -275,7 +308,7 @@ def test_a_plan_is_kept_while_the_train_stays_near_it(front: Front) -> None:
     plan = advisor.plan
     s, v = 5_000.0, 25.0
     for second in range(201, 210):
-        after = advice.horizon_speed_mps[0]
+        after = after_a_second_mps(advice)
         s, v = s + 0.5 * (v + after), after
         advisor.set_position(PositionFix(time_ns=ns(second), s_m=s + 2.0, speed_mps=v + 0.1))
         advice = advisor.update(ns(second))
@@ -325,7 +358,9 @@ def test_who_keeps_a_little_below_the_advised_speed_is_not_chased(front: Front) 
     _, first = advisor_at(front, start_m, v_mps, now_s=0.0, arrival_s=10.0)
     kept_mps = first.limit_mps - 4.0 * KMH
     heard = driven(front, [(start_m + kept_mps * t, kept_mps) for t in range(60)], arrival_s=10.0)
-    changes = sum(a.mode is not b.mode for a, b in pairwise(heard))
+    # He does not brake either: the brake that is shown becomes stronger and stronger, and that is no change here.
+    modes = [min(advice.mode, Mode.REDUCED_BRAKE) for advice in heard]
+    changes = sum(a != b for a, b in pairwise(modes))
     assert changes <= 4, [advice.mode.name for advice in heard]
 
 
@@ -440,7 +475,7 @@ def test_four_modes_and_their_next_change(front: Front) -> None:
     assert advice.next_four_mode == four[change]
     assert advice.next_four_change_s == pytest.approx(float(plan.solution.trajectory.t_s[change]), abs=1e-9)
     assert advice.next_four_change_s >= advice.next_change_s - 1e-9
-    assert {int(x) for x in FOUR_MODES} == {0, 1, 3, 4, 6, 8}
+    assert {int(x) for x in FOUR_MODES} == {0, 1, 3, 4, 6, 8, 9}
 
 
 def test_the_reduced_maximum_speed_keeps_the_time(front: Front) -> None:

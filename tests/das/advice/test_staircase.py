@@ -33,12 +33,20 @@ def curve_mps(s_m: float, feet: list[tuple[float, float]]) -> float:
     return min(math.sqrt(v * v + 2 * EASY * (at - s_m)) if at > s_m else math.inf for at, v in feet)
 
 
+def full_curve_mps(section: Section, s_m: float) -> float:
+    """Second witness: the closed form of full braking for the stop from a low speed, where one force does it."""
+    train = section.vehicle
+    most_n = float(train.brake_effort_n(LOWEST)) + train.resistance.c0_n
+    rate = min(most_n / train.inertial_mass_kg, train.max_deceleration_mps2)
+    return math.sqrt(2 * rate * max(section.end_m - s_m, 0.0))
+
+
 def shown_kmh(staircase: Staircase, drive: list[tuple[float, float, float]]) -> list[float]:
     """What is shown (km/h) at places (m) to a train with speeds under judged speeds (m/s), one after the other."""
     return [round(staircase.at(*one) / KMH, 9) for one in drive]
 
 
-def test_it_says_the_limit_the_lower_limit_from_where_braking_begins_and_the_slowest_before_the_stop() -> None:
+def test_it_says_the_limit_the_lower_limit_from_where_braking_begins_and_slow_speeds_before_the_stop() -> None:
     section = section_of(12_000.0, [(0.0, 80.0), (1_000.0, 140.0), (6_000.0, 60.0)])
     staircase, judged = staircase_of(section), 120.4 * KMH
     feet = [(6_000.0, 60 * KMH), (12_000.0, 0.0)]
@@ -49,31 +57,32 @@ def test_it_says_the_limit_the_lower_limit_from_where_braking_begins_and_the_slo
         v = min(here, judged, curve_mps(s_m, feet))
         shown[s_m] = staircase.at(s_m, v, judged) / KMH
     steps = [s_m for s_m in list(shown)[1:] if shown[s_m] != shown[s_m - 5.0]]
-    assert [round(shown[s_m], 9) for s_m in (0.0, *steps)] == [80.0, 120.0, 60.0, 20.0]
+    assert [round(shown[s_m], 9) for s_m in (0.0, *steps)] == [80.0, 120.0, 60.0, 20.0, 10.0]
     # By the closed form braking from 120 to 60 km/h takes (v² − u²)/2b, from 60 km/h to the stop v²/2b.
     way_m = [(a**2 - b**2) * KMH**2 / (2 * EASY) for a, b in ((120, 60), (60, 0))]
     assert steps[0] == pytest.approx(1_000.0 + section.vehicle.train_length_m, abs=10.0)
     # The curve is known at the ends of intervals: its beginning is at most one of them early.
-    for step_m, foot_m, one_m in zip(steps[1:], (6_000.0, 12_000.0), way_m, strict=True):
+    for step_m, foot_m, one_m in zip(steps[1:3], (6_000.0, 12_000.0), way_m, strict=True):
         assert -float(section.step_m.max()) < step_m - (foot_m - one_m) < 10.0
 
 
 def test_it_is_never_above_limit_or_curve_whatever_the_train_does() -> None:
-    """Drawn speeds and judgements; only the last metres before the stop, under the slowest speed, are let off."""
+    """Drawn speeds and judgements. In the last metres before the stop the curve is that of full braking."""
     limits = [(0.0, 70.5), (2_000.0, 141.3), (5_000.0, 15.0), (5_400.0, 90.0), (6_000.0, 140.0)]
     section = section_of(9_000.0, limits)
     random = np.random.default_rng(7)
     feet = [(5_000.0, 15.0 * KMH), (9_000.0, 0.0)]
     last_m = 9_000.0 - LOWEST**2 / (2 * EASY) - 1.0
+    assert full_curve_mps(section, last_m) > LOWEST
     for _ in range(20):
         staircase, s_m, v, judged = staircase_of(section), 0.0, 0.0, 100 * KMH
-        while s_m < last_m:
+        while s_m < 9_000.0:
             if random.random() < 0.03:
                 judged = random.uniform(20.0, 150.0) * KMH
             v = min(max(v + random.uniform(-1.0, 0.8), 0.0), 40.0)
             shown = staircase.at(s_m, v, judged)
             assert shown <= float(section.limit_mps[np.searchsorted(section.node_m, s_m, side="right") - 1])
-            assert shown <= curve_mps(s_m, feet) + 0.02
+            assert shown <= (curve_mps(s_m, feet) + 0.02 if s_m < last_m else full_curve_mps(section, s_m) + 0.02)
             assert shown <= judged + DEFAULT.display.speed_step_mps
             assert shown / KMH == pytest.approx(round(shown / KMH), abs=1e-6)
             s_m += max(v, 3.0)
@@ -103,9 +112,15 @@ def test_who_brakes_early_is_not_told_to_speed_up_but_who_is_far_too_slow_is() -
 
 
 def test_a_train_that_stands_short_of_its_stop_may_move_up() -> None:
-    staircase = staircase_of(section_of(9_000.0, [(0.0, 140.0)]))
-    assert [staircase.at(s_m, 0.0, 30.0) for s_m in (8_980.0, 8_999.0)] == [LOWEST, LOWEST]
+    """At 20 km/h, and ever more slowly in the last metres: halved each time, and 0 only in the last ones."""
+    section = section_of(9_000.0, [(0.0, 140.0)])
+    staircase, places = staircase_of(section), np.arange(8_950.0, 9_000.0, 0.05)
+    shown = shown_kmh(staircase, [(s_m, 0.0, 30.0) for s_m in places])
+    assert set(shown) >= {20.0, 10.0, 5.0, 2.0, 1.0}
+    slow = [(s_m, kmh) for s_m, kmh in zip(places, shown, strict=True) if kmh <= 20.0]
+    assert all(kmh * KMH <= full_curve_mps(section, s_m) + 0.02 for s_m, kmh in slow)
     assert staircase.at(8_000.0, 0.0, 30.0) > 15.0
+    assert staircase.at(9_000.0, 0.0, 30.0) == 0.0
 
 
 def test_a_train_that_slows_down_is_not_told_a_higher_speed_that_it_has_yet_to_come_down_to() -> None:

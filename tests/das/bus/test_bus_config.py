@@ -151,10 +151,18 @@ def test_tls_init_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[st
     assert not (tmp_path / "bus").exists()
 
 
-def test_every_topic_has_one_role_that_may_say_it() -> None:
-    for topic in TOPICS:
-        may = [role for role in Role if topic.key("T1") in keys_of(role, "T1")]
-        assert len(may) == 1, topic.name
+def may_say(topic: Topic) -> list[Role]:
+    return [role for role in Role if topic.key("T1") in keys_of(role, "T1")]
+
+
+def test_every_topic_has_one_role_that_may_say_it_and_the_simulator_says_what_the_world_does() -> None:
+    assert all(len(set(may_say(topic)) - {Role.SIMULATOR}) <= 1 for topic in TOPICS)
+    said = {role: {topic.name for topic in TOPICS if role in may_say(topic)} for role in Role}
+    assert said[Role.SENSORS] == {"position", "effort"}
+    assert said[Role.OPERATOR] == {"journey", "restriction", "target", "delay"}
+    assert said[Role.SIMULATOR] >= said[Role.SENSORS] | said[Role.OPERATOR]
+    by_us = said[Role.NODE] | said[Role.RECORDER] | said[Role.DRIVER]
+    assert said[Role.SIMULATOR] == {topic.name for topic in TOPICS} - by_us
     assert keys_of(Role.CAB, "T1") == []
     assert keys_of(Role.DRIVER, "T1") == ["sim/T1/controls"]
     assert keys_of(Role.NODE, "T1") == [

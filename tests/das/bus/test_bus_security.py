@@ -21,7 +21,7 @@ from das.bus.received import Received, decoded
 from das.bus.recording import read_recording
 from das.bus.session import Bus, free_ports
 from das.bus.tls import LISTENERS, write_bus_folder
-from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS
+from das.bus.topics import ADVICE, EFFORT, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS, Topic
 from das.cab.heard import JourneyHeard
 from sim.processes.crew import Crew
 from sim.processes.lockstep import Lockstep
@@ -202,6 +202,40 @@ def test_a_simulator_that_advises_is_not_heard_and_is_logged(site: Site) -> None
         heard.append(received)
     assert any(r.topic is ADVICE for r in heard)
     assert all(r.message.reason != "false" for r in heard if r.topic is ADVICE)
+
+
+@pytest.mark.parametrize(("role", "others"), [("sensors", (RESTRICTION, JOURNEY)), ("operator", (POSITION, EFFORT))])
+def test_sensors_and_operator_may_not_say_what_the_other_one_says(
+    site: Site, role: str, others: tuple[Topic, ...]
+) -> None:
+    assert tried(attacker(site.folder / f"{role}.json5"), {topic.key(TRAIN): FALSE_POSITION for topic in others}) >= 2
+    for topic in others:
+        site.until_logged("node", f"bus: refused: {role}.{TRAIN} may not put {topic.key(TRAIN)}")
+    assert advised(site).s_m < 1_500.0
+
+
+@pytest.mark.slow
+def test_sensors_and_an_operator_with_certificates_of_their_own_get_advice(tmp_path: Path) -> None:
+    ports = dict(zip(LISTENERS, free_ports(len(LISTENERS)), strict=True))
+    folder, log = tmp_path / "bus", tmp_path / "node.log"
+    write_bus_folder(folder, TRAIN, ports, days=1.0)
+    with (
+        Bus(TRAIN, file=BusFile(folder / "operator.json5")) as operator,
+        Bus(TRAIN, hear=(ADVICE,), file=BusFile(folder / "sensors.json5")) as sensors,
+    ):
+        operator.publish(JOURNEY, journey(time.time_ns()))
+        operator.publish(RESTRICTION, das_pb2.Restrictions(time_ns=time.time_ns()))
+        node = start("das.node", log, *ROUTE, "--bus", str(folder / "node.json5"))
+        try:
+            deadline, mode = time.monotonic() + TIMEOUT_S, das_pb2.MODE_NONE
+            while mode == das_pb2.MODE_NONE:
+                assert time.monotonic() < deadline, log.read_text()
+                sensors.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=1_000.0, speed_mps=0.0))
+                received = sensors.receive(0.2)
+                mode = received.message.mode if received is not None else mode
+        finally:
+            node.kill()
+            node.wait()
 
 
 def test_two_who_may_say_where_the_train_is_withdraw_the_advice(site: Site) -> None:

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
-from das.bus.recording import columns, extract_attachments, read_recording
+from das.bus.recording import columns, read_recording
 from das.domain.errors import DasError, InputError
 from tests.support.recordings import SECONDS, at_ns, position_m, write_recording
 
@@ -228,20 +228,8 @@ def test_a_channel_with_another_message_is_refused(tmp_path: Path) -> None:
     assert "das/t1/position holds 'das.Delay', expected protobuf 'das.Position'" in refused(path)
 
 
-def test_attachments_are_written_by_their_bare_names(whole: Path, tmp_path: Path) -> None:
-    assert extract_attachments(whole, tmp_path) == [tmp_path / "route.toml"]
-    assert (tmp_path / "route.toml").read_bytes() == b"[route]"
+def test_attached_files_are_read_also_where_the_end_is_cut_off(whole: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:100_000])
-    assert extract_attachments(cut, tmp_path) == [tmp_path / "route.toml"]
-
-
-def test_an_attachment_with_an_impossible_name_is_not_written(tmp_path: Path) -> None:
-    path = tmp_path / "name.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.add_attachment(1, 1, "ro\0ute.toml", "text/plain", b"[route]")
-        writer.finish()
-    assert extract_attachments(path, tmp_path) == []
-    assert [one.name for one in tmp_path.iterdir()] == ["name.mcap"]
+    for path in (whole, cut):
+        assert [(one.name, one.data) for one in read_recording(path).attached] == [("route.toml", b"[route]")]

@@ -270,7 +270,7 @@ def test_a_long_stop_leaves_less_time_and_the_next_section_makes_up_for_it() -> 
     assert late.predicted_arrival_ns == pytest.approx(on_time.predicted_arrival_ns, abs=1e9)
     assert late.buffer_ratio < on_time.buffer_ratio
     hopeless = at(trip(), 500, 5000.0, 0.0)
-    assert hopeless.reason.startswith("fastest, ")
+    assert hopeless.reason.startswith("depart when cleared: fastest, ")
     assert hopeless.predicted_deviation_s > 10
 
 

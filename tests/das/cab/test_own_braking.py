@@ -6,27 +6,19 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Source
-from das.advice.coach.settings import CoachSettings, DriverSettings
 from das.advice.modes import Mode
-from das.advice.own_braking import AS_THE_TRAIN, as_driven
-from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.heard import Target
+from das.cab.situation import Situation
+from das.domain.braking import USUAL, SiteBraking
 from das.domain.units import KMH
-from das.solver.section import build_section
-from tests.support.small_trips import FRONTS, LINE, TRAIN, SmallTrip, at, follow, ns, trip
+from tests.support.small_trips import LINE, TRAIN, SmallTrip, at, follow, ns, trip
 
-GENTLE = DriverSettings(planning_brake_mps2=0.3, below_limit_mps=3.0 * KMH)
+GENTLE = SiteBraking(deceleration_mps2=0.3, below_limit_mps=3.0 * KMH)
 
 
 def gentle_trip() -> SmallTrip:
-    return trip(settings=AdviceSettings(coach=CoachSettings(driver=GENTLE)))
-
-
-def test_a_site_that_says_nothing_changes_nothing() -> None:
-    section = build_section(LINE, TRAIN, end_m=5000.0)
-    assert as_driven(section, AS_THE_TRAIN) is section
-    assert FRONTS.find(section, driver=AS_THE_TRAIN) is FRONTS.find(section)
+    return trip(braking=GENTLE)
 
 
 def test_plans_brake_and_keep_below_limits_as_the_drivers_do() -> None:
@@ -53,7 +45,7 @@ def test_a_train_above_the_drivers_curve_but_below_its_own_is_still_planned_for(
     assert advice.source is Source.SOLVED
     assert "fast" not in advice.reason.replace("fastest", "")
     assert advice.mode in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
-    assert advice.advised_speed_mps < 24.0 - 2.0
+    assert advice.advised_force_n < -0.4 * made.leg.section.train.inertial_mass_kg, "harder than he brakes by himself"
 
 
 def test_a_point_ahead_is_planned_for_with_the_drivers_braking() -> None:
@@ -62,14 +54,18 @@ def test_a_point_ahead_is_planned_for_with_the_drivers_braking() -> None:
     made.set_targets([target])
     at(made, 60, 1500.0, 24.0)
     assert made.plan is not None
-    own = FRONTS.find(made.leg.section, driver=GENTLE).front.section
+    own = made.leg.section
     run = made.plan.solution.trajectory
     assert np.all(run.v_mps**2 <= np.interp(run.s_m, own.node_m, own.envelope_mps**2) + 0.05)
 
 
 def test_fronts_of_different_drivers_are_different_ones() -> None:
-    section, fronts = build_section(LINE, TRAIN, end_m=5000.0), Fronts(threads=1, kept_bytes=200_000_000)
-    own = fronts.find(section, driver=GENTLE)
-    assert own is fronts.find(section, driver=GENTLE)
-    assert own is not fronts.find(section)
-    assert own.front.section.envelope_mps.max() < section.envelope_mps.max()
+    fronts = Fronts(threads=1, kept_bytes=200_000_000)
+    usual, gentle = (
+        Situation(route=LINE, vehicle=TRAIN, braking=braking).section(0.0, 5000.0) for braking in (USUAL, GENTLE)
+    )
+    own = fronts.find(gentle)
+    assert own is fronts.find(gentle)
+    assert own is not fronts.find(usual)
+    assert own.front.section.envelope_mps.max() < usual.envelope_mps.max()
+    assert own.front.section.allowed_mps.max() == usual.allowed_mps.max()

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Source
-from das.advice.coach.settings import DriverSettings
 from das.advice.modes import Mode
-from das.advice.own_braking import AS_THE_TRAIN
 from das.advice.passing import PassingFronts
 from das.cab.fronts import Found, Fronts
 from das.cab.heard import Target
@@ -30,9 +28,9 @@ class HeldFronts(Fronts):
         self.go = Event()
         self.go.set()
 
-    def find(self, section: Section, s_m: float | None = None, driver: DriverSettings = AS_THE_TRAIN) -> Found:
+    def find(self, section: Section, s_m: float | None = None) -> Found:
         assert self.go.wait(30)
-        return super().find(section, s_m, driver)
+        return super().find(section, s_m)
 
 
 def when_solved(made: SmallTrip, second: float, s_m: float, v_mps: float) -> Advice:
@@ -88,7 +86,7 @@ def test_with_no_plan_before_it_advises_the_fastest_safe_run() -> None:
 
 def test_a_search_that_fails_withdraws_with_the_reason() -> None:
     class Broken(Fronts):
-        def find(self, section: Section, s_m: float | None = None, driver: DriverSettings = AS_THE_TRAIN) -> Found:
+        def find(self, section: Section, s_m: float | None = None) -> Found:
             raise MemoryError("no room")
 
     advice = at(trip(Broken()), 60, 1500.0, 24.0)
@@ -102,11 +100,11 @@ class Flaky(Fronts):
         super().__init__(threads=1)
         self.room, self.asked = True, 0
 
-    def find(self, section: Section, s_m: float | None = None, driver: DriverSettings = AS_THE_TRAIN) -> Found:
+    def find(self, section: Section, s_m: float | None = None) -> Found:
         self.asked += 1
         if not self.room:
             raise MemoryError("no room")
-        return super().find(section, s_m, driver)
+        return super().find(section, s_m)
 
 
 def test_a_search_that_failed_is_made_again_after_a_while() -> None:
@@ -158,7 +156,7 @@ def test_a_point_whose_search_failed_is_looked_for_again(monkeypatch: pytest.Mon
 
 def test_a_section_that_cannot_be_driven_is_not_looked_for_again() -> None:
     class Never(Flaky):
-        def find(self, section: Section, s_m: float | None = None, driver: DriverSettings = AS_THE_TRAIN) -> Found:
+        def find(self, section: Section, s_m: float | None = None) -> Found:
             self.asked += 1
             raise DasError("it cannot be driven")
 

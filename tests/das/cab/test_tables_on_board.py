@@ -11,23 +11,22 @@ from typing import Any
 import pytest
 
 from das.advice.advice import Source
-from das.advice.coach.settings import CoachSettings, DriverSettings
-from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
+from das.domain.braking import SiteBraking
 from das.domain.errors import DasError
 from das.domain.route import Restriction
 from das.solver.section import build_section
 from das.table.reading import read_front
 from precompute.tables.writing import TableSettings, make_table, write_table
 from tests.support.small_tables import seal_anew
-from tests.support.small_trips import LINE, TRAIN, at, train, trip
+from tests.support.small_trips import LINE, TRAIN, at, planned_section, train, trip
 
 
 @pytest.fixture(scope="module")
 def made_tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tables")
     settings = TableSettings(buffers_percent=(0.0, 10.0), refine_s=0.0, proven=0)
-    write_table(folder / "a-b", make_table(build_section(LINE, TRAIN, end_m=5000.0), settings))
+    write_table(folder / "a-b", make_table(planned_section(TRAIN, 5000.0), settings))
     return folder
 
 
@@ -52,17 +51,16 @@ def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
     assert any("other line; solved instead" in news.text for news in made.take_news())
     made.set_restrictions([])
     assert at(made, 61, 1524.0, 24.0).source is Source.TABLE
-    # A table is made with the braking of the train.
-    gentle = AdviceSettings(coach=CoachSettings(driver=DriverSettings(planning_brake_mps2=0.3)))
-    made = trip(Fronts(tables, threads=1), settings=gentle)
+    # The service braking is part of what a table was made for.
+    made = trip(Fronts(tables, threads=1), braking=SiteBraking(deceleration_mps2=0.3))
     assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
-    assert any("the train's own braking" in news.text for news in made.take_news())
+    assert any("other braking; solved instead" in news.text for news in made.take_news())
 
 
 def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) -> None:
     settings = TableSettings(buffers_percent=(0.0,), refine_s=0.0, proven=0)
     heavy = replace(train(1.3e5), id="heavy")
-    write_table(tables / "a-b-heavy", make_table(build_section(LINE, heavy, end_m=5000.0), settings))
+    write_table(tables / "a-b-heavy", make_table(planned_section(heavy, 5000.0), settings))
     made = trip(Fronts(tables, threads=1))
     made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
     at(made, 60, 1500.0, 24.0)
@@ -136,7 +134,7 @@ def test_a_table_that_cannot_be_trusted_is_refused_and_solved_instead(
 
 
 def test_a_table_damaged_while_in_use_cannot_reach_the_advice(tables: Path) -> None:
-    front = read_front(tables / "a-b", build_section(LINE, TRAIN, end_m=5000.0))
+    front = read_front(tables / "a-b", planned_section(TRAIN, 5000.0))
     before = front.trajectory(300.0).ledger.input
     for path in (tables / "a-b").glob("*.npy"):
         with path.open("r+b") as file:

@@ -15,6 +15,7 @@ from das.domain.errors import DasError
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.estimate.fix import PositionFix
+from tests.support.followed import after_a_second_mps
 from tests.support.making import flat, make_train
 from tests.support.small_trips import SmallTrip
 
@@ -49,7 +50,7 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early() -
     for second in range(700):
         made.set_position(PositionFix(time_ns=ns(second), s_m=s, speed_mps=v))
         advice = made.update(ns(second))
-        after = advice.horizon_speed_mps[0]
+        after = after_a_second_mps(advice)
         if stood and after > 0:
             departures.append(second)
         if not stood and after == 0 and v == 0:
@@ -95,7 +96,7 @@ def test_a_late_train_that_nearly_stands_is_not_sent_off() -> None:
         advices.append(made.update(ns(300 + second)))
     assert made.legs.index == 1
     assert [advice.advised_speed_mps for advice in advices[2:4]] == [0.0, 0.0]
-    assert advices[-1].horizon_speed_mps[0] > 0.0
+    assert advices[-1].mode is Mode.DEPART
 
 
 def test_one_position_far_off_is_not_believed() -> None:
@@ -129,3 +130,16 @@ def test_a_stop_run_through_withdraws_the_advice() -> None:
 def test_a_timetable_that_departs_before_it_arrives_is_refused() -> None:
     with pytest.raises(DasError, match="the departure from stop 2 is before the arrival there"):
         journey([(0, 200), (190, 440), (480, 640)])
+
+
+def test_a_journey_told_again_does_not_send_a_train_off_that_rolls_past_its_mark() -> None:
+    made = journey()
+    for second, (s_m, v_mps) in enumerate([(2000.0, 20.0), (3003.5, 1.1)]):
+        made.set_position(PositionFix(time_ns=ns(100 + second), s_m=s_m, speed_mps=v_mps))
+    assert made.legs.index == 0
+    made.begin(STOPS, timetables(DUE_S), vehicle=TRAIN)
+    assert made.legs.index == 0
+    assert made.update(ns(102)).mode in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+    # Without that stop the train is on its way to the next one.
+    made.begin((STOPS[0], *STOPS[2:]), timetables(((0, 440), (480, 640))), vehicle=TRAIN)
+    assert made.leg.end.position_m == STOPS_M[2]

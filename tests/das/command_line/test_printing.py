@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 
 from das.command_line.loading import load_route, load_vehicle
-from das.command_line.outputs import check_outputs, check_picture, offscreen_pyplot, save_figure
+from das.command_line.outputs import check_picture, offscreen_pyplot, save_figure
 from das.command_line.printing import LONGEST_LINE, one_line, paragraph, print_table, tell, visible, warn
 from das.command_line.running import run_command
 from das.domain.errors import DasError
@@ -82,20 +82,6 @@ def test_an_error_with_control_characters_is_one_short_line(capsys: pytest.Captu
     assert said.startswith(r"error: stop '\x1b[2J\x1b]0;owned\x07'\nyyy")
     assert said.count("\n") == 1
     assert len(said) <= LONGEST_LINE + len("error: \n")
-
-
-def test_outputs_replace_neither_inputs_nor_one_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "in.toml").write_text("mine")
-    one, other = tmp_path / "a.csv", tmp_path / "b.png"
-    check_outputs(one, None, other, inputs=["flat-6km", None, "in.toml"])
-    with pytest.raises(DasError, match=r"in\.toml: the file to write is one that is read"):
-        check_outputs(tmp_path / "in.toml", inputs=["in.toml"])
-    (tmp_path / "link.toml").symlink_to("in.toml")
-    with pytest.raises(DasError, match=r"link\.toml: the file to write is one that is read"):
-        check_outputs(tmp_path / "link.toml", inputs=["in.toml"])
-    with pytest.raises(DasError, match=r"a\.csv: two outputs name the same file"):
-        check_outputs(one, tmp_path / "." / "a.csv")
 
 
 @pytest.mark.parametrize(("suffix", "begins"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".SVG", b"<?xml")])

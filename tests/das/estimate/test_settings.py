@@ -57,6 +57,7 @@ def test_the_defaults_of_the_localisation_are_those_documented() -> None:
             "recovered_ratio": 0.7,
         },
         "clock": {"most_fixes": 15, "memory_s": 30.0, "largest_s": 10.0},
+        "steps": {"rate_fixes": 5, "odd_fixes": 1, "lost_fixes": 2, "least_s": 0.25, "largest_s": 5.0},
     }
 
 
@@ -102,6 +103,8 @@ def test_the_defaults_of_the_calibration_are_those_documented() -> None:
             "coasting_sds": 3.0,
             "gain_step": 0.03,
             "gain_sds": 3.0,
+            "near_mass_least": 0.7,
+            "near_mass_most": 1.4,
         },
         "load": {"stands_for_s": 20.0, "mass_sd": 0.05},
         "replan": {"mass_step": 0.03, "resistance_step": 0.05, "certain_sds": 3.0, "every_s": 120.0},
@@ -184,6 +187,13 @@ FAULTS: tuple[tuple[range, Fault], ...] = (
     (range(78, 79), stating(speed_mps=1.35 * TRAIN.max_speed_mps)),
     (range(80, 84), lost),
     (range(86, 92), lost),
+    (range(26, 29, 2), off_by(time_ns=400_000_000)),
+    (range(30, 31), lost),
+    (range(30, 401), off_by(time_ns=2_000_000_000)),
+    (range(34, 401), off_by(time_ns=-600_000_000)),
+    (range(50, 52), lost),
+    (range(50, 401), off_by(time_ns=-600_000_000)),
+    (range(56, 401), off_by(time_ns=-800_000_000)),
     (range(95, 110), off_by(s_m=500.0)),
     (range(120, 130), stating(s_m=math.nan)),
     (range(135, 140), stating(speed_mps=math.nan)),

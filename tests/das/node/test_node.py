@@ -134,7 +134,7 @@ def test_node_takes_a_journey_advises_at_ticks_and_stops_on_sigterm() -> None:
             assert advice.advised_speed_mps <= advice.limit_mps + 1e-9
             assert advice.valid_until_ns > now
             if tick == 1:
-                assert advice.reason == "least energy on time, operator says 5 s late"
+                assert advice.reason == "depart when cleared: least energy on time, operator says 5 s late"
         child.send_signal(signal.SIGTERM)
         assert child.wait(20) == 0
 

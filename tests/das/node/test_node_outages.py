@@ -164,7 +164,7 @@ class WallNode:
         self.sink, self.clock = Sink(), HandClock(START_NS)
         post = Post(train=TRAIN, route=ROUTE, trains=Trains(VEHICLE, VEHICLE))
         cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), FRONTS)
-        self.node = Node(self.sink, cab, WallClock(self.clock))  # type: ignore[arg-type]
+        self.node = Node(self.sink, cab, WallClock(self.clock.clocks))  # type: ignore[arg-type]
 
     def tell(self, topic: Any, message: Any) -> None:
         self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), "simulator"))

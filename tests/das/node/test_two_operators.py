@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from das.advice.cause import Cause
@@ -86,6 +87,40 @@ def test_when_the_first_is_gone_what_the_other_said_last_counts_whatever_its_clo
     assert "restriction: b counts from now on, a is gone" in cab.sink.events()
     cab.say(*named_list("b", -2990, None))
     assert cab.tick(15).limit_mps > 40.0
+
+
+def test_when_the_first_is_gone_both_lists_hold_until_the_other_tells_one_anew(cab: Told) -> None:
+    """Which of the two is right nobody knows: the other one may not have heard of the restriction."""
+    cab.say(*named_list("b", 12, 20.0))
+    assert cab.tick(13).mode == das_pb2.MODE_NONE
+    cab.see("a", there=False)
+    assert cab.tick(14).limit_mps == 10.0
+    assert "b counts from now on, a is gone; what both said holds until b tells a list anew" in cab.sink.events()
+    cab.say(*named_list("b", 12, 20.0))  # The bus has kept it, and says it again.
+    assert cab.tick(15).limit_mps == 10.0
+    cab.say(*named_list("b", 16, 20.0))
+    assert cab.tick(17).limit_mps == 20.0
+
+
+def test_every_place_gets_the_lower_limit_of_both_lists(cab: Told) -> None:
+    near, far = ((0.0, 3_000.0, 12.0), (3_000.0, 6_000.0, 8.0))
+    places = [das_pb2.Restrictions.Restriction(start_m=a, end_m=b, limit_mps=limit) for a, b, limit in (near, far)]
+    cab.say("b", RESTRICTION, das_pb2.Restrictions(time_ns=START_NS + 12 * S, restrictions=places))
+    cab.see("a", there=False)
+    assert cab.tick(13, 1_000.0).limit_mps == 10.0
+    assert cab.tick(14, 1_020.0).limit_mps == 10.0
+    limits = cab.node.cab.legs.situation.route.with_restrictions(cab.node.cab.legs.situation.restrictions)
+    assert [float(x) for x in limits.limits_mps.at(np.array([1_000.0, 4_000.0]))] == [10.0, 8.0]
+
+
+def test_a_change_of_the_first_list_is_news_to_the_other(cab: Told) -> None:
+    """What the other one said after an earlier conflict says nothing of what came in force since."""
+    cab.say(*named_list("b", 12, 20.0))
+    cab.say(*named_list("b", 13, 20.0))
+    cab.say(*named_list("a", 14, 8.0))
+    assert cab.tick(15).mode == das_pb2.MODE_NONE
+    cab.see("a", there=False)
+    assert cab.tick(16).limit_mps == 8.0
 
 
 def test_when_the_second_is_gone_the_first_ones_list_still_counts(cab: Told) -> None:

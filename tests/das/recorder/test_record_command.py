@@ -12,7 +12,7 @@ import pytest
 
 from das import __version__
 from das.bus import das_pb2
-from das.bus.recording import extract_attachments, read_recording
+from das.bus.recording import read_recording
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import POSITION, RECORDER
 from das.recorder.command import main
@@ -50,8 +50,7 @@ def test_a_session_is_recorded_beside_what_is_there_already(tmp_path: Path) -> N
     recording = read_recording(tmp_path / "IC1-2.mcap")
     assert recording.metadata == {"run": {"kind": "session", "version": __version__, "train": "IC1"}}
     assert len(recording.of(POSITION)) >= 1
-    (tmp_path / "out").mkdir()
-    assert extract_attachments(recording.path, tmp_path / "out") == [tmp_path / "out" / "route.toml"]
+    assert [one.name for one in recording.attached] == ["route.toml"]
 
 
 @pytest.mark.parametrize(

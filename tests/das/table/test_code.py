@@ -114,9 +114,10 @@ def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path
 def _bound_j(folder: Path) -> float:
     from das.cab.fronts import Fronts
     from das.domain.files.load import load_route, load_vehicle
-    from das.solver.section import build_section
+    from das.front_door import build_section, in_service
 
-    found = Fronts(folder / "tables", threads=1).find(build_section(load_route("flat-6km"), load_vehicle("re460-ic")))
+    section = in_service(build_section(load_route("flat-6km"), load_vehicle("re460-ic")))
+    found = Fronts(folder / "tables", threads=1).find(section)
     assert found.source.name == "TABLE"
     return found.front.trajectory(300.0).table_bound_j
 

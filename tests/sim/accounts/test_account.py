@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
@@ -9,13 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from das.bus.recording import Recording
+from das.bus import das_pb2
+from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
+from das.solver.solution import Fit
 from sim.accounts.account import Account, account_of
 from sim.accounts.causes import LABELS, MEANINGS, EnergyCause
 from sim.accounts.rows import as_dict, worst_places
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
+from sim.trips.saving import why_not_comparable
 from sim.world.day import Day, make_day
 from sim.world.scenario import load_scenario, read_scenario
 from sim.world.service import prepare_service
@@ -92,6 +96,31 @@ def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault:
     # And by as much more than without the fault, within what the figures hold.
     more_j = found.difference_j - faultless().difference_j
     assert found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) == pytest.approx(more_j, rel=0.12)
+
+
+@pytest.mark.parametrize("by_record", [False, True])
+def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_record: bool, tmp_path: Path) -> None:
+    """A train that is slower than the drive has no optimum for its times; a replay may know of another reason."""
+    day = short_day(tmp_path)
+    recording, inputs = recorded_day(day, PerfectDriver(day.service.line)), inputs_of_day(day)
+    expected = "day.mcap: not comparable: this train cannot arrive as early as the trip did: the optimum is its fastest"
+    if by_record:
+        found = Stamped(0, das_pb2.Saving(comparable=False))
+        recording = replace(recording, messages={**recording.messages, "saving": (found,)})
+        expected = "day.mcap: not comparable: the recording says so of its trip and the optimum"
+    else:
+        inputs = replace(inputs, vehicle=replace(inputs.vehicle, max_speed_mps=20.0))
+    with pytest.raises(DasError, match=expected):
+        account_of(recording, inputs)
+
+
+def test_why_a_drive_cannot_be_compared() -> None:
+    (leg,) = account(clear_day(), PerfectDriver(clear_day().service.line)).legs[:1]
+    fits, late = (leg.optimum, leg.leg.trip_s), (replace(leg.optimum, fit=Fit.LATE), leg.optimum.time_s - 2.5)
+    assert why_not_comparable([fits, fits]) == ""
+    assert why_not_comparable([fits, late]).endswith("the optimum is its fastest run, 2.5 s later")
+    assert why_not_comparable([fits], whole=False) == "the trip does not run from standstill to standstill at the stops"
+    assert why_not_comparable([fits], direction_known=False) == "the direction of the trip is not known"
 
 
 def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:

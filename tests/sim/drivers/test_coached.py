@@ -13,7 +13,7 @@ from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.modes import Mode
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Efforts, Presentation, present
+from sim.drivers.cab import AdviceView, CabView, Driver, Efforts, Presentation, present
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
@@ -46,6 +46,7 @@ def cab(shown: AdviceView | None, **fields: Any) -> CabView:
 
 
 TRACTION = Instruction(mode=Mode.REDUCED_TRACTION, speed_mps=100.4 * KMH, effort_ratio=0.8)
+DEPART = Instruction(mode=Mode.DEPART, speed_mps=100.4 * KMH, effort_ratio=0.8)
 HOLD = Instruction(mode=Mode.CRUISE, speed_mps=20.0)
 ROLL = Instruction(mode=Mode.COAST, speed_mps=10.0, effort_ratio=0.0)
 BRAKE = Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=10.0, effort_ratio=-0.4)
@@ -68,6 +69,71 @@ def test_nobody_is_told_with_what_effort_to_hold_a_speed() -> None:
     assert seen is not None
     assert math.isnan(seen.lever_ratio)
     assert Shown.of(seen) == Shown(mode=Mode.CRUISE, speed_kmh=72, effort=None)
+
+
+def test_a_display_says_to_depart_with_no_effort_yet_and_how_to_depart_when_cleared() -> None:
+    seen = view(DEPART, reason="depart when cleared")
+    assert seen is not None
+    assert (seen.mode, seen.lever_ratio, seen.force_n) == (Mode.DEPART, 0.0, 0.0)
+    assert seen.display_speed_mps == pytest.approx(100 * KMH)
+    assert (seen.next_mode, seen.next_speed_mps, seen.next_effort_ratio) == (Mode.REDUCED_TRACTION, 100.4 * KMH, 0.8)
+    assert math.isnan(seen.next_change_s)
+    read = seen.departure
+    assert Shown.of(read) == Shown(mode=Mode.REDUCED_TRACTION, speed_kmh=100, effort=4)
+    assert read.departure is read
+    held = view(replace(DEPART, effort_ratio=math.nan))
+    assert held is not None
+    assert held.departure.mode == Mode.CRUISE
+
+
+def told_to_depart(presentation: Presentation) -> AdviceView:
+    """What a display shows of advice to depart with 0.8 of the traction, to 20 m/s."""
+    given = Advice(
+        time_ns=0, speed_mps=0.0, mode=Mode.DEPART, four_mode=Mode.DEPART, next_mode=Mode.REDUCED_TRACTION,
+        next_four_mode=Mode.CRUISE, advised_speed_mps=0.0, display_speed_mps=0.0, advised_force_n=0.0,
+        horizon_speed_mps=(0.0,) * 30, horizon_force_n=(0.0,) * 30, departure_speed_mps=20.0,
+        departure_force_ratio=0.8, valid_until_ns=100 * 10**9, reduced_max_speed_mps=20.0,
+        coach=Coaching(now=replace(DEPART, speed_mps=20.0)),
+    )  # fmt: skip
+    seen = present(given, presentation, LINE.train)
+    assert seen is not None
+    return seen
+
+
+@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.FOUR_MODE, Presentation.COACH])
+@pytest.mark.parametrize("driver", [HumanDriver(LINE, QUICK, seed=1), PerfectDriver(LINE)])
+def test_a_driver_who_is_cleared_departs_and_one_who_is_not_stands(driver: Driver, presentation: Presentation) -> None:
+    seen = told_to_depart(presentation)
+    for look in range(20):
+        command = driver.command(cab(seen, time_s=0.2 * look, speed_mps=0.0, may_depart=False))
+        assert command == COAST
+    for look in range(20, 40):
+        command = driver.command(cab(seen, time_s=0.2 * look, speed_mps=0.0))
+    assert command.value > 0.0
+    if isinstance(driver, HumanDriver) and presentation is not Presentation.FOUR_MODE:
+        assert command.value == pytest.approx(0.8, abs=0.03)
+    if isinstance(driver, PerfectDriver) and presentation is not Presentation.FOUR_MODE:
+        assert command.value == pytest.approx(20.0)
+        assert command.high_n == pytest.approx(0.8 * Efforts.at(0.0, LINE.train).traction_n)
+
+
+@pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.COACH])
+def test_to_accelerate_is_not_new_to_a_human_who_departs(presentation: Presentation) -> None:
+    """The train moves, and the display goes from the departure to its acceleration: he decided on that already."""
+    driver, seen = HumanDriver(LINE, QUICK, seed=1), told_to_depart(presentation)
+    gone = replace(seen.departure, time_s=2.0, force_n=1e5)
+    for look in range(10):
+        driver.command(cab(seen, time_s=0.2 * look, speed_mps=0.0))
+    decisions = [event for event in driver.events if event.what in ("noticed", "followed", "refused")]
+    assert decisions
+    for look in range(10, 40):
+        driver.command(cab(gone, time_s=0.2 * look, speed_mps=2.0))
+    assert [event for event in driver.events if event.what in ("noticed", "followed", "refused")] == decisions
+
+
+def test_a_top_speed_says_nothing_of_how_to_depart() -> None:
+    seen = told_to_depart(Presentation.RMS)
+    assert (seen.mode, seen.speed_mps, seen.departure) == (Mode.DEPART, 20.0, seen)
 
 
 @pytest.mark.parametrize("now", [None, Instruction()])

@@ -295,6 +295,16 @@ def cab_of(
     )
 
 
+def test_the_limit_of_the_line_and_the_trains_own_top_speed_are_two_things() -> None:
+    line = LineKnowledge(route=make_route(6000.0, [(0.0, 40.0), (2000.0, 15.0), (2500.0, 30.0)]), vehicle=make_train())
+    top_mps, length_m = line.vehicle.max_speed_mps, line.vehicle.train_length_m
+    line = replace(line, vehicle=replace(line.vehicle, max_speed_mps=20.0))
+    assert top_mps > 20.0
+    places = np.array([1000.0, 2200.0, 2499.0 + length_m, 2501.0 + length_m])
+    np.testing.assert_allclose(line.line_limits_mps.at(places), [40.0, 15.0, 15.0, 30.0])
+    np.testing.assert_allclose(line.limits_mps.at(places), [20.0, 15.0, 15.0, 20.0])
+
+
 def test_a_ceiling_keeps_limits_over_the_whole_train_and_the_planned_braking() -> None:
     route = make_route(5000.0, [(0.0, 30.0), (2000.0, 15.0), (2400.0, 25.0)])
     train = replace(make_train(), train_length_m=150.0)

@@ -88,6 +88,14 @@ def test_a_standing_train_is_shown_everything_at_once() -> None:
     assert shown.mode == Mode.FULL_TRACTION
 
 
+def test_to_depart_leaves_the_display_as_soon_as_the_train_moves() -> None:
+    display = Screen(ScreenSettings(update_interval_s=60.0, hold_s=60.0))
+    display.show(advice(0, Mode.DEPART), 0.0, stands=True)
+    shown = display.show(advice(1, Mode.FULL_TRACTION), 1.0, stands=False)
+    assert shown is not None
+    assert shown.mode == Mode.FULL_TRACTION
+
+
 def test_preview_and_reason_are_cut() -> None:
     shown = Screen(ScreenSettings(preview_s=2.0, reason=False)).show(advice(0), 0.0, stands=False)
     assert shown is not None

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import json
 import math
+import re
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap import records
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
+from das.domain.files.load import catalogue
 from das.domain.units import NS
+from sim.accounts.inputs import inputs_of
 from sim.events.calls import calls, stands
 from sim.events.chronicle import Chronicle
 from sim.events.clock import DriveClock
 from sim.events.event import DriveEvent, EventKind, Filter
+from sim.review.limits import limit_in_force
 from sim.review.series import DrivenCourse
 from tests.support.making import das_sim
 from tests.support.recordings import at_ns, write_recording
@@ -93,6 +99,40 @@ def test_a_train_above_the_limit_is_told_with_by_how_much_and_how_long() -> None
     assert over.facts["lasted_s"] == pytest.approx(
         31.0
     )  # above 9 m/s + 1 km/h from 29 s on, and the limit rises at 60 s
+
+
+def with_files(recording: Recording, top_kmh: float) -> Recording:
+    """The drive on the bundled 6 km line (160 km/h) with a train whose file has another top speed and identity."""
+    own = catalogue("vehicles")["re460-ic"].read_text(encoding="utf-8").replace('id = "re460-ic"', 'id = "own"')
+    own = re.sub(r"(?m)^max_speed_kmh = .*$", f"max_speed_kmh = {top_kmh}", own)
+    attached = records.Attachment(0, 0, "own.toml", "", own.encode())
+    (journey,) = recording.of(topics.JOURNEY)
+    journey.message.route_id, journey.message.vehicle_id = "flat-6km", "own"
+    return replace(recording, attached=(attached,))
+
+
+def test_the_vehicle_files_top_speed_is_no_limit_of_the_line() -> None:
+    """A trip by another train than the file says must not be called a breach of the limit."""
+    recording = with_files(drive(stops=STOPS), 30.0)
+    assert of_kind(recording, EventKind.OVERSPEED) == []
+    assert limit_in_force(recording, DrivenCourse.of(recording))[1] == pytest.approx(160 / 3.6)
+    (over,) = of_kind(recording, EventKind.BEYOND_TRAIN)
+    assert over.facts["over_kmh"] == pytest.approx(6.0)
+    assert over.text.endswith("the vehicle file says the train can go (30 km/h) for 105 s: is it the right train?")
+    assert over.mark == "another train?"
+    assert of_kind(with_files(drive(stops=STOPS), 200.0), EventKind.BEYOND_TRAIN) == []
+
+
+def test_behind_a_restriction_the_length_of_the_train_counts() -> None:
+    told = das_pb2.Restrictions(
+        time_ns=at_ns(1), restrictions=[das_pb2.Restrictions.Restriction(start_m=200.0, end_m=300.0, limit_mps=5.0)]
+    )
+    recording = with_files(drive((topics.RESTRICTION, told), stops=STOPS), 200.0)
+    trip = DrivenCourse.of(recording)
+    slow = trip.s_m[limit_in_force(recording, trip)[1] == 5.0]
+    length_m = inputs_of(recording).vehicle.train_length_m
+    assert length_m > 100
+    assert (slow[0], slow[-1]) == pytest.approx((200.0, 300.0 + length_m), abs=12.0)
 
 
 def test_a_stand_where_there_is_no_stop_is_told() -> None:

@@ -75,6 +75,27 @@ def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
     assert "kept every limit" in text
 
 
+def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() -> None:
+    """A share of an optimum that is none is nonsense: −339 % and 540 % were told of one real trip."""
+    found = replace(fast(), account=None, why_not="not comparable: this train cannot arrive as early")
+    text = words.paragraph(found)
+    assert "Where its energy went cannot be said: not comparable: this train cannot arrive as early." in text
+    assert "%" not in text.partition("While a speed")[0]
+    assert "best possible" not in text
+    (row,) = as_dict([found], None, "")["drives"]
+    assert (row["energy"], row["likely_above_optimum_kwh"]) == (None, None)
+
+
+def test_the_paragraph_tells_a_train_that_is_too_fast_for_its_file_from_one_above_the_limit() -> None:
+    over = DriveEvent(
+        time_ns=0, kind=EventKind.BEYOND_TRAIN, text="", s_m=0.0, facts={"over_kmh": 24.3, "lasted_s": 328.0}
+    )
+    told = replace(fast(), chronicle=replace(fast().chronicle, events=(over,)))
+    text = words.paragraph(told)
+    assert "The train was faster than the vehicle file says the train can go once, for 328 s in all" in text
+    assert "It kept every limit." in text
+
+
 def told_of(**run: str) -> str:
     """The paragraph of a drive whose recording says this about how it was made."""
     recording = replace(fast().recording, metadata={"run": run})

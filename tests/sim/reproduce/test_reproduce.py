@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import shlex
+import shutil
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -14,12 +19,14 @@ from das.bus.contents import CHANNELS, RecordedMessage, read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.topics import ADVICE, EVENT, PLAN, POSITION, STATUS
 from das.domain.errors import DasError
+from das.domain.files.load import catalogue
 from sim.replay.command import bundled_recording
 from sim.reproduce.command import reproduce as reproduce_command
 from sim.reproduce.comparison import IGNORED, TOLERANCES, compare, tolerance
 from sim.reproduce.hearing import Said
 from sim.reproduce.reproduce import Reproduction, reproduce
 from sim.world.scenario import bundled_scenarios
+from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER, REPLAY, names
 
 REFERENCE = FOLDER / f"{REPLAY}.mcap"
@@ -154,6 +161,38 @@ def test_what_is_not_known_of_the_node_is_guessed_and_said(tmp_path: Path) -> No
 def test_nonsense_about_the_node_is_refused(tmp_path: Path, node: str, expected: str) -> None:
     with pytest.raises(DasError, match=expected):
         heard_again(rewritten(tmp_path / "run.mcap", same), node)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--route", "zurich-luzern", "--vehicle", "FILE"],
+        ["--route", "zurich-luzern", "--vehicle=FILE"],
+        ["--route", "FILE", "--vehicle", "re460-ic"],
+        ["--route", "zurich-luzern", "--vehicle", "re460-ic", "--loss-map", "FILE"],
+        ["--route", "zurich-luzern", "--vehicle", "re460-ic", "--other-vehicle", "FILE"],
+        ["--route", "zurich-luzern", "--vehicle", "re460-ic", "--tables", "FILE"],
+    ],
+)
+def test_a_file_that_a_recording_only_names_is_opened_only_if_the_user_says_so(
+    words: list[str], tmp_path: Path
+) -> None:
+    """The file is a pipe: whoever opens it waits for ever."""
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    words = [word.replace("FILE", str(pipe)) for word in words]
+    path = with_run(REFERENCE, tmp_path / "run.mcap", without=True, node_arguments=json.dumps(words))
+    option = next(a.partition("=")[0] for a, b in pairwise([*words, ""]) if str(pipe) in (b, a.partition("=")[2]))
+    expected = f"run.mcap: names {option} {pipe}, which is not attached and not opened unasked: expected --node"
+    with pytest.raises(DasError, match=re.escape(expected)):
+        heard_again(path)
+
+
+def test_a_file_that_the_user_names_is_opened(tmp_path: Path) -> None:
+    own = shutil.copy(catalogue("vehicles")["re460-ic"], tmp_path / "own.toml")
+    words = ["--route", "zurich-luzern", "--vehicle", str(own), "--from", "Zürich HB", "--to", "Zug"]
+    path = rewritten(tmp_path / "run.mcap", same)
+    assert heard_again(path, shlex.join(words)).same
 
 
 def test_a_trip_without_a_node_cannot_be_reproduced() -> None:

@@ -66,6 +66,17 @@ def test_what_the_driver_saw() -> None:
     assert all(NODE_ALONE in card.text for card in cards(alone, DrivenCourse.of(alone)))
 
 
+def test_what_the_driver_saw_of_how_to_depart() -> None:
+    to_depart: dict[str, Any] = {"mode": 9, "next_mode": 1, "next_speed_mps": 25.0, "next_effort_ratio": 1.0}
+    top_speed: dict[str, Any] = {"presentation": 1, "mode": 9, "display_speed_mps": 25.0}
+    recording = recorded(cab(0, presentation=4, display_speed_mps=25.0, **to_depart), cab(1, **top_speed))
+    coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording)))
+    assert coach.startswith("## depart when cleared\n")
+    assert "| when cleared | full traction, 90 km/h, +100 % |" in coach
+    assert "effort advised" not in coach
+    assert top.startswith("## depart when cleared, top speed 90 km/h")
+
+
 def test_notes_are_bookmarks(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.mcap", seconds=300)
     add_note(path, Note(time_ns=at_ns(100), end_ns=at_ns(100), text="braked late", tags=("braking",)))

@@ -43,6 +43,19 @@ def test_each_display_changes_one_thing() -> None:
     assert math.isnan(silent.next_change_s)
 
 
+def test_each_display_says_how_to_depart() -> None:
+    """In steps, or without the effort; but none of them leaves it out."""
+    told = replace(
+        view(0.0), mode=Mode.DEPART, next_mode=Mode.FULL_TRACTION, next_speed_mps=25.0, next_effort_ratio=0.93,
+        next_change_s=math.nan,
+    )  # fmt: skip
+    assert Steps().show(told, 0.0).departure.lever_ratio == pytest.approx(1.0)
+    assert Unannounced().show(told, 0.0).departure.mode == Mode.FULL_TRACTION
+    target = TargetSpeed().show(told, 0.0).departure
+    assert target.shown_speed_mps == pytest.approx(25.0)
+    assert math.isnan(target.lever_ratio)
+
+
 def test_a_display_that_is_refreshed_every_ten_seconds_stands_in_between() -> None:
     display = Refreshed()
     shown = [display.show(view(float(t), lever_ratio=0.01 * t), float(t)) for t in range(25)]

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from das.domain.braking import SiteBraking
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.study import own_braking
 from sim.study.own_braking import PLANS, Block, BrakingFigures, braking_table, figures
-from sim.world.scenario import PlannedBraking, read_scenario
+from sim.world.scenario import read_scenario
 from sim.world.service import Service, prepare_service
 
 SHOWN = (Presentation.VECTOR,)
@@ -21,9 +22,9 @@ SHOWN = (Presentation.VECTOR,)
 def test_plans_say_whose_braking_it_is() -> None:
     human = HumanParameters(braking_mps2=0.4, below_limit_mps=1.0)
     assert [plan.braking(human) for plan in PLANS] == [
-        PlannedBraking(),
-        PlannedBraking(planning_brake_mps2=0.4),
-        PlannedBraking(planning_brake_mps2=0.4, below_limit_mps=1.0),
+        SiteBraking(),
+        SiteBraking(deceleration_mps2=0.4),
+        SiteBraking(deceleration_mps2=0.4, below_limit_mps=1.0),
     ]
 
 
@@ -31,7 +32,7 @@ def test_plans_are_compared_on_the_same_days(flat: Callable[[str], Path], monkey
     """The figures of drives are put in: 2 and 4 kWh more on two days are +3.0 ± 2.0, and 3 of 60 kWh are 5 points."""
 
     def found(service: Service, seed: int, shown: Presentation, friction: FrictionPolicy | None) -> BrakingFigures:
-        more_kwh = 0.0 if service.scenario.coach == PlannedBraking() else 2.0 + 2.0 * seed
+        more_kwh = 0.0 if service.scenario.braking == SiteBraking() else 2.0 + 2.0 * seed
         lost_kwh = 0.0 if friction is None else 1.5
         return BrakingFigures(
             energy_kwh=60.0 + more_kwh, optimum_kwh=60.0, profile_kwh=5.0 + lost_kwh, late_s=7.0, over_limit_s=0.5,

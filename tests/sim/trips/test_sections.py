@@ -79,6 +79,7 @@ def test_the_recorded_saving_is_the_sum_of_its_sections(driven: tuple[Trip, Fron
         driven_j=tuple(map(driven_j, sections)),
         spread=energy_range(front.section, trip.matched),
         saved=saving_range(sections),
+        why_not="",
     )
     message = das_pb2.Saving.FromString(saving_message(found, 7).SerializeToString())
     assert (message.time_ns, message.measured, message.comparable) == (7, False, True)

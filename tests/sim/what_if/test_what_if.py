@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
+import re
 import shutil
 from collections import defaultdict
 from pathlib import Path
@@ -12,7 +15,6 @@ import numpy as np
 import pytest
 
 from das.bus.contents import read_contents
-from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.bus.topics import ADVICE, JOURNEY, RESTRICTION
 from das.cab.heard import ToldRestriction
@@ -39,7 +41,7 @@ from sim.what_if.otherwise import (
     WhatIfKind,
     read_restriction,
 )
-from sim.what_if.recorded_scenario import scenario_of_drive
+from sim.what_if.recorded_scenario import attached_scenario, scenario_of_drive
 from sim.world.day import make_day
 from sim.world.disturbances import DepartureDelay
 from sim.world.over_bus import How, make_crew, run_over_bus
@@ -47,6 +49,7 @@ from sim.world.scenario import read_scenario
 from sim.world.service import lay_out, prepare_service, scenario_files
 from tests.sim.world.test_truth import write_map
 from tests.support.flat_days import FLAT
+from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER
 
 DAY = f"""{FLAT}
@@ -203,26 +206,21 @@ def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_pa
     """The recording brings the map along, and the day, its new recording and its account of the energy have both."""
     own_map = tmp_path / "own.csv"
     write_map(own_map, 1.2)
-    contents = read_contents(REPLAY)
-    run = contents.metadata["run"]
-    words = [*json.loads(run["node_arguments"]), "--loss-map", "/nowhere/own.csv", "--point-mass"]
-    file = RecordingFile(tmp_path / "replay.mcap")
-    file.add_metadata("run", {**run, "node_arguments": json.dumps(words), "loss_map_sha256": sha256(own_map)})
-    for one in contents.attachments:
-        file.add_attachment(one.name, one.media_type, one.data)
-    file.add_attachment("own.csv", "text/csv", own_map.read_bytes())
-    for one in contents.messages:
-        file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
-    file.close()
+    run = read_contents(REPLAY).metadata["run"]
+    words = json.dumps([*json.loads(run["node_arguments"]), "--loss-map", "/nowhere/own.csv", "--point-mass"])
+    of_map = ("own.csv", own_map.read_bytes())
+    path = with_run(
+        REPLAY, tmp_path / "replay.mcap", of_map, node_arguments=words, loss_map_sha256=sha256(own_map)
+    )  # fmt: skip
     own_map.unlink()
-    scenario = scenario_of_drive(origin_of(file.path), None)
+    scenario = scenario_of_drive(origin_of(path), None)
     _, vehicle, _ = lay_out(scenario)
     planned, given = load_vehicle("re460-ic").loss_model(Level.L3), vehicle.loss_model(Level.L3)
     at = np.array([1e5]), np.array([20.0])
     np.testing.assert_allclose(given.loss_w(*at), 1.2 * planned.loss_w(*at), rtol=0.02)
     assert scenario.point_mass
     assert scenario_files(scenario)["loss_map"].name == "own.csv"
-    inputs = inputs_of(read_recording(file.path))
+    inputs = inputs_of(read_recording(path))
     np.testing.assert_allclose(inputs.vehicle.loss_model(Level.L3).loss_w(*at), given.loss_w(*at))
     assert inputs.vehicle.train_length_m == 0.0
 
@@ -232,6 +230,44 @@ def test_a_repeated_open_loop_of_a_replay_is_the_same_file(tmp_path: Path) -> No
     once, twice = (open_loop(REPLAY, tmp_path / name) for name in ("once.mcap", "twice.mcap"))
     assert once.read_bytes() == twice.read_bytes()
     assert payloads(once) == payloads(open_loop(once, tmp_path / "of-it.mcap"))
+
+
+def test_a_class_that_a_recording_names_is_not_run_unless_the_user_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Importing a module runs it: the recording may come from anybody, and the folder may hold anything."""
+    (tmp_path / "planted.py").write_text("from pathlib import Path\nPath('has-run').touch()\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    path = with_run(FOLDER / "clear-day.mcap", tmp_path / "day.mcap", driver="planted:Driver")
+    for new in (Otherwise(), Otherwise(driven=DrivenOtherwise(advice=Presentation.COACH))):
+        with pytest.raises(DasError, match=r"class planted:Driver, which is not run unasked: expected --driver plan"):
+            day_again(origin_of(path), new)
+    assert not Path("has-run").exists()
+    with pytest.raises(DasError, match="has no class Driver"):
+        day_again(origin_of(path), Otherwise(driven=DrivenOtherwise(driver="planted:Driver")))
+    assert Path("has-run").exists()
+
+
+def test_a_vehicle_that_the_kept_changes_name_is_not_opened() -> None:
+    kept = {"vehicle": "/tmp/other.toml", "restrictions": [], "without_restrictions": False}
+    with pytest.raises(DasError, match="expected no more than below_limit, load, planning_brake"):
+        Otherwise.of({"what_if_kept": json.dumps(kept)})
+
+
+@pytest.mark.parametrize("key", ["route", "vehicle"])
+def test_a_file_that_an_attached_scenario_names_is_not_opened(key: str, tmp_path: Path) -> None:
+    """A pipe at the place would keep its reader waiting for ever; a regular file there would be read."""
+    source = FOLDER / "clear-day.mcap"
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    (scenario,) = (one.data.decode() for one in read_contents(source).attachments if one.name == "clear-day.toml")
+    changed_text = re.sub(rf'(?m)^{key} = ".*"$', f'{key} = "{pipe}"', scenario).encode()
+    path = with_run(
+        source, tmp_path / "day.mcap", ("clear-day.toml", changed_text), without=True,
+        scenario_sha256=hashlib.sha256(changed_text).hexdigest(),
+    )  # fmt: skip
+    with pytest.raises(DasError, match=f"day.mcap: does not bring its {key} along"):
+        attached_scenario(origin_of(path))
 
 
 def test_a_drive_without_advice_has_no_open_loop(tmp_path: Path) -> None:

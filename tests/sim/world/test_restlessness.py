@@ -52,6 +52,14 @@ def test_a_standing_train_and_withdrawn_advice_count_neither_as_time_nor_as_chan
     assert calm.warning is None
 
 
+def test_to_accelerate_after_being_told_to_depart_is_no_change() -> None:
+    """The train moves already when the advice to accelerate comes."""
+    shown: list[Shown | None] = [Shown(Mode.DEPART, 90, 0)] * 5 + [Shown(T, 90, 5)] * 21
+    measured = found(shown, [0.0] * 3 + [0.2] * 2 + [5.0] * 21)
+    assert (measured.changes, measured.shown_s) == (0, 20.0)
+    assert math.isnan(measured.shortest_mode_s)
+
+
 def test_looks_far_apart_have_nothing_to_do_with_each_other() -> None:
     watch = ShownWatch()
     for second, mode in ((0.0, T), (1.0, T), (9.0, B), (10.0, B)):

@@ -12,7 +12,7 @@ from das.advice.coach import wording
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching, ReplanCause
 from das.advice.coach.settings import DEFAULT, CoachSettings
-from das.advice.coach.showing import BRAKES, SpeedsAllowed
+from das.advice.coach.shown_brakes import BRAKES, SpeedsAllowed
 from das.advice.modes import Mode
 from das.advice.passing import PassingTarget
 from das.advice.planner import TrainState
@@ -68,7 +68,8 @@ def test_a_train_that_is_too_fast_is_told_by_how_much() -> None:
     coach, state = coach_of(), train_of().at(200)
     coaching = said(coach, state, SpeedsAllowed(state.v_mps - 5.0, 60.0))
     assert coaching.reason == "18 km/h too fast"
-    assert coaching.now.mode is Mode.FULL_BRAKE
+    assert coaching.now.mode in BRAKES
+    assert coaching.now.effort_ratio <= -1.0
 
 
 def test_coasting_in_time_is_worth_more_than_going_on() -> None:
@@ -84,6 +85,20 @@ def test_coasting_in_time_is_worth_more_than_going_on() -> None:
 def test_a_standing_train_is_told_to_stand_and_for_how_long() -> None:
     coaching = coach_of().stands(42.0)
     assert (coaching.now.mode, coaching.now.speed_mps, coaching.target_s) == (Mode.STOP, 0.0, 42.0)
+
+
+def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cleared() -> None:
+    """The effort and speed of the train that departs, and no force until then."""
+    section = section_of(LINE)
+    coach, state = coach_of(), TrainState(ns(0), section.start_m, 0.0)
+    told = coach.departs(state, goal_of(LINE, 0.15), FREE)
+    assert told is not None
+    gone = said(coach_of(), state)
+    assert gone.now.mode is Mode.FULL_TRACTION
+    assert told.now == replace(gone.now, mode=Mode.DEPART)
+    assert (told.force_n, told.reference_force_n, told.worth_j) == (0.0, 0.0, 0.0)
+    assert told.reason == f"depart when cleared: {gone.reason}"
+    assert told.following == gone.following
 
 
 def test_a_state_that_cannot_go_on_has_no_coaching() -> None:

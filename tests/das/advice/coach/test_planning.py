@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from das.advice.coach.planning import Wanted, drivers_section, elapsed_s, passes_s, planned
-from das.advice.coach.settings import DEFAULT, CoachSettings, DriverSettings
-from das.domain.units import KMH
+from das.advice.coach.planning import Wanted, elapsed_s, passes_s, planned
+from das.advice.coach.settings import DEFAULT
 from das.solver.calm.schedule import Scheduled
 from das.solver.fastest import fastest
-from das.solver.front import Front
 from das.solver.solution import trajectory_on
-from das.solver.solve import solve_front
 from das.solver.state import State
-from tests.support.calm import BUNDLED, Which, asked_s, section_of
+from tests.support.calm import BUNDLED, Which, asked_s, front_of, section_of
 from tests.support.coach import coach_front
 
 pytestmark = pytest.mark.slow
@@ -33,12 +29,6 @@ def wanted_from_start(which: Which, buffer_ratio: float, **more: float) -> Wante
 
 def plan(which: Which, wanted: Wanted) -> Scheduled:
     return planned(coach_front(which), wanted, DEFAULT)
-
-
-@cache
-def drivers_optimum(which: Which) -> Front:
-    """The optimal runs with the braking that the driver uses."""
-    return solve_front(drivers_section(section_of(which), DEFAULT))
 
 
 def passed_s(found: Scheduled, wanted: Wanted) -> float:
@@ -58,7 +48,7 @@ def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio:
     wanted = wanted_from_start(which, buffer_ratio)
     found = plan(which, wanted)
     assert found.forecast.time_s <= wanted.left_s + 1.0
-    bound_j = drivers_optimum(which).trajectory(found.forecast.time_s).table_bound_j
+    bound_j = front_of(which).trajectory(found.forecast.time_s).table_bound_j
     most = 0.04 if (which, buffer_ratio) == (BUNDLED[0], 0.08) else 0.015
     assert -5e-4 <= found.forecast.energy_j / bound_j - 1.0 <= most
 
@@ -118,7 +108,7 @@ def test_a_point_is_passed_by_its_latest_time_where_that_can_be(which: Which, sh
     """
     wanted = wanted_from_start(which, 0.3, point_m=place_m(which, share))
     at_s = passed_s(plan(which, wanted), wanted)
-    section = drivers_section(section_of(which), DEFAULT)
+    section = section_of(which)
     quickest = fastest(section, wanted.s_m, 0.0).trajectory
     least_s = float(np.interp(wanted.point_m, quickest.s_m, quickest.t_s))
     wanted = replace(wanted, latest_s=0.5 * (least_s + at_s))
@@ -148,25 +138,3 @@ def test_elapsed_times_are_those_of_the_trajectory() -> None:
     run = trajectory_on(section, State.at(section, s_m, v_mps), forecast.speeds_mps[i:])
     assert times == pytest.approx(run.t_s, abs=1e-6)
     assert node_m == pytest.approx(run.s_m)
-
-
-@pytest.mark.parametrize("which", BUNDLED)
-def test_the_drivers_section_brakes_less_and_keeps_his_margin(which: Which) -> None:
-    """Nowhere faster than the section; 5 km/h below its limits; no steeper than the deceleration that he uses."""
-    section = section_of(which)
-    driver = DriverSettings(planning_brake_mps2=0.3, below_limit_mps=5 * KMH)
-    easy = drivers_section(section, CoachSettings(driver=driver))
-    assert (easy.envelope_mps <= section.envelope_mps + 1e-9).all()
-    inner = np.minimum(section.limit_mps[:-1], section.limit_mps[1:])
-    assert (easy.envelope_mps[1:-1] <= inner - 5 * KMH + 1e-9).all()
-    falls = -np.diff(easy.envelope_mps**2) / (2.0 * section.step_m)
-    assert falls.max() <= 0.3 + 1e-6
-    usual = drivers_section(section, DEFAULT)
-    assert (usual.envelope_mps >= easy.envelope_mps - 1e-9).all()
-
-
-def test_where_a_driver_cannot_brake_so_easily_the_sections_own_envelope_holds() -> None:
-    """A twentieth of the brakes holds the train on the level, not on the descent between Thalwil and Zug."""
-    barely = CoachSettings(driver=DriverSettings(braking_ratio=0.05))
-    assert drivers_section(section_of(BUNDLED[2]), barely) is section_of(BUNDLED[2])
-    assert drivers_section(section_of(BUNDLED[1]), barely) is not section_of(BUNDLED[1])

@@ -294,7 +294,11 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
     assert os.listdir(tmp_path) == ["out.csv"]
 
 
-@pytest.mark.parametrize("check", [check_writable, lambda path: write_whole(path, b"x")], ids=["check", "write"])
+@pytest.mark.parametrize(
+    "check",
+    [lambda path: check_writable(path, overwrite=True), lambda path: write_whole(path, b"x")],
+    ids=["check", "write"],
+)
 @pytest.mark.parametrize("place", ["a-file/out.csv", "no-folder/out.csv", "a-folder"])
 def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path, check: Callable[[Path], None], place: str) -> None:
     (tmp_path / "a-file").write_text("")
@@ -311,4 +315,4 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path, check: Callab
 def test_a_read_only_folder_is_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(DasError, match=r"cannot be written \(Permission denied\)"):
-        check_writable(tmp_path / "out.csv")
+        check_writable(tmp_path / "out.csv", overwrite=False)

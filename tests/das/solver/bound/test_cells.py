@@ -28,7 +28,8 @@ from das.solver.bound.certificate import certificate, task_of, tightened
 from das.solver.bound.planes import map_rows
 from das.solver.bound.relaxation import Task
 from das.solver.kernels.speed_cells import values_ahead, values_behind
-from das.solver.section import LineProfile, build_section
+from das.solver.line_profile import LineProfile
+from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from tests.support.cells_near import cells_near

@@ -13,7 +13,10 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.analysis.plan import read_plan
 from sim.experiment.analysis.reading import read_study
+from sim.experiment.study_files import checksums
+from sim.recording.inputs import sha256
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
+from tests.support.making import das_sim
 
 STUDY = made_up_study(Truth(drivers=3, days=2), 1, (compared("vector", "none"), compared("vector", "top-speed")))
 
@@ -59,6 +62,21 @@ def test_levels_that_are_numbers_may_be_written_in_several_ways(folder: Path) ->
     study = read_study(folder)
     assert set(study.trials.levels["update_interval_s"]) == {"1"}
     assert study.chosen(study.plan.comparisons[0]).sum() == 12
+
+
+@pytest.mark.parametrize("table", ["trials.csv", "participants.tsv"])
+def test_a_table_that_was_altered_after_the_run_is_refused(folder: Path, table: str) -> None:
+    (folder / "participants.tsv").write_text("participant_id\tperson\nsub-001\t1\n")
+    (folder / "checksums.json").write_bytes(checksums(folder))
+    assert len(read_study(folder).trials) == len(STUDY.trials)
+    wanted, path = sha256(folder / table), folder / table
+    path.write_text(path.read_text().replace("1", "2", 1))
+    done = das_sim("experiment", "analyse", "study", "-o", "report.html", cwd=folder.parent)
+    said = f"study/{table}: SHA-256 = {sha256(path)!r}: expected {wanted} (checksums.json): the file was altered"
+    assert (done.returncode, said in done.stderr, len(done.stderr.splitlines())) == (2, True, 1), done.stderr
+    path.unlink()
+    with pytest.raises(DasError, match=f"{table}: SHA-256 is missing"):
+        read_study(folder)
 
 
 def test_without_a_sidecar_the_names_of_columns_must_do(folder: Path) -> None:

@@ -1,0 +1,153 @@
+"""Braking ahead: where a train must begin to brake, and with what effort it keeps the limits and the stop ahead.
+
+An effort is a share of what the motors can brake with at the present speed, so that one effort serves a whole brake:
+its force grows along the power hyperbola as the train slows down. More than 1 asks for the friction brake as well.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from das.advice import braking_kernels as kernels
+from das.advice.modes import FULL_RATIO, Mode
+from das.solver.kernels.forces import brake_limit, on_supply, traction_limit
+from das.solver.section import Section
+
+STOP_SLACK_M = 1.0
+"""A stop counts as kept to within this (m): the driver finds the mark by eye."""
+SPEED_SLACK_MPS = 0.2
+"""A lower limit counts as kept to within this (m/s): less than a driver reads."""
+ABOVE_MPS = 0.2
+"""A train faster than planned by more than this (m/s) has to brake."""
+LEVEL_MPS = 1e-6
+"""A curve that falls by less than this (m/s) over an interval is level."""
+BEGINS_MPS = 0.05
+"""A curve that falls by more than this (m/s) from here on has begun to fall."""
+BACK_IN_S = 4.0
+"""A train above a limit is braked so hard that it is below it after so long (s)."""
+LEAST_MPS2 = 0.02
+"""A speed that a train comes down to at less than this deceleration (m/s²) is not near yet."""
+RIVALS = 0.8
+"""Among the speeds ahead those that ask for at least this share of the largest deceleration are looked at closely."""
+
+
+def braking_mode(effort: float) -> Mode:
+    """The mode of a brake of an effort: with the motors in part or fully, or with the friction brake as well."""
+    if effort < FULL_RATIO:
+        return Mode.REDUCED_BRAKE
+    return Mode.FULL_BRAKE if effort <= 1.0 + 1e-3 else Mode.FRICTION_BRAKE
+
+
+class NeededBrake(NamedTuple):
+    """The effort of the brake that is needed (0: none), and the speed (m/s) and the place (m) that ask for it."""
+
+    effort: float
+    target_mps: float = math.inf
+    at_m: float = math.inf
+
+
+NOTHING = NeededBrake(0.0)
+
+
+class BrakingAhead:
+    """What the limits and the stop ahead ask of a train on a section, by its planned envelope."""
+
+    def __init__(self, section: Section) -> None:
+        self.section = section
+        # Plans of a policy may leave the friction brake alone; a train that is too fast uses all that it has.
+        self._train = section.train._replace(friction_force_n=section.vehicle.friction_brake_force_n)
+        envelope = section.envelope_mps
+        self._planned_w = envelope**2
+        self._falls = np.append(envelope[1:] < envelope[:-1] - LEVEL_MPS, False)
+        feet = np.flatnonzero(np.append(False, self._falls[:-1]) & ~self._falls)
+        self._foot_m, self._foot_mps = section.node_m[feet], envelope[feet]
+
+    def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
+        """Whether a train that goes on at its speed is above a falling curve within a time (s).
+
+        A train above a limit that does not fall has nothing ahead to brake for: see `back_under`.
+        """
+        nodes = self.section.node_m
+        least_w = kernels.lowest_w(s_m, s_m + v_mps * within_s, nodes, self._planned_w)
+        if v_mps <= math.sqrt(least_w) + ABOVE_MPS:
+            return False
+        here_mps = math.sqrt(kernels.lowest_w(s_m, s_m, nodes, self._planned_w))
+        return bool(self._falls[self._interval(s_m)] or math.sqrt(least_w) < here_mps - BEGINS_MPS)
+
+    def curve_begins_m(self, s_m: float, v_mps: float) -> float:
+        """Where ahead a train with a speed comes to the planned curve (m); the end where it never does."""
+        first = self._interval(s_m) + 1
+        below = self.section.envelope_mps[first:] < v_mps - ABOVE_MPS
+        reached = first + int(np.argmax(below)) if below.any() else len(below) + first - 1
+        return max(float(self.section.node_m[max(reached - 1, 0)]), s_m)
+
+    def needed(self, s_m: float, v_mps: float) -> NeededBrake:
+        """The brake with which a train in a state keeps all that is ahead; the largest where none is enough."""
+        ahead = (self._foot_m > s_m) & (self._foot_mps < v_mps - SPEED_SLACK_MPS)
+        place_m, speed_mps = self._foot_m[ahead], self._foot_mps[ahead]
+        rate_mps2 = (v_mps**2 - speed_mps**2) / (2.0 * np.maximum(place_m - s_m, 1.0))
+        largest = float(rate_mps2.max(initial=0.0))
+        best = NOTHING
+        if largest >= LEAST_MPS2:
+            for i in np.flatnonzero(rate_mps2 >= RIVALS * largest):
+                one = self.effort_to(s_m, v_mps, float(place_m[i]), float(speed_mps[i]))
+                best = max(best, NeededBrake(one, float(speed_mps[i]), float(place_m[i])))
+        return best
+
+    def effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
+        """The least effort with which a train in a state comes down to a speed at a place; the largest if none does."""
+        section = self.section
+        stops = target_mps <= SPEED_SLACK_MPS
+        to_m = to_m + STOP_SLACK_M if stops else to_m
+        target_mps = 0.0 if stops else target_mps + SPEED_SLACK_MPS
+        if to_m <= s_m:
+            return self.largest(v_mps)
+        last = len(section.step_m) - 1
+        first = min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), last)
+        final = min(max(int(np.searchsorted(section.node_m, to_m)) - 1, first), last)
+        return float(
+            kernels.needed_effort(
+                s_m, v_mps, first, final, to_m, target_mps, section.node_m, section.for_kernels, self._train
+            )
+        )
+
+    def largest(self, v_mps: float) -> float:
+        """The effort of all brakes that may be used at a speed."""
+        return float(kernels.largest_effort(max(v_mps, 0.1), self._train))
+
+    def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
+        """The wheel force (N, <= 0) of an effort in a state, as far as the brakes give it there."""
+        v = max(v_mps, 0.1)
+        here = on_supply(self._train, self.section.supply[self._interval(s_m)])
+        most_n = float(brake_limit(v, here, here.friction_force_n))
+        return -min(effort * float(kernels.full_effort(v, self._train)), most_n)
+
+    def effort_of(self, rate_mps2: float, s_m: float, v_mps: float) -> float:
+        """The effort that decelerates a train in a state at a rate, within what its brakes give."""
+        section, v = self.section, max(v_mps, 0.1)
+        force_n = section.train.inertial_mass_kg * rate_mps2 - section.resistance_n(s_m, v)
+        full_n = float(kernels.full_effort(v, self._train))
+        return min(max(force_n / full_n, 0.0), self.largest(v)) if full_n > 0.0 else 0.0
+
+    def back_under(self, s_m: float, v_mps: float, limit_mps: float) -> NeededBrake:
+        """The brake that brings a train in a state below a limit that it is above."""
+        excess_mps = v_mps - limit_mps
+        effort = self.effort_of(excess_mps / BACK_IN_S, s_m, v_mps) if excess_mps > 0 else 0.0
+        return NeededBrake(effort, limit_mps, s_m)
+
+    def rolls_mps2(self, s_m: float, v_mps: float) -> float:
+        """The acceleration of a train in a state that coasts."""
+        return -self.section.resistance_n(s_m, v_mps) / self.section.train.inertial_mass_kg
+
+    def accelerates_mps2(self, share: float, s_m: float, v_mps: float) -> float:
+        """The acceleration of a train in a state with a share of its traction."""
+        train = self.section.train
+        gained = share * float(traction_limit(max(v_mps, 0.1), train)) / train.inertial_mass_kg
+        return gained + self.rolls_mps2(s_m, v_mps)
+
+    def _interval(self, s_m: float) -> int:
+        section = self.section
+        return min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)

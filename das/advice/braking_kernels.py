@@ -1,0 +1,112 @@
+"""Numba kernels of braking: the effort that a brake needs from a state to a speed at a place."""
+
+from __future__ import annotations
+
+import math
+
+from das.compiling.kernels import kernel
+from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, on_supply
+
+STEPS = 4
+"""The speed at the end of an interval is found in so many steps."""
+TRIES, NEAR_W = 14, 0.02
+"""An effort is narrowed down so many times, or until v² is met to within this (m²/s²)."""
+
+
+@kernel
+def full_effort(v, p):
+    """The force (N) of the effort 1 at a speed: of the motors, or of all brakes of a train that brakes without them."""
+    electric = electric_limit(v, p)
+    if electric > 0.0 and not p.brakes_dissipate:
+        return electric
+    return brake_limit(v, p, p.friction_force_n)
+
+
+@kernel
+def largest_effort(v, p):
+    """The effort of all brakes together at a speed."""
+    full = full_effort(v, p)
+    return brake_limit(v, p, p.friction_force_n) / full if full > 0.0 else 0.0
+
+
+@kernel
+def _braked_w(effort, w0, h, g, q, p, here):
+    """v² after an interval with an effort of the brakes; below 0: it stands before."""
+    v0 = math.sqrt(w0)
+    v1, w1 = v0, w0
+    for _ in range(STEPS):
+        faster = max(v0, v1)
+        force = min(effort * full_effort(faster, p), brake_limit(faster, here, here.friction_force_n))
+        held = (mean_resistance(v0, v1, q, here) + g) / p.inertial_mass_kg
+        rate = max(min(force / p.inertial_mass_kg + held, p.max_deceleration_mps2), held)
+        w1 = w0 - 2.0 * h * rate
+        v1 = math.sqrt(max(w1, 0.0))
+    return w1
+
+
+@kernel
+def left_over_w(effort, s, v, first, last, to_m, nodes, line, p):
+    """v² that is left at a place of a train that brakes with an effort from s and v on.
+
+    `first` and `last` are the intervals of both places. Below 0 it stands before; then it falls with the way left.
+    """
+    _, g, q, u = line
+    w = v * v
+    at = s
+    for i in range(first, last + 1):
+        end = nodes[i + 1] if i < last else to_m
+        h = end - at
+        if h <= 0.0:
+            continue
+        w = _braked_w(effort, w, h, g[i], q[i], p, on_supply(p, u[i]))
+        if w < 0.0:
+            return w - (to_m - end)
+        at = end
+    return w
+
+
+@kernel
+def needed_effort(s, v, first, last, to_m, target, nodes, line, p):
+    """The least effort with which a train at s and v is no faster than `target` at a place; the largest if none is."""
+    wanted = target * target
+    most = largest_effort(v, p)
+    low, low_w = 0.0, left_over_w(0.0, s, v, first, last, to_m, nodes, line, p) - wanted
+    if low_w <= 0.0:
+        return 0.0
+    high, high_w = most, left_over_w(most, s, v, first, last, to_m, nodes, line, p) - wanted
+    if high_w >= 0.0:
+        return most
+    for _ in range(TRIES):
+        # By the line between both ends, but not so near to one of them that the other stays.
+        share = min(max(low_w / (low_w - high_w), 0.1), 0.9)
+        middle = low + (high - low) * share
+        middle_w = left_over_w(middle, s, v, first, last, to_m, nodes, line, p) - wanted
+        if middle_w > 0.0:
+            low, low_w = middle, middle_w
+        else:
+            high, high_w = middle, middle_w
+            if high_w > -NEAR_W:
+                break
+    return high
+
+
+@kernel
+def lowest_w(s, to_m, nodes, envelope_w):
+    """The least v² of an envelope between two places; 0 beyond the last node."""
+    if to_m >= nodes[nodes.size - 1]:
+        return 0.0
+    low, high = 0, nodes.size - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if nodes[middle] <= s:
+            low = middle
+        else:
+            high = middle
+    share = min(max((s - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0), 1.0)
+    least = envelope_w[low] + (envelope_w[low + 1] - envelope_w[low]) * share
+    i = low + 1
+    while nodes[i] < to_m:
+        least = min(least, envelope_w[i])
+        i += 1
+    share = (to_m - nodes[i - 1]) / (nodes[i] - nodes[i - 1])
+    return min(least, envelope_w[i - 1] + (envelope_w[i] - envelope_w[i - 1]) * share)

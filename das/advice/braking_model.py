@@ -1,0 +1,211 @@
+"""The last word's own model of a line and a train: which speeds full braking can still bring down in time.
+
+It is made of the route, the train and the restrictions alone, and shares no code with the solver: an error there must
+not be repeated here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice import last_word_kernels as kernels
+from das.domain.conditions import Conditions
+from das.domain.formulary import curve_resistance_mps2
+from das.domain.route import Restriction, Route, Stretches
+from das.domain.units import STANDARD_GRAVITY_MPS2
+from das.domain.vehicle import BrakePolicy, Vehicle
+
+Floats = NDArray[np.float64]
+
+LIMIT_TOLERANCE_MPS = 0.5
+"""Half of the 1 m/s above limit or curve that is promised never to be exceeded: the other half is the driver's."""
+STOP_TOLERANCE_M = 5.0
+"""Half of the 10 m by which no stop may be missed: the mark is found by eye, from a speed of 2 m/s or so."""
+STEP_M = 20.0
+"""The curve is computed at least every so many metres, and wherever a limit or the supply changes: what gradients and
+curves do under a whole train changes slowly."""
+BEYOND_TOP_MPS = 20.0
+"""Forces are known up to this much above the train's top speed."""
+BEHIND_M = 100.0
+"""The model begins so far before the section, where a train may still stand that is about to leave."""
+
+
+class BrakingBasis(NamedTuple):
+    """What the highest speeds depend on: line, train, its brakes, what is in force, and the two ends of the section."""
+
+    route: Route
+    vehicle: Vehicle
+    brakes: BrakePolicy
+    restrictions: tuple[Restriction, ...]
+    conditions: Conditions
+    start_m: float
+    end_m: float
+    point_mass: bool = False
+
+
+class Needed(NamedTuple):
+    """The deceleration (m/s²) that a train needs, the speed (m/s) that it must come down to, and where (m)."""
+
+    rate_mps2: float
+    speed_mps: float
+    at_m: float
+
+
+class BrakingModel:
+    """Limits, full braking and forces of one train on one section.
+
+    The train is taken with the brakes of its policy, without the electric brake where the line does not take it, no
+    lighter and with no more resistance than its file says, and with gradients and curves averaged over its length.
+    """
+
+    def __init__(self, basis: BrakingBasis) -> None:
+        measured = basis.conditions
+        careful = replace(
+            measured,
+            mass_ratio=max(measured.mass_ratio, 1.0),
+            resistance_ratio=min(measured.resistance_ratio, 1.0),
+        )
+        train, self.end_m = careful.train(basis.vehicle), basis.end_m
+        length_m = 0.0 if basis.point_mass else train.train_length_m
+        nodes_m = _nodes(basis, length_m)
+        limit_mps = np.minimum(_limits(basis, nodes_m, length_m), train.max_speed_mps)
+        places = np.empty((kernels.PLACES, len(nodes_m) - 1))
+        places[kernels.LIMIT] = np.where(nodes_m[:-1] < basis.end_m, limit_mps, 0.0)
+        places[kernels.LINE] = _line_mps2(basis.route, nodes_m, length_m) * (train.mass_kg / train.inertial_mass_kg)
+        supply = basis.route.supply().minimum(nodes_m[:-1], nodes_m[1:])
+        places[kernels.MOTORS] = (supply >= 0) | (basis.brakes is BrakePolicy.FRICTION)
+        places[kernels.ALLOWED + 2] = places[kernels.LIMIT] ** 2
+        # The model ends behind the stop by the tolerance, and the train stands there at the latest.
+        places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
+        self.line = nodes_m, places, _forces_n(train)
+        self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
+        """The model as the kernels take it, without and with the numbers of the train."""
+        for row in (kernels.ALLOWED, kernels.BOUND):
+            kernels.fill_curve(*self.train, row)
+
+    @property
+    def mass_kg(self) -> float:
+        """The mass that is slowed down, with the rotating parts."""
+        return self.train[3]
+
+    def limit_mps(self, s_m: float) -> float:
+        """The limit over the train (m/s) with its head at a position; 0 beyond the end of the section."""
+        nodes_m, places, _ = self.line
+        return float(places[kernels.LIMIT, kernels.interval(nodes_m, s_m)])
+
+    def highest_limit_mps(self, from_m: float, to_m: float) -> float:
+        """The highest limit over the train (m/s) with its head anywhere between two positions."""
+        nodes_m, places, _ = self.line
+        return float(kernels.highest_limit(nodes_m, places, from_m, to_m))
+
+    def allowed_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) at a position from which full braking keeps every limit and the stop."""
+        return float(kernels.speed_at(*self.line[:2], kernels.ALLOWED, s_m))
+
+    def bound_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) at a position from which full braking keeps them within the tolerances."""
+        return float(kernels.speed_at(*self.line[:2], kernels.BOUND, s_m))
+
+    def traction_n(self, v_mps: float) -> float:
+        """The largest traction (N) at a speed."""
+        return float(kernels.force_at(self.line[2], kernels.TRACTION, v_mps))
+
+    def electric_n(self, v_mps: float) -> float:
+        """The largest force (N, > 0) of the electric brake at a speed."""
+        return float(kernels.force_at(self.line[2], kernels.ELECTRIC, v_mps))
+
+    def has_motors(self, s_m: float) -> bool:
+        """Whether the electric brake is there at a position."""
+        nodes_m, places, _ = self.line
+        return bool(places[kernels.MOTORS, kernels.interval(nodes_m, s_m)] > 0)
+
+    def most_brake_n(self, v_mps: float) -> float:
+        """The largest force (N, > 0) of all brakes of the train at a speed, friction included."""
+        return float(kernels.force_at(self.line[2], kernels.MOST, v_mps))
+
+    def resisting_n(self, s_m: float, v_mps: float) -> float:
+        """Running resistance, gradient and curves (N) at a position and speed."""
+        return float(kernels.resisting(*self.line, self.mass_kg, s_m, v_mps))
+
+    def needed(self, s_m: float, v_mps: float, within_s: float) -> Needed:
+        """The least steady braking from here that keeps every limit ahead and the stop, and the limit here in time.
+
+        A train above the limit here comes down to it `within_s`.
+        """
+        nodes_m, places, _ = self.line
+        i = int(kernels.interval(nodes_m, s_m))
+        here_mps = float(places[kernels.LIMIT, i])
+        found = Needed(max((v_mps - here_mps) / within_s, 0.0), here_mps, s_m)
+        limits_mps, begins_m = places[kernels.LIMIT, i + 1 :], nodes_m[i + 1 : -1]
+        if len(begins_m):
+            rates = (v_mps**2 - limits_mps**2) / (2.0 * np.maximum(begins_m - s_m, 0.1))
+            k = int(np.argmax(rates))
+            if rates[k] > found.rate_mps2:
+                found = Needed(float(rates[k]), float(limits_mps[k]), float(begins_m[k]))
+        return found
+
+
+def _forces_n(train: Vehicle) -> Floats:
+    """The forces of a train at every tenth of a m/s, in the rows that the kernels know."""
+    speeds = np.arange(0.0, train.max_speed_mps + BEYOND_TOP_MPS, 1.0 / kernels.STEPS_PER_MPS)
+    electric_n, both_n = train.electric_brake_effort_n(speeds), train.brake_effort_n(speeds)
+    friction_n = np.minimum(train.friction_brake_force_n, both_n)
+    blends = train.brake_policy is not BrakePolicy.ELECTRIC
+    rows = {
+        kernels.TRACTION: train.traction_effort_n(speeds),
+        kernels.ELECTRIC: electric_n,
+        kernels.MOST: both_n,
+        kernels.BRAKE: both_n if blends else electric_n,
+        kernels.BRAKE_WITHOUT_MOTORS: friction_n if blends else np.zeros(len(speeds)),
+        kernels.RUNNING: train.resistance.force_n(speeds),
+    }
+    return np.array([rows[row] for row in range(len(rows))])
+
+
+def _nodes(basis: BrakingBasis, length_m: float) -> Floats:
+    """Every place where something under the train changes, and more in between."""
+    route, last_m = basis.route, basis.end_m + STOP_TOLERANCE_M
+    begins_m = basis.start_m - BEHIND_M
+    rising_m = [route.limits_mps.start_m, *(np.array([x.end_m]) for x in basis.restrictions)]
+    zones = (*route.neutral_sections, *route.no_regeneration)
+    found = np.concatenate(
+        (
+            *rising_m,
+            *(places_m + length_m for places_m in rising_m),
+            [x.start_m for x in basis.restrictions],
+            [edge_m for zone in zones for edge_m in (zone.start_m, zone.start_m + zone.length_m)],
+            np.arange(begins_m, last_m, STEP_M),
+            [basis.end_m, last_m],
+        )
+    )
+    found = np.unique(found[(found >= begins_m) & (found <= last_m)])
+    apart = np.concatenate((np.diff(found) > 1e-3, [True]))
+    return np.asarray(found[apart])
+
+
+def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
+    """The lowest limit over the train in each interval, with the restrictions in force."""
+    from_m, to_m = nodes_m[:-1], nodes_m[1:]
+    limit = basis.route.limits_mps.minimum(from_m - length_m, to_m)
+    middle_m = 0.5 * (from_m + to_m)
+    for one in basis.restrictions:
+        inside = (middle_m > one.start_m) & (middle_m < one.end_m + length_m)
+        limit = np.where(inside, np.minimum(limit, one.limit_mps), limit)
+    return limit
+
+
+def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
+    """What gradient and curves take from a train per mass (m/s², uphill > 0), averaged over its length."""
+    curves = Stretches(
+        start_m=route.curvature_per_m.start_m.copy(), value=curve_resistance_mps2(route.curvature_per_m.value)
+    )
+    found = np.zeros(len(nodes_m) - 1)
+    for stretches, factor in ((route.gradients_ratio, STANDARD_GRAVITY_MPS2), (curves, 1.0)):
+        middle_m = 0.5 * (nodes_m[:-1] + nodes_m[1:])
+        over = stretches.mean(middle_m - length_m, middle_m) if length_m > 0 else stretches.at(middle_m)
+        found += factor * over
+    return found

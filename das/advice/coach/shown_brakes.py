@@ -1,0 +1,139 @@
+"""Brakes as they are shown: what limits and the stop ahead ask of a train, in efforts that stand, and as forces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+from das.advice.braking import BrakingAhead, NeededBrake, braking_mode
+from das.advice.coach.coaching import Instruction
+from das.advice.coach.settings import ShowingSettings
+from das.advice.modes import Mode
+from das.advice.planner import TrainState
+from das.solver.calm.schedule import Schedule
+from das.solver.kernels.forces import traction_limit
+from das.solver.section import Section
+
+SAME_EFFORT = 1e-3
+"""Efforts this near to each other are one."""
+SAME_MPS = 0.3
+"""Speeds this near to each other are the same on a display."""
+TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+
+
+class SpeedsAllowed(NamedTuple):
+    """What bounds an instruction where the train is: the highest speed that is safe, and the limit (m/s)."""
+
+    allowed_mps: float
+    limit_mps: float
+
+
+class ShownBrakes:
+    """Makes instructions keep limits and the stop of a section, and remembers the effort of each brake."""
+
+    def __init__(self, section: Section, settings: ShowingSettings) -> None:
+        self.ahead = BrakingAhead(section)
+        """What limits and the stop ahead ask of the brakes."""
+        self._settings = settings
+        self._efforts: dict[float, float] = {}
+        """The effort of the brake that is shown to each place (m)."""
+        self._exact_effort = 0.0
+
+    def unrounded(self, now: Instruction) -> Instruction:
+        """The instruction, of a brake with exactly the effort that it needs."""
+        exact = now.mode in BRAKES and self._exact_effort < -now.effort_ratio
+        return replace(now, effort_ratio=-self._exact_effort) if exact else now
+
+    def force_n(self, now: Instruction, state: TrainState) -> float:
+        """The wheel force (N) of an instruction, as far as the train gives it: near its speed, what leads to it."""
+        ahead, s_m, v = self.ahead, state.s_m, max(state.v_mps, 0.1)
+        if now.mode in BRAKES:
+            return ahead.force_n(-now.effort_ratio, s_m, v)
+        if now.mode is Mode.COAST:
+            return 0.0
+        # A force that stands until the next advice must not carry the train beyond the speed.
+        train, closing_mps2 = ahead.section.train, (now.speed_mps - v) / self._settings.limit.closes_in_s
+        wanted_n = ahead.section.resistance_n(s_m, v) + train.inertial_mass_kg * closing_mps2
+        most_n = float(traction_limit(v, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
+        least_n = 0.0 if now.mode in TRACTION else ahead.force_n(1.0, s_m, v)
+        return min(max(wanted_n, least_n), most_n)
+
+    def under_limit(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
+        """An instruction with which a train comes back under the limit, or does not roll above it."""
+        settings, v_mps, limit_mps = self._settings.limit, state.v_mps, min(place.limit_mps, place.allowed_mps)
+        rolls_mps2 = self.ahead.rolls_mps2(state.s_m, v_mps)
+        excess = v_mps - limit_mps
+        if wanted.mode in BRAKES or excess + max(rolls_mps2, 0.0) * self._settings.lead.braking_s <= 0.0:
+            return wanted
+        target = min(wanted.speed_mps, limit_mps)
+        if excess > settings.braked_mps:
+            needed = self.ahead.back_under(state.s_m, v_mps, limit_mps)
+            # A train above the curve of full brakes must not wait for a brake that grows.
+            effort = max(needed.effort, 1.0) if place.allowed_mps < place.limit_mps else needed.effort
+            return self.shown(needed._replace(effort=effort, target_mps=target), state)
+        stays = rolls_mps2 > -settings.slows_mps2
+        if stays and (wanted.mode is Mode.COAST or excess > settings.overspeed_mps):
+            return Instruction(mode=Mode.CRUISE, speed_mps=limit_mps)
+        if excess > settings.overspeed_mps:
+            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+        return wanted
+
+    def safe(self, wanted: Instruction, state: TrainState) -> Instruction:
+        """The instruction, or the brake that limits and the stop ahead ask for, where it asks for less."""
+        ahead, lead_s, v_mps = self.ahead, self._settings.lead.braking_s, state.v_mps
+        soon_mps = v_mps
+        if wanted.mode in TRACTION:
+            soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
+        if not ahead.is_due(state.s_m, soon_mps, lead_s):
+            return wanted
+        needed = ahead.needed(state.s_m, v_mps)
+        if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
+            return wanted
+        if needed.effort >= self._settings.brake.step_ratio:
+            return self.shown(needed, state)
+        if wanted.mode not in TRACTION:
+            return wanted
+        return Instruction(mode=Mode.COAST, speed_mps=min(wanted.speed_mps, needed.target_mps), effort_ratio=0.0)
+
+    def needed(self, schedule: Schedule, number: int, state: TrainState, target: float) -> NeededBrake:
+        """The brake that a phase needs from here, or from where it begins; at first with the build-up of the brakes."""
+        end_m, begin_m = schedule.begin_m(number + 1), schedule.begin_m(number)
+        if schedule.brakes_by_effort(number):
+            return NeededBrake(float(schedule.phases[number].share), target, end_m)
+        from_m, braking = max(state.s_m, begin_m), schedule.section.braking
+        if braking is not None and end_m not in self._efforts:
+            build_up_m = state.v_mps * 0.5 * braking.build_up_s
+            from_m += max(min(build_up_m, self._settings.brake.build_up_ratio * (end_m - from_m)), 0.0)
+        return NeededBrake(self.ahead.effort_to(from_m, state.v_mps, end_m, target), target, end_m)
+
+    def shown(self, needed: NeededBrake, state: TrainState) -> Instruction:
+        """The brake as it is shown: its effort stands until more is needed, or clearly less."""
+        settings, v_mps = self._settings.brake, state.v_mps
+        kept = self._efforts.get(needed.at_m)
+        shown = math.ceil(needed.effort / settings.step_ratio - SAME_EFFORT) * settings.step_ratio
+        if kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
+            less = needed.effort < kept * (1.0 - settings.less_ratio)
+            slows = needed.target_mps > SAME_MPS
+            ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
+            shown = shown if less and not ends_soon else kept
+        self._efforts[needed.at_m] = shown
+        largest = self.ahead.largest(v_mps)
+        self._exact_effort = min(needed.effort, largest)
+        return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
+
+
+def announced_brake(schedule: Schedule, number: int, target: float) -> Instruction:
+    """A brake as it is shown before it is due: with the effort with which the schedule begins it."""
+    begin = schedule.phases[number].begin
+    v_mps, at_m = max(float(schedule.known.speed_mps[begin]), 1.0), float(schedule.section.node_m[begin])
+    effort = float(schedule.phases[number].share)
+    if not schedule.brakes_by_effort(number):
+        effort = BrakingAhead(schedule.section).effort_to(at_m, v_mps, schedule.begin_m(number + 1), target)
+    return brake_of(effort, target)
+
+
+def brake_of(effort: float, target_mps: float) -> Instruction:
+    """A brake of an effort; more than the motors give is friction."""
+    return Instruction(mode=braking_mode(effort), speed_mps=target_mps, effort_ratio=-effort)

@@ -1,0 +1,376 @@
+"""The last word: every advice is judged once more before it leaves the cab, and what is not safe is replaced.
+
+The rule: a driver who does what is shown until the advice expires, from anywhere the train may be, and then brakes
+fully, exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than `STOP_TOLERANCE_M`. What is
+shown further ahead is no faster than is allowed where it leads to. The model is that of `das.advice.braking_model`;
+nothing here is shared with the planner, the coach or the display.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from das.advice import last_word_kernels as kernels
+from das.advice import wording
+from das.advice.advice import Advice, Source
+from das.advice.braking_model import BrakingBasis, BrakingModel
+from das.advice.cause import Cause, Withdrawal
+from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.consequences import LONGEST_S, STOPPED_MPS, Consequences, Doing, Excess
+from das.advice.modes import Mode
+from das.domain.units import KMH, NS
+from das.estimate.estimate import Estimate
+
+SHOWN_MPS = 0.5 * KMH
+"""A speed shown may be above what is allowed where it leads to by half the last digit of a display."""
+MAY_BE_UNKNOWN = (
+    "reduced_max_speed_mps",
+    "next_change_m",
+    "next_change_s",
+    "next_four_change_s",
+    "predicted_deviation_s",
+    "buffer_ratio",
+    "energy_to_go_j",
+)
+"""Figures of an advice that are not always known (NaN); infinite they are never."""
+
+_STANDS = (Mode.STOP, Mode.DEPART)
+_BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+
+
+class Part(StrEnum):
+    """The parts of an advice that are judged, by their names in events."""
+
+    STATE = "position and speed"
+    EFFORT = "advised effort"
+    ADVISED_SPEED = "advised speed"
+    DISPLAY_SPEED = "displayed speed"
+    TOP_SPEED = "top speed"
+    HORIZON = "horizon"
+    LIMIT = "limit"
+    FIGURES = "infinite figures"
+    FOUR_MODES = "four modes"
+    COACH = "coach"
+    COACH_SPEED = "speed of the coach"
+    COACH_NEXT = "next instruction"
+
+
+class Act(NamedTuple):
+    """What the last word replaced: the part, what it would have led to and what is allowed, and what is said instead.
+
+    All are speeds in m/s; `instead_n` is the wheel force (N) said instead, where it is one.
+    """
+
+    part: Part
+    value_mps: float
+    bound_mps: float
+    instead_mps: float = math.nan
+    instead_n: float = math.nan
+
+
+class LastWord:
+    """Judges advices. It keeps the model for what it was asked about last, and remembers nothing else."""
+
+    def __init__(self) -> None:
+        self._basis: BrakingBasis | None = None
+        self._model: BrakingModel | None = None
+
+    def judge(self, advice: Advice, here: Estimate, basis: BrakingBasis) -> tuple[Advice, tuple[Act, ...]]:
+        """The advice itself where nothing is wrong with it, else a safe one, and what was replaced."""
+        if advice.mode is Mode.NONE:
+            return advice, ()
+        if not _finite(here.s_m, here.speed_mps, here.position_sd_m):
+            return _withdrawn(advice), (Act(Part.STATE, here.speed_mps, math.nan),)
+        if self._model is None or basis != self._basis:
+            self._basis, self._model = basis, BrakingModel(basis)
+        return _Judgement(advice, here, self._model).result()
+
+
+class _Judgement:
+    """One advice under judgement: what is replaced is collected part by part."""
+
+    def __init__(self, advice: Advice, here: Estimate, model: BrakingModel) -> None:
+        self._advice, self._model = advice, model
+        self._train = Consequences(model, here, (advice.valid_until_ns - advice.time_ns) * NS)
+        self._bound_mps = model.bound_mps(self._train.ahead_m)
+        self._acts: list[Act] = []
+
+    def result(self) -> tuple[Advice, tuple[Act, ...]]:
+        """The advice as it may be said, and what was replaced."""
+        self._judge_figures()
+        self._judge_effort()
+        self._judge_speeds()
+        self._judge_horizon()
+        self._judge_four_modes()
+        self._judge_coach()
+        return self._advice, tuple(self._acts)
+
+    def _replace(self, act: Act, **changes: Any) -> None:
+        self._acts.append(act)
+        self._advice = replace(self._advice, **changes)
+
+    def _judge_figures(self) -> None:
+        """An infinite figure is not known."""
+        infinite = [name for name in MAY_BE_UNKNOWN if math.isinf(getattr(self._advice, name))]
+        if infinite:
+            self._replace(Act(Part.FIGURES, math.inf, math.nan), **dict.fromkeys(infinite, math.nan))
+
+    # --- the full advice ---------------------------------------------------------------------------------------------
+
+    def _judge_effort(self) -> None:
+        """The force advised, with the speeds and forces shown for the next seconds."""
+        advice = self._advice
+        if advice.mode in _STANDS and self._train.v_mps < STOPPED_MPS:
+            return
+        shown = advice.advised_speed_mps, advice.advised_force_n, advice.advised_force_ratio
+        if not _finite(*shown, *advice.horizon_speed_mps, *advice.horizon_force_n) or not advice.horizon_speed_mps:
+            self._brake(Excess(self._train.v_mps, math.nan))
+            return
+        excess = self._train.unavailable(advice.advised_force_n, min(self._train.v_mps, advice.advised_speed_mps))
+        excess = excess or self._train.excess(list(self._shown()), self._train.valid_s)
+        if excess is not None:
+            self._brake(excess)
+
+    def _shown(self) -> Iterator[Doing]:
+        """What the full advice says to do: the force advised until the next change, then that of each second.
+
+        A brake that is to become stronger does so in time. There is no traction beyond the speeds shown, and a speed of
+        0 that is shown asks to stop, whatever the force.
+        """
+        advice = self._advice
+        speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
+        forces = (advice.advised_force_n, *advice.horizon_force_n)
+        holds = advice.mode in (Mode.CRUISE, Mode.STOP)
+        changes_s = advice.next_change_s if _finite(advice.next_change_s) else math.inf
+        for k in range(min(math.ceil(self._train.valid_s) + 1, len(speeds) - 1)):
+            to_mps, changed = speeds[k + 1], k > 0 and k + 0.5 > changes_s
+            then_n = forces[min(k, len(forces) - 1)]
+            kept_n = min(forces[0], then_n) if forces[0] < 0 else forces[0]
+            force_n = (then_n if changed else kept_n) if to_mps > 0 else -math.inf
+            speed_mps = max(speeds[k], to_mps) if force_n > 0 else 0.0
+            until_s = k + 0.5 if changed or k + 0.5 < changes_s else changes_s
+            yield Doing(until_s, force_n, to_mps if holds else speed_mps, holds)
+
+    def _brake(self, excess: Excess) -> None:
+        """The whole advice becomes a brake as strong as needed."""
+        force_n, needed = self._train.braking()
+        allowed_mps, v_mps = self._model.allowed_mps(self._train.ahead_m), self._train.v_mps
+        seconds = max(len(self._advice.horizon_speed_mps), 1)
+        mode = self._train.mode_of(force_n)
+        most_n = self._model.most_brake_n(v_mps)
+        self._replace(
+            Act(Part.EFFORT, excess.value_mps, excess.bound_mps, instead_n=force_n),
+            mode=mode,
+            four_mode=Mode.FULL_BRAKE if mode in _BRAKES else Mode.COAST,
+            next_mode=Mode.STOP,
+            next_four_mode=Mode.STOP,
+            next_change_m=math.nan,
+            next_change_s=math.nan,
+            next_four_change_s=math.nan,
+            advised_speed_mps=min(v_mps, allowed_mps),
+            display_speed_mps=_whole(min(v_mps, allowed_mps)),
+            advised_force_n=force_n,
+            advised_force_ratio=force_n / most_n if most_n > 0 else 0.0,
+            **self._train.braked_horizon(force_n, needed.speed_mps, seconds),
+            source=Source.FALLBACK,
+            reason=wording.brake_for(needed.speed_mps, needed.at_m, stops=needed.at_m >= self._model.end_m),
+        )
+
+    def _judge_speeds(self) -> None:
+        """The speeds that are shown for here, and the limit."""
+        advice, allowed_mps = self._advice, self._model.allowed_mps(self._train.ahead_m)
+        for part, name, shown_mps in (
+            (Part.ADVISED_SPEED, "advised_speed_mps", advice.advised_speed_mps),
+            (Part.DISPLAY_SPEED, "display_speed_mps", advice.display_speed_mps),
+            (Part.TOP_SPEED, "reduced_max_speed_mps", advice.reduced_max_speed_mps),
+        ):
+            if math.isnan(shown_mps) and part is not Part.ADVISED_SPEED:
+                continue  # It is not shown.
+            if not shown_mps <= self._bound_mps + SHOWN_MPS:
+                instead_mps = allowed_mps if part is Part.ADVISED_SPEED else _whole(allowed_mps)
+                self._replace(Act(part, shown_mps, self._bound_mps, instead_mps), **{name: instead_mps})
+        limit_mps = self._model.highest_limit_mps(self._train.behind_m - 1.0, self._train.ahead_m + 1.0)
+        if self._train.s_m < self._model.end_m and not advice.limit_mps <= limit_mps + SHOWN_MPS:
+            instead_mps = self._model.limit_mps(self._train.ahead_m)
+            self._replace(Act(Part.LIMIT, advice.limit_mps, limit_mps, instead_mps), limit_mps=instead_mps)
+
+    def _judge_horizon(self) -> None:
+        """No speed of the horizon is above what is allowed at the place that it leads to."""
+        advice, (nodes_m, places, _) = self._advice, self._model.line
+        speeds = np.array(advice.horizon_speed_mps, dtype=float)
+        kept = np.empty(len(speeds))
+        begin = self._train.s_m, advice.advised_speed_mps, SHOWN_MPS
+        first, bound_mps = kernels.keep_horizon(nodes_m, places, speeds, *begin, kept)
+        if first >= 0:
+            forces = tuple(n if k < first else min(n, 0.0) for k, n in enumerate(advice.horizon_force_n))
+            act = Act(Part.HORIZON, float(speeds[first]), bound_mps, float(kept[first]))
+            self._replace(act, horizon_speed_mps=tuple(kept.tolist()), horizon_force_n=forces)
+
+    # --- four modes --------------------------------------------------------------------------------------------------
+
+    def _judge_four_modes(self) -> None:
+        """The mode of the display of four modes, and the next one where it is due before the advice expires."""
+        advice = self._advice
+        if advice.four_mode in (Mode.NONE, *_STANDS):
+            return
+        due_s = advice.next_four_change_s
+        due_s = self._train.valid_s if not _finite(due_s) else due_s
+        speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
+        then_mps = speeds[min(max(math.ceil(due_s), 0), len(speeds) - 1)]
+        doings = [
+            self._one_of_four(advice.four_mode, due_s, advice.advised_speed_mps),
+            self._one_of_four(advice.next_four_mode, math.inf, then_mps),
+        ]
+        excess = self._train.excess(doings[: 1 + (due_s < self._train.valid_s)], self._train.valid_s)
+        if excess is None:
+            return
+        act = Act(Part.FOUR_MODES, *excess, instead_n=-self._model.most_brake_n(self._train.v_mps))
+        changes = {"next_four_mode": Mode.STOP, "next_four_change_s": math.nan}
+        self._replace(act, four_mode=Mode.FULL_BRAKE, **changes)
+
+    def _one_of_four(self, mode: Mode, until_s: float, held_mps: float) -> Doing:
+        model, v_mps = self._model, self._train.v_mps
+        if mode is Mode.FULL_TRACTION:
+            return Doing(until_s, model.traction_n(v_mps), math.inf)
+        if mode is Mode.COAST:
+            return Doing(until_s, 0.0, 0.0)
+        if mode is Mode.CRUISE:
+            return Doing(until_s, 0.0, held_mps, True)
+        return Doing(until_s, -model.most_brake_n(v_mps), 0.0)
+
+    # --- the coach ---------------------------------------------------------------------------------------------------
+
+    def _judge_coach(self) -> None:
+        """The instruction that is due, with its force and that of the reference, and those that are announced."""
+        coach = self._advice.coach
+        if coach is None or coach.now.mode in (Mode.NONE, *_STANDS):
+            return
+        excess = self._excess_of(coach)
+        if excess is not None:
+            coach = self._braked_coach(coach)
+            self._replace(Act(Part.COACH, *excess, instead_n=coach.force_n), coach=coach)
+        self._judge_speed_of(coach.now)
+        self._judge_following()
+
+    def _excess_of(self, coach: Coaching) -> Excess | None:
+        """Where a driver is too fast who does what the coach says, with the force shown or that of the reference."""
+        now = coach.now
+        if not _finite(coach.force_n, coach.reference_force_n, now.speed_mps, now.way_m, now.in_s, coach.target_m):
+            return Excess(self._train.v_mps, math.nan)
+        for force_n in {coach.force_n, coach.reference_force_n}:
+            excess = self._train.unavailable(force_n, self._train.v_mps)
+            excess = excess or self._train.excess(self._led(coach, force_n), self._train.valid_s)
+            if excess is not None:
+                return excess
+        return None
+
+    def _led(self, coach: Coaching, force_n: float) -> list[Doing]:
+        """What a driver led by the coach does up to the next change and after it.
+
+        Until an instruction is due he keeps his speed.
+        """
+        now, following = coach.now, coach.following
+        after = following[0] if following and _finite(following[0].in_s, following[0].speed_mps) else None
+        waiting = [Doing(now.in_s, 0.0, self._train.v_mps, True)] if now.in_s > 0 else []
+        doings = [*waiting, _instructed(now, force_n, math.inf if after is None else after.in_s)]
+        if after is None:
+            return doings
+        most_n = self._train.brake_n(-1.0) if after.mode in _BRAKES else self._model.traction_n(self._train.v_mps)
+        brakes = after.mode in _BRAKES and _finite(after.effort_ratio)
+        return [*doings, _instructed(after, self._train.brake_n(after.effort_ratio) if brakes else most_n, math.inf)]
+
+    def _braked_coach(self, coach: Coaching) -> Coaching:
+        """An instruction to brake as strongly as needed, and what comes after that brake."""
+        force_n, needed = self._train.braking()
+        way_m, scale_n = max(needed.at_m - self._train.s_m, 0.0), self._train.brake_n(1.0)
+        now = Instruction(
+            mode=self._train.mode_of(force_n),
+            speed_mps=needed.speed_mps,
+            effort_ratio=force_n / scale_n if scale_n > 0 else 0.0,
+        )
+        return replace(
+            coach,
+            now=now,
+            following=tuple(one for one in coach.following if one.way_m > way_m),
+            target_m=way_m,
+            target_s=2.0 * way_m / max(self._train.v_mps + needed.speed_mps, STOPPED_MPS),
+            force_n=force_n,
+            reference_force_n=force_n,
+            reason=wording.brake_for(needed.speed_mps, needed.at_m, stops=needed.at_m >= self._model.end_m),
+        )
+
+    def _judge_speed_of(self, now: Instruction) -> None:
+        """The speed to reach or to hold is allowed here, or where the instruction is due; of a brake, where it ends."""
+        coach, model = self._advice.coach, self._model
+        assert coach is not None
+        leads = now.mode in (*_BRAKES, Mode.COAST)
+        places_m = (self._train.s_m + coach.target_m,) if leads else (self._train.ahead_m, self._train.s_m + now.way_m)
+        bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SHOWN_MPS
+        if not now.speed_mps <= bound_mps:
+            instead_mps = max(model.allowed_mps(place_m) for place_m in places_m)
+            act = Act(Part.COACH_SPEED, now.speed_mps, bound_mps, instead_mps)
+            self._replace(act, coach=replace(coach, now=replace(now, speed_mps=instead_mps)))
+
+    def _judge_following(self) -> None:
+        """No speed is announced above the limit at its place, and no brake later than full braking needs."""
+        coach = self._advice.coach
+        assert coach is not None
+        kept: list[Instruction] = []
+        first: Act | None = None
+        for k, one in enumerate(coach.following):
+            excess = self._late(coach) if k == 0 and one.mode in _BRAKES else None
+            if excess is not None or not _finite(one.speed_mps, one.way_m, one.in_s):
+                first = first or Act(Part.COACH_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
+                break  # What comes after it has no place any more.
+            at_m = self._train.s_m + one.way_m
+            # A speed to reach or to hold counts where it begins, one to coast or to brake to where that ends.
+            ends = k + 1 < len(coach.following) and one.mode in (*_BRAKES, Mode.COAST)
+            to_m = self._train.s_m + coach.following[k + 1].way_m if ends else at_m
+            limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
+            if one.speed_mps > limit_mps + SHOWN_MPS:
+                first = first or Act(Part.COACH_NEXT, one.speed_mps, limit_mps, limit_mps)
+                one = replace(one, speed_mps=limit_mps)  # noqa: PLW2901
+            kept.append(one)
+        if first is not None:
+            self._replace(first, coach=replace(coach, following=tuple(kept)))
+
+    def _late(self, coach: Coaching) -> Excess | None:
+        """Whether a driver who does what holds now is too fast when the brake after it is due."""
+        in_s = coach.following[0].in_s
+        if not in_s <= LONGEST_S:
+            return None
+        return self._train.excess(self._led(coach, coach.force_n)[:-1], in_s, in_s)
+
+
+def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:
+    """What a driver does who is told an instruction."""
+    if one.mode is Mode.CRUISE:
+        return Doing(until_s, 0.0, one.speed_mps, True)
+    return Doing(until_s, 0.0, 0.0) if one.mode is Mode.COAST else Doing(until_s, force_n, one.speed_mps)
+
+
+def _withdrawn(advice: Advice) -> Advice:
+    """Without a state nothing can be judged, and nothing is safe to say."""
+    why = Withdrawal(Cause.POSITION_REJECTED, wording.NOTHING_TO_JUDGE_BY)
+    return Advice(
+        time_ns=advice.time_ns,
+        position_time_ns=advice.position_time_ns,
+        cause=why.cause,
+        reason=wording.withdrawal(why),
+        valid_until_ns=advice.time_ns,
+    )
+
+
+def _finite(*values: float) -> bool:
+    return all(map(math.isfinite, values))
+
+
+def _whole(speed_mps: float) -> float:
+    """A speed in whole km/h, rounded down."""
+    return math.floor(speed_mps / KMH + 1e-9) * KMH

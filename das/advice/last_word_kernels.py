@@ -1,0 +1,172 @@
+"""The last word's numbers: full braking backwards along a section, and what a driver comes to who does what is shown.
+
+A model is three arrays and two numbers. `nodes` are the positions (m) between the intervals of the line. `places` has a
+row for each of the `PLACE` quantities of the intervals, and `forces` one for each of the `FORCE` quantities at the
+speeds i / `STEPS_PER_MPS`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from das.compiling.kernels import kernel
+
+STEPS_PER_MPS = 10.0
+"""Forces are tabulated at so many speeds in each m/s."""
+STEP_S = 0.5
+"""What a driver does is followed in steps of this."""
+
+LIMIT, LINE, MOTORS, ALLOWED, BOUND, PLACES = 0, 1, 2, 3, 6, 9
+"""Rows of places: the limit over the train (m/s), what gradient and curves take (m/s²), and whether the motors brake
+(1 or 0); then three rows for the speeds allowed and three for the bounds: the square of a speed at the begin of the
+interval, at its end, and the highest in it (m²/s²)."""
+TRACTION, ELECTRIC, MOST, BRAKE, BRAKE_WITHOUT_MOTORS, RUNNING = 0, 1, 2, 3, 4, 5
+"""Rows of forces (N): the largest traction, electric brake, and brake of all kinds, the full brake by the train's
+policy with and without motors, and the running resistance."""
+
+
+@kernel
+def interval(nodes, s):
+    """Index of the interval that a position is in; before and beyond the nodes the first and the last."""
+    low, high = 0, nodes.size - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if nodes[middle] <= s:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def highest_limit(nodes, places, start, end):
+    """The highest limit (m/s) with the head of the train anywhere between two positions."""
+    i = interval(nodes, start)
+    highest = places[LIMIT, i]
+    while i + 1 < nodes.size - 1 and nodes[i + 1] <= end:
+        i += 1
+        highest = max(highest, places[LIMIT, i])
+    return highest
+
+
+@kernel
+def speed_at(nodes, places, row, s):
+    """The speed (m/s) of a curve, `ALLOWED` or `BOUND`, at a position."""
+    i = interval(nodes, s)
+    share = min(max((s - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0), 1.0)
+    w = places[row, i] + (places[row + 1, i] - places[row, i]) * share
+    return math.sqrt(min(w, places[row + 2, i]))
+
+
+@kernel
+def force_at(forces, row, v):
+    """A force (N) at a speed."""
+    return forces[row, min(int(v * STEPS_PER_MPS + 0.5), forces.shape[1] - 1)]
+
+
+@kernel
+def resisting(nodes, places, forces, mass, s, v):
+    """Running resistance, gradient and curves (N) at a position and speed."""
+    return force_at(forces, RUNNING, v) + places[LINE, interval(nodes, s)] * mass
+
+
+@kernel
+def planned_brake(nodes, places, forces, mass, most, s, v):
+    """The full brake (N, > 0) by the train's policy at a position and speed, within its largest deceleration."""
+    row = BRAKE if places[MOTORS, interval(nodes, s)] > 0.0 else BRAKE_WITHOUT_MOTORS
+    return max(min(force_at(forces, row, v), most * mass - resisting(nodes, places, forces, mass, s, v)), 0.0)
+
+
+@kernel
+def fill_curve(nodes, places, forces, mass, most, row):
+    """Fill in a curve, `ALLOWED` or `BOUND`: the highest speeds from which full braking keeps its third row.
+
+    The train stands at the last node. v² grows over a step by 2·h times the mean deceleration of its two ends (Heun).
+    """
+    w = 0.0
+    for i in range(nodes.size - 2, -1, -1):
+        step = nodes[i + 1] - nodes[i]
+        w = min(w, places[row + 2, i])
+        places[row + 1, i] = w
+        later = _deceleration(places, forces, mass, most, i, w)
+        w = max(w + step * (later + _deceleration(places, forces, mass, most, i, w + 2.0 * step * later)), 0.0)
+        places[row, i] = w
+        w = min(w, places[row + 2, i])
+
+
+@kernel
+def _deceleration(places, forces, mass, most, i, w):
+    """Full braking in an interval at the square of a speed; a hill may slow a train more than its largest one."""
+    x = min(math.sqrt(max(w, 0.0)) * STEPS_PER_MPS, forces.shape[1] - 1.001)
+    k = int(x)
+    row = BRAKE if places[MOTORS, i] > 0.0 else BRAKE_WITHOUT_MOTORS
+    before, after = forces[row, k] + forces[RUNNING, k], forces[row, k + 1] + forces[RUNNING, k + 1]
+    rate = (before + (x - k) * (after - before)) / mass + places[LINE, i]
+    return min(rate, max(most, places[LINE, i]))
+
+
+@kernel
+def after_step(nodes, places, forces, mass, doing, s, v):
+    """The speed (m/s) one step later of a driver who does something (see `first_excess`)."""
+    force, goal, holds = doing[1], doing[2], doing[3] > 0.0
+    faster = v >= goal
+    if holds:
+        force = -np.inf if faster else np.inf
+    elif force > 0.0 and faster:
+        force = 0.0
+    force = min(max(force, -force_at(forces, MOST, v)), force_at(forces, TRACTION, v))
+    after = v + (force - resisting(nodes, places, forces, mass, s, v)) / mass * STEP_S
+    if (holds and faster) or force < 0.0:
+        return max(after, min(goal, v), 0.0)
+    if holds or force > 0.0:
+        after = min(after, goal)
+    return max(after, 0.0)
+
+
+@kernel
+def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, full_ratio, held_above, stopped):
+    """The first speed above its bound, and the bound (m/s), of a driver who does `doings`; minus ones: there is none.
+
+    It is looked for between the times `since` and `lasts` (s).
+    A row of `doings` says until when (s) which force (N) is given to come to a speed (m/s), and whether the speed is to
+    be held (1 or 0). A train that is too fast already is let off where it is asked for all that is needed: the share
+    `full_ratio` of the full brake, or to hold a speed while it is no more than `held_above` above what is allowed.
+    """
+    k = 0
+    for step in range(math.ceil(lasts / STEP_S) + 1):
+        while k + 1 < doings.shape[0] and (step + 0.5) * STEP_S > doings[k, 0]:
+            k += 1
+        bound, doing = speed_at(nodes, places, BOUND, s), doings[k]
+        if v > bound and step * STEP_S >= since:
+            if doing[3] > 0.0:
+                suffices = doing[2] <= bound and v <= speed_at(nodes, places, ALLOWED, s) + held_above
+            else:
+                full = planned_brake(nodes, places, forces, mass, most, s, v)
+                suffices = v < stopped or (v > doing[2] and full > 0.0 and doing[1] <= -full_ratio * full)
+            if not suffices:
+                return v, bound
+        after = after_step(nodes, places, forces, mass, doing, s, v)
+        s, v = s + 0.5 * (v + after) * STEP_S, after
+    return -1.0, -1.0
+
+
+@kernel
+def keep_horizon(nodes, places, speeds, s, before, slack, kept):
+    """Fill in `kept`, the speeds of a horizon (1 s apart) as they are allowed where they lead to.
+
+    Returns the number of the first one that is not as it was (-1: all are), and its bound (m/s).
+    """
+    first, first_bound = -1, -1.0
+    for n in range(speeds.size):
+        there = s + 0.5 * (before + speeds[n])
+        bound = speed_at(nodes, places, BOUND, there) + slack
+        kept[n] = speeds[n]
+        if not 0.0 <= speeds[n] <= bound:
+            kept[n] = min(max(speeds[n], 0.0), speed_at(nodes, places, ALLOWED, there))
+            there = s + 0.5 * (before + kept[n])
+            if first < 0:
+                first, first_bound = n, bound
+        s, before = there, kept[n]
+    return first, first_bound

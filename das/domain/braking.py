@@ -1,0 +1,65 @@
+"""How trains are braked in service: the figures that advice plans its brakes with, kept apart as in ETCS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from das.domain.vehicle import Vehicle
+
+REACTION_S = 1.0
+"""A driver begins with a change that was announced this long after it is due (assumption)."""
+DEVIATION_M = 5.0
+"""The true position is within this of the estimate: two deviations of a good localisation (assumption)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceBraking:
+    """The braking that advice plans with; full brakes stay in reserve.
+
+    A train that is planned so and begins to brake for a lower speed, or a stop, `reaction_s` late, with brakes that
+    take `build_up_s` to act fully, still keeps it with its service deceleration.
+    """
+
+    deceleration_mps2: float
+    """Limits and stops are braked for at no more than this rate, and at no more than the train's brakes give."""
+    build_up_s: float
+    """The time from the driver's command until the brakes act fully."""
+    reaction_s: float = REACTION_S
+    """The time from a change on the display until the driver acts on it."""
+    deviation_m: float = DEVIATION_M
+    """A lower limit holds from this much before its place, and until this much behind its end."""
+    below_limit_mps: float = 0.0
+    """Limits are planned with this margin."""
+
+    @property
+    def delay_s(self) -> float:
+        """How late the full brake acts (s): the reaction, and half of an even build-up."""
+        return self.reaction_s + 0.5 * self.build_up_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiteBraking:
+    """What an operator says of how its drivers brake; None: as the train's file says, or as is usual."""
+
+    deceleration_mps2: float | None = None
+    reaction_s: float = REACTION_S
+    below_limit_mps: float = 0.0
+
+    def of(self, vehicle: Vehicle) -> ServiceBraking:
+        """The braking to plan a train with."""
+        service = vehicle.service_brake
+        found = ServiceBraking(
+            deceleration_mps2=service.deceleration_mps2,
+            build_up_s=service.build_up_s,
+            reaction_s=self.reaction_s,
+            below_limit_mps=self.below_limit_mps,
+        )
+        if self.deceleration_mps2 is None:
+            return found
+        return replace(found, deceleration_mps2=self.deceleration_mps2)
+
+
+USUAL = SiteBraking()
+"""The operator says nothing of its drivers."""

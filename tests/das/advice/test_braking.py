@@ -1,0 +1,110 @@
+"""Braking ahead: the effort that is needed, by an integrator of its own, and when a brake is due."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from das.advice.braking import BACK_IN_S, SPEED_SLACK_MPS, STOP_SLACK_M, BrakingAhead, braking_mode
+from das.advice.modes import Mode
+from das.domain.braking import USUAL
+from das.domain.files.load import load_vehicle
+from das.domain.vehicle import BrakePolicy, Vehicle
+from das.solver.section import Section, SectionOptions, build_section
+from tests.support.making import make_route
+
+TRAIN = load_vehicle("re460-ic")
+END_M = 8000.0
+
+
+def line(vehicle: Vehicle = TRAIN, gradient: float = 0.0) -> Section:
+    """25 m/s from km 4 on and 15 m/s from km 5 to 6, with 35 m/s before and after."""
+    limits = [(0.0, 35.0), (4000.0, 25.0), (5000.0, 15.0), (6000.0, 35.0)]
+    route = make_route(END_M, limits, grades=[(0.0, gradient)])
+    return build_section(route, vehicle, options=SectionOptions(braking=USUAL.of(vehicle), point_mass=True))
+
+
+def speed_after_mps(vehicle: Vehicle, effort: float, v_mps: float, way_m: float, gradient: float = 0.0) -> float:
+    """The speed of a train after a way with an effort, in steps of 0.1 m: F = effort·min(F_max, P/v) at every speed."""
+    brake, w = vehicle.electric_brake, v_mps**2
+    for _ in range(round(way_m / 0.1)):
+        if w <= 0:
+            return 0.0
+        v = w**0.5
+        force_n = effort * min(brake.max_force_n, brake.max_power_w / v)
+        held_n = float(vehicle.resistance.force_n(v)) + vehicle.mass_kg * 9.80665 * gradient
+        w -= 0.2 * (force_n + held_n) / vehicle.inertial_mass_kg
+    return max(w, 0.0) ** 0.5
+
+
+@pytest.mark.parametrize("gradient", [-0.015, 0.0, 0.012])
+@pytest.mark.parametrize(("s_m", "v_mps", "to_m", "target"), [(3400.0, 30.0, 4000.0, 25.0), (7000.0, 24.0, END_M, 0.0)])
+def test_the_effort_leads_to_the_speed_at_the_place(
+    gradient: float, s_m: float, v_mps: float, to_m: float, target: float
+) -> None:
+    ahead = BrakingAhead(line(gradient=gradient))
+    effort = ahead.effort_to(s_m, v_mps, to_m, target)
+    assert 0 < effort < 1
+    way_m = to_m - s_m + (STOP_SLACK_M if target == 0 else 0.0)
+    assert speed_after_mps(TRAIN, effort, v_mps, way_m, gradient) <= target + SPEED_SLACK_MPS + 0.15
+    assert speed_after_mps(TRAIN, 0.97 * effort, v_mps, way_m, gradient) > target + SPEED_SLACK_MPS
+
+
+def test_a_slower_train_needs_no_brake_and_a_far_too_fast_one_all_there_is() -> None:
+    ahead = BrakingAhead(line())
+    assert ahead.effort_to(3500.0, 20.0, 4000.0, 25.0) == 0.0
+    assert ahead.effort_to(3990.0, 34.0, 4000.0, 25.0) == pytest.approx(ahead.largest(34.0))
+    assert ahead.effort_to(4010.0, 34.0, 4000.0, 25.0) == ahead.largest(34.0), "the place is behind"
+
+
+def test_what_is_needed_is_by_the_speed_that_asks_for_most() -> None:
+    ahead = BrakingAhead(line())
+    near = ahead.needed(3900.0, 27.0)
+    assert (near.target_mps, near.at_m) == (pytest.approx(25.0), pytest.approx(4000.0, abs=10.0))
+    both = ahead.needed(4400.0, 25.0)
+    assert (both.target_mps, both.at_m) == (pytest.approx(15.0), pytest.approx(5000.0, abs=10.0))
+    assert ahead.needed(1000.0, 10.0).effort == 0.0 or ahead.needed(1000.0, 10.0).effort < 0.05
+
+
+def test_more_than_the_motors_is_friction_and_never_beyond_the_train() -> None:
+    """A policy leaves the friction brake alone in plans; a train that is too fast uses all that it has."""
+    ahead = BrakingAhead(line())
+    effort = ahead.needed(7800.0, 25.0).effort
+    assert effort > 1.0
+    assert braking_mode(effort) is Mode.FRICTION_BRAKE
+    most_n = min(300e3, 6.1e6 / 25.0) + 400e3
+    assert ahead.force_n(100.0, 7800.0, 25.0) == pytest.approx(-most_n)
+    assert ahead.force_n(0.5, 7800.0, 25.0) == pytest.approx(-0.5 * 6.1e6 / 25.0)
+    assert (braking_mode(0.5), braking_mode(0.98), braking_mode(1.0)) == (
+        Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FULL_BRAKE,
+    )  # fmt: skip
+
+
+def test_a_train_without_motors_that_brake_counts_all_its_brakes() -> None:
+    friction = replace(
+        TRAIN, brake_policy=BrakePolicy.FRICTION, electric_brake=replace(TRAIN.electric_brake, max_force_n=0.0)
+    )
+    ahead = BrakingAhead(line(friction))
+    assert ahead.largest(20.0) == pytest.approx(1.0)
+    assert ahead.force_n(0.5, 3000.0, 20.0) == pytest.approx(-200e3)
+
+
+def test_a_brake_is_due_where_the_train_would_soon_be_above_the_falling_curve() -> None:
+    section = line()
+    ahead = BrakingAhead(section)
+    begins = max(s for s, v in zip(section.node_m, section.envelope_mps, strict=True) if s < 4000 and v > 34.99)
+    assert not ahead.is_due(begins - 200.0, 35.0, 2.0)
+    assert ahead.is_due(begins - 40.0, 35.0, 2.0)
+    assert ahead.is_due(begins + 40.0, 35.0)
+    assert not ahead.is_due(begins + 40.0, 30.0, 1.0)
+    assert not ahead.is_due(1000.0, 36.0, 2.0), "above a limit that does not fall there is nothing ahead to brake for"
+
+
+def test_a_train_above_a_limit_is_brought_back_in_time() -> None:
+    ahead, v_mps = BrakingAhead(line(gradient=-0.01)), 27.0
+    needed = ahead.back_under(4300.0, v_mps, 25.0)
+    assert needed.target_mps == 25.0
+    force_n = ahead.force_n(needed.effort, 4300.0, v_mps) - ahead.section.resistance_n(4300.0, v_mps)
+    assert -force_n / ahead.section.train.inertial_mass_kg == pytest.approx(2.0 / BACK_IN_S, rel=1e-6)
+    assert ahead.back_under(4300.0, 24.0, 25.0).effort == 0.0

@@ -1,0 +1,449 @@
+"""The last word: what is wrong in an advice is caught and replaced, what is sound passes as it is.
+
+Most tests judge advices made by hand, for a train of 100 t with 60 kN of electric and 60 kN of friction brake on a
+level line of 10 km. Its limits are 30, 20 and 30 m/s, its electric brake alone gives 0.6 m/s², so that every curve has
+the closed form v² = u² + 2·0.6·d.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.advice.advice import Advice, Source
+from das.advice.braking_model import LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
+from das.advice.cause import Cause
+from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.consequences import FULL_RATIO
+from das.advice.last_word import Act, LastWord, Part
+from das.advice.modes import Mode
+from das.cab.leg import Leg
+from das.cab.situation import Situation
+from das.domain.conditions import Conditions
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.route import Restriction, Zone
+from das.domain.units import KMH
+from das.domain.vehicle import BrakePolicy, EffortEnvelope
+from das.estimate.estimate import Estimate
+from das.solver.section import build_section
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind
+from sim.world.day import make_day
+from sim.world.in_process import InProcess
+from sim.world.loop import World as ClosedLoop
+from sim.world.scenario import load_scenario
+from sim.world.service import prepare_service
+from tests.support.drawn_day import write_files
+from tests.support.driven_node import DrivenNode, S
+from tests.support.making import make_route, make_train
+from tests.support.raw_witness import RawLine, RawTrain
+
+END_M, HIGH, LOW = 10_000.0, 30.0, 20.0
+RATE = 0.6
+FULL_N = 60e3
+LINE = make_route(END_M, [(0.0, HIGH), (6_000.0, LOW), (7_000.0, HIGH)])
+TRAIN = replace(
+    make_train(), electric_brake=EffortEnvelope(max_force_n=FULL_N, max_power_w=1e12), friction_brake_force_n=FULL_N
+)
+BASIS = BrakingBasis(LINE, TRAIN, BrakePolicy.ELECTRIC, (), Conditions(), 0.0, END_M)
+MODEL = BrakingModel(BASIS)
+FAST_M, SD_M = 2_000.0, 1.0
+"""Where the train runs at the limit with nothing ahead, and the deviation of its position."""
+
+
+def curve_mps(way_m: float, to_mps: float = 0.0) -> float:
+    """From this speed full braking comes down to another one on a way."""
+    return math.sqrt(to_mps**2 + 2 * RATE * way_m)
+
+
+def at(s_m: float, v_mps: float, sd_m: float = SD_M) -> Estimate:
+    """A usable estimate."""
+    return Estimate(
+        time_ns=S, fix_time_ns=S, s_m=s_m, speed_mps=v_mps, position_sd_m=sd_m, speed_sd_mps=0.1, problem=None
+    )
+
+
+def advice_of(s_m: float, v_mps: float, mode: Mode, force_n: float, rate_mps2: float = 0.0, **changes: Any) -> Advice:
+    """An advice whose horizon goes on with one deceleration to a standstill."""
+    horizon = tuple(max(v_mps - rate_mps2 * second, 0.0) for second in range(1, 31))
+    common: dict[str, Any] = {
+        "time_ns": S, "position_time_ns": S, "s_m": s_m, "speed_mps": v_mps, "mode": mode,
+        "advised_speed_mps": v_mps, "advised_force_n": force_n, "advised_force_ratio": force_n / 1e5,
+        "display_speed_mps": math.floor(v_mps / KMH) * KMH, "reduced_max_speed_mps": math.floor(v_mps / KMH) * KMH,
+        "horizon_speed_mps": horizon, "horizon_force_n": tuple(force_n if v > 0 else 0.0 for v in horizon),
+        "next_mode": Mode.STOP, "limit_mps": MODEL.limit_mps(s_m), "source": Source.SOLVED,
+        "four_mode": Mode.FULL_BRAKE if force_n < 0 else mode, "valid_until_ns": 4 * S, "position_sd_m": SD_M,
+    }  # fmt: skip
+    return Advice(**{**common, **changes})
+
+
+BRAKE_M = 6_000.0 - 200.0
+BRAKE_MPS = curve_mps(200.0, LOW)
+"""A place on the braking curve before the lower limit, and the speed there."""
+IN_S = (6_000.0 - (HIGH**2 - LOW**2) / (2 * RATE) - FAST_M) / HIGH
+COACH_FAST = Coaching(
+    now=Instruction(mode=Mode.CRUISE, speed_mps=HIGH),
+    following=(
+        Instruction(mode=Mode.FULL_BRAKE, speed_mps=LOW, effort_ratio=-1.0, way_m=(IN_S - 1.0) * HIGH, in_s=IN_S - 1.0),
+        Instruction(mode=Mode.CRUISE, speed_mps=LOW, way_m=4_000.0, in_s=200.0),
+    ),
+    target_m=IN_S * HIGH,
+    target_s=IN_S,
+)
+COACH_BRAKES = Coaching(
+    now=Instruction(mode=Mode.FULL_BRAKE, speed_mps=LOW, effort_ratio=-1.0),
+    following=(Instruction(mode=Mode.CRUISE, speed_mps=LOW, way_m=200.0, in_s=8.0),),
+    target_m=200.0,
+    target_s=8.0,
+    force_n=-FULL_N,
+    reference_force_n=-FULL_N,
+)
+FAST = advice_of(FAST_M, HIGH, Mode.CRUISE, 0.0, coach=COACH_FAST)
+"""The train holds the limit, and the coach announces the brake to the next one."""
+BRAKES = advice_of(BRAKE_M, BRAKE_MPS, Mode.FULL_BRAKE, -FULL_N, coach=COACH_BRAKES)
+BRAKES = replace(
+    BRAKES,
+    horizon_speed_mps=tuple(max(v - RATE * k, LOW) for k, v in enumerate((BRAKE_MPS,) * 31))[1:],
+    horizon_force_n=tuple(-FULL_N if BRAKE_MPS - RATE * k > LOW else 0.0 for k in range(1, 31)),
+)
+"""The train is on the curve before the lower limit, and brakes fully."""
+
+
+def judged(advice: Advice, here: Estimate | None = None, basis: BrakingBasis = BASIS) -> tuple[Advice, tuple[Act, ...]]:
+    return LastWord().judge(advice, here or at(advice.s_m, advice.speed_mps), basis)
+
+
+@pytest.mark.parametrize("advice", [FAST, BRAKES], ids=["at the limit", "on the curve"])
+def test_a_sound_advice_passes_as_it_is(advice: Advice) -> None:
+    said, acts = judged(advice)
+    assert acts == ()
+    assert said is advice
+
+
+def test_no_advice_is_not_judged() -> None:
+    none = Advice(time_ns=S, cause=Cause.POSITION_STALE, reason="old")
+    assert judged(none, Estimate(time_ns=S)) == (none, ())
+
+
+def coached(advice: Advice, **changes: Any) -> dict[str, Any]:
+    assert advice.coach is not None
+    return {"coach": replace(advice.coach, **changes)}
+
+
+def followed(*changes: dict[str, Any]) -> dict[str, Any]:
+    """The coach at the limit with its announced instructions changed."""
+    known = zip(COACH_FAST.following, changes, strict=False)
+    return coached(FAST, following=tuple(replace(one, **new) for one, new in known))
+
+
+FASTER = tuple(HIGH + 2.0 for _ in range(30))
+WRONG: dict[str, tuple[Advice, dict[str, Any], Part]] = {
+    "traction to a speed above the limit": (
+        FAST, {"mode": Mode.FULL_TRACTION, "advised_force_n": 1e5, "horizon_speed_mps": FASTER}, Part.EFFORT
+    ),
+    "coasting on the curve": (BRAKES, {"mode": Mode.COAST, "advised_force_n": 0.0}, Part.EFFORT),
+    "a brake that is too weak": (BRAKES, {"advised_force_n": -10e3, "horizon_force_n": (-10e3,) * 30}, Part.EFFORT),
+    "a force that the train does not have": (FAST, {"advised_force_n": -500e3}, Part.EFFORT),
+    "traction that the train does not have": (FAST, {"advised_force_n": 150e3}, Part.EFFORT),
+    "a force that is no number": (BRAKES, {"advised_force_n": math.nan}, Part.EFFORT),
+    "an infinite force": (BRAKES, {"advised_force_n": -math.inf}, Part.EFFORT),
+    "an advised speed that is no number": (FAST, {"advised_speed_mps": math.nan}, Part.EFFORT),
+    "a horizon without a number": (FAST, {"horizon_speed_mps": (HIGH,) * 20 + (math.nan,) * 10}, Part.EFFORT),
+    "no horizon": (FAST, {"horizon_speed_mps": (), "horizon_force_n": ()}, Part.EFFORT),
+    "advised speed": (FAST, {"advised_speed_mps": HIGH + 1.0}, Part.ADVISED_SPEED),
+    "displayed speed": (FAST, {"display_speed_mps": HIGH + 1.0}, Part.DISPLAY_SPEED),
+    "top speed": (BRAKES, {"reduced_max_speed_mps": BRAKE_MPS + 1.0}, Part.TOP_SPEED),
+    "top speed at a stop": (FAST, {"reduced_max_speed_mps": math.inf}, Part.FIGURES),
+    "limit": (FAST, {"limit_mps": HIGH + 1.0}, Part.LIMIT),
+    "limit that is no number": (FAST, {"limit_mps": math.nan}, Part.LIMIT),
+    "horizon": (FAST, {"horizon_speed_mps": (HIGH,) * 20 + (HIGH + 1.0,) * 10}, Part.HORIZON),
+    "horizon below 0": (FAST, {"horizon_speed_mps": (HIGH,) * 29 + (-1.0,)}, Part.HORIZON),
+    "infinite time": (FAST, {"next_change_s": math.inf}, Part.FIGURES),
+    "infinite energy": (FAST, {"energy_to_go_j": -math.inf}, Part.FIGURES),
+    "four modes: traction at the limit": (FAST, {"four_mode": Mode.FULL_TRACTION}, Part.FOUR_MODES),
+    "four modes: coasting on the curve": (BRAKES, {"four_mode": Mode.COAST}, Part.FOUR_MODES),
+    "four modes: traction in a second": (
+        FAST,
+        {"four_mode": Mode.COAST, "next_four_mode": Mode.FULL_TRACTION, "next_four_change_s": 1.0},
+        Part.FOUR_MODES,
+    ),
+    "coach: a speed to hold above the limit": (
+        FAST, coached(FAST, now=Instruction(mode=Mode.CRUISE, speed_mps=HIGH + 1.0)), Part.COACH
+    ),
+    "coach: traction": (
+        FAST,
+        coached(FAST, now=Instruction(mode=Mode.FULL_TRACTION, speed_mps=HIGH + 2.0, effort_ratio=1.0), force_n=1e5),
+        Part.COACH,
+    ),
+    "coach: coasting on the curve": (
+        BRAKES,
+        coached(BRAKES, now=Instruction(mode=Mode.COAST, speed_mps=LOW), force_n=0.0, reference_force_n=0.0),
+        Part.COACH,
+    ),
+    "coach: a brake that is due too late": (
+        BRAKES, coached(BRAKES, now=replace(COACH_BRAKES.now, way_m=66.0, in_s=2.6)), Part.COACH
+    ),
+    "coach: a brake that is too weak": (BRAKES, coached(BRAKES, force_n=-20e3), Part.COACH),
+    "coach: a reference that brakes too weakly": (BRAKES, coached(BRAKES, reference_force_n=-20e3), Part.COACH),
+    "coach: a force that the train does not have": (BRAKES, coached(BRAKES, force_n=-200e3), Part.COACH),
+    "coach: a force that is no number": (BRAKES, coached(BRAKES, reference_force_n=math.nan), Part.COACH),
+    "coach: a brake to a speed above the next limit": (
+        BRAKES, coached(BRAKES, now=replace(COACH_BRAKES.now, speed_mps=LOW + 2.0)), Part.COACH_SPEED
+    ),
+    "coach: a speed announced above the limit there": (
+        FAST, followed({}, {"speed_mps": LOW + 1.0}), Part.COACH_NEXT
+    ),
+    "coach: an announced time without a number": (FAST, followed({"in_s": math.nan}), Part.COACH_NEXT),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_caught_and_what_is_said_instead_is_sound(name: str) -> None:
+    advice, changes, part = WRONG[name]
+    wrong = replace(advice, **changes)
+    said, acts = judged(wrong)
+    assert part in {act.part for act in acts}
+    assert said != wrong
+    assert said.mode is not Mode.NONE
+    assert judged(said) == (said, ())
+    if part not in (Part.EFFORT, Part.ADVISED_SPEED):
+        assert {act.part for act in acts} == {part}
+        untouched = (said.mode, said.advised_speed_mps, said.advised_force_n, said.reason, said.source)
+        assert untouched == (wrong.mode, wrong.advised_speed_mps, wrong.advised_force_n, wrong.reason, wrong.source)
+
+
+def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
+    said, (act,) = judged(replace(BRAKES, mode=Mode.COAST, advised_force_n=0.0))
+    # The train may be 2 m further, and a steady force is asked for.
+    needed_n = 1e5 * (BRAKE_MPS**2 - LOW**2) / (2 * (200.0 - 2 * SD_M))
+    assert said.advised_force_n == act.instead_n == pytest.approx(-needed_n)
+    assert (said.mode, said.four_mode, said.source) == (Mode.FULL_BRAKE, Mode.FULL_BRAKE, Source.FALLBACK)
+    assert said.reason == "brake to 72 km/h by km 6.00"
+    assert said.advised_force_ratio == pytest.approx(-needed_n / (2 * FULL_N))
+    assert list(said.horizon_speed_mps) == sorted(said.horizon_speed_mps, reverse=True)
+    assert said.horizon_speed_mps[-1] == pytest.approx(LOW)
+    assert said.horizon_speed_mps[2] == pytest.approx(BRAKE_MPS - 3 * needed_n / 1e5, abs=0.05)
+
+
+def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:
+    too_fast = BRAKE_MPS + 3.0
+    wrong = advice_of(BRAKE_M, too_fast, Mode.COAST, 0.0, four_mode=Mode.COAST, advised_speed_mps=BRAKE_MPS)
+    said, acts = judged(wrong)
+    assert {act.part for act in acts} >= {Part.EFFORT}
+    assert said.mode is Mode.FRICTION_BRAKE
+    assert said.advised_force_n == pytest.approx(-1e5 * (too_fast**2 - LOW**2) / (2 * 198.0))
+    assert said.advised_force_n < -FULL_N
+
+
+def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_not() -> None:
+    v_mps = BRAKE_MPS + 3.0
+    shown = {"advised_speed_mps": BRAKE_MPS, "display_speed_mps": LOW, "reduced_max_speed_mps": LOW, "coach": None}
+    full = replace(BRAKES, speed_mps=v_mps, **shown)
+    assert judged(full)[1] == ()
+    weak_n = -0.9 * FULL_RATIO * FULL_N
+    weak = replace(full, advised_force_n=weak_n, horizon_force_n=(weak_n,) * 30)
+    assert [act.part for act in judged(weak)[1]] == [Part.EFFORT]
+
+
+def test_a_train_hardly_above_the_limit_may_be_told_to_hold_it_and_one_far_above_must_brake() -> None:
+    def parts(excess_mps: float) -> list[Part]:
+        held = replace(FAST, speed_mps=HIGH + excess_mps, coach=None, four_mode=Mode.FULL_BRAKE)
+        return [act.part for act in judged(held)[1]]
+
+    assert parts(0.9) == []
+    assert parts(1.2) == [Part.EFFORT]
+
+
+def test_the_train_may_be_two_deviations_ahead_but_sees_the_mark() -> None:
+    way_m = 300.0
+    advice = advice_of(END_M - way_m, curve_mps(way_m), Mode.FULL_BRAKE, -FULL_N, RATE)
+    assert judged(advice)[1] == ()
+    early, _ = judged(advice, at(advice.s_m, advice.speed_mps, sd_m=30.0))
+    assert early.advised_speed_mps == pytest.approx(curve_mps(way_m - 60.0), abs=0.01)
+    # In the last metres the mark is found by eye, however uncertain the position is.
+    near = advice_of(END_M - 8.0, curve_mps(8.0), Mode.FULL_BRAKE, -FULL_N, RATE)
+    assert judged(near, at(near.s_m, near.speed_mps, sd_m=30.0))[1] == ()
+
+
+def test_a_brake_announced_too_late_is_left_out_with_what_comes_after_it() -> None:
+    s_m = 5_400.0  # The brake is due at 5 583 m.
+    late = replace(COACH_FAST.following[0], way_m=270.0, in_s=9.0)
+    in_time = replace(late, way_m=175.0, in_s=175.0 / HIGH)
+    for one, kept in ((late, 0), (in_time, 2)):
+        coach = replace(COACH_FAST, following=(one, replace(COACH_FAST.following[1], way_m=700.0)))
+        horizon = tuple(HIGH if k < 6 else HIGH - RATE * (k - 5) for k in range(30))
+        said, acts = judged(
+            advice_of(s_m, HIGH, Mode.CRUISE, 0.0, coach=coach, horizon_speed_mps=horizon[:20] + (LOW,) * 10)
+        )
+        assert said.coach is not None
+        assert [act.part for act in acts] == [Part.COACH_NEXT] * (kept == 0)
+        assert len(said.coach.following) == kept
+
+
+def test_a_train_downhill_is_not_told_to_coast_above_the_limit() -> None:
+    steep = make_route(END_M, [(0.0, HIGH)], [(0.0, -0.03)])
+    basis = BASIS._replace(route=steep)
+    coasts = advice_of(FAST_M, HIGH, Mode.COAST, 0.0, four_mode=Mode.CRUISE)
+    said, acts = judged(coasts, basis=basis)
+    assert [act.part for act in acts] == [Part.EFFORT]
+    # The brake takes back at least what the hill gives.
+    assert said.mode is Mode.REDUCED_BRAKE
+    assert said.advised_force_n <= -0.03 * 9.80665 * 1e5
+
+
+def test_a_train_that_stands_is_left_in_peace() -> None:
+    stands = advice_of(END_M - 3.0, 0.0, Mode.STOP, 0.0, four_mode=Mode.STOP, reduced_max_speed_mps=math.nan)
+    assert judged(stands)[1] == ()
+    assert judged(replace(stands, s_m=END_M + 20.0), at(END_M + 20.0, 0.0))[1] == ()
+
+
+def test_nothing_is_safe_where_position_or_speed_are_no_numbers() -> None:
+    for here in (at(math.nan, HIGH), at(FAST_M, math.nan), at(FAST_M, HIGH, sd_m=math.nan)):
+        said, (act,) = judged(FAST, here)
+        assert (said.mode, said.cause, act.part) == (Mode.NONE, Cause.POSITION_REJECTED, Part.STATE)
+        assert said.reason
+
+
+# --- the model ------------------------------------------------------------------------------------------------------
+
+
+def test_the_curve_has_its_closed_form_and_its_tolerances() -> None:
+    for way_m in (1.0, 20.0, 150.0, 400.0):
+        assert MODEL.allowed_mps(END_M - way_m) == pytest.approx(curve_mps(way_m), abs=1e-3)
+        assert MODEL.bound_mps(END_M - way_m) == pytest.approx(curve_mps(way_m + STOP_TOLERANCE_M), abs=1e-3)
+        assert MODEL.allowed_mps(6_000.0 - way_m) == pytest.approx(min(curve_mps(way_m, LOW), HIGH), abs=1e-3)
+        above = min(curve_mps(way_m, LOW + LIMIT_TOLERANCE_MPS), HIGH + LIMIT_TOLERANCE_MPS)
+        assert MODEL.bound_mps(6_000.0 - way_m) == pytest.approx(above, abs=1e-3)
+    assert MODEL.bound_mps(END_M + STOP_TOLERANCE_M) == 0.0
+
+
+def test_where_the_line_takes_no_electric_brake_only_friction_slows_the_train() -> None:
+    zone = replace(LINE, no_regeneration=(Zone(start_m=5_700.0, length_m=200.0),))
+    electric = BrakingModel(BASIS._replace(route=zone))
+    assert electric.allowed_mps(5_700.0) == pytest.approx(curve_mps(100.0, LOW), abs=1e-3)
+    blended = replace(TRAIN, brake_policy=BrakePolicy.BLENDED)
+    both = BrakingModel(BASIS._replace(route=zone, vehicle=blended, brakes=BrakePolicy.BLENDED))
+    assert both.allowed_mps(5_700.0) == pytest.approx(math.sqrt(LOW**2 + 2 * (0.6 * 200.0 + 1.2 * 100.0)), abs=1e-3)
+
+
+def test_a_train_found_light_is_not_trusted_to_brake_better() -> None:
+    light = BrakingModel(BASIS._replace(conditions=Conditions(mass_ratio=0.8, resistance_ratio=1.5)))
+    heavy = BrakingModel(BASIS._replace(conditions=Conditions(mass_ratio=1.2)))
+    assert light.allowed_mps(BRAKE_M) == MODEL.allowed_mps(BRAKE_M)
+    assert heavy.allowed_mps(BRAKE_M) == pytest.approx(math.sqrt(LOW**2 + 2 * RATE / 1.2 * 200.0), abs=1e-3)
+
+
+def test_a_restriction_counts_at_once_and_until_the_tail_has_left_it() -> None:
+    long = replace(TRAIN, train_length_m=150.0)
+    one = Restriction(start_m=3_000.0, end_m=3_400.0, limit_mps=10.0)
+    model = BrakingModel(BASIS._replace(vehicle=long, restrictions=(one,)))
+    limits = [model.limit_mps(s_m) for s_m in (2_999.0, 3_001.0, 3_549.0, 3_551.0)]
+    assert limits == [HIGH, 10.0, 10.0, HIGH]
+    word = LastWord()
+    assert word.judge(FAST, at(FAST_M, HIGH), BASIS)[1] == ()
+    told = BASIS._replace(restrictions=(replace(one, start_m=2_050.0),))
+    assert Part.EFFORT in {act.part for act in word.judge(FAST, at(FAST_M, HIGH), told)[1]}
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_it_agrees_with_a_witness_that_reads_the_files(number: int, tmp_path: Path) -> None:
+    """Random lines with gradients, limits and restrictions; the witness has steps of 1 m."""
+    route_file, vehicle_file = write_files(tmp_path, number, blended=number % 2 == 1)
+    route, vehicle, random = load_route(str(route_file)), load_vehicle(str(vehicle_file)), np.random.default_rng(number)
+    raw = RawLine(route_file, RawTrain.read(vehicle_file))
+    starts = random.uniform(0.0, route.length_m, 3)
+    places = tuple((x, x + float(random.uniform(50, 900)), float(random.uniform(6, 30))) for x in starts.tolist())
+    restrictions = tuple(Restriction(start_m=a, end_m=b, limit_mps=c) for a, b, c in places)
+    for start, end in zip(route.stops, route.stops[1:], strict=False):
+        brakes = vehicle.brakes_at(vehicle.default_level)
+        basis = BrakingBasis(route, vehicle, brakes, restrictions, Conditions(), start.position_m, end.position_m)
+        model, witness = BrakingModel(basis), raw.allowed(places, end.position_m)
+        for s_m in random.uniform(start.position_m + 5.0, end.position_m - 5.0, 400).tolist():
+            lowest = min(witness.curve(s_m + x, s_m + x) for x in (-2.0, -1.0, 0.0, 1.0, 2.0))
+            assert lowest - 0.15 <= model.allowed_mps(s_m) <= witness.curve(s_m - 2.0, s_m + 2.0) + 0.15
+            assert model.limit_mps(s_m) <= witness.limit(s_m - 2.0, s_m + 2.0) + 1e-9
+
+
+def test_it_agrees_with_the_envelope_of_the_solver() -> None:
+    route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")
+    restrictions = (Restriction(start_m=8_000.0, end_m=9_000.0, limit_mps=15.0),)
+    for start, end in zip(route.stops, route.stops[1:], strict=False):
+        a, b = start.position_m, end.position_m
+        section = Situation(route=route, vehicle=vehicle, restrictions=restrictions).section(a, b)
+        model = BrakingModel(BrakingBasis(route, vehicle, section.brakes, restrictions, Conditions(), a, b))
+        found = np.array([model.allowed_mps(s_m) for s_m in section.node_m.tolist()])
+        rises = np.append(np.diff(section.limit_mps, prepend=section.limit_mps[0]) > 0, False)
+        # At the node itself where the limit rises, the envelope has the lower limit, and this model the higher one.
+        assert np.abs(found - section.allowed_mps)[~rises].max() < 0.03
+
+
+def test_a_section_that_a_run_of_the_solver_drives_is_never_above_the_bound() -> None:
+    section = build_section(LINE, TRAIN)
+    for s_m, v_mps in zip(section.node_m.tolist(), section.fastest_run.speed_mps.tolist(), strict=True):
+        assert v_mps <= MODEL.bound_mps(s_m) + 1e-6
+
+
+# --- in the cab -----------------------------------------------------------------------------------------------------
+
+
+def wrong_from_now_on(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
+    """From now on every leg says something wrong."""
+    advise = Leg.advise
+    monkeypatch.setattr(Leg, "advise", lambda leg, here: replace(advise(leg, here), **changes))
+
+
+def test_the_cab_says_it_once_counts_it_every_time_and_sends_what_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    driven = DrivenNode()
+    cab = driven.node.cab
+    sound = driven.tick(50)
+    assert cab.legs.last_words.acts.total() == 0
+    wrong_from_now_on(monkeypatch, display_speed_mps=80.0, reduced_max_speed_mps=90.0)
+    for second in range(51, 56):
+        advice = driven.tick(second)
+        assert advice.display_speed_mps <= advice.limit_mps
+        assert advice.reduced_max_speed_mps <= advice.limit_mps
+    assert sound.limit_mps == advice.limit_mps
+    assert cab.legs.last_words.acts == {Part.DISPLAY_SPEED: 5, Part.TOP_SPEED: 5}
+    said = [line for line in driven.sink.events().splitlines() if line.startswith("last word: ")]
+    assert said == [
+        "last word: displayed speed: 288.0 km/h where 161.8 km/h is the most; 160.0 km/h is said instead",
+        "last word: top speed: 324.0 km/h where 161.8 km/h is the most; 160.0 km/h is said instead",
+    ]
+
+
+def test_a_failing_last_word_withdraws_the_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+    driven = DrivenNode()
+    assert driven.tick(50).cause == Cause.NONE
+
+    def fails(*_: object) -> None:
+        raise RuntimeError("no word")
+
+    monkeypatch.setattr(LastWord, "judge", fails)
+    withdrawn = driven.tick(51)
+    assert (withdrawn.mode, withdrawn.cause) == (Mode.NONE, Cause.INTERNAL_ERROR)
+    assert "no word" in withdrawn.reason
+    monkeypatch.undo()
+    assert driven.tick(52).cause == Cause.NONE
+
+
+def test_a_force_that_is_no_number_does_not_leave_the_cab(monkeypatch: pytest.MonkeyPatch) -> None:
+    driven = DrivenNode()
+    wrong_from_now_on(monkeypatch, advised_force_n=math.nan)
+    replaced = driven.tick(50)
+    assert math.isfinite(replaced.advised_force_n)
+    assert replaced.mode != Mode.NONE
+
+
+@pytest.mark.slow
+def test_the_full_advice_of_an_ordinary_day_passes_as_it_is() -> None:
+    """The clear day of the perfect driver: nothing is replaced but coasting that a weak brake is shown as."""
+    day = make_day(prepare_service(load_scenario("clear-day")), 0)
+    link = InProcess(day.service)
+    ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, link).run()
+    assert set(link.cab.legs.last_words.acts) <= {Part.FOUR_MODES}
+    assert link.cab.legs.last_words.acts.total() <= 10

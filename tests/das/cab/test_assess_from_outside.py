@@ -1,0 +1,65 @@
+"""The page for assessors from outside: its program runs as it stands, and the names that it promises are there."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import re
+from contextlib import redirect_stdout
+
+import pytest
+
+from das.advice import advice
+from das.advice.coach import coaching
+from das.cab import cab, heard, outputs
+from das.estimate import effort, fix
+from tests.support.making import REPOSITORY
+
+PAGE = REPOSITORY / "docs" / "how-to" / "assess-from-outside.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+CODE = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+SEAM = TEXT.split("<!-- seam: begin -->")[1].split("<!-- seam: end -->")[0]
+ROWS = [re.findall(r"`(\w+)`", row) for row in SEAM.splitlines() if row.startswith("| `")]
+MODULES = (cab, heard, outputs, advice, coaching, effort, fix)
+PROMISED = 22
+"""So many types are promised: a row that is taken away is noticed here."""
+
+
+def named(name: str) -> type:
+    """The type with a name in the modules of the seam."""
+    found = {getattr(module, name) for module in MODULES if hasattr(module, name)}
+    assert len(found) == 1, f"{name}: {found}"
+    return found.pop()
+
+
+def test_the_program_of_the_page_runs_and_hears_all_kinds_of_answers() -> None:
+    names: dict[str, object] = {}
+    assert len(CODE) == 1
+    assert len(CODE[0].splitlines()) <= 40
+    with redirect_stdout(io.StringIO()) as printed:
+        exec(compile(CODE[0], PAGE.name, "exec"), names)
+    said, last = names["said"], names["advice"]
+    assert isinstance(said, list)
+    assert isinstance(last, outputs.Advice)
+    kinds = (outputs.Advice, outputs.Status, outputs.Plan, outputs.Estimated, outputs.Event)
+    assert [kind.__name__ for kind in kinds if not any(isinstance(one, kind) for one in said)] == []
+    assert sum(isinstance(one, outputs.Advice) for one in said) == 30
+    assert last.mode.name != "NONE"
+    assert last.coach is not None
+    # All that was told counts: the journey, the restriction, the target and the delay.
+    assert all(word in printed.getvalue() for word in ("journey A – B", "restriction set", "targets: B", "20 s late"))
+
+
+def test_the_page_promises_no_fewer_types_than_before() -> None:
+    assert len(ROWS) >= PROMISED
+    assert all(len(row) > 1 for row in ROWS)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+def test_what_the_page_promises_is_there(row: list[str]) -> None:
+    kind, promised = named(row[0]), row[1:]
+    if dataclasses.is_dataclass(kind):
+        there = {field.name for field in dataclasses.fields(kind)}
+    else:
+        there = set(getattr(kind, "_fields", ())) | set(vars(kind))
+    assert [name for name in promised if name not in there] == []

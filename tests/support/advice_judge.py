@@ -1,0 +1,265 @@
+"""The judge of the assessment: every part of every advice, and what came of obeying it, by limits from raw files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from das.advice.advice import Advice
+from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.modes import Mode
+from sim.drivers.cab import Presentation
+from tests.support.assessed_day import AT_STOP_M, Seen, Stood
+from tests.support.drawn_day import Drawn, Style
+from tests.support.obedient_drivers import BRAKES, TRACTION
+from tests.support.raw_witness import HELD_STEP_S, Allowed, Place, RawLine, RawTrain, highest
+
+SDS = 2.0
+"""Positions count within so many of the deviations that the advice states."""
+SLACK_M = 2.0
+SLACK_MPS = 0.15
+"""The brake curve of the witness (steps of 1 m) and the solver's differ by less."""
+OBEYED_MPS = 1.0
+"""A driver who obeys is nowhere faster than allowed by more than this."""
+MOST_MISSED_M = 10.0
+HELD_S = 3.0
+"""With the force of an advice held so long, and full brakes afterwards, limits and stop are kept."""
+FORCE_RATIO, FORCE_N = 1.02, 3000.0
+"""A force may be above what the train has at its speed by this, because the speed is measured."""
+WAY_RATIO = 0.02
+"""The place of an announced change is known to this share of the way to it."""
+MOVES_MPS = 0.5
+LIED_MPS = 0.5
+"""A sensor that lies has misled the cab where the speed of the advice is off by more than this."""
+
+
+class Problem(NamedTuple):
+    """Something that must not be: of what kind, when (s), by how much (in the unit of the kind), and in words."""
+
+    kind: str
+    second: float
+    by: float
+    text: str
+
+
+class Judge:
+    """Judges by one line and one train; what is allowed under a list of restrictions is worked out once."""
+
+    def __init__(self, route: Path, vehicle: Path) -> None:
+        self.line = RawLine(route, RawTrain.read(vehicle))
+        self._known: dict[tuple[tuple[Place, ...], float], Allowed] = {}
+
+    def allowed(self, places: tuple[Place, ...], stop_m: float) -> Allowed:
+        """Limits and brake curve before a stop, under restrictions."""
+        key = places, stop_m
+        if key not in self._known:
+            self._known[key] = self.line.allowed(places, stop_m)
+        return self._known[key]
+
+
+class DayJudge:
+    """Judges one day, second by second; remembers what came too late for any driver."""
+
+    def __init__(self, judge: Judge, drawn: Drawn) -> None:
+        self._judge, self._drawn, self.line = judge, drawn, judge.line
+        self._key: tuple[tuple[Place, ...], float] | None = None
+        self._obeyed = False
+        self._excused_mps = [0.0] * (int(judge.line.length_m) + 1)
+        self._excused_to_m = -math.inf
+        self.worst_excess_mps = 0.0
+        """By how much the train was faster than allowed at most while its driver obeyed (m/s)."""
+
+    def problems(self, seen: Seen) -> Iterator[Problem]:
+        """What is wrong in a second."""
+        self._excuse(seen)
+        self._allowed = self._judge.allowed(seen.places, seen.stop_m)
+        advice = seen.advice
+        if advice.mode is Mode.NONE:
+            return
+        self._off_m = SDS * advice.position_sd_m + SLACK_M
+        if self._misled(seen):
+            self._obeyed = False  # What came of it is not the advice's fault, once it is right again.
+            return
+        if seen.obeyed:
+            yield from self._driven(seen)
+        if advice.mode in (Mode.STOP, Mode.DEPART):
+            return
+        yield from self._shown(seen)
+        if self._drawn.presentation is Presentation.COACH and advice.coach is not None:
+            yield from self._coached(seen, advice, advice.coach)
+
+    def stood(self, stood: Stood) -> Problem | None:
+        """What is wrong with where the train stood at the end of a leg; the careless driver sees the mark himself."""
+        if self._drawn.style is Style.CARELESS:
+            return None
+        beyond_m = stood.s_m - max(stood.stop_m, self._excused_to_m)
+        short_m = stood.stop_m - stood.s_m
+        if beyond_m > MOST_MISSED_M:
+            return Problem("beyond-stop", stood.second, beyond_m, f"stands {beyond_m:.1f} m beyond its stop")
+        # Full brakes for the speed of a card are harder than it says; the cab takes this driver to have arrived.
+        most_short_m = AT_STOP_M if self._drawn.style is Style.SPEED else MOST_MISSED_M
+        if short_m > most_short_m:
+            return Problem("short-of-stop", stood.second, short_m, f"stands {short_m:.1f} m before its stop")
+        return None
+
+    def _misled(self, seen: Seen) -> bool:
+        """Whether a sensor that lies for long, with a small stated deviation, has made the cab believe it."""
+        advice, state = seen.advice, seen.state
+        off = abs(advice.s_m - state.s_m) > self._off_m or abs(advice.speed_mps - state.speed_mps) > LIED_MPS
+        return off and self._drawn.sensors.lies
+
+    def _excuse(self, seen: Seen) -> None:
+        """Work out what nobody can avoid, where something new was told, or advice comes again, too late.
+
+        Something new excuses a train only where it allows less than before.
+        """
+        key, before, state = (seen.places, seen.stop_m), self._key, seen.state
+        if before is not None and seen.stop_m != before[1] and state.speed_mps <= 0:
+            self._excused_mps, self._excused_to_m = [0.0] * len(self._excused_mps), -math.inf
+        again = seen.obeyed and not self._obeyed
+        if again or key != before:
+            fastest, stands_m = self.line.unavoidable(state.s_m, state.speed_mps, state.acceleration_mps2)
+            if before is not None and not again:
+                curves = zip(self._judge.allowed(*key).curve_mps, self._judge.allowed(*before).curve_mps, strict=True)
+                fastest = [v if now < then else 0.0 for v, (now, then) in zip(fastest, curves, strict=True)]
+            self._excused_mps = list(map(max, self._excused_mps, fastest))
+            nearer = again or before is None or seen.stop_m < before[1]
+            self._excused_to_m = max(self._excused_to_m, stands_m if nearer and state.speed_mps > 0 else -math.inf)
+        self._key, self._obeyed = key, seen.obeyed
+
+    def _highest_mps(self, s_m: float, off_m: float | None = None) -> float:
+        """The highest speed that a train can be blamed for not keeping, around a position."""
+        off_m = self._off_m if off_m is None else off_m
+        return max(self._allowed.curve(s_m - off_m, s_m + off_m), highest(self._excused_mps, s_m - off_m, s_m + off_m))
+
+    def _driven(self, seen: Seen) -> Iterator[Problem]:
+        """How the train runs that obeys."""
+        excess_mps = seen.state.speed_mps - self._highest_mps(seen.state.s_m)
+        self.worst_excess_mps = max(self.worst_excess_mps, excess_mps)
+        if excess_mps > OBEYED_MPS:
+            yield self._problem("too-fast-by-obeying", seen, excess_mps, f"{excess_mps:.2f} m/s too fast by obeying")
+
+    def _shown(self, seen: Seen) -> Iterator[Problem]:
+        """Speeds, forces and horizon of the advice."""
+        advice, true_m, off_m = seen.advice, seen.state.s_m, self._off_m
+        here = self._allowed.curve(true_m - off_m, true_m + off_m) + SLACK_MPS
+        limit = self._allowed.limit(true_m - off_m, true_m + off_m) + 1e-6
+        yield from self._above("advised", seen, advice.advised_speed_mps, here)
+        yield from self._above("displayed", seen, advice.display_speed_mps, here)
+        yield from self._above("limit", seen, advice.limit_mps, limit)
+        yield from self._above("top-speed", seen, advice.reduced_max_speed_mps, limit)
+        yield from self._horizon(seen, advice)
+        # The force belongs to the advised speed, which a driver may not have yet.
+        yield from self._force("force", seen, advice.advised_force_n, min(advice.speed_mps, advice.advised_speed_mps))
+
+    def _horizon(self, seen: Seen, advice: Advice) -> Iterator[Problem]:
+        at_m, before = seen.state.s_m, advice.advised_speed_mps
+        for second, after in enumerate(advice.horizon_speed_mps, 1):
+            at_m, before = at_m + 0.5 * (before + after), after
+            reach_m = self._off_m + 0.1 * second
+            bound = self._allowed.curve(at_m - reach_m, at_m + reach_m) + SLACK_MPS
+            if after > bound:
+                text = f"horizon {after:.2f} m/s in {second} s at {at_m:.0f} m, allowed {bound:.2f}"
+                yield self._problem("horizon", seen, after - bound, text)
+                return
+
+    def _coached(self, seen: Seen, advice: Advice, coach: Coaching) -> Iterator[Problem]:
+        """Speeds, efforts and forces of the coach."""
+        now, true_m, off_m = coach.now, seen.state.s_m, self._off_m
+        if now.mode in (Mode.NONE, Mode.STOP, Mode.DEPART):
+            return
+        ahead_m = 0.0 if now.mode is Mode.CRUISE else coach.target_m
+        bound = self._allowed.curve(true_m - off_m, true_m + ahead_m + off_m) + SLACK_MPS
+        yield from self._above("coach-speed", seen, now.speed_mps, bound)
+        yield from self._above("coach-speed-limit", seen, _wanted(now), self._allowed_limit(true_m, off_m))
+        yield from self._effort(seen, now)
+        yield from self._force("coach-force", seen, coach.force_n, advice.speed_mps)
+        yield from self._force("coach-reference-force", seen, coach.reference_force_n, advice.speed_mps)
+        reference_n = coach.reference_force_n
+        yield from self._held("coach-held-force", seen, lambda s, v: reference_n)
+        if now.in_s <= 0:
+            yield from self._held("coach-held-card", seen, self._card(now))
+        yield from self._announced(seen, coach)
+
+    def _announced(self, seen: Seen, coach: Coaching) -> Iterator[Problem]:
+        """No change is announced with a speed above the limit at its place: of one to reach, up to the next change."""
+        ends_m = [*(after.way_m for after in coach.following[1:]), math.inf]
+        for after, end_m in zip(coach.following, ends_m, strict=False):
+            at_m = seen.state.s_m + after.way_m
+            reach_m = self._off_m + WAY_RATIO * after.way_m
+            to_m = at_m if after.mode is Mode.CRUISE else seen.state.s_m + end_m
+            bound = self._allowed.limit(at_m - reach_m, min(to_m, self.line.length_m) + reach_m) + SLACK_MPS
+            if after.speed_mps > bound:
+                text = f"announced {after.mode.name} {after.speed_mps:.2f} m/s at {at_m:.0f} m, allowed {bound:.2f}"
+                yield self._problem("coach-announced", seen, after.speed_mps - bound, text)
+
+    def _allowed_limit(self, s_m: float, off_m: float) -> float:
+        return self._allowed.limit(s_m - off_m, s_m + off_m) + SLACK_MPS
+
+    def _effort(self, seen: Seen, now: Instruction) -> Iterator[Problem]:
+        """The effort of an instruction has the sign of its mode, and is one that the train has."""
+        train, share = self.line.train, now.effort_ratio
+        most = 1.0 + train.service_friction_n / train.electric_n(seen.advice.speed_mps)
+        wrong = (now.mode in TRACTION and not 0 < share <= 1.001) or (
+            now.mode in BRAKES and not -most * FORCE_RATIO <= share < 0
+        )
+        if wrong:
+            yield self._problem("coach-effort", seen, abs(share), f"effort {share:.2f} with {now.mode.name}")
+
+    def _card(self, now: Instruction) -> Callable[[float, float], float]:
+        """The force of a driver who does what the card shows until its speed is reached."""
+        train, line = self.line.train, self.line
+
+        def force_n(s_m: float, v_mps: float) -> float:
+            keeps_n = line.held_n(s_m, v_mps) + train.inertial_kg * (now.speed_mps - v_mps)
+            if now.mode in TRACTION:
+                return min(now.effort_ratio * train.pulling_n(v_mps), keeps_n)
+            if now.mode in BRAKES:
+                return now.effort_ratio * train.electric_n(v_mps) if v_mps > now.speed_mps else keeps_n
+            return max(min(keeps_n, 0.0), 0.0) if now.mode is Mode.COAST else keeps_n
+
+        return force_n
+
+    def _held(self, kind: str, seen: Seen, force_n: Callable[[float, float], float]) -> Iterator[Problem]:
+        """With a force held for a while and full brakes afterwards, limits and stop are kept, if they can be."""
+        state, train = seen.state, self.line.train
+        held = self.line.driven(state.s_m, state.speed_mps, force_n, HELD_S)
+        above = [v - self._highest_mps(at_m) for at_m, v in held]
+        over_limit = [v > self._allowed.limit(at_m - self._off_m, at_m + self._off_m) for at_m, v in held]
+        over_limit[-1] = True  # Before its end only limits count: the brakes are still to come.
+        if max(excess for excess, judged in zip(above, over_limit, strict=True) if judged) <= OBEYED_MPS:
+            return
+        braked = self.line.driven(state.s_m, state.speed_mps, lambda s, v: -train.brakes_n(v), HELD_S)
+        for i, ((at_m, v), (_, least)) in enumerate(zip(held, braked, strict=True)):
+            by = min(above[i], v - least)
+            if over_limit[i] and by > OBEYED_MPS:
+                text = f"{v:.2f} m/s at {at_m:.0f} m in {HELD_STEP_S * (i + 1):.1f} s, too fast by {by:.2f}"
+                yield self._problem(kind, seen, by, text)
+                return
+
+    def _force(self, kind: str, seen: Seen, force_n: float, speed_mps: float) -> Iterator[Problem]:
+        """A force is one that the train has at a speed."""
+        train = self.line.train
+        low = -FORCE_RATIO * (train.electric_n(speed_mps) + train.service_friction_n) - FORCE_N
+        high = FORCE_RATIO * train.pulling_n(speed_mps) + FORCE_N
+        if not low <= force_n <= high:
+            beyond_n = max(low - force_n, force_n - high)
+            text = f"{kind} {force_n / 1e3:.1f} kN, the train has {low / 1e3:.1f} to {high / 1e3:.1f}"
+            yield self._problem(kind, seen, beyond_n, text)
+
+    def _above(self, kind: str, seen: Seen, value: float, bound: float) -> Iterator[Problem]:
+        if value > bound:
+            yield self._problem(kind, seen, value - bound, f"{kind} {value:.2f} m/s, allowed {bound:.2f}")
+
+    def _problem(self, kind: str, seen: Seen, by: float, text: str) -> Problem:
+        state = seen.state
+        return Problem(
+            kind, seen.second, by, f"{seen.second:.0f} s, {state.s_m:.0f} m, {state.speed_mps:.2f} m/s: {text}"
+        )
+
+
+def _wanted(now: Instruction) -> float:
+    """The speed that an instruction sends the train to; a brake or coasting leads down to its own."""
+    return now.speed_mps if now.mode in TRACTION or now.mode is Mode.CRUISE else 0.0

@@ -1,0 +1,202 @@
+"""Drives and judges the days of the assessment, and says in a table what came of them."""
+
+from __future__ import annotations
+
+import traceback
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from das.advice.cause import Cause
+from das.cab.fronts import Fronts
+from sim.drivers.kinds import Presentation
+from tests.support.advice_judge import MOVES_MPS, DayJudge, Judge, Problem
+from tests.support.assessed_day import AssessedDay, NeverArrivedError, Seen, Stood
+from tests.support.drawn_day import LINES, Drawn, Operators, Style, draw, write_files
+
+LAST_WORD = "last word:"
+"""The text of an event begins so where the second check has changed an advice."""
+WRONG_GAIN = 0.08
+"""A gain further from 1 than this must not be planned with."""
+LEAST_ADVISED = 0.99
+"""On a steady day there is advice in this share of the seconds in which the train moves."""
+KEPT_BYTES = 400_000_000
+
+
+@dataclass(kw_only=True)
+class Verdict:
+    """What came of a day."""
+
+    drawn: Drawn
+    problems: list[Problem] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+    missed_m: float = 0.0
+    excess_mps: float = 0.0
+    moving_s: int = 0
+    advised_s: int = 0
+    acts: int = 0
+
+    @property
+    def kinds(self) -> Counter[str]:
+        """How often each kind of problem was met."""
+        return Counter(one.kind for one in self.problems)
+
+    def firsts(self) -> list[Problem]:
+        """The first problem of each kind."""
+        found: dict[str, Problem] = {}
+        for one in self.problems:
+            found.setdefault(one.kind, one)
+        return list(found.values())
+
+    def said(self) -> str:
+        """The day and its problems, one a kind: the first, how many there are, and by how much the worst."""
+        lines = [self.drawn.said]
+        for first in self.firsts():
+            same = [one for one in self.problems if one.kind == first.kind]
+            lines.append(f"    {first.kind} x{len(same)}, worst {max(one.by for one in same):.2f}: {first.text}")
+        return "\n".join(lines)
+
+
+class Assessor:
+    """Drives days; keeps lines, trains, what is allowed and fronts from day to day."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._fronts = Fronts(threads=1, kept_bytes=KEPT_BYTES)
+        self._judges: dict[tuple[Path, Path], Judge] = {}
+
+    def assess(self, drawn: Drawn, kept: list[Seen] | None = None) -> Verdict:
+        """What came of a day; each second is added to `kept`."""
+        verdict = Verdict(drawn=drawn)
+        try:
+            self._assess(drawn, verdict, kept)
+        except NeverArrivedError as error:
+            verdict.problems.append(Problem("never-arrived", 0.0, 0.0, str(error)))
+        except Exception as error:
+            place = "".join(traceback.format_exception(error)[-2:])
+            verdict.problems.append(Problem("raised", 0.0, 0.0, f"{type(error).__name__}: {error}\n{place}"))
+        return verdict
+
+    def _assess(self, drawn: Drawn, verdict: Verdict, kept: list[Seen] | None) -> None:
+        route, vehicle = write_files(self._folder, drawn.seed % LINES, blended=drawn.blended)
+        judge = self._judges.setdefault((route, vehicle), Judge(route, vehicle))
+        day, of_day = AssessedDay(drawn, route, vehicle, judge.line, self._fronts), DayJudge(judge, drawn)
+        stood = 0
+        try:
+            for seen in day.seconds():
+                if kept is not None:
+                    kept.append(seen)
+                for one in day.said.stood[stood:]:  # Judged before what holds on the next leg is known.
+                    _add_stood(verdict, of_day, one)
+                stood = len(day.said.stood)
+                verdict.problems += of_day.problems(seen)
+                verdict.problems += _of_operators(drawn, seen, verdict.counts)
+                _count(verdict, seen)
+            for one in day.said.stood[stood:]:
+                _add_stood(verdict, of_day, one)
+        finally:
+            verdict.excess_mps = of_day.worst_excess_mps
+            verdict.problems += _of_the_day(drawn, day, verdict)
+
+
+def _add_stood(verdict: Verdict, of_day: DayJudge, stood: Stood) -> None:
+    """Judge where the train stood."""
+    problem = of_day.stood(stood)
+    verdict.missed_m = max(verdict.missed_m, abs(stood.s_m - stood.stop_m))
+    if problem is not None:
+        verdict.problems.append(problem)
+
+
+def _count(verdict: Verdict, seen: Seen) -> None:
+    advised = seen.advice.cause is Cause.NONE
+    verdict.counts["advised" if advised else seen.advice.cause.label] += 1
+    if seen.state.speed_mps > MOVES_MPS:
+        verdict.moving_s += 1
+        shown = seen.obeyed if verdict.drawn.style is not Style.CARELESS else advised
+        verdict.advised_s += shown
+
+
+def _of_operators(drawn: Drawn, seen: Seen, counts: Counter[str]) -> list[Problem]:
+    """Advice that there must not be, because nobody knows what is in force."""
+    if seen.advice.cause is not Cause.NONE or seen.second <= drawn.happens_s:
+        counts["two-operators seen"] += seen.advice.cause is Cause.TWO_OPERATORS
+        return []
+    found, kind, second = [], drawn.operators, seen.second
+    if kind is Operators.NODE_RESTARTED_ALONE:
+        found.append("advice without having heard of restrictions")
+    if kind is Operators.RIVAL_OTHER and sorted(seen.places) != sorted(drawn.rival):
+        found.append("advice under two operators that differ")
+    told_since = any(drawn.happens_s <= round(one.at_s) <= second for one in drawn.lists)
+    if kind is Operators.RIVAL_UNSTAMPED and not told_since:
+        found.append("advice after restrictions of a sender without time stamps")
+    return [Problem("untrusted", second, 0.0, f"{second:.0f} s: {one}") for one in found]
+
+
+def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Problem]:
+    """What is wrong with the day as a whole."""
+    found, said = [], day.said
+    acts = [(second, text) for second, text in said.events if text.startswith(LAST_WORD)]
+    verdict.acts = len(acts)
+    if acts and drawn.clean:
+        found.append(Problem("last-word", acts[0][0], len(acts), f"{acts[0][0]:.0f} s: {acts[0][1]}"))
+    usable = any(one.usable for one in said.estimates)
+    if usable and abs(drawn.sensors.gain - 1.0) > WRONG_GAIN:
+        text = f"forces with a gain of {drawn.sensors.gain:.2f} were trusted: {said.estimates[-1]}"
+        found.append(Problem("trusted-gain", 0.0, abs(drawn.sensors.gain - 1.0), text))
+    share = verdict.advised_s / max(verdict.moving_s, 1)
+    if drawn.steady and share < LEAST_ADVISED:
+        text = f"advice in {share:.1%} of the moving seconds: {dict(verdict.counts)}"
+        found.append(Problem("rarely-advised", 0.0, 1.0 - share, text))
+    if verdict.counts[Cause.INTERNAL_ERROR.label]:
+        text = next((text for _, text in said.events if "internal" in text.lower()), "internal error")
+        found.append(Problem("internal-error", 0.0, verdict.counts[Cause.INTERNAL_ERROR.label], text))
+    verdict.counts["calibration off, said"] += any("calibration off" in text for _, text in said.events)
+    verdict.counts["calibration usable"] += usable
+    verdict.counts["clocks said"] += any("its time stamps" in text for _, text in said.events)
+    return found
+
+
+def drawn_days(
+    first: int, days: int, presentation: Presentation | None = None, style: Style | None = None
+) -> list[Drawn]:
+    """The days with these numbers, perhaps all with one presentation or one style of driving."""
+    return [draw(seed, presentation, style) for seed in range(first, first + days)]
+
+
+def table(verdicts: Iterable[Verdict]) -> str:
+    """One row for each presentation and driver, and below it one for each kind of problem."""
+    rows: dict[tuple[str, str], list[Verdict]] = {}
+    for one in verdicts:
+        rows.setdefault((one.drawn.presentation.value, one.drawn.style.value), []).append(one)
+    lines = [
+        "| presentation | driver | days | failed | worst miss, m | worst excess, m/s | advised | acts |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for (presentation, style), group in sorted(rows.items()):
+        moving = sum(one.moving_s for one in group if one.drawn.steady)
+        advised = sum(one.advised_s for one in group if one.drawn.steady) / max(moving, 1)
+        lines.append(
+            f"| {presentation} | {style} | {len(group)} | {sum(bool(one.problems) for one in group)} "
+            f"| {max(one.missed_m for one in group):.1f} | {max(one.excess_mps for one in group):.2f} "
+            f"| {advised:.1%} | {sum(one.acts for one in group)} |"
+        )
+    return "\n".join([*lines, "", *_kinds(rows)])
+
+
+def _kinds(rows: dict[tuple[str, str], list[Verdict]]) -> list[str]:
+    """How many days each kind of problem spoiled, the smallest of them, and the worst."""
+    kinds: dict[str, list[Verdict]] = {}
+    for group in rows.values():
+        for one in group:
+            for kind in one.kinds:
+                kinds.setdefault(kind, []).append(one)
+    lines = ["| problem | days | first day | worst | worst day |", "|---|---:|---:|---:|---:|"]
+    for kind, days in sorted(kinds.items(), key=lambda item: -len(item[1])):
+
+        def worst(day: Verdict, kind: str = kind) -> float:
+            return max(one.by for one in day.problems if one.kind == kind)
+
+        least, most = min(one.drawn.seed for one in days), max(days, key=worst)
+        lines.append(f"| {kind} | {len(days)} | {least} | {worst(most):.2f} | {most.drawn.seed} |")
+    return lines

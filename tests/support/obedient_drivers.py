@@ -1,0 +1,229 @@
+"""Drivers that do exactly what the advice shows and have no eyes of their own, and one that is careless."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from das.advice.advice import Advice
+from das.advice.coach.coaching import Instruction
+from das.advice.modes import Mode
+from sim.drivers.cab import CabView, Presentation, present
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import FrictionPolicy
+from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.parameters import HumanParameters
+from sim.drivers.rules import TimetableDriver
+from sim.plant.plant import COAST, Command, PlantState, force, speed
+from tests.support.drawn_day import Style
+from tests.support.raw_witness import RawLine
+
+TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+REACHED_MPS = 0.1
+"""A speed is reached this near to it."""
+TOO_FAST_MPS = 0.3
+"""A driver who holds the advised speed brakes fully where he will be faster than it by more than this."""
+GAIN_PER_S = 0.5
+"""A driver who holds a speed takes this share of the error away in a second."""
+CREEP_SHARE, CREEPS_MPS = 0.4, 1.0
+"""A driver who is told to depart when cleared does so with this share of the traction, up to this speed."""
+STOPS_MPS2, AT_STOP_M = 0.5, 3.0
+"""So a driver who is shown a top speed alone brakes for his stop, and so near to it he is there."""
+WEAKER = 0.8
+"""A careless driver brakes with this share of what he means to."""
+CARELESS = HumanParameters(
+    notches=5,
+    glance_least_s=10.0,
+    glance_mean_s=15.0,
+    reaction_median_s=3.0,
+    reaction_log_sd=0.0,
+    comply_traction_ratio=0.67,
+    comply_hold_ratio=0.67,
+    comply_coast_ratio=0.67,
+    comply_brake_ratio=0.67,
+)
+
+
+class Scene(NamedTuple):
+    """What a driver goes by at a look: the train, the halt, the timetable, and what is in force."""
+
+    state: PlantState
+    departure_s: float
+    stop_m: float
+    own_eyes: Callable[[], CabView]
+    """Makes what he sees when he looks out himself."""
+    advice: Advice
+    """The newest advice, without delay."""
+
+
+class AssessedDriver(Protocol):
+    """Someone who drives on a day of the assessment."""
+
+    def command(self, scene: Scene) -> Command:
+        """What the controller is set to until the next look."""
+
+    def obeys(self, advice: Advice) -> bool:
+        """Whether an advice shows this driver something that he does without looking out."""
+
+
+class CarelessDriver:
+    """Looks every 10 to 20 s, acts 3 s late, ignores a third of what he is told, and brakes a fifth too weakly.
+
+    He minds limits and stops himself.
+    """
+
+    def __init__(self, line: LineKnowledge, presentation: Presentation, zero_ns: int, seed: int) -> None:
+        self._driver = HumanDriver(line, CARELESS, friction=FrictionPolicy.ELECTRIC_FIRST, seed=seed)
+        self._train, self._presentation, self._zero_ns = line.train, presentation, zero_ns
+
+    def command(self, scene: Scene) -> Command:
+        view = present(scene.advice, self._presentation, self._train, clock_zero_ns=self._zero_ns)
+        command = self._driver.command(scene.own_eyes()._replace(advice=view))
+        return command._replace(value=WEAKER * command.value) if command.value < 0 else command
+
+    def obeys(self, advice: Advice) -> bool:
+        return False
+
+
+class ObedientDriver:
+    """Does what the advice of a moment ago says; without advice he drives by the timetable, with eyes of his own."""
+
+    def __init__(
+        self, line: LineKnowledge, raw: RawLine, presentation: Presentation, style: Style, delay_s: float
+    ) -> None:
+        self._raw, self._presentation, self._style, self._delay_s = raw, presentation, style, delay_s
+        self._own = TimetableDriver(line)
+        self._coming: deque[tuple[float, Advice]] = deque()
+        self._seen: tuple[float, Advice] | None = None
+        self._due: Instruction | None = None
+        self._reached = False
+
+    def obeys(self, advice: Advice) -> bool:
+        """Whether an advice shows something on this display."""
+        if advice.mode is Mode.NONE:
+            return False
+        if self._presentation is Presentation.RMS:
+            return not math.isnan(advice.reduced_max_speed_mps)
+        is_coached = advice.coach is not None and advice.coach.now.mode is not Mode.NONE
+        return is_coached or self._presentation is not Presentation.COACH
+
+    def command(self, scene: Scene) -> Command:
+        """What the controller is set to: by what was shown a reaction ago."""
+        state, now_s = scene.state, scene.state.time_s
+        if not self._coming or self._coming[-1][1] is not scene.advice:
+            self._coming.append((now_s, scene.advice))
+        while self._coming and now_s - self._coming[0][0] >= self._delay_s - 1e-6:
+            self._seen = self._coming[0]
+            if len(self._coming) == 1 or now_s - self._coming[1][0] < self._delay_s - 1e-6:
+                break
+            self._coming.popleft()
+        if self._seen is None or not self.obeys(self._seen[1]):
+            self._due = None
+            return self._own.command(scene.own_eyes())
+        shown_s, advice = self._seen
+        if self._presentation is Presentation.RMS:
+            return self._under_top(scene, advice)
+        if state.speed_mps <= 0 and now_s < scene.departure_s:
+            return COAST
+        if advice.mode is Mode.DEPART and state.speed_mps < CREEPS_MPS:
+            return force(CREEP_SHARE * self._raw.train.pulling_n(0.0))
+        if advice.mode in (Mode.STOP, Mode.DEPART):
+            return self._brake(state)
+        return self._obeyed(state, advice, now_s - shown_s)
+
+    def _under_top(self, scene: Scene, advice: Advice) -> Command:
+        """Hold the top speed; a display that shows no more leaves the stop, and when to go, to the driver."""
+        state, way_m = scene.state, scene.stop_m - scene.state.s_m
+        if state.speed_mps <= 0 and (scene.state.time_s < scene.departure_s or way_m <= AT_STOP_M):
+            return COAST
+        if state.speed_mps**2 >= 2.0 * STOPS_MPS2 * max(way_m - state.speed_mps, 0.1):
+            needed = state.speed_mps**2 / (2.0 * max(way_m, 0.5))
+            return force(self._raw.held_n(state.s_m, state.speed_mps) - self._raw.train.inertial_kg * needed)
+        return self._hold(state, advice.reduced_max_speed_mps)
+
+    def _obeyed(self, state: PlantState, advice: Advice, since_s: float) -> Command:
+        """Do what is shown."""
+        if self._presentation is Presentation.COACH:
+            return self._coached(state, advice, since_s)
+        if self._style is Style.FORCE:
+            return force(advice.advised_force_n)
+        if self._style is Style.SPEED:
+            return self._vector_speed(state, advice, since_s)
+        train, mode = self._raw.train, advice.mode
+        if self._presentation is Presentation.FOUR_MODE:
+            mode = advice.four_mode
+            if mode is Mode.CRUISE:
+                return self._hold(state, advice.display_speed_mps)
+            if mode in BRAKES:
+                return self._brake(state)
+            return force(train.pulling_n(state.speed_mps)) if mode in TRACTION else COAST
+        if mode is Mode.CRUISE:
+            return self._hold(state, advice.display_speed_mps)
+        if mode in BRAKES and advice.advised_force_ratio <= -0.999:
+            return self._brake(state)
+        return force(advice.advised_force_n)
+
+    def _vector_speed(self, state: PlantState, advice: Advice, since_s: float) -> Command:
+        """Hold the speed of the full advice, which looks ahead; full brakes where the train will be faster than it."""
+        speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
+        now, soon, later = (float(np.interp(since_s + x, range(len(speeds)), speeds)) for x in (0.0, 1.0, 2.0))
+        if state.speed_mps > min(now, soon, later) + TOO_FAST_MPS:
+            return self._brake(state)
+        return speed(soon, rate_mps2=later - soon)
+
+    def _coached(self, state: PlantState, advice: Advice, since_s: float) -> Command:
+        """Do what the coach shows."""
+        coach = advice.coach
+        assert coach is not None
+        if self._style is Style.FORCE:
+            return force(coach.reference_force_n)
+        now = coach.now
+        if self._due is None or now.in_s - since_s <= 0:
+            before, self._due = self._due, now
+            same = before is not None and (before.mode, before.speed_mps) == (now.mode, now.speed_mps)
+            self._reached = self._reached and same
+        return self._hold(state, self._due.speed_mps) if self._style is Style.SPEED else self._card(state, self._due)
+
+    def _card(self, state: PlantState, card: Instruction) -> Command:
+        """Mode and effort of a card until its speed is reached, then this speed."""
+        v, train = state.speed_mps, self._raw.train
+        if card.mode in TRACTION:
+            self._reached = self._reached or v >= card.speed_mps - REACHED_MPS
+            asked_n = card.effort_ratio * train.pulling_n(v)
+        elif card.mode in BRAKES:
+            self._reached = self._reached or v <= card.speed_mps + REACHED_MPS
+            asked_n = card.effort_ratio * train.electric_n(v)
+        elif card.mode is Mode.COAST:
+            self._reached = self._reached or v <= card.speed_mps + REACHED_MPS
+            asked_n = 0.0
+        else:
+            return self._hold(state, card.speed_mps)
+        return self._hold(state, card.speed_mps) if self._reached else force(asked_n)
+
+    def _hold(self, state: PlantState, speed_mps: float) -> Command:
+        """Hold a speed with all that the train has; a speed of 0 is reached with full brakes."""
+        v, raw = state.speed_mps, self._raw
+        if speed_mps <= REACHED_MPS:
+            return self._brake(state)
+        return speed(
+            speed_mps,
+            force_n=raw.held_n(state.s_m, v),
+            gain_per_s=GAIN_PER_S,
+            low_n=-self._brakes_n(v),
+            high_n=raw.train.pulling_n(v),
+        )
+
+    def _brake(self, state: PlantState) -> Command:
+        return force(-self._brakes_n(state.speed_mps))
+
+    def _brakes_n(self, speed_mps: float) -> float:
+        """What he brakes with at most: who goes by speeds, with all brakes; who goes by efforts, as the plan may."""
+        train = self._raw.train
+        if self._style is Style.SPEED:
+            return train.electric_n(speed_mps) + train.service_friction_n
+        return train.brakes_n(speed_mps)
