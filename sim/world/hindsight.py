@@ -10,6 +10,7 @@ from das.solver.front import Front
 from das.solver.section import build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
+from sim.drivers.kinds import DriverKind, DriverName
 from sim.world.day import Day
 from sim.world.loop import Run
 
@@ -43,15 +44,17 @@ def true_fronts(day: Day) -> tuple[Front, ...]:
     return kept[day.conditions]
 
 
-def fronts_of_own_braking(day: Day) -> tuple[Front, ...]:
-    """The fronts of the true train that brakes, and keeps below limits, as the day's human driver means to."""
-    human, kept = day.human, day.service.own_braking_fronts
-    key = (day.conditions, human.braking_mps2, human.below_limit_mps)
-    if key not in kept:
+def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
+    """The fronts of the true train that brakes as the day's human driver means to, or else as the advice plans."""
+    service, human = day.service, day.human
+    braking = service.scenario.braking.of(service.vehicle)
+    if driver is DriverKind.HUMAN:
         braking = ServiceBraking(
             deceleration_mps2=human.braking_mps2, build_up_s=0.0, reaction_s=0.0, deviation_m=0.0,
             below_limit_mps=human.below_limit_mps,
         )  # fmt: skip
+    kept, key = service.braking_fronts, (day.conditions, braking)
+    if key not in kept:
         kept.clear()
         kept[key] = tuple(solve_front(with_braking(front.section, braking)) for front in true_fronts(day))
     return kept[key]

@@ -10,10 +10,10 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
-from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
+from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
-from sim.world.hindsight import fronts_of_own_braking, hindsight, true_fronts
+from sim.world.hindsight import fronts_of_braking, hindsight, true_fronts
 from sim.world.loop import Counts, Run
 from sim.world.restlessness import Restlessness
 from sim.world.safety import Violations
@@ -32,8 +32,8 @@ class RunEnergies:
     section took less time than the true train can, so its optimum is the fastest run.
 
     `driven_j` = `hindsight_j` + `blending_j` + `profile_j`: the optimum, what friction took that the motors could have
-    given, and what the speed profile cost. `own_braking_j` is the optimum for the same times of somebody who brakes and
-    keeps below limits as the human driver means to; None for other drivers.
+    given, and what the speed profile cost. `own_braking_j` is the optimum for the same times of who brakes and keeps
+    below limits as a human driver means to, or for other drivers as the advice plans: braking so costs the difference.
     """
 
     driven_j: float
@@ -42,7 +42,7 @@ class RunEnergies:
     hindsight_j: float
     hindsight_late: bool
     blending_j: float
-    own_braking_j: float | None = None
+    own_braking_j: float
 
     @property
     def profile_j(self) -> float:
@@ -65,7 +65,7 @@ class RunEnergies:
             "beyond_hindsight_ratio": self.beyond_hindsight_ratio,
             "energy_blending_kwh": kwh(self.blending_j),
             "energy_profile_kwh": kwh(self.profile_j),
-            "energy_own_braking_kwh": None if self.own_braking_j is None else kwh(self.own_braking_j),
+            "energy_own_braking_kwh": kwh(self.own_braking_j),
         }
 
 
@@ -123,12 +123,12 @@ class DayOutcome:
 
 
 def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
-    """What a run of a day came to; for a human driver also against the optimum under his own braking."""
+    """What a run of a day came to, also against the optimum of who brakes as a human driver does, or as advised."""
     service = day.service
     whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
     energy_j = sum(day.plant.ledger(*leg).input for leg in run.legs)
     best = hindsight(true_fronts(day), run)
-    own = hindsight(fronts_of_own_braking(day), run) if driver is DriverKind.HUMAN else None
+    braking = hindsight(fronts_of_braking(day, driver), run)
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
@@ -142,7 +142,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
             hindsight_j=sum(solution.ledger.input for solution in best),
             hindsight_late=any(solution.fit is Fit.LATE for solution in best),
             blending_j=sum(arrived.blending_j - departed.blending_j for departed, arrived in run.legs),
-            own_braking_j=None if own is None else sum(solution.ledger.input for solution in own),
+            own_braking_j=sum(solution.ledger.input for solution in braking),
         ),
         ledger=whole,
         counts=run.counts,

@@ -84,7 +84,7 @@ def _clock(time_s: float) -> str:
 def _rows(result: DayResult) -> list[tuple[str, str]]:
     """Energies, where they went, and the messages."""
     found, energies = result.outcome, result.outcome.energies
-    beyond = energies.beyond_hindsight_ratio
+    beyond, braking = energies.beyond_hindsight_ratio, "this driver" if result.driver is DriverKind.HUMAN else "advised"
     rows = [
         ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
         ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
@@ -92,9 +92,8 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         ("  beyond that optimum", "–" if beyond is None else f"{100 * beyond:+.1f} %"),
         ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
         ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
+        (f"  optimum braking as {braking}", f"{kwh(energies.own_braking_j):.1f} kWh"),
     ]
-    if energies.own_braking_j is not None:
-        rows.append(("  optimum braking as this driver", f"{kwh(energies.own_braking_j):.1f} kWh"))
     parts = shares(found.ledger)
     rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
     counts, recorded = found.counts, result.recorded

@@ -11,6 +11,7 @@ from pathlib import Path
 from das.advice.advice import Timetable
 from das.cab.fronts import Fronts
 from das.cab.heard import JourneyHeard, OrderedStop
+from das.domain.braking import ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
@@ -58,8 +59,8 @@ class Service:
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train, by the conditions of a day (see `sim.world.hindsight`)."""
-    own_braking_fronts: dict[tuple[Conditions, float, float], tuple[Front, ...]] = field(default_factory=dict)
-    """Those of a driver who brakes his own way, by conditions, deceleration (m/s²) and margin to limits (m/s)."""
+    braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)
+    """Those of who brakes in a certain way, by the conditions of a day and the braking."""
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as an operator orders it, said at a moment."""
@@ -95,7 +96,7 @@ class Service:
     def on(self, scenario: Scenario) -> Service:
         """The same service for a scenario that it `plans`; raises DasError for what cannot happen on this line."""
         _check_day(scenario, self.vehicle, self.level, self.stops)
-        return replace(self, scenario=scenario, true_fronts={}, own_braking_fronts={})
+        return replace(self, scenario=scenario, true_fronts={}, braking_fronts={})
 
 
 def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Service:

@@ -19,6 +19,7 @@ from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, STATUS
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.world.day import make_day
+from sim.world.hindsight import fronts_of_braking
 from sim.world.in_process import InProcess
 from sim.world.loop import World
 from sim.world.scenario import read_scenario
@@ -120,7 +121,7 @@ FEASIBLE_S = 2.0
 def test_a_follower_on_late_days_arrives_in_time_for_the_least_energy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Energy against the optimum of every section recomputed for the time that was left on departure.
+    """Energy against the optimum, braking as advised, of every section for the time that was left on departure.
 
     Where next to no time is left, the second that forces take to build up costs more: not even the perfect follower
     can do without it.
@@ -133,7 +134,8 @@ def test_a_follower_on_late_days_arrives_in_time_for_the_least_energy(
         driver = make_driver(DriverKind.PERFECT, service.line, seed=seed)
         run = World(day, driver, Presentation.VECTOR, InProcess(service)).run()
         optimum_j = 0.0
-        for front, table, (departed, arrived) in zip(service.fronts, service.timetables, run.legs, strict=True):
+        fronts = fronts_of_braking(day, None)
+        for front, table, (departed, arrived) in zip(fronts, service.timetables, run.legs, strict=True):
             left_s = service.clock_s(table.arrival_ns) - departed.time_s
             optimum_j += front.trajectory(left_s).ledger.input
             if left_s > front.fastest().time_s + FEASIBLE_S:

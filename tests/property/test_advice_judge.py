@@ -75,9 +75,9 @@ FAULTS = {
     "limit": changed(limit_mps=60.0),
     "top-speed": changed(reduced_max_speed_mps=60.0),
     "horizon": changed(horizon_speed_mps=(SPEED_MPS,) * 60),
-    "force": changed(advised_force_n=-400e3),
+    "force": changed(advised_force_n=-900e3),
     "coach-force": coach_changed(force_n=400e3),
-    "coach-reference-force": coach_changed(reference_force_n=-400e3),
+    "coach-reference-force": coach_changed(reference_force_n=-900e3),
     "coach-held-force": coach_changed(reference_force_n=900e3),
     "coach-speed": coach_changed(now=Instruction(mode=Mode.CRUISE, speed_mps=60.0)),
     "coach-speed-limit": coach_changed(

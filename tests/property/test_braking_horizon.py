@@ -31,7 +31,7 @@ def test_a_train_that_is_too_fast_has_no_horizon_above_a_limit_ahead(number: int
     allowed, front = Allowed((first, second)), front_of(section)
     for _ in range(20):
         s_m = start_m + float(random.uniform(-600.0, 140.0))
-        v_mps = float(np.interp(s_m, section.node_m, section.envelope_mps)) + float(random.uniform(1.0, 12.0))
+        v_mps = float(np.interp(s_m, section.node_m, section.allowed_mps)) + float(random.uniform(1.0, 12.0))
         advice = asked(front, Source.SOLVED, s_m, v_mps, 400.0).update(ns(0))
         assert "too fast" in advice.reason
         check(advice, allowed)

@@ -69,6 +69,7 @@ def test_defaults() -> None:
         "smallest_share": 1e-9,
         "crest_mps": 0.05,
         "creep_mps": 0.1,
+        "slowest_limit_mps": 2.0,
     }
 
 

@@ -132,10 +132,12 @@ def test_without_advice_there_is_nothing_to_track() -> None:
 
 
 def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
-    found = measured(driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT)), list(MEASURES))
+    driven = driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT))
+    found, energies = measured(driven, list(MEASURES)), driven.outcome.energies
     assert found["control_movements_per_min"] is None
     assert found["glances_per_min"] is None
-    assert 0 <= found["gap_to_optimum_ratio"] < 0.03
+    assert found["gap_to_optimum_ratio"] == pytest.approx(energies.driven_j / energies.hindsight_j - 1.0)
+    assert energies.hindsight_j < energies.own_braking_j < energies.driven_j < 1.01 * energies.own_braking_j
 
 
 def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:

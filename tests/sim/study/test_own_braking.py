@@ -51,4 +51,4 @@ def test_only_a_human_is_told_to_coast_and_brakes(flat: Callable[[str], Path]) -
     service = prepare_service(read_scenario(flat("")))
     perfect = figures(service, 0, Presentation.VECTOR, None)
     assert math.isnan(perfect.braked_ratio)
-    assert abs(perfect.gap_percent) < 1.5
+    assert 0.0 < perfect.gap_percent < 4.0, "2.6 points of it are the price of service braking on 6 km"

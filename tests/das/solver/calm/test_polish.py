@@ -25,7 +25,7 @@ def stretches(phases: tuple[Phase, ...]) -> list[str]:
 
 def check(before: Scheduled, after: Scheduled, time_s: float, s_m: float, v_mps: float) -> None:
     """What polishing may do, and what not: it costs no more than with all brakes said and nothing else changed."""
-    said = Scheduled(*before.schedule.as_run().settled(s_m, v_mps), before.lambda_w)
+    said = before.as_run(s_m, v_mps)
     assert after.cost_j(time_s) <= said.cost_j(time_s)
     assert after.lambda_w == before.lambda_w
     assert stretches(after.schedule.phases) == stretches(said.schedule.phases)
