@@ -55,7 +55,7 @@ MEANINGS = {
     EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
     EnergyCause.TOO_SLOW: "No advice was shown, and the driver gave less effort or braked sooner than best.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
-    EnergyCause.AS_ADVISED: "The advice was followed. That it is held, mended, and brakes as in service, costs some energy.",
+    EnergyCause.AS_ADVISED: "The advice was followed. To hold and mend it, and to brake as in service, costs energy.",
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
     EnergyCause.FRICTION: "The friction brake took what the motors could have fed back: a habit, or its control.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",

@@ -74,7 +74,7 @@ def check_sums(found: Account) -> None:
 
 @pytest.mark.slow
 def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
-    """What he needs above the optimum is the price of braking as the advice plans, and it is his following that cost it."""
+    """What he needs above the optimum is the price of braking as the advice plans; it counts as driven as advised."""
     found, fronts = faultless(), fronts_of_braking(clear_day(), None)
     check_sums(found)
     planned_j = sum(
