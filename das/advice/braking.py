@@ -10,11 +10,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.advice import braking_kernels as kernels
 from das.advice.modes import FULL_RATIO, Mode
 from das.solver.kernels.forces import brake_limit, on_supply, traction_limit
 from das.solver.section import Section
+
+Floats = NDArray[np.float64]
 
 STOP_SLACK_M = 1.0
 """A stop counts as kept to within this (m): the driver finds the mark by eye."""
@@ -30,6 +33,8 @@ BACK_IN_S = 4.0
 """A train above a limit is braked so hard that it is below it after so long (s)."""
 LEAST_MPS2 = 0.02
 """A speed that a train comes down to at less than this deceleration (m/s²) is not near yet."""
+SEEN_M = 25.0
+"""A driver sees the mark of a stop that is nearer than this (m)."""
 RIVALS = 0.8
 """Among the speeds ahead those that ask for at least this share of the largest deceleration are looked at closely."""
 
@@ -77,12 +82,43 @@ class BrakingAhead:
         here_mps = math.sqrt(kernels.lowest_w(s_m, s_m, nodes, self._planned_w))
         return bool(self._falls[self._interval(s_m)] or math.sqrt(least_w) < here_mps - BEGINS_MPS)
 
-    def curve_begins_m(self, s_m: float, v_mps: float) -> float:
-        """Where ahead a train with a speed comes to the planned curve (m); the end where it never does."""
-        first = self._interval(s_m) + 1
-        below = self.section.envelope_mps[first:] < v_mps - ABOVE_MPS
-        reached = first + int(np.argmax(below)) if below.any() else len(below) + first - 1
-        return max(float(self.section.node_m[max(reached - 1, 0)]), s_m)
+    def allowed_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) from which full brakes keep all that is ahead, from the planned deviation ahead on.
+
+        Near the stop the driver sees where he is.
+        """
+        planned, seen_m = self.section.braking, self.section.end_m - SEEN_M
+        at_m = s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, seen_m))
+        return float(np.interp(at_m, self.section.node_m, self.section.allowed_mps))
+
+    def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
+        """Where ahead a train with speeds at the nodes ahead comes to the planned curve (m); else the end.
+
+        A train above the limit here comes down to it first.
+        """
+        nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
+        here_mps = math.sqrt(kernels.lowest_w(s_m, s_m, nodes, self._planned_w))
+        above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
+        below = self.section.envelope_mps[first:] < speeds_mps - above_mps - ABOVE_MPS
+        reached = int(np.argmax(below)) if below.any() else len(below) - 1
+        return max(float(nodes[first + reached - 1]), s_m)
+
+    def rolling_mps(self, s_m: float, v_mps: float) -> Floats:
+        """The speeds at all nodes ahead of a train in a state that coasts, with its running resistance of now."""
+        section, here = self.section, self._interval(s_m)
+        running_n = section.resistance_n(s_m, v_mps) - section.constant_n[here]
+        step_m = section.step_m[here:].copy()
+        step_m[0] = section.node_m[here + 1] - s_m
+        lost_j = np.cumsum((running_n + section.constant_n[here:]) * step_m)
+        w: Floats = np.maximum(v_mps**2 - 2.0 * lost_j / section.train.inertial_mass_kg, 0.0)
+        return np.sqrt(w)
+
+    def ahead_s(self, s_m: float, v_mps: float, speeds_mps: Floats, to_m: float) -> float:
+        """The time (s) to a place of a train in a state that has these speeds at the nodes ahead."""
+        at_m = np.append(s_m, self.section.node_m[-len(speeds_mps) :])
+        speeds = np.append(v_mps, speeds_mps)
+        steps_s = 2.0 * np.diff(at_m) / np.maximum(speeds[1:] + speeds[:-1], 0.1)
+        return float(np.interp(to_m, at_m, np.append(0.0, np.cumsum(steps_s))))
 
     def needed(self, s_m: float, v_mps: float) -> NeededBrake:
         """The brake with which a train in a state keeps all that is ahead; the largest where none is enough."""

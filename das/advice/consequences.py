@@ -19,6 +19,8 @@ BY_EYE_M = 10.0
 """Nearer than this to the mark the driver sees where he is: the deviation brings the train no nearer to it."""
 HELD_ABOVE_MPS = 1.0
 """A train above what is allowed by no more than this is brought down to a speed to hold; a faster one must brake."""
+BACK_IN_S = 5.0
+"""A train above a limit may be braked so gently that it is below it after so long (s)."""
 FULL_RATIO = 0.97
 """A brake from this share of the full one on counts as full: nothing stronger can be asked for."""
 FORCE_RATIO = 1.02
@@ -30,12 +32,17 @@ STOPPED_MPS = 0.1
 
 
 class Doing(NamedTuple):
-    """What a driver does up to a time (s): a wheel force (N), with which he goes to a speed (m/s) and holds it."""
+    """What a driver does up to a time (s): a wheel force (N), with which he goes to a speed (m/s) and holds it.
+
+    The force of an effort grows as the electric brake does while the train slows down: `of_n` is that brake (N) where
+    it begins; 0: the force is what it is.
+    """
 
     until_s: float
     force_n: float
     speed_mps: float
     holds: bool = False
+    of_n: float = 0.0
 
 
 class Excess(NamedTuple):
@@ -63,8 +70,8 @@ class Consequences:
     def excess(self, doings: Sequence[Doing], lasts_s: float, since_s: float = 0.0) -> Excess | None:
         """Where a driver who does this is too fast for what is ahead; None where he never is."""
         done = np.array(doings, dtype=float)
-        tuned = FULL_RATIO, HELD_ABOVE_MPS, STOPPED_MPS
-        found = kernels.first_excess(*self.model.train, done, self.ahead_m, self.v_mps, since_s, lasts_s, *tuned)
+        tuned = FULL_RATIO, HELD_ABOVE_MPS, STOPPED_MPS, BACK_IN_S
+        found = kernels.first_excess(*self.model.train, done, self.ahead_m, self.v_mps, since_s, lasts_s, tuned)
         return Excess(*found) if found[0] >= 0 else None
 
     def braking(self) -> tuple[float, Needed]:

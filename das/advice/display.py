@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice import wording
+from das.advice.above_plan import braked_enough, kept_behind
 from das.advice.advice import Advice, Source
-from das.advice.braking import braking_mode
 from das.advice.cause import Withdrawal
 from das.advice.coach.coaching import Coaching
 from das.advice.modes import EFFORT_ORDER, Mode
@@ -169,21 +169,14 @@ class Display:
     def following(self, scene: Scene, plan: Plan) -> Advice:
         """The advice of a plan for where the train is."""
         state, here, planner, goal, coach = scene
-        place, allowed = plan.at(state.s_m), planner.allowed_mps(state.s_m)
+        place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > self._settings.display.overspeed_named_mps
         mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
         following = self._next_change(plan, mode, state, place)
-        four, next_four = self._next_four_mode(plan, mode, place, following)
-        if planner.ahead.is_due(state.s_m, state.v_mps, self._settings.display.four_brake_ahead_s):
-            four = self._four_mode = Mode.FULL_BRAKE  # A weak brake is not shown as coasting then.
-        if too_fast and mode is not Mode.CRUISE:  # A weak brake is not shown as coasting then.
-            four = self._four_mode = Mode.COAST if mode is Mode.COAST else Mode.FULL_BRAKE
+        four, next_four = self._four_modes(plan, mode, scene, following, excess_mps)
         advised = min(place.speed_mps, allowed)
-        horizon_s = self._settings.display.horizon_s
-        speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, horizon_s)
-        if too_fast:
-            speeds = _kept_behind(speeds, advised, state, plan.ahead_m(place.time_s, horizon_s), planner)
+        speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         deviation_s = (arrival_ns - goal.arrival_ns) * NS
         return Advice(
@@ -217,6 +210,19 @@ class Display:
             coach=coach,
         )
 
+    def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
+        """Speeds and forces of the next seconds; a train above its plan brakes for as long as the advice is valid."""
+        state, planner, display = scene.state, scene.planner, self._settings.display
+        place = plan.at(state.s_m)
+        speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, display.horizon_s)
+        planned_n = 0.0 if too_fast else float(plan.shown_force_n[place.interval])
+        if self._force_n < min(planned_n, 0.0):
+            soon = slice(math.ceil(display.valid_for_s))
+            forces[soon] = np.minimum(forces[soon], self._force_n)
+        if too_fast:
+            speeds = kept_behind(speeds, advised_mps, state, plan.ahead_m(place.time_s, display.horizon_s), planner)
+        return speeds, forces
+
     def _valid_until_ns(self, state: TrainState) -> int:
         return state.now_ns + round(self._settings.display.valid_for_s / NS)
 
@@ -236,7 +242,9 @@ class Display:
         eased = too_fast and shown_n > 0  # The plan begins at the brake curve: above it there is no traction.
         wanted = Mode.COAST if eased else Mode(int(plan.modes[place.interval]))
         planned, planned_n = wanted, 0.0 if eased else shown_n
-        wanted, shown_n = _braked_enough(planned, planned_n, scene)
+        wanted, shown_n = braked_enough(
+            planned, planned_n, scene.state, scene.planner, place.speed_mps, too_fast=too_fast
+        )
         mode = self.held_mode(wanted, scene.state.now_ns)
         if mode is wanted:
             self._force_n = shown_n
@@ -257,24 +265,54 @@ class Display:
     def _next_change(self, plan: Plan, shown: Mode, state: TrainState, place: Place) -> _Change:
         """The mode after the shown one."""
         run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
-        if shown != planned:  # The planned mode is held back for now.
-            wait_s = max(self._settings.modes.hold_s - (state.now_ns - self._mode_since_ns) * NS, 0.0)
-            return _Change(Mode(planned), wait_s * place.speed_mps, wait_s)
         change = int(plan.next_change[place.interval])
         mode = Mode(int(plan.modes[change])) if change < len(plan.modes) else Mode.STOP
-        return _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
+        found = _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
+        wait_s = max(self._settings.modes.hold_s - (state.now_ns - self._mode_since_ns) * NS, 0.0)
+        if shown != planned and wait_s < found.time_s:  # The planned mode is held back for now.
+            return _Change(Mode(planned), wait_s * place.speed_mps, wait_s)
+        return found
 
-    def _next_four_mode(self, plan: Plan, shown: Mode, place: Place, following: _Change) -> tuple[Mode, _Change]:
-        """What a display of four modes shows: the mode now, and the next one."""
-        planned = int(plan.four_modes[place.interval])
-        if shown == plan.modes[place.interval]:
-            self._four_mode = Mode(planned)
-        if self._four_mode != planned:
-            return self._four_mode, following._replace(mode=Mode(planned))
+    def _four_modes(
+        self, plan: Plan, shown: Mode, scene: Scene, following: _Change, excess_mps: float
+    ) -> tuple[Mode, _Change]:
+        """What a display of four modes shows: the mode now, and the next one, as far as both are safe."""
+        place = plan.at(scene.state.s_m)
+        planned = Mode(int(plan.four_modes[place.interval]))
+        if shown == plan.modes[place.interval] or self._four_mode is Mode.NONE:
+            self._four_mode = planned
         change = int(plan.next_four_change[place.interval])
         after = Mode(int(plan.four_modes[change])) if change < len(plan.modes) else Mode.STOP
-        run = plan.solution.trajectory
-        return self._four_mode, _Change(after, math.nan, float(run.t_s[change]) - place.time_s)
+        after_s = float(plan.solution.trajectory.t_s[change]) - place.time_s
+        if self._four_mode is not planned:
+            after, after_s = planned, following.time_s
+        safe = self._safe_four_mode(self._four_mode, shown, scene, excess_mps)
+        then = self._safe_four_mode(after, after, scene, excess_mps)
+        if safe is not self._four_mode or safe is Mode.FULL_BRAKE or then is not after:
+            after, after_s = then, max(after_s, self._settings.display.valid_for_s)
+        self._four_mode = safe
+        return safe, _Change(after, math.nan, after_s)
+
+    def _safe_four_mode(self, four: Mode, mode: Mode, scene: Scene, excess_mps: float) -> Mode:
+        """The mode of four, or what limits and the stop ahead ask for: a weak brake is not shown as coasting then."""
+        state, planner, settings = scene.state, scene.planner, self._settings.display
+        v_mps, too_fast = state.v_mps, excess_mps > settings.overspeed_named_mps
+        pulls, rolls = four is Mode.FULL_TRACTION, four is Mode.COAST or too_fast
+        gained_mps2 = planner.ahead.accelerates_mps2(1.0 if pulls else 0.0, state.s_m, v_mps)
+        gained_mps = max(gained_mps2, 0.0) * settings.valid_for_s
+        before_s = (
+            settings.four_before_s if v_mps > settings.four_slow_mps else settings.four_before_m / max(v_mps, 0.1)
+        )
+        late = planner.brakes_late(state, v_mps + (gained_mps if rolls else 0.0), before_s)
+        if late or (too_fast and mode not in (Mode.CRUISE, Mode.COAST)):
+            return Mode.FULL_BRAKE
+        if pulls and (planner.brakes_late(state, v_mps + gained_mps, before_s) or too_fast):
+            return Mode.COAST
+        if pulls and excess_mps + gained_mps > settings.overspeed_named_mps:
+            return Mode.CRUISE  # All traction would soon carry the train above the limit.
+        if rolls and excess_mps + gained_mps > 0.0 and gained_mps2 * settings.coasts_in_s > -excess_mps:
+            return Mode.CRUISE  # Coasting would not come down to the limit.
+        return four
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The advised speed in whole steps, held within a band, never above what is allowed."""
@@ -314,31 +352,6 @@ class Display:
             return wording.wait_for_point(point, state.now_ns)
         missed_s = _missed_s(point, plan)
         return wording.point_missed(point, missed_s) if missed_s >= self._settings.display.missed_named_s else ""
-
-
-def _braked_enough(mode: Mode, force_n: float, scene: Scene) -> tuple[Mode, float]:
-    """Mode and force (N), or those of the brake that limits and the stop ahead need of a train above its plan."""
-    state, ahead = scene.state, scene.planner.ahead
-    if not ahead.is_due(state.s_m, state.v_mps):
-        return mode, force_n
-    effort = ahead.needed(state.s_m, state.v_mps).effort
-    needed_n = ahead.force_n(effort, state.s_m, state.v_mps)
-    return (braking_mode(effort), needed_n) if needed_n < force_n else (mode, force_n)
-
-
-def _kept_behind(
-    speeds_mps: Floats, advised_mps: float, state: TrainState, planned_m: Floats, planner: Planner
-) -> Floats:
-    """The horizon of a train that is too fast: nowhere above what is allowed between where it leads and the plan.
-
-    The plan brakes from the train's speed, and its samples are cut to what is allowed. A driver who keeps to the
-    samples is therefore behind the plan (m), and may still be under a limit that the plan has left.
-    """
-    kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
-    for i, to_m in enumerate(planned_m.tolist()):
-        kept[i] = min(kept[i], planner.lowest_allowed_mps(at_m, max(at_m, to_m)))
-        at_m, before = at_m + 0.5 * (before + kept[i]), kept[i]
-    return kept
 
 
 def _top_speed_mps(scene: Scene) -> float:

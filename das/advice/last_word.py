@@ -345,7 +345,9 @@ class _Judgement:
         in_s = coach.following[0].in_s
         if not in_s <= LONGEST_S:
             return None
-        return self._train.excess(self._led(coach, coach.force_n)[:-1], in_s, in_s)
+        led = self._led(coach, coach.force_n)[:-1]
+        of_n = self._model.electric_n(self._train.v_mps)
+        return self._train.excess([one._replace(of_n=of_n) for one in led], in_s, in_s)
 
 
 def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:

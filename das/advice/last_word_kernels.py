@@ -112,6 +112,8 @@ def after_step(nodes, places, forces, mass, doing, s, v):
     """The speed (m/s) one step later of a driver who does something (see `first_excess`)."""
     force, goal, holds = doing[1], doing[2], doing[3] > 0.0
     faster = v >= goal
+    if force < 0.0 and doing[4] > 0.0:
+        force *= force_at(forces, ELECTRIC, v) / doing[4]
     if holds:
         force = -np.inf if faster else np.inf
     elif force > 0.0 and faster:
@@ -126,28 +128,34 @@ def after_step(nodes, places, forces, mass, doing, s, v):
 
 
 @kernel
-def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, full_ratio, held_above, stopped):
+def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, tuned):
     """The first speed above its bound, and the bound (m/s), of a driver who does `doings`; minus ones: there is none.
 
     It is looked for between the times `since` and `lasts` (s).
     A row of `doings` says until when (s) which force (N) is given to come to a speed (m/s), and whether the speed is to
-    be held (1 or 0). A train that is too fast already is let off where it is asked for all that is needed: the share
-    `full_ratio` of the full brake, or to hold a speed while it is no more than `held_above` above what is allowed.
+    be held (1 or 0); a force that grows as the electric brake does begins where that is the last number (N). A train
+    that is too fast already is let off where it is asked for all that is needed: the share `full_ratio` of the full
+    brake, or to hold a speed while it is no more than `held_above` above what is allowed, or, above a limit, as much as
+    brings it back in the time `back_in` (s). `tuned` are these ratios and bounds.
     """
-    k = 0
+    k, (full_ratio, held_above, stopped, back_in) = 0, tuned
     for step in range(math.ceil(lasts / STEP_S) + 1):
         while k + 1 < doings.shape[0] and (step + 0.5) * STEP_S > doings[k, 0]:
             k += 1
         bound, doing = speed_at(nodes, places, BOUND, s), doings[k]
+        after = after_step(nodes, places, forces, mass, doing, s, v)
         if v > bound and step * STEP_S >= since:
+            allowed = speed_at(nodes, places, ALLOWED, s)
             if doing[3] > 0.0:
-                suffices = doing[2] <= bound and v <= speed_at(nodes, places, ALLOWED, s) + held_above
+                suffices = doing[2] <= bound and v <= allowed + held_above
             else:
                 full = planned_brake(nodes, places, forces, mass, most, s, v)
-                suffices = v < stopped or (v > doing[2] and full > 0.0 and doing[1] <= -full_ratio * full)
+                level = allowed >= places[LIMIT, interval(nodes, s)] - 1e-9
+                comes_back = level and v - after >= (v - allowed) * STEP_S / back_in
+                all_given = full > 0.0 and doing[1] <= -full_ratio * full
+                suffices = v < stopped or (v > doing[2] and (comes_back or all_given))
             if not suffices:
                 return v, bound
-        after = after_step(nodes, places, forces, mass, doing, s, v)
         s, v = s + 0.5 * (v + after) * STEP_S, after
     return -1.0, -1.0
 

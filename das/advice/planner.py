@@ -6,14 +6,15 @@ the driver; outside the band it is made anew from where the train is. The same i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from das.advice import plan_kernels
+from das.advice import braking_kernels, plan_kernels
 from das.advice.advice import Source
-from das.advice.braking import BrakingAhead
+from das.advice.braking import BEGINS_MPS, BrakingAhead
 from das.advice.passing import PassingFronts, PassingTarget, time_at
 from das.advice.plan import Plan
 from das.advice.reduced import ReducedSpeed
@@ -28,11 +29,20 @@ from das.solver.solution import Solution
 
 
 class TrainState(NamedTuple):
-    """A train at a moment: time (ns since 1970), position (m) and speed (m/s)."""
+    """A train at a moment: time (ns since 1970), position (m) and speed (m/s).
+
+    `ahead_m`: by so much (m) the train may be further ahead than the braking is planned for.
+    """
 
     now_ns: int
     s_m: float
     v_mps: float
+    ahead_m: float = 0.0
+
+    @property
+    def braked_m(self) -> float:
+        """The position (m) from which limits and the stop ahead are braked for."""
+        return self.s_m + self.ahead_m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +136,18 @@ class Planner:
         section = self.section
         return float(plan_kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
 
+    def allowed_for(self, state: TrainState) -> float:
+        """The highest speed (m/s) from which a train keeps limits and the stop wherever it may be."""
+        if state.ahead_m <= 0.0:
+            return self.allowed_mps(state.s_m)
+        return self.lowest_allowed_mps(state.s_m, state.braked_m)
+
+    def brakes_late(self, state: TrainState, v_mps: float, within_s: float) -> bool:
+        """Whether full brakes after so long at a speed are too late for what limits and the stop ask for ahead."""
+        section, from_m = self.section, state.braked_m
+        lowest_w = braking_kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
+        return math.sqrt(lowest_w) < min(v_mps, self.allowed_mps(state.s_m)) - BEGINS_MPS
+
     def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
         """The least of what is allowed (m/s) on the way between two positions (m); 0 from the end of the section on."""
         if to_m >= self.section.end_m:
@@ -162,7 +184,7 @@ class Planner:
 
     def _brakes_early(self, state: TrainState) -> bool:
         """Whether the train became slower than planned before what it has to brake for, until it is past it."""
-        _, s_m, v_mps = state
+        s_m, v_mps = state.s_m, state.v_mps
         settings = self._settings.plan
         slower = self.plan is not None and self.plan.at(s_m).speed_mps - v_mps > settings.slower_than_planned_mps
         ahead = self.section.node_m > s_m + self._settings.stop.standstill_m

@@ -77,8 +77,15 @@ class DisplaySettings:
     """A train that arrives earlier than this is told where to wait; one later than this, how late it is."""
     missed_named_s: float = 1.0
     """A train that passes a point later after the end of its window than this is told so."""
-    four_brake_ahead_s: float = 1.0
-    """A display of four modes shows the brake where the train would be above its planned curve within this time."""
+    four_before_s: float = 4.0
+    """A display of four modes shows the brake so long before full brakes are needed: an advice is valid for 3 s, and
+    the brakes build up."""
+    four_slow_mps: float = 4.0
+    """A train slower than this is shown it"""
+    four_before_m: float = 8.0
+    """this way before, so that it does not stand further than that from its mark."""
+    coasts_in_s: float = 5.0
+    """A train above a limit coasts down to it in this time, or else is told to hold it, or to brake."""
     speed_step_mps: float = 1.0 * KMH
     """The displayed speed is a whole number of these steps."""
     speed_band_ratio: float = 0.75
@@ -128,6 +135,8 @@ class StopSettings:
     """A standing train this near to a stop is at it; a train further beyond it than this has run past it."""
     lost_beyond_m: float = 500.0
     """A train further beyond the section's end than this is somewhere else."""
+    deviations: float = 2.0
+    """The train may be ahead of its estimate by so many standard deviations of the position."""
     back_m: float = 200.0
     """A train that has begun a section is put back to the one before only where it is heard further back than this."""
 

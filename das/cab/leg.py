@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from das.advice import wording
 from das.advice.advice import Advice, Timetable
+from das.advice.braking import SEEN_M
 from das.advice.cause import Withdrawal
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching
@@ -132,7 +133,7 @@ class Leg:
         Raises NoPlanError where the section cannot be finished from it.
         """
         stop, planner = self._settings.stop, self.planner
-        state = TrainState(here.time_ns, max(here.s_m, self.section.start_m), here.speed_mps)
+        state = self._state(here)
         scene = Scene(state, here, planner, self.goal)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -stop.at_stop_m:
@@ -153,6 +154,14 @@ class Leg:
             if state.v_mps > planner.allowed_mps(state.s_m):
                 return self._braking(scene, wording.no_plan_too_fast(str(error)))
             raise NoPlanError(str(error)) from error
+
+    def _state(self, here: Estimate) -> TrainState:
+        """The train as it is advised: with how much further ahead it may be than the deviation that is planned with."""
+        section, stop = self.section, self._settings.stop
+        s_m = max(here.s_m, section.start_m)
+        planned_m = 0.0 if section.braking is None else section.braking.deviation_m
+        ahead_m = min(stop.deviations * here.position_sd_m - planned_m, section.end_m - SEEN_M - s_m)
+        return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
         """No advice: the plan does not hold any more."""
@@ -179,7 +188,8 @@ class Leg:
         if self._coach is None:
             return None
         planner = self.planner
-        place = SpeedsAllowed(planner.allowed_mps(state.s_m), planner.limit_mps(state.s_m))
+        limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
+        place = SpeedsAllowed(planner.allowed_for(state), limit_mps)
         say = self._coach.departs if stands else self._coach.advise
         return say(state, self.goal, place)
 

@@ -60,7 +60,7 @@ class Coach:
         try:
             kept = self._keeper.keep(state, goal)
         except DasError:
-            return None
+            return self._creeping(state, place)
         if kept is None:
             return None
         shown = self._showing.show(kept, state, place)
@@ -75,6 +75,17 @@ class Coach:
             worth_j=self._worth_j(kept, state, waits=_waits(goal, state)),
             replan=kept.reference.replan,
         )
+
+    def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Coaching | None:
+        """A train so slow that no reference brings it to its stop any more creeps there; None for a faster one."""
+        if state.v_mps > self._settings.showing.brake.creep_mps:
+            return None
+        now, force_n = self._showing.creeping(self._section, state, place)
+        way_m = self._section.end_m - state.s_m
+        return Coaching(
+            now=now, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
+            reference_force_n=force_n, reason=wording.reason(now.mode, now.speed_mps, None, 0.0),
+        )  # fmt: skip
 
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
         """The train stands at a stop, for so much longer (s)."""

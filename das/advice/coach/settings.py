@@ -40,6 +40,8 @@ class LeadSettings:
     """Coasting: about the time in which a driver reacts."""
     braking_s: float = 2.0
     """A brake: a driver who sees it earlier brakes early and arrives late."""
+    astray_s: float = 3.0
+    """A brake that limits or the stop ask of a train faster than the reference: as long as an advice is valid."""
     accelerating_s: float = 2.0
     """An acceleration: a driver who looks when it is due sees it."""
 
@@ -76,13 +78,13 @@ class LimitShowingSettings:
 
     overspeed_mps: float = 0.5
     """A train above the limit by more than this is told to coast, or to hold the limit where it would not slow down,"""
-    braked_mps: float = 1.5
+    braked_mps: float = 0.9
     """and by more than this to brake."""
     closes_in_s: float = 4.0
     """The force of an instruction that leads to a speed brings the train there in this time: longer than an advice
     is valid, so that a driver who sets the force exactly does not pass the speed."""
-    slows_mps2: float = 0.02
-    """A train that coasts and slows down by less than this does not come down to a limit."""
+    coasts_in_s: float = 5.0
+    """A train above the limit is told to coast where it comes down to it in this time."""
 
 
 @dataclass(frozen=True, kw_only=True)

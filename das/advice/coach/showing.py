@@ -20,6 +20,7 @@ from das.domain.units import NS
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
 from das.solver.calm.schedule import Schedule
+from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 FOLLOWING = 3
@@ -77,23 +78,36 @@ class Showing:
         begins_s = np.interp(begins_m, at_m, times_s).tolist()
         self._left_s = begins_s[0]
         planned = self._planned(schedule, number, state, place)
-        wanted = self._brakes.safe(self._brakes.under_limit(planned, state, place), state)
+        wanted = self._brakes.under_limit(planned, state, place)
+        wanted = self._brakes.safe(wanted, state, schedule.speed_at(state.s_m))
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
         between = brakes_again and begins_s[0] < self._settings.least_shown_s
         # A speed that cannot be reached before the phase ends is not shown any longer than a limit that is passed.
         reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
-        now = self._held(wanted, state, reachable, between_brakes=between, urgent=urgent)
+        ends_mps = float(
+            np.interp(schedule.begin_m(number + 1), schedule.section.node_m, schedule.section.envelope_mps)
+        )
+        now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
         following = self._following(schedule, number, state, begins_s)
         following = self._in_time(now, following, state, (times_s, at_m))
-        end_m = schedule.begin_m(number + 1)
+        end_m = min(schedule.begin_m(number + 1), self._brakes.ends_m(now, state, schedule.phases[number].kind))
         due_m = schedule.begin_m(number) - state.s_m if number else 0.0
-        if due_m > 0 and state.v_mps <= place.allowed_mps + self._settings.limit.overspeed_mps:
+        if due_m > 0 and not urgent and state.v_mps <= place.allowed_mps + self._settings.limit.overspeed_mps:
             now = replace(now, way_m=due_m, in_s=float(np.interp(schedule.begin_m(number), at_m, times_s)))
+        end_s = float(np.interp(end_m, at_m, times_s))
         return ShownNow(
-            now, following, max(end_m - state.s_m, 0.0), begins_s[0], number, self._brakes.force_n(now, state),
+            now, following, max(end_m - state.s_m, 0.0), end_s, number, self._brakes.force_n(now, state),
             self._brakes.force_n(self._brakes.unrounded(now), state),
         )  # fmt: skip
+
+    def creeping(self, section: Section, state: TrainState, place: SpeedsAllowed) -> tuple[Instruction, float]:
+        """The instruction to creep to the stop, or to brake there, and its wheel force (N)."""
+        self.forget()
+        brakes = ShownBrakes(section, self._settings)
+        creeps = Instruction(mode=Mode.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
+        now = brakes.safe(creeps, state, state.v_mps)
+        return now, brakes.force_n(now, state)
 
     def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
         """The instruction that holds, or the next one where it is due within the lead; none is taken up again.
@@ -181,10 +195,12 @@ class Showing:
         return self._brakes.shown(self._brakes.needed(schedule, number, state, target), state)
 
     def _held(
-        self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, *, between_brakes: bool, urgent: bool
-    ) -> Instruction:
+        self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, ends_mps: float, *,
+        between_brakes: bool, urgent: bool,
+    ) -> Instruction:  # fmt: skip
         """The instruction to show: it stands for a while, unless limits ask for another one (`urgent`).
 
+        `ends_mps` is the highest speed that is allowed where the phase ends.
         Between two brakes that follow each other at once the first one stands: at its speed the driver releases it.
         """
         shown = self._shown
@@ -200,7 +216,9 @@ class Showing:
         )
         braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
-        above = shown.speed_mps > place.limit_mps + SAME_MPS
+        lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
+        slows = lower and wanted.mode is shown.mode is Mode.COAST
+        above = slows or shown.speed_mps > (ends_mps if shown.mode is Mode.COAST else place.limit_mps) + SAME_MPS
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
@@ -235,18 +253,29 @@ class Showing:
     ) -> tuple[Instruction, ...]:
         """The next changes, where a brake is announced in time for a driver who reaches the speed that is shown now.
 
-        The forecast may stay below this speed, on a hill, and its brake begins later. `elapsed` are times (s) and
-        places (m) of the forecast.
+        The forecast may stay below this speed, on a hill, and its brake begins later. What follows a brake does so when
+        its speed is reached. `elapsed` are times (s) and places (m) of the forecast.
         """
         assert self._brakes is not None
+        if following and now.mode in BRAKES and following[0].mode not in BRAKES:
+            lasts_s, lasts_m = self._brakes.lasts(now, state)
+            first = following[0]
+            if first.in_s >= lasts_s or (len(following) > 1 and following[1].way_m <= lasts_m):
+                return following
+            return (replace(first, way_m=lasts_m, in_s=lasts_s), *following[1:])
         if not following or following[0].mode not in BRAKES or now.mode in BRAKES:
             return following
         times_s, at_m = elapsed
-        way_m = self._brakes.ahead.curve_begins_m(state.s_m, max(now.speed_mps, state.v_mps)) - state.s_m
-        if way_m >= following[0].way_m:
-            return following
-        in_s = float(np.interp(state.s_m + way_m, at_m, times_s))
-        return (replace(following[0], way_m=way_m, in_s=in_s), *following[1:])
+        ahead, v_mps = self._brakes.ahead, state.v_mps
+        speeds_mps = ahead.rolling_mps(state.s_m, v_mps)
+        if now.mode is not Mode.COAST:
+            speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
+        curve_m = ahead.curve_begins_m(state.s_m, speeds_mps) - state.ahead_m
+        begins_m = min(max(curve_m, state.s_m), state.s_m + following[0].way_m)
+        in_s = float(np.interp(begins_m, at_m, times_s))
+        if now.mode not in TRACTION:  # A train that rolls or holds its speed may be there sooner than the forecast.
+            in_s = min(in_s, ahead.ahead_s(state.s_m, v_mps, speeds_mps, begins_m))
+        return (replace(following[0], way_m=begins_m - state.s_m, in_s=in_s), *following[1:])
 
     def _announced(self, schedule: Schedule, number: int) -> Instruction:
         """An instruction as it is shown before it is due; it depends on the schedule alone, and is made once."""
@@ -279,14 +308,15 @@ def _highest_mps(schedule: Schedule, number: int, s_m: float) -> float:
 
 
 def _aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The speed that a phase leads to, no higher than what is allowed anywhere from a position to its end.
+    """The speed that a phase leads to, no higher than what is allowed on its way; where it slows the train, at its end.
 
     The schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does.
     """
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
     first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
-    highest = section.envelope_mps[end] if one.kind is NotchKind.BRAKE else section.envelope_mps[first : end + 1].max()
+    slows = one.kind in (NotchKind.BRAKE, NotchKind.COAST)
+    highest = section.envelope_mps[end] if slows else section.envelope_mps[first : end + 1].max()
     return float(min(one.target_mps, highest))
 
 

@@ -6,11 +6,12 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
-from das.advice.braking import BrakingAhead, NeededBrake, braking_mode
+from das.advice.braking import LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.modes import Mode
 from das.advice.planner import TrainState
+from das.solver.calm.notches import NotchKind
 from das.solver.calm.schedule import Schedule
 from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
@@ -19,6 +20,10 @@ SAME_EFFORT = 1e-3
 """Efforts this near to each other are one."""
 SAME_MPS = 0.3
 """Speeds this near to each other are the same on a display."""
+HELD_MPS2 = 0.5
+"""A driver who is below the speed to hold comes up to it at no more than this."""
+CREEPS_M = 9.0
+"""A creeping train is shown the brake to its stop where that is due within this way."""
 TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
 BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
 
@@ -60,6 +65,23 @@ class ShownBrakes:
         least_n = 0.0 if now.mode in TRACTION else ahead.force_n(1.0, s_m, v)
         return min(max(wanted_n, least_n), most_n)
 
+    def lasts(self, now: Instruction, state: TrainState) -> tuple[float, float]:
+        """The time (s) and the way (m) that a brake takes to its speed, at the rate with which it begins."""
+        ahead, v_mps = self.ahead, state.v_mps
+        braked_mps2 = -ahead.force_n(-now.effort_ratio, state.s_m, v_mps) / ahead.section.train.inertial_mass_kg
+        rate_mps2 = braked_mps2 - ahead.rolls_mps2(state.s_m, v_mps)
+        time_s = max(v_mps - now.speed_mps, 0.0) / max(rate_mps2, LEAST_MPS2)
+        return time_s, 0.5 * (v_mps + now.speed_mps) * time_s
+
+    def ends_m(self, now: Instruction, state: TrainState, kind: NotchKind) -> float:
+        """Where a brake ends (m) that limits ask for and the phase of the schedule is not."""
+        if now.mode not in BRAKES or kind is NotchKind.BRAKE:
+            return math.inf
+        needed = self.ahead.needed(state.braked_m, state.v_mps)
+        if abs(needed.target_mps - now.speed_mps) < SAME_MPS:
+            return needed.at_m
+        return state.s_m + self.lasts(now, state)[1]
+
     def under_limit(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """An instruction with which a train comes back under the limit, or does not roll above it."""
         settings, v_mps, limit_mps = self._settings.limit, state.v_mps, min(place.limit_mps, place.allowed_mps)
@@ -73,22 +95,31 @@ class ShownBrakes:
             # A train above the curve of full brakes must not wait for a brake that grows.
             effort = max(needed.effort, 1.0) if place.allowed_mps < place.limit_mps else needed.effort
             return self.shown(needed._replace(effort=effort, target_mps=target), state)
-        stays = rolls_mps2 > -settings.slows_mps2
-        if stays and (wanted.mode is Mode.COAST or excess > settings.overspeed_mps):
-            return Instruction(mode=Mode.CRUISE, speed_mps=limit_mps)
-        if excess > settings.overspeed_mps:
-            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        return wanted
-
-    def safe(self, wanted: Instruction, state: TrainState) -> Instruction:
-        """The instruction, or the brake that limits and the stop ahead ask for, where it asks for less."""
-        ahead, lead_s, v_mps = self.ahead, self._settings.lead.braking_s, state.v_mps
-        soon_mps = v_mps
-        if wanted.mode in TRACTION:
-            soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
-        if not ahead.is_due(state.s_m, soon_mps, lead_s):
+        if wanted.mode is not Mode.COAST and excess <= settings.overspeed_mps:
             return wanted
-        needed = ahead.needed(state.s_m, v_mps)
+        if -rolls_mps2 * settings.coasts_in_s < excess:
+            return Instruction(mode=Mode.CRUISE, speed_mps=limit_mps)
+        return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+
+    def safe(self, wanted: Instruction, state: TrainState, known_mps: float) -> Instruction:
+        """The instruction, or the brake that limits and the stop ahead ask for, where it asks for less.
+
+        A train above the speed of the reference, `known_mps`, is shown it sooner.
+        """
+        ahead, lead, v_mps = self.ahead, self._settings.lead, state.v_mps
+        lead_s = lead.braking_s if v_mps <= known_mps + SAME_MPS else lead.astray_s
+        lead_s, soon_mps = max(lead_s, CREEPS_M / max(v_mps, 1.0)), v_mps
+        if wanted.mode in (*TRACTION, Mode.COAST):
+            soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
+        elif wanted.mode is Mode.CRUISE:
+            soon_mps += min(max(wanted.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s)
+        if not ahead.is_due(state.braked_m, soon_mps, lead_s):
+            return wanted
+        needed = ahead.needed(state.braked_m, v_mps)
+        if needed.effort > 0.0 and v_mps > ahead.allowed_mps(
+            state.braked_m
+        ):  # It must not wait for a brake that grows.
+            needed = needed._replace(effort=ahead.largest(v_mps))
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
         if needed.effort >= self._settings.brake.step_ratio:
@@ -100,13 +131,13 @@ class ShownBrakes:
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float) -> NeededBrake:
         """The brake that a phase needs from here, or from where it begins; at first with the build-up of the brakes."""
         end_m, begin_m = schedule.begin_m(number + 1), schedule.begin_m(number)
-        if schedule.brakes_by_effort(number):
-            return NeededBrake(float(schedule.phases[number].share), target, end_m)
-        from_m, braking = max(state.s_m, begin_m), schedule.section.braking
+        from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
         if braking is not None and end_m not in self._efforts:
             build_up_m = state.v_mps * 0.5 * braking.build_up_s
             from_m += max(min(build_up_m, self._settings.brake.build_up_ratio * (end_m - from_m)), 0.0)
-        return NeededBrake(self.ahead.effort_to(from_m, state.v_mps, end_m, target), target, end_m)
+        needed = self.ahead.effort_to(from_m, state.v_mps, end_m, target)
+        planned = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
+        return NeededBrake(max(needed, planned), target, end_m)
 
     def shown(self, needed: NeededBrake, state: TrainState) -> Instruction:
         """The brake as it is shown: its effort stands until more is needed, or clearly less."""

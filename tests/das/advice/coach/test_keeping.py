@@ -263,7 +263,9 @@ def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None,
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     kept, train = started(keeper, LINE, goal)
     point_m, here = section_of(LINE).start_m + 9000.0, train.at(60)
-    free_s = 60.0 + passes_s(kept.reference.schedule, kept.reference.schedule.forecast(*here[1:]), here.s_m, point_m)
+    free_s = 60.0 + passes_s(
+        kept.reference.schedule, kept.reference.schedule.forecast(here.s_m, here.v_mps), here.s_m, point_m
+    )
     earliest_ns, latest_ns = (None if x is None else ns(free_s + x) for x in (earlier_s, later_s))
     point = PassingTarget(s_m=point_m, earliest_ns=earliest_ns, latest_ns=latest_ns)
     new = keeper.keep(here, replace(goal, passing=point))
@@ -287,7 +289,9 @@ def test_who_would_miss_the_window_gets_another_reference() -> None:
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     kept, train = started(keeper, LINE, goal)
     here, point_m = train.at(60), section_of(LINE).start_m + 9000.0
-    free_s = 60.0 + passes_s(kept.reference.schedule, kept.reference.schedule.forecast(*here[1:]), here.s_m, point_m)
+    free_s = 60.0 + passes_s(
+        kept.reference.schedule, kept.reference.schedule.forecast(here.s_m, here.v_mps), here.s_m, point_m
+    )
     goal = replace(goal, passing=PassingTarget(s_m=point_m, earliest_ns=ns(free_s + 20.0)))
     new = keeper.keep(here, goal)
     assert new is not None

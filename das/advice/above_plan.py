@@ -1,0 +1,49 @@
+"""What a train above its plan, or too fast, is told: forces and speeds with which it keeps limits and the stop."""
+
+from __future__ import annotations
+
+from das.advice.braking import ABOVE_MPS, braking_mode
+from das.advice.modes import Mode
+from das.advice.plan import Floats
+from das.advice.planner import Planner, TrainState
+
+LATE_S = 2.0
+"""A driver does what is shown up to so much later."""
+GAINS_MPS2 = 0.1
+"""A train gains no speed to speak of in that time at an acceleration below this."""
+BRAKED_MORE = 1.1
+"""A train above its plan is braked by a tenth more than it needs, so that it need not brake harder later."""
+
+
+def braked_enough(
+    mode: Mode, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
+) -> tuple[Mode, float]:
+    """Mode and force (N), or those of the brake that limits and the stop ask of a train above its plan, or too fast."""
+    ahead = planner.ahead
+    gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
+    if force_n > 0.0 and gained_mps2 > GAINS_MPS2:
+        # A driver who is late with the brake after this traction must not be too fast by then.
+        if ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * LATE_S, LATE_S):
+            return Mode.COAST, 0.0
+        return mode, force_n
+    effort = ahead.back_under(state.s_m, state.v_mps, planner.allowed_for(state)).effort if too_fast else 0.0
+    within_s = LATE_S if state.v_mps > planned_mps + ABOVE_MPS else 0.0
+    if ahead.is_due(state.braked_m, state.v_mps, within_s):
+        effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)
+    needed_n = ahead.force_n(BRAKED_MORE * effort, state.s_m, state.v_mps)
+    return (braking_mode(effort), needed_n) if effort > 0.0 and needed_n < force_n else (mode, force_n)
+
+
+def kept_behind(
+    speeds_mps: Floats, advised_mps: float, state: TrainState, planned_m: Floats, planner: Planner
+) -> Floats:
+    """The horizon of a train that is too fast: nowhere above what is allowed between where it leads and the plan.
+
+    The plan brakes from the train's speed, and its samples are cut to what is allowed. A driver who keeps to the
+    samples is therefore behind the plan (m), and may still be under a limit that the plan has left.
+    """
+    kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
+    for i, to_m in enumerate(planned_m.tolist()):
+        kept[i] = min(kept[i], planner.lowest_allowed_mps(at_m, max(at_m, to_m)))
+        at_m, before = at_m + 0.5 * (before + kept[i]), kept[i]
+    return kept
