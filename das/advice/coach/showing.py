@@ -260,7 +260,8 @@ class Showing:
         if following and now.mode in BRAKES and following[0].mode not in BRAKES:
             lasts_s, lasts_m = self._brakes.lasts(now, state)
             first = following[0]
-            if first.in_s >= lasts_s or (len(following) > 1 and following[1].way_m <= lasts_m):
+            late = any(one.way_m <= lasts_m or one.in_s <= lasts_s for one in following[1:])
+            if first.in_s >= lasts_s or late:
                 return following
             return (replace(first, way_m=lasts_m, in_s=lasts_s), *following[1:])
         if not following or following[0].mode not in BRAKES or now.mode in BRAKES:
