@@ -130,7 +130,8 @@ def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None
     assert all(math.isfinite(one.speed_mps) and one.way_m > -1.0 for one in coach.following)
     assert all(a.in_s <= b.in_s for a, b in pairwise(coach.following))
     assert math.isfinite(coach.worth_j)
-    assert coach.replan.cause is not ReplanCause.NONE or now.mode is Mode.STOP
+    creeps = now.mode is Mode.CRUISE and now.speed_mps <= SETTINGS.coach.showing.brake.creep_mps
+    assert coach.replan.cause is not ReplanCause.NONE or now.mode in (Mode.STOP, *BRAKES) or creeps
     assert advice.mode is not Mode.NONE
 
 

@@ -78,10 +78,10 @@ class Coach:
 
     def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Coaching | None:
         """A train so slow that no reference brings it to its stop any more creeps there; None for a faster one."""
-        if state.v_mps > self._settings.showing.brake.creep_mps:
+        way_m = self._section.end_m - state.s_m
+        if state.v_mps > self._settings.showing.brake.creep_mps or way_m > self._settings.showing.brake.creeps_m:
             return None
         now, force_n = self._showing.creeping(self._section, state, place)
-        way_m = self._section.end_m - state.s_m
         return Coaching(
             now=now, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
             reference_force_n=force_n, reason=wording.reason(now.mode, now.speed_mps, None, 0.0),

@@ -62,6 +62,8 @@ class BrakeShowingSettings:
     """and the mark is further away than this: braked on the train would stand short of it."""
     creep_mps: float = 3.0
     """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
+    creeps_m: float = 100.0
+    """A train so slow that no reference brings it to its stop creeps there from so far away at most."""
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size, rounded up."""
     build_up_ratio: float = 0.15

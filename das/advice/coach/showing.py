@@ -218,7 +218,8 @@ class Showing:
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
         slows = lower and wanted.mode is shown.mode is Mode.COAST
-        above = slows or shown.speed_mps > (ends_mps if shown.mode is Mode.COAST else place.limit_mps) + SAME_MPS
+        highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Mode.COAST else place.limit_mps
+        above = slows or shown.speed_mps > highest_mps + SAME_MPS
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
