@@ -116,9 +116,7 @@ class ShownBrakes:
         if not ahead.is_due(state.braked_m, soon_mps, lead_s):
             return wanted
         needed = ahead.needed(state.braked_m, v_mps)
-        if needed.effort > 0.0 and v_mps > ahead.allowed_mps(
-            state.braked_m
-        ):  # It must not wait for a brake that grows.
+        if needed.effort > 0.0 and v_mps > ahead.allowed_mps(state.braked_m):  # No brake that grows is enough.
             needed = needed._replace(effort=ahead.largest(v_mps))
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted

@@ -1,0 +1,251 @@
+# ruff: noqa: E501 (lines of the product are quoted whole)
+"""`python -m tests.support.mutants`: change the product in one place at a time, and see whether a test notices.
+
+Each mutant is one text in one file of the advice, the cab, the calm solver or the kernels, put in the place of another
+(a sign, a constant, a comparison). It is tried on a copy of the working tree with the tests that are nearest to it. A
+mutant that no test notices survives; the command names the survivors and returns 1 if there are any.
+
+    python -m tests.support.mutants                # all of them: about an hour on one core
+    python -m tests.support.mutants --only named   # those whose name has this in it
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.support.making import REPOSITORY
+
+COPIED = ("das", "precompute", "sim", "tests", "recordings", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
+LIMIT_S = 900.0
+"""A test that hangs has noticed."""
+DAYS = "16"
+"""So many days of the assessment are driven where nothing nearer has noticed."""
+
+BRAKES = "tests/das/advice/test_braking.py tests/das/advice/coach tests/das/advice/test_advice.py"
+LAST = "tests/das/advice/test_last_word.py"
+CALM = "tests/das/solver/calm tests/das/advice/coach/test_planning.py tests/das/advice/coach/test_showing.py"
+CAB = "tests/das/cab tests/das/advice/test_advice.py"
+SOLVER = "tests/das/solver tests/das/cab/test_own_braking.py"
+ASSESSED = "tests/property/test_assessment.py"
+
+
+class Mutant(NamedTuple):
+    """A change of one file: what is replaced by what, and the tests that are nearest to it."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+def _of(file: str, tests: str, *changes: tuple[str, str, str]) -> list[Mutant]:
+    return [Mutant(name, file, old, new, tests) for name, old, new in changes]
+
+
+MUTANTS = [
+    *_of(
+        "das/advice/coach/shown_brakes.py",
+        BRAKES,
+        ("named: effort rounded down", "math.ceil(needed.effort", "math.floor(needed.effort"),
+        ("named: half the reference force", "return ahead.force_n(-now.effort_ratio, s_m, v)", "return 0.5 * ahead.force_n(-now.effort_ratio, s_m, v)"),
+        ("less effort at once", "kept * (1.0 - settings.less_ratio)", "kept * (1.0 + settings.less_ratio)"),
+        ("more effort waits", "needed.effort <= kept * (1.0 + SAME_EFFORT)", "needed.effort <= kept * 1.5"),
+        ("no build-up", "0.5 * braking.build_up_s", "0.0 * braking.build_up_s"),
+        ("safe brakes never", "if not ahead.is_due(state.braked_m, soon_mps, lead_s):", "if True:"),
+        ("safe looks at no position ahead", "ahead.is_due(state.braked_m, soon_mps, lead_s)", "ahead.is_due(state.s_m, v_mps, 0.0)"),
+        ("weak brakes stay", "-wanted.effort_ratio >= needed.effort", "-wanted.effort_ratio <= needed.effort"),
+        ("traction carries beyond the speed", "(now.speed_mps - v) / self._settings.limit.closes_in_s", "(now.speed_mps - v) / 0.5"),
+        ("above the limit is coasted", "if excess > settings.braked_mps:", "if excess > 9.0 * settings.braked_mps:"),
+        ("no full brake above the curve", "effort = max(needed.effort, 1.0) if", "effort = needed.effort if"),
+    ),
+    *_of(
+        "das/advice/coach/showing.py",
+        BRAKES,
+        ("named: aim without the cap of the curve", "return float(min(one.target_mps, highest))", "return float(one.target_mps)"),
+        ("coasting above its end stands", "ends_mps) if shown.mode is Mode.COAST else", "place.limit_mps) if shown.mode is Mode.COAST else"),
+        ("a brake that follows is announced late", "begins_m = min(max(curve_m, state.s_m), state.s_m + following[0].way_m)", "begins_m = state.s_m + following[0].way_m"),
+        ("harder brakes wait", "braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)", "braked = less and too_fast"),
+        ("brakes are shown late", "soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)", "soon_m = state.s_m - state.v_mps * leads.get(after.kind, 0.0)"),
+    ),
+    *_of(
+        "das/advice/braking.py",
+        BRAKES,
+        ("the stop is a foot behind", "to_m = to_m + STOP_SLACK_M if stops else to_m", "to_m = to_m + 30.0 if stops else to_m"),
+        ("a lower limit is kept loosely", "0.0 if stops else target_mps + SPEED_SLACK_MPS", "0.0 if stops else target_mps + 1.5"),
+        ("due only far above", "if v_mps <= math.sqrt(least_w) + ABOVE_MPS:", "if v_mps <= math.sqrt(least_w) + 2.0:"),
+        ("only the nearest speed asks", "rate_mps2 >= RIVALS * largest", "rate_mps2 < RIVALS * largest"),
+        ("supply is forgotten", "here = on_supply(self._train, self.section.supply[self._interval(s_m)])", "here = self._train"),
+        ("rolls the other way", "return -self.section.resistance_n(s_m, v_mps)", "return self.section.resistance_n(s_m, v_mps)"),
+        ("back under in a minute", "BACK_IN_S = 4.0", "BACK_IN_S = 60.0"),
+    ),
+    *_of(
+        "das/advice/braking_kernels.py",
+        BRAKES,
+        ("the least effort is not enough", "    return high\n", "    return low\n"),
+        ("the gradient is forgotten", "held = (mean_resistance(v0, v1, q, here) + g)", "held = (mean_resistance(v0, v1, q, here))"),
+        ("v² grows", "w1 = w0 - 2.0 * h * rate", "w1 = w0 - h * rate"),
+    ),
+    *_of(
+        "das/advice/above_plan.py",
+        f"{BRAKES} tests/property/test_advice_property.py",
+        ("needed force is less", "BRAKED_MORE = 1.1", "BRAKED_MORE = 0.6"),
+        ("traction before a brake", "if force_n > 0.0 and gained_mps2 > GAINS_MPS2:", "if False:"),
+        ("above the plan nothing changes", "if effort > 0.0 and needed_n < force_n else (mode, force_n)", "if False else (mode, force_n)"),
+        ("the horizon stays above", "kept[i] = min(kept[i], planner.lowest_allowed_mps(at_m, max(at_m, to_m)))", "kept[i] = kept[i]"),
+    ),
+    *_of(
+        "das/advice/display.py",
+        f"{BRAKES} tests/property/test_advice_property.py",
+        ("the advised speed is the plan's", "advised = min(place.speed_mps, allowed)", "advised = place.speed_mps"),
+        ("the display rounds up", "math.floor(allowed_mps / step + 1e-9)", "math.ceil(allowed_mps / step + 1e-9)"),
+        ("four modes brake late", "settings.four_before_s if", "0.2 if"),
+        ("brakes wait for the hold", "urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)", "urgent = EFFORT_ORDER.index(wanted) < EFFORT_ORDER.index(self._mode)"),
+    ),
+    *_of(
+        "das/advice/planner.py",
+        f"{CAB} {BRAKES}",
+        ("allowed is at the train alone", "return self.lowest_allowed_mps(state.s_m, state.braked_m)", "return self.allowed_mps(state.s_m)"),
+        ("the end is no stop", "if to_m >= self.section.end_m:\n            return 0.0", "if to_m >= self.section.end_m:\n            return self.allowed_mps(from_m)"),
+    ),
+    *_of(
+        "das/advice/last_word.py",
+        LAST,
+        ("infinite figures pass", "if math.isinf(getattr(self._advice, name))", "if math.isnan(getattr(self._advice, name)) and False"),
+        ("speeds pass", "if not shown_mps <= self._bound_mps + SHOWN_MPS:", "if not shown_mps <= self._bound_mps + 20.0:"),
+        ("the reference force is not looked at", "for force_n in {coach.force_n, coach.reference_force_n}:", "for force_n in {coach.force_n}:"),
+        ("announcements pass", "if one.speed_mps > limit_mps + SHOWN_MPS:", "if one.speed_mps > limit_mps + 20.0:"),
+        ("four modes are trusted", "if advice.four_mode in (Mode.NONE, *_STANDS):", "if True:"),
+    ),
+    *_of(
+        "das/advice/consequences.py",
+        LAST,
+        ("the train is where it seems", "deviation_m = SDS_AHEAD * here.position_sd_m", "deviation_m = 0.0"),
+        ("any force is there", "abs(force_n) > FORCE_RATIO * most_n + 1.0", "abs(force_n) > 10.0 * FORCE_RATIO * most_n + 1.0"),
+        ("holding far above is enough", "HELD_ABOVE_MPS = 1.0", "HELD_ABOVE_MPS = 8.0"),
+    ),
+    *_of(
+        "das/advice/braking_model.py",
+        LAST,
+        ("a point mass", "length_m = 0.0 if basis.point_mass else train.train_length_m", "length_m = 0.0"),
+        ("no tolerance is enough", "LIMIT_TOLERANCE_MPS = 0.5", "LIMIT_TOLERANCE_MPS = 3.0"),
+        ("the stop is far", "STOP_TOLERANCE_M = 5.0", "STOP_TOLERANCE_M = 40.0"),
+        ("downhill is uphill", "found += factor * over", "found -= factor * over"),
+        ("a lighter train", "mass_ratio=max(measured.mass_ratio, 1.0)", "mass_ratio=min(measured.mass_ratio, 1.0)"),
+    ),
+    *_of(
+        "das/advice/last_word_kernels.py",
+        LAST,
+        ("excess is never found", "if v > bound and step * STEP_S >= since:", "if v > bound + 9.0 and step * STEP_S >= since:"),
+        ("the curve is steeper", "w = max(w + step * (later +", "w = max(w + 2.0 * step * (later +"),
+    ),
+    *_of(
+        "das/cab/leg.py",
+        CAB,
+        ("the deviation of the position is forgotten", "ahead_m = min(stop.deviations * here.position_sd_m - planned_m,", "ahead_m = min(0.0 * here.position_sd_m - planned_m,"),
+        ("traction at a stand", "return self.display.departing(scene, plan) if stands else", "return"),
+    ),
+    *_of(
+        "das/cab/situation.py",
+        CAB,
+        ("a lighter train may be faster", "mass_ratio=max(self.conditions.mass_ratio, AS_PLANNED.mass_ratio)", "mass_ratio=self.conditions.mass_ratio"),
+        ("service braking is forgotten", "braking=self.braking.of(self.vehicle)", "braking=None"),
+    ),
+    *_of(
+        "das/domain/braking.py",
+        f"{SOLVER} {CAB}",
+        ("named: the reserve dropped", "return self.reaction_s + 0.5 * self.build_up_s", "return 0.0"),
+        ("no deviation", "DEVIATION_M = 5.0", "DEVIATION_M = 0.0"),
+    ),
+    *_of(
+        "das/solver/kernels/envelope.py",
+        SOLVER,
+        ("the delay makes brakes stronger", "rate / (1.0 + rate * delay / max(v, SLOW_MPS))", "rate * (1.0 + rate * delay / max(v, SLOW_MPS))"),
+        ("service deceleration is no bound", "rate = min(loss, largest)", "rate = max(loss, largest)"),
+    ),
+    *_of(
+        "das/solver/kernels/calm_follow.py",
+        CALM,
+        ("named: brakes go unsaid", "UNSAID_MPS = 0.05", "UNSAID_MPS = 1.0"),
+        ("unsaid brakes of a coasting train", "and v[i + 1] < v[i]", "and v[i + 1] > v[i]"),
+    ),
+    *_of(
+        "das/solver/calm/schedule.py",
+        CALM,
+        ("unsaid brakes are taken", "MOST_UNSAID_S = 0.5", "MOST_UNSAID_S = 50.0"),
+    ),
+    *_of(
+        "das/solver/calm/as_run.py",
+        CALM,
+        ("brakes by limits are not seen", "met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)", "met = np.isfinite(speeds) & (speeds > envelope + 1.0)"),
+        ("early brakes begin late", "later_m = (squares[met] - squares[end]) * m_per_square - (node_m[end] - node_m[met])", "later_m = 0.0 * m_per_square"),
+    ),
+]  # fmt: skip
+
+
+def changed(mutant: Mutant) -> str:
+    """The text of the mutant's file; ValueError where what it replaces is not there exactly once."""
+    text = (REPOSITORY / mutant.file).read_text(encoding="utf-8")
+    if text.count(mutant.old) != 1:
+        raise ValueError(f"{mutant.file}: {mutant.old!r} is there {text.count(mutant.old)} times, expected once")
+    return text.replace(mutant.old, mutant.new)
+
+
+def noticed(mutant: Mutant, tree: Path) -> str:
+    """The first test that fails with the mutant in the tree; nothing where none does. The tree is left as it was."""
+    file = tree / mutant.file
+    before = file.read_text(encoding="utf-8")
+    file.write_text(changed(mutant), encoding="utf-8")
+    environment = {**os.environ, "DAS_ASSESSMENT_DAYS": DAYS, "PYTHONPATH": str(tree)}
+    try:
+        for tests in (mutant.tests, ASSESSED):
+            command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests.split()]
+            done = subprocess.run(
+                command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
+            )
+            if done.returncode:
+                failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+                return failed[0].split(" - ")[0] if failed else done.stdout.strip().splitlines()[-1]
+    except subprocess.TimeoutExpired:
+        return f"no end after {LIMIT_S:.0f} s"
+    finally:
+        file.write_text(before, encoding="utf-8")
+    return ""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Try the mutants and print what noticed each; returns 1 if one survived."""
+    parser = argparse.ArgumentParser(prog="python -m tests.support.mutants", description=__doc__)
+    parser.add_argument("--only", default="", help="those mutants whose name or file has this in it")
+    options = parser.parse_args(arguments)
+    chosen = [one for one in MUTANTS if options.only in one.name or options.only in one.file]
+    survivors = []
+    with tempfile.TemporaryDirectory(prefix="das-mutants-") as folder:
+        tree = Path(folder)
+        for name in COPIED:
+            source = REPOSITORY / name
+            copy = shutil.copytree if source.is_dir() else shutil.copy
+            copy(source, tree / name)
+        for number, mutant in enumerate(chosen, 1):
+            began = time.monotonic()
+            by = noticed(mutant, tree)
+            survivors += [] if by else [mutant]
+            lasted_s = time.monotonic() - began
+            print(
+                f"{number}/{len(chosen)} {mutant.file}: {mutant.name}: {by or 'SURVIVES'} ({lasted_s:.0f} s)",
+                flush=True,
+            )
+    print(f"{len(chosen) - len(survivors)} of {len(chosen)} noticed")
+    return int(bool(survivors))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
