@@ -11,6 +11,8 @@ LATE_S = 2.0
 """A driver does what is shown up to so much later."""
 GAINS_MPS2 = 0.1
 """A train gains no speed to speak of in that time at an acceleration below this."""
+AT_FOOT_MPS = 0.3
+"""Too fast by more than this where a lower limit is about to begin, a train needs all of its brakes."""
 BRAKED_MORE = 1.1
 """A train above its plan is braked by a tenth more than it needs, so that it need not brake harder later."""
 
@@ -26,10 +28,13 @@ def braked_enough(
         if ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * LATE_S, LATE_S):
             return Mode.COAST, 0.0
         return mode, force_n
-    effort = ahead.back_under(state.s_m, state.v_mps, planner.allowed_for(state)).effort if too_fast else 0.0
+    allowed_mps = planner.allowed_for(state)
+    effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if too_fast else 0.0
     within_s = LATE_S if state.v_mps > planned_mps + ABOVE_MPS else 0.0
     if ahead.is_due(state.braked_m, state.v_mps, within_s):
         effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)
+    elif state.v_mps > allowed_mps + AT_FOOT_MPS and allowed_mps < planner.limit_mps(state.s_m):
+        effort = ahead.largest(state.v_mps)
     needed_n = ahead.force_n(BRAKED_MORE * effort, state.s_m, state.v_mps)
     return (braking_mode(effort), needed_n) if effort > 0.0 and needed_n < force_n else (mode, force_n)
 

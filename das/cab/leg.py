@@ -145,7 +145,8 @@ class Leg:
             if state.s_m <= self.section.start_m + stop.at_stop_m and state.now_ns < self.goal.departure_ns:
                 return self.display.waiting(scene._replace(coach=self._standing(state)))
         if beyond_m >= -stop.standstill_m:
-            return self._braking(scene, wording.STOP_HERE)
+            needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
+            return self._braking(scene, wording.STOP_HERE, needed)
         try:
             plan = planner.plan_for(state, self.goal)
             scene = scene._replace(coach=self._coaching(state, stands=stands))
@@ -168,14 +169,18 @@ class Leg:
         self._forget()
         return self.display.withdrawn(here, why)
 
-    def _braking(self, scene: Scene, reason: str) -> Advice:
+    def _braking(self, scene: Scene, reason: str, needed: float = math.inf) -> Advice:
+        """Full brakes without a plan; the coach's are those shown, or as much as `needed` (an effort)."""
+        shown = 0.0 if self._coach is None else self._coach.shown_effort
         self._forget()
         advice = self.display.braking(scene, reason)
         if self._coach is None:
             return advice
-        state = scene.state
-        effort = advice.advised_force_n / min(self.planner.ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
-        return replace(advice, coach=self._coach.brakes(advice.mode, effort, advice.advised_force_n, reason))
+        ahead, state = self.planner.ahead, scene.state
+        largest = advice.advised_force_n / min(ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
+        effort = min(max(needed, shown), largest)
+        force_n = ahead.force_n(effort, state.s_m, state.v_mps)
+        return replace(advice, coach=self._coach.brakes(effort, force_n, reason))
 
     def _forget(self) -> None:
         """Neither the plan nor the coach's reference holds any more."""

@@ -249,7 +249,7 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
         mode=mode,
         speed_mps=coach.now.speed_mps,
         display_speed_mps=round(coach.now.speed_mps / KMH) * KMH,
-        lever_ratio=math.nan if holds else lever_ratio(coach.force_n, advice.speed_mps, train),
+        lever_ratio=math.nan if holds else _coached_lever(coach, advice.speed_mps, train),
         force_n=coach.reference_force_n,
         next_mode=int(following.mode) if following is not None else Mode.NONE,
         next_change_s=following.in_s if following is not None else math.nan,
@@ -259,6 +259,12 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
         target_way_m=coach.target_m,
         reason=coach.reason,
     )
+
+
+def _coached_lever(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
+    """The controller's setting of the coach's instruction: an acceleration keeps its share up to its speed."""
+    now = coach.now
+    return now.effort_ratio if now.effort_ratio > 0.0 else lever_ratio(coach.force_n, speed_mps, train)
 
 
 def _departure(now: Any) -> Instruction:

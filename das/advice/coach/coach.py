@@ -93,10 +93,15 @@ class Coach:
         now = Instruction(mode=Mode.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Coaching(now=now, target_s=departs_in_s)
 
-    def brakes(self, mode: Mode, effort: float, force_n: float, reason: str) -> Coaching:
+    @property
+    def shown_effort(self) -> float:
+        """The effort of the brake that is shown (> 0); 0 where none is."""
+        return self._showing.shown_effort
+
+    def brakes(self, effort: float, force_n: float, reason: str) -> Coaching:
         """The train is at its stop, or too fast for any reference: to brake to a standstill with an effort (> 0)."""
         self.forget()
-        now = Instruction(mode=mode, speed_mps=0.0, effort_ratio=-effort)
+        now = self._showing.braking(effort)
         return Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
 
     def departs(self, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:

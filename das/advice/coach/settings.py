@@ -68,7 +68,7 @@ class BrakeShowingSettings:
     """The effort of the brake is shown in steps of this size, rounded up."""
     build_up_ratio: float = 0.15
     """The build-up of the brakes takes at most this share of the way of a brake."""
-    settled_s: float = 3.0
+    settled_s: float = 6.0
     """So near to the end of a brake to a lower speed no less effort is shown: the driver sees the speed himself."""
     less_ratio: float = 0.25
     """Less effort is shown only where what is needed is less by more than this share. More is shown at once."""

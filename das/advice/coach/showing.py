@@ -13,10 +13,18 @@ from das.advice.coach.coaching import Instruction
 from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
-from das.advice.coach.shown_brakes import BRAKES, SAME_MPS, TRACTION, ShownBrakes, SpeedsAllowed, announced_brake
+from das.advice.coach.shown_brakes import (
+    BRAKES,
+    SAME_MPS,
+    TRACTION,
+    ShownBrakes,
+    SpeedsAllowed,
+    announced_brake,
+    brake_of,
+)
 from das.advice.modes import EFFORT_ORDER, FULL_RATIO, Mode
 from das.advice.planner import TrainState
-from das.domain.units import NS
+from das.domain.units import KMH, NS
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
 from das.solver.calm.schedule import Schedule
@@ -25,6 +33,8 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 FOLLOWING = 3
 """Of so many phases after the present one it is known when they begin: one of them may be no change."""
+ROUNDED_MPS = 0.5 * KMH
+"""A display in whole km/h shows a speed that is above what is allowed by less than this as one that is not."""
 ROLLS, CREEPS = -1, -2
 """A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
 
@@ -60,6 +70,16 @@ class Showing:
     def forget(self) -> None:
         """Nothing is shown any more."""
         self._schedule, self._shown = None, Instruction()
+
+    @property
+    def shown_effort(self) -> float:
+        """The effort of the brake that is shown (> 0); 0 where none is."""
+        return -self._shown.effort_ratio if self._shown.mode in BRAKES else 0.0
+
+    def braking(self, effort: float) -> Instruction:
+        """The instruction to brake to a standstill with an effort (> 0), whatever the reference is."""
+        self._shown = brake_of(effort, 0.0)
+        return self._shown
 
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
         """What is shown of the reference to a train in a state."""
@@ -179,7 +199,8 @@ class Showing:
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         eased = 1.0 if schedule.brakes_by_effort(number) else needed / schedule.braking_mps2(number)
         stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
-        may_roll = target > SAME_MPS or v_mps >= settings.brake.last_mps or stands_short
+        slows = target > SAME_MPS  # A train that is nearly at its speed brakes on to it.
+        may_roll = v_mps > target + settings.above_mps if slows else v_mps >= settings.brake.last_mps or stands_short
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll:
             self._back = ROLLS
         elif self._back < 0 and eased > settings.brake.again_ratio:
@@ -204,7 +225,9 @@ class Showing:
         Between two brakes that follow each other at once the first one stands: at its speed the driver releases it.
         """
         shown = self._shown
-        same = wanted.mode is shown.mode and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS
+        highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Mode.COAST else place.limit_mps
+        too_high = shown.speed_mps > highest_mps + ROUNDED_MPS
+        same = wanted.mode is shown.mode and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS and not too_high
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Mode.CRUISE):
             return shown
         held_s = (state.now_ns - self._since_ns) * NS
@@ -217,9 +240,7 @@ class Showing:
         braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
-        slows = lower and wanted.mode is shown.mode is Mode.COAST
-        highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Mode.COAST else place.limit_mps
-        above = slows or shown.speed_mps > highest_mps + SAME_MPS
+        above = too_high or (lower and wanted.mode is shown.mode is Mode.COAST)
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS

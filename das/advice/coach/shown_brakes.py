@@ -116,11 +116,12 @@ class ShownBrakes:
         if not ahead.is_due(state.braked_m, soon_mps, lead_s):
             return wanted
         needed = ahead.needed(state.braked_m, v_mps)
-        if needed.effort > 0.0 and v_mps > ahead.allowed_mps(state.braked_m):  # No brake that grows is enough.
-            needed = needed._replace(effort=ahead.largest(v_mps))
+        above_mps = v_mps - ahead.allowed_mps(state.braked_m)
+        if needed.effort > 0.0 and above_mps > SAME_MPS and not self._ends(needed, v_mps):
+            needed = needed._replace(effort=ahead.largest(v_mps))  # One that grows with what is needed comes too late.
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
-        if needed.effort >= self._settings.brake.step_ratio:
+        if needed.effort > 0.0:
             return self.shown(needed, state)
         if wanted.mode not in TRACTION:
             return wanted
@@ -142,15 +143,22 @@ class ShownBrakes:
         settings, v_mps = self._settings.brake, state.v_mps
         kept = self._efforts.get(needed.at_m)
         shown = math.ceil(needed.effort / settings.step_ratio - SAME_EFFORT) * settings.step_ratio
-        if kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
+        slows = needed.target_mps > SAME_MPS
+        if kept is not None and self._ends(needed, v_mps):
+            shown = kept
+        elif kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
             less = needed.effort < kept * (1.0 - settings.less_ratio)
-            slows = needed.target_mps > SAME_MPS
             ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
             shown = shown if less and not ends_soon else kept
         self._efforts[needed.at_m] = shown
         largest = self.ahead.largest(v_mps)
         self._exact_effort = min(needed.effort, largest)
         return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
+
+    def _ends(self, needed: NeededBrake, v_mps: float) -> bool:
+        """Whether a train has nearly come down to the speed of a brake that is no stop."""
+        above_mps = v_mps - needed.target_mps
+        return needed.target_mps > SAME_MPS and 0.0 < above_mps <= self._settings.limit.overspeed_mps
 
 
 def announced_brake(schedule: Schedule, number: int, target: float) -> Instruction:

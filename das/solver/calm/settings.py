@@ -15,7 +15,7 @@ class CalmSettings:
     """The steps of traction effort, as shares of the largest."""
     brake_shares: tuple[float, ...] = (1.0, 0.7, 0.4)
     """The steps of the electric brake, as shares of the largest."""
-    change_s: float = 0.03
+    change_s: float = 0.08
     """A change of the notch must save as much energy as the train's full power needs in this time: 0.05 kWh of a
     locomotive of 6 MW. A third of it makes 21 instead of 16 changes between Zug and Luzern (7 % buffer), and saves
     0.05 %: `das-precompute calm` shows what other prices do."""
