@@ -10,6 +10,7 @@ from das.advice.braking import BACK_IN_S, SPEED_SLACK_MPS, STOP_SLACK_M, Braking
 from das.advice.modes import Mode
 from das.domain.braking import USUAL
 from das.domain.files.load import load_vehicle
+from das.domain.route import Zone
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from tests.support.making import make_route
@@ -108,3 +109,13 @@ def test_a_train_above_a_limit_is_brought_back_in_time() -> None:
     force_n = ahead.force_n(needed.effort, 4300.0, v_mps) - ahead.section.resistance_n(4300.0, v_mps)
     assert -force_n / ahead.section.train.inertial_mass_kg == pytest.approx(2.0 / BACK_IN_S, rel=1e-6)
     assert ahead.back_under(4300.0, 24.0, 25.0).effort == 0.0
+
+
+def test_no_motors_brake_where_the_line_takes_no_power() -> None:
+    """In a neutral section the friction brake alone is there, and the effort is still one of the motors."""
+    route = replace(make_route(END_M, [(0.0, 35.0)]), neutral_sections=(Zone(start_m=3000.0, length_m=300.0),))
+    section = build_section(route, TRAIN, options=SectionOptions(braking=USUAL.of(TRAIN), point_mass=True))
+    ahead = BrakingAhead(section)
+    assert ahead.force_n(1.0, 2500.0, 25.0) == pytest.approx(-6.1e6 / 25.0)
+    assert ahead.force_n(100.0, 2500.0, 25.0) == pytest.approx(-(6.1e6 / 25.0 + 400e3))
+    assert ahead.force_n(100.0, 3150.0, 25.0) == pytest.approx(-400e3)

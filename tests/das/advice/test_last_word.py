@@ -320,6 +320,7 @@ def test_the_curve_has_its_closed_form_and_its_tolerances() -> None:
         above = min(curve_mps(way_m, LOW + LIMIT_TOLERANCE_MPS), HIGH + LIMIT_TOLERANCE_MPS)
         assert MODEL.bound_mps(6_000.0 - way_m) == pytest.approx(above, abs=1e-3)
     assert MODEL.bound_mps(END_M + STOP_TOLERANCE_M) == 0.0
+    assert (2 * STOP_TOLERANCE_M, 2 * LIMIT_TOLERANCE_MPS) == (10.0, 1.0), "half of what is promised"
 
 
 def test_where_the_line_takes_no_electric_brake_only_friction_slows_the_train() -> None:

@@ -14,7 +14,7 @@ from das.advice.coach.coaching import Replan
 from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
 from das.advice.coach.showing import Showing, ShownNow
-from das.advice.coach.shown_brakes import BRAKES, TRACTION, ShownBrakes, SpeedsAllowed
+from das.advice.coach.shown_brakes import BRAKES, TRACTION, ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.modes import Mode
 from das.advice.planner import TrainState
 from das.domain.units import KMH
@@ -388,3 +388,68 @@ def test_a_creeping_train_is_told_no_speed_that_the_stop_does_not_allow(display:
     allowed_mps = float(np.interp(section().end_m - 2.5, section().node_m, section().envelope_mps))
     assert allowed_mps < 0.8 * SETTINGS.brake.creep_mps
     assert display.at(20.0, section().end_m - 2.5, 0.8).now.speed_mps <= allowed_mps + 0.3
+
+
+def shown_of(*phases: tuple[NotchKind, float, float], showing: Showing | None = None) -> Shown:
+    """A display of phases (kind, place in m, target in m/s), as they are."""
+    node_m = section().node_m
+    made = tuple(Phase(kind, 0.0, int(np.searchsorted(node_m, at_m)), target) for kind, at_m, target in phases)
+    known = known_run(section(), np.full(len(node_m), 20.0))
+    return Shown(showing or Showing(SETTINGS), Schedule(section=section(), phases=made, known=known, back_share=0.7))
+
+
+@pytest.mark.parametrize("kind", [NotchKind.HOLD, NotchKind.COAST, NotchKind.TRACTION])
+def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind: NotchKind) -> None:
+    """A schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does."""
+    allowed = section().envelope_mps
+    display = shown_of((kind, 0.0, 90.0), (NotchKind.BRAKE, 4700.0, 0.0))
+    for second, s_m in enumerate((2000.0, 4000.0)):
+        assert display.at(20.0 * second, s_m, 20.0).now.speed_mps <= allowed.max() + 1e-9
+    announced = shown_of((NotchKind.HOLD, 0.0, 20.0), (kind, 2500.0, 90.0), (NotchKind.BRAKE, 4700.0, 0.0))
+    assert announced.at(0.0, 2000.0, 20.0).following[0].speed_mps <= allowed.max() + 1e-9
+
+
+def test_coasting_does_not_stand_to_a_speed_that_the_end_of_its_phase_does_not_allow() -> None:
+    """A new reference ends nearer to the stop; what was shown before would stand for 8 s."""
+    coasts = shown_of((NotchKind.COAST, 0.0, 25.0), (NotchKind.BRAKE, 4700.0, 0.0))
+    assert coasts.at(0.0, 4500.0, 15.0).now.speed_mps == pytest.approx(25.0)
+    end_m = section().end_m - 120.0
+    allowed = float(np.interp(end_m, section().node_m, section().envelope_mps))
+    assert allowed < 20.0
+    holds = shown_of((NotchKind.HOLD, 0.0, 15.0), (NotchKind.BRAKE, end_m, 0.0), showing=coasts.showing)
+    assert holds.at(1.0, 4530.0, 15.0).now.mode is Mode.CRUISE
+
+
+def test_a_brake_is_announced_where_a_train_faster_than_its_schedule_comes_to_the_curve(display: Shown) -> None:
+    """Before the place where the schedule brakes, and not before one that held its speed would be there."""
+    curve_mps, node_m, from_m = section().envelope_mps, section().node_m, 3200.0
+    begin_m = display.schedule.begin_m(3)
+    fast_mps = float(np.interp(begin_m - 400.0, node_m, curve_mps))
+    held_m = float(node_m[np.argmax((curve_mps < fast_mps) & (node_m > from_m))])
+    announced = display.at(0.0, from_m, fast_mps, SpeedsAllowed(fast_mps, fast_mps)).following[0]
+    assert announced.mode in BRAKES
+    assert held_m - 20.0 <= from_m + announced.way_m <= begin_m - 100.0
+
+
+def test_a_train_nearly_at_the_speed_of_a_brake_brakes_on_to_it() -> None:
+    """It is not told to roll over its last 4 km/h, and not to brake otherwise in its last 2 km/h."""
+    display = two_steps(NotchKind.HOLD, 0.0, 20.0)
+    end_m = display.schedule.begin_m(2)
+    first = display.at(0.0, end_m - 100.0, 23.0).now
+    assert first.mode in BRAKES
+    for second, (way_m, over) in enumerate([(60.0, 1.0), (30.0, 0.45), (2.0, 0.4)], 10):
+        now = display.at(float(second), end_m - way_m, 20.0 + over).now
+        assert now.mode in BRAKES
+        assert now.effort_ratio == pytest.approx(first.effort_ratio)
+
+
+def test_a_brake_weaker_than_needed_is_replaced_and_a_stronger_one_stays() -> None:
+    here, brakes = section(), ShownBrakes(section(), SETTINGS)
+    s_m = here.end_m - 400.0
+    v_mps = float(np.interp(s_m, here.node_m, here.envelope_mps))
+    state = TrainState(0, s_m, v_mps)
+    needed = brakes.ahead.needed(s_m, v_mps).effort
+    weak = brake_of(0.5 * needed, 0.0)
+    assert -brakes.safe(weak, state, v_mps).effort_ratio >= needed
+    strong = brake_of(1.2 * needed, 0.0)
+    assert brakes.safe(strong, state, v_mps) is strong

@@ -1,0 +1,60 @@
+"""What is allowed on the way of a train that may be further ahead, and what one above its plan is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from das.advice.above_plan import AT_FOOT_MPS, braked_enough, kept_behind
+from das.advice.modes import Mode
+from das.advice.planner import PlanBasis, Planner, TrainState
+from das.domain.braking import USUAL
+from das.solver.section import SectionOptions, build_section
+from tests.support.making import make_route
+from tests.support.small_trips import TRAIN
+
+END_M = 8000.0
+OPTIONS = SectionOptions(braking=USUAL.of(TRAIN), point_mass=True)
+PLANNER = Planner(
+    PlanBasis(section=build_section(make_route(END_M, [(0.0, 30.0), (4000.0, 15.0)]), TRAIN, options=OPTIONS))
+)
+
+
+def test_the_end_of_the_section_is_a_stop() -> None:
+    assert PLANNER.lowest_allowed_mps(7000.0, END_M) == 0.0
+    assert PLANNER.lowest_allowed_mps(7000.0, END_M - 1.0) > 0.0
+
+
+def test_a_train_that_may_be_further_ahead_is_allowed_what_holds_there() -> None:
+    """The curve before the lower limit falls: by its deceleration over the way that it may be ahead."""
+    s_m, ahead_m = 3900.0, 60.0
+    here, there = (PLANNER.allowed_for(TrainState(0, s_m, 20.0, way_m)) for way_m in (0.0, ahead_m))
+    assert there == pytest.approx(PLANNER.allowed_mps(s_m + ahead_m))
+    assert there < here - 0.5
+
+
+def test_the_horizon_of_a_late_driver_stays_below_what_is_allowed_on_his_way() -> None:
+    """The plan has left the lower speeds before the limit behind; who is slower has them still ahead of him."""
+    state = TrainState(0, 3900.0, 22.0)
+    planned_m = 3900.0 + 25.0 * np.arange(1, 11)
+    kept = kept_behind(np.full(10, 30.0), 20.0, state, planned_m, PLANNER)
+    at_m, before = state.s_m, 20.0
+    for speed in kept.tolist():
+        at_m += 0.5 * (before + speed)
+        before = speed
+        assert speed <= PLANNER.allowed_mps(at_m) + 0.05
+    assert kept[-1] == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize(("over_mps", "brakes_fully"), [(0.2, False), (0.6, True)])
+def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes(
+    over_mps: float, brakes_fully: bool
+) -> None:
+    """There the planned curve has come down to the limit already, and falls no more."""
+    assert 0.2 < AT_FOOT_MPS < 0.6
+    s_m, v_mps = 3996.0, 15.0 + over_mps
+    state, ahead = TrainState(0, s_m, v_mps), PLANNER.ahead
+    assert not ahead.is_due(s_m, v_mps)
+    _, force_n = braked_enough(Mode.CRUISE, 0.0, state, PLANNER, v_mps, too_fast=True)
+    most_n = ahead.force_n(ahead.largest(v_mps), s_m, v_mps)
+    assert (force_n == pytest.approx(most_n, rel=0.01)) is brakes_fully
