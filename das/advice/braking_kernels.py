@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from das.advice.plan_kernels import interval, linear
 from das.compiling.kernels import kernel
 from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, on_supply
 
@@ -95,18 +96,9 @@ def lowest_w(s, to_m, nodes, envelope_w):
     """The least v² of an envelope between two places; 0 beyond the last node."""
     if to_m >= nodes[nodes.size - 1]:
         return 0.0
-    low, high = 0, nodes.size - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if nodes[middle] <= s:
-            low = middle
-        else:
-            high = middle
-    share = min(max((s - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0), 1.0)
-    least = envelope_w[low] + (envelope_w[low + 1] - envelope_w[low]) * share
-    i = low + 1
+    least = linear(nodes, envelope_w, s)
+    i = interval(nodes, s) + 1
     while nodes[i] < to_m:
         least = min(least, envelope_w[i])
         i += 1
-    share = (to_m - nodes[i - 1]) / (nodes[i] - nodes[i - 1])
-    return min(least, envelope_w[i - 1] + (envelope_w[i] - envelope_w[i - 1]) * share)
+    return min(least, linear(nodes, envelope_w, to_m))

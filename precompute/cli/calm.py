@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from das.solver.section import Section
 
 BUFFERS_PERCENT = "7"
-PRICES_S = "0,0.01,0.03,0.1,0.3,1"
+PRICES_S = "0,0.01,0.03,0.08,0.3,1"
 MOST_S = 100.0
 """A change of the notch that costs more than this is never made."""
 OPTIMUM, FOUR_MODES = "optimum", "four modes"

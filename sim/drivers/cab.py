@@ -264,7 +264,8 @@ def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView |
 def _coached_lever(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
     """The controller's setting of the coach's instruction: an acceleration keeps its share up to its speed."""
     now = coach.now
-    return now.effort_ratio if now.effort_ratio > 0.0 else lever_ratio(coach.force_n, speed_mps, train)
+    accelerates = now.effort_ratio > 0.0 and now.mode != Mode.DEPART
+    return float(now.effort_ratio) if accelerates else lever_ratio(coach.force_n, speed_mps, train)
 
 
 def _departure(now: Any) -> Instruction:

@@ -16,9 +16,8 @@ class CalmSettings:
     brake_shares: tuple[float, ...] = (1.0, 0.7, 0.4)
     """The steps of the electric brake, as shares of the largest."""
     change_s: float = 0.08
-    """A change of the notch must save as much energy as the train's full power needs in this time: 0.05 kWh of a
-    locomotive of 6 MW. A third of it makes 21 instead of 16 changes between Zug and Luzern (7 % buffer), and saves
-    0.05 %: `das-precompute calm` shows what other prices do."""
+    """A change of the notch must save as much energy as the train's full power needs in this time: 0.13 kWh of a
+    locomotive of 6 MW. `das-precompute calm` shows what other prices do."""
     ladder_size: int = 32
     """The number of multipliers λ."""
     low_ratio: float = 0.004

@@ -60,7 +60,10 @@ def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() ->
     assert (seen.speed_mps, seen.display_speed_mps) == pytest.approx((100.4 * KMH, 100 * KMH))
     assert (seen.next_speed_mps, seen.next_effort_ratio) == (10.0, 0.0)
     assert (seen.target_way_m, seen.reason, seen.due_s) == (800.0, "accelerate to 100", 0.0)
-    assert seen.lever_ratio == pytest.approx(1e5 / Efforts.at(20.0, LINE.train).traction_n)
+    assert seen.lever_ratio == TRACTION.effort_ratio, "an acceleration keeps its effort while its force eases off"
+    braked = view(BRAKE, force_n=-1e5)
+    assert braked is not None
+    assert braked.lever_ratio == pytest.approx(-1e5 / Efforts.at(20.0, LINE.train).brakes_n)
     assert seen.horizon_speed_mps == ()
 
 
@@ -174,8 +177,9 @@ def test_a_human_holds_the_speed_that_he_has_reached() -> None:
 def test_a_human_does_not_begin_what_would_be_over_at_once() -> None:
     """Full traction from 20 to 20.4 m/s would last a second: he holds the speed; and a brake to 19.7 he leaves."""
     efforts = Efforts.at(20.0, LINE.train)
-    assert settled(replace(TRACTION, speed_mps=20.4), force_n=efforts.traction_n) < 0.3
-    assert settled(replace(TRACTION, speed_mps=30.0), force_n=efforts.traction_n) == 1.0
+    full = replace(TRACTION, mode=Mode.FULL_TRACTION, effort_ratio=1.0)
+    assert settled(replace(full, speed_mps=20.4), force_n=efforts.traction_n) < 0.3
+    assert settled(replace(full, speed_mps=30.0), force_n=efforts.traction_n) == 1.0
     assert settled(replace(BRAKE, speed_mps=19.7), force_n=-0.3 * efforts.brakes_n) == pytest.approx(0.0, abs=1e-9)
 
 
