@@ -11,7 +11,7 @@ LATE_S = 2.0
 """A driver does what is shown up to so much later."""
 GAINS_MPS2 = 0.1
 """A train gains no speed to speak of in that time at an acceleration below this."""
-AT_FOOT_MPS = 0.3
+AT_FOOT_MPS = 0.5
 """Too fast by more than this where a lower limit is about to begin, a train needs all of its brakes."""
 BRAKED_MORE = 1.1
 """A train above its plan is braked by a tenth more than it needs, so that it need not brake harder later."""

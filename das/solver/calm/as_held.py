@@ -41,7 +41,7 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
         if one.kind in (NotchKind.HOLD, NotchKind.TRACTION):
             least_mps = float(run.speeds_mps[one.begin : end + 1].min())
             said[k] = one._replace(target_mps=max(one.target_mps, least_mps))
-    return _without_likes(said)
+    return _without_likes(said, run)
 
 
 def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
@@ -155,8 +155,11 @@ def _held_by_limits(run: RunAtNodes, first: int, end: int) -> list[tuple[int, in
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _without_likes(phases: list[Phase]) -> list[Phase]:
-    """The phases, where a speed that is reached and then held, or held twice, is one, and so are two like efforts."""
+def _without_likes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
+    """The phases, where a speed that is reached and then held, or held twice, is one, and so are two like efforts.
+
+    An effort whose speed the train holds for a while before the next one begins is none like it.
+    """
     found = phases[:1]
     for one in phases[1:]:
         before = found[-1]
@@ -164,8 +167,15 @@ def _without_likes(phases: list[Phase]) -> list[Phase]:
         if same and before.kind is NotchKind.HOLD:
             continue
         alike = one.kind is before.kind is NotchKind.TRACTION and abs(one.share - before.share) < SAME_SHARE
+        alike = alike and not _holds(before, one.begin, run)
         if alike or (same and before.kind is NotchKind.TRACTION):
             found[-1] = before._replace(target_mps=one.target_mps)
         if not alike:
             found.append(one)
     return found
+
+
+def _holds(one: Phase, end: int, run: RunAtNodes) -> bool:
+    """Whether a train that accelerates holds the speed of a phase for long enough to be told so before its end."""
+    reached = np.flatnonzero(run.speeds_mps[one.begin : end] > one.target_mps - STEADY_MPS)
+    return bool(reached.size) and run.lasts_s(one.begin + int(reached[0]), end) >= HELD_S
