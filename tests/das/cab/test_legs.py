@@ -282,3 +282,19 @@ def test_the_next_section_is_ready_before_the_stop_and_those_far_off_are_let_go(
     assert len(second.planner.basis.front.lambda_w) > 10
     at(made, 400, 6000.0, 24.0)
     assert made.leg is second
+
+
+def test_a_train_that_may_be_further_ahead_brakes_earlier() -> None:
+    """Before the limit of 25 m/s at km 3: where a sure train still holds 30 m/s, one not sure of its place brakes."""
+    told = {}
+    for uncertainty_m in (2.0, 30.0):
+        made = trip()
+        for second in range(5):
+            fix = PositionFix(
+                time_ns=ns(100 + second), s_m=2660.0 + 30.0 * second, speed_mps=30.0, uncertainty_m=uncertainty_m
+            )
+            made.set_position(fix)
+            told[uncertainty_m] = made.update(ns(100 + second))
+    sure, unsure = told[2.0], told[30.0]
+    assert unsure.position_sd_m > 3.0 * sure.position_sd_m
+    assert unsure.advised_speed_mps < sure.advised_speed_mps - 0.3
