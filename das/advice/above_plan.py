@@ -21,14 +21,16 @@ def braked_enough(
     mode: Mode, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
 ) -> tuple[Mode, float]:
     """Mode and force (N), or those of the brake that limits and the stop ask of a train above its plan, or too fast."""
-    ahead = planner.ahead
+    ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
     if force_n > 0.0 and gained_mps2 > GAINS_MPS2:
         # A driver who is late with the brake after this traction must not be too fast by then.
         if ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * LATE_S, LATE_S):
             return Mode.COAST, 0.0
-        return mode, force_n
-    allowed_mps = planner.allowed_for(state)
+        # Nor must who leaves this traction late be above the limit by then.
+        room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / LATE_S
+        too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
+        return mode, max(force_n - too_much_n, 0.0)
     effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if too_fast else 0.0
     within_s = LATE_S if state.v_mps > planned_mps + ABOVE_MPS else 0.0
     if ahead.is_due(state.braked_m, state.v_mps, within_s):

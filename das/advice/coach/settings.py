@@ -72,6 +72,8 @@ class BrakeShowingSettings:
     """So near to the end of a brake to a lower speed no less effort is shown: the driver sees the speed himself."""
     less_ratio: float = 0.25
     """Less effort is shown only where what is needed is less by more than this share. More is shown at once."""
+    eased_ratio: float = 0.5
+    """Where less than this share of what is shown is needed, less is shown at once: the train would stand short."""
 
 
 @dataclass(frozen=True, kw_only=True)

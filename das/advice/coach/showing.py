@@ -15,6 +15,7 @@ from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import (
     BRAKES,
+    SAME_EFFORT,
     SAME_MPS,
     TRACTION,
     ShownBrakes,
@@ -244,9 +245,19 @@ class Showing:
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
-        if settled or braked or released or above or urgent:
+        eased = shown.mode in BRAKES and self._eased(shown, wanted, state)
+        if settled or braked or released or above or urgent or eased:
             self._shown, self._since_ns = wanted, state.now_ns
         return self._shown
+
+    def _eased(self, shown: Instruction, wanted: Instruction, state: TrainState) -> bool:
+        """Whether a brake is far too strong, or beyond the train by now: all brakes, where the motors are enough."""
+        assert self._brakes is not None
+        half = wanted.mode in BRAKES and wanted.effort_ratio > self._settings.brake.eased_ratio * shown.effort_ratio
+        enough = wanted.mode in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE)
+        if shown.mode is not Mode.FRICTION_BRAKE:
+            return half
+        return enough or -shown.effort_ratio > self._brakes.ahead.largest(state.v_mps) + SAME_EFFORT
 
     def _following(
         self, schedule: Schedule, number: int, state: TrainState, begins_s: list[float]
