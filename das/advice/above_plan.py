@@ -9,6 +9,8 @@ from das.advice.planner import Planner, TrainState
 
 LATE_S = 2.0
 """A driver does what is shown up to so much later."""
+NEXT_S = 1.0
+"""The next advice comes after so long: a brake that is due by then is told now."""
 GAINS_MPS2 = 0.1
 """A train gains no speed to speak of in that time at an acceleration below this."""
 AT_FOOT_MPS = 0.5
@@ -32,7 +34,7 @@ def braked_enough(
         too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
         return mode, max(force_n - too_much_n, 0.0)
     effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if too_fast else 0.0
-    within_s = LATE_S if state.v_mps > planned_mps + ABOVE_MPS else 0.0
+    within_s = LATE_S if state.v_mps > planned_mps + ABOVE_MPS else NEXT_S
     if ahead.is_due(state.braked_m, state.v_mps, within_s):
         effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)
     elif state.v_mps > allowed_mps + AT_FOOT_MPS and allowed_mps < planner.limit_mps(state.s_m):
