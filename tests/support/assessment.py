@@ -123,7 +123,9 @@ def _of_operators(drawn: Drawn, seen: Seen, counts: Counter[str]) -> list[Proble
         counts["two-operators seen"] += seen.advice.cause is Cause.TWO_OPERATORS
         return []
     found, kind, second = [], drawn.operators, seen.second
-    if kind is Operators.NODE_RESTARTED_ALONE:
+    # A list of that moment, or said once more then, is heard by the new node.
+    told_at_once = any(0 <= round(drawn.happens_s) - round(one.at_s) <= 2 for one in drawn.lists)
+    if kind is Operators.NODE_RESTARTED_ALONE and not told_at_once:
         found.append("advice without having heard of restrictions")
     if kind is Operators.RIVAL_OTHER and sorted(seen.places) != sorted(drawn.rival):
         found.append("advice under two operators that differ")
