@@ -34,12 +34,13 @@ def braked_enough(
         too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
         return mode, max(force_n - too_much_n, 0.0)
     effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if too_fast else 0.0
-    within_s = LATE_S if state.v_mps > planned_mps + ABOVE_MPS else NEXT_S
+    above = too_fast or state.v_mps > planned_mps + ABOVE_MPS
+    within_s, more_ratio = (LATE_S, BRAKED_MORE) if above else (NEXT_S, 1.0)
     if ahead.is_due(state.braked_m, state.v_mps, within_s):
         effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)
     elif state.v_mps > allowed_mps + AT_FOOT_MPS and allowed_mps < planner.limit_mps(state.s_m):
         effort = ahead.largest(state.v_mps)
-    needed_n = ahead.force_n(BRAKED_MORE * effort, state.s_m, state.v_mps)
+    needed_n = ahead.force_n(more_ratio * effort, state.s_m, state.v_mps)
     return (braking_mode(effort), needed_n) if effort > 0.0 and needed_n < force_n else (mode, force_n)
 
 
