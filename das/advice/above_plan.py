@@ -33,7 +33,9 @@ def braked_enough(
         room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / LATE_S
         too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
         return mode, max(force_n - too_much_n, 0.0)
-    effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if too_fast else 0.0
+    rolls_above = state.v_mps > allowed_mps and gained_mps2 > 0.0
+    back = too_fast or rolls_above
+    effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if back else 0.0
     above = too_fast or state.v_mps > planned_mps + ABOVE_MPS
     within_s, more_ratio = (LATE_S, BRAKED_MORE) if above else (NEXT_S, 1.0)
     if ahead.is_due(state.braked_m, state.v_mps, within_s):

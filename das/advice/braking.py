@@ -33,8 +33,10 @@ BACK_IN_S = 4.0
 """A train above a limit is braked so hard that it is below it after so long (s)."""
 LEAST_MPS2 = 0.02
 """A speed that a train comes down to at less than this deceleration (m/s²) is not near yet."""
-SEEN_M = 25.0
-"""A driver sees the mark of a stop that is nearer than this (m)."""
+SEEN_M = 10.0
+"""A driver sees the mark of a stop that is nearer than this (m): a position known worse than planned counts no more,"""
+AT_MARK_M = 10.0
+"""and nearer than this to it the planned deviation counts no more either."""
 RIVALS = 0.8
 """Among the speeds ahead those that ask for at least this share of the largest deceleration are looked at closely."""
 
@@ -87,9 +89,12 @@ class BrakingAhead:
 
         Near the stop the driver sees where he is.
         """
-        planned, seen_m = self.section.braking, self.section.end_m - SEEN_M
-        at_m = s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, seen_m))
-        return float(np.interp(at_m, self.section.node_m, self.section.allowed_mps))
+        return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
+
+    def feared_m(self, s_m: float) -> float:
+        """Where a train at a place may be that is ahead of it by the planned deviation (m)."""
+        planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
+        return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
         """Where ahead a train with speeds at the nodes ahead comes to the planned curve (m); else the end.
@@ -153,6 +158,14 @@ class BrakingAhead:
     def largest(self, v_mps: float) -> float:
         """The effort of all brakes that may be used at a speed."""
         return float(kernels.largest_effort(max(v_mps, 0.1), self._train))
+
+    def full(self, s_m: float, v_mps: float) -> float:
+        """The effort of the full brake in a state, with which the curve of what is allowed is drawn."""
+        section, v = self.section, max(v_mps, 0.1)
+        here = on_supply(section.train, section.supply[self._interval(s_m)])
+        slowed_n = here.max_deceleration_mps2 * here.inertial_mass_kg - section.resistance_n(s_m, v)
+        full_n = min(float(brake_limit(v, here, here.friction_force_n)), max(slowed_n, 0.0))
+        return min(full_n / float(kernels.full_effort(v, self._train)), self.largest(v))
 
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
         """The wheel force (N, <= 0) of an effort in a state, as far as the brakes give it there."""

@@ -134,7 +134,8 @@ class Display:
         state, here, planner, _, coach = scene
         train, v_mps = planner.section.train, state.v_mps
         available_n = _available_n(planner.section, -1.0, v_mps)
-        most_n = min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg)
+        slowed_n = planner.section.resistance_n(state.s_m, v_mps)
+        most_n = max(min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg - slowed_n), 0.0)
         self._show(Mode.FRICTION_BRAKE if train.friction_force_n > 0 else Mode.FULL_BRAKE, state.now_ns)
         allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
         seconds = np.arange(1, self._settings.display.horizon_s + 1)
@@ -286,14 +287,31 @@ class Display:
         after_s = float(plan.solution.trajectory.t_s[change]) - place.time_s
         if self._four_mode is not planned:
             after, after_s = planned, following.time_s
-        safe = self._safe_four_mode(self._four_mode, shown, scene, excess_mps)
-        then = self._safe_four_mode(after, after, scene, excess_mps)
+        held_mps = min(place.speed_mps, scene.state.v_mps - excess_mps)
+        safe = self._safe_four_mode(self._four_mode, shown, scene, held_mps, excess_mps)
+        then = self._safe_four_mode(after, after, scene, held_mps, excess_mps)
         if safe is not self._four_mode or safe is Mode.FULL_BRAKE or then is not after:
             after, after_s = then, max(after_s, self._settings.display.valid_for_s)
+        due_s = self._full_brake_due_s(safe, scene, held_mps)
+        if due_s < after_s:
+            after, after_s = Mode.FULL_BRAKE, due_s
         self._four_mode = safe
         return safe, _Change(after, math.nan, after_s)
 
-    def _safe_four_mode(self, four: Mode, mode: Mode, scene: Scene, excess_mps: float) -> Mode:
+    def _full_brake_due_s(self, four: Mode, scene: Scene, held_mps: float) -> float:
+        """In how many whole seconds a train in one of the four modes needs full brakes; inf: not while this is valid."""
+        if four is Mode.FULL_BRAKE:
+            return math.inf
+        state, planner, valid_s = scene.state, scene.planner, math.ceil(self._settings.display.valid_for_s)
+        full = 1.0 if four is Mode.FULL_TRACTION else 0.0
+        gained_mps2 = max(planner.ahead.accelerates_mps2(full, state.s_m, state.v_mps), 0.0)
+        for due_s in range(valid_s):
+            soon_mps = max(state.v_mps, held_mps) if four is Mode.CRUISE else state.v_mps + gained_mps2 * (due_s + 1)
+            if planner.brakes_late(state, soon_mps, due_s + 1.0):
+                return float(due_s)
+        return math.inf
+
+    def _safe_four_mode(self, four: Mode, mode: Mode, scene: Scene, held_mps: float, excess_mps: float) -> Mode:
         """The mode of four, or what limits and the stop ahead ask for: a weak brake is not shown as coasting then."""
         state, planner, settings = scene.state, scene.planner, self._settings.display
         v_mps, too_fast = state.v_mps, excess_mps > settings.overspeed_named_mps
@@ -303,7 +321,8 @@ class Display:
         before_s = (
             settings.four_before_s if v_mps > settings.four_slow_mps else settings.four_before_m / max(v_mps, 0.1)
         )
-        late = planner.brakes_late(state, v_mps + (gained_mps if rolls else 0.0), before_s)
+        soon_mps = max(v_mps, held_mps) if four is Mode.CRUISE else v_mps
+        late = planner.brakes_late(state, soon_mps + (gained_mps if rolls else 0.0), before_s)
         if late or (too_fast and mode not in (Mode.CRUISE, Mode.COAST)):
             return Mode.FULL_BRAKE
         if pulls and (planner.brakes_late(state, v_mps + gained_mps, before_s) or too_fast):

@@ -98,6 +98,8 @@ class _Judgement:
     def __init__(self, advice: Advice, here: Estimate, model: BrakingModel) -> None:
         self._advice, self._model = advice, model
         self._train = Consequences(model, here, (advice.valid_until_ns - advice.time_ns) * NS)
+        self._told_from_m = advice.s_m
+        """Ways are told from here: a train that has not quite reached the begin of its section is taken to be there."""
         self._bound_mps = model.bound_mps(self._train.ahead_m)
         self._acts: list[Act] = []
 
@@ -310,7 +312,8 @@ class _Judgement:
         coach, model = self._advice.coach, self._model
         assert coach is not None
         leads = now.mode in (*_BRAKES, Mode.COAST)
-        places_m = (self._train.s_m + coach.target_m,) if leads else (self._train.ahead_m, self._train.s_m + now.way_m)
+        ahead_m = self._train.ahead_m, self._told_from_m + now.way_m
+        places_m = (self._told_from_m + coach.target_m,) if leads else ahead_m
         bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SHOWN_MPS
         if not now.speed_mps <= bound_mps:
             instead_mps = max(model.allowed_mps(place_m) for place_m in places_m)
@@ -328,10 +331,10 @@ class _Judgement:
             if excess is not None or not _finite(one.speed_mps, one.way_m, one.in_s):
                 first = first or Act(Part.COACH_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
                 break  # What comes after it has no place any more.
-            at_m = self._train.s_m + one.way_m
+            at_m = self._told_from_m + one.way_m
             # A speed to reach or to hold counts where it begins, one to coast or to brake to where that ends.
             ends = k + 1 < len(coach.following) and one.mode in (*_BRAKES, Mode.COAST)
-            to_m = self._train.s_m + coach.following[k + 1].way_m if ends else at_m
+            to_m = self._told_from_m + coach.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
             if one.speed_mps > limit_mps + SHOWN_MPS:
                 first = first or Act(Part.COACH_NEXT, one.speed_mps, limit_mps, limit_mps)
@@ -347,7 +350,9 @@ class _Judgement:
             return None
         led = self._led(coach, coach.force_n)[:-1]
         of_n = self._model.electric_n(self._train.v_mps)
-        return self._train.excess([one._replace(of_n=of_n) for one in led], in_s, in_s)
+        # By then the speed that the train accelerates to is one to hold.
+        doings = [one._replace(of_n=of_n, holds=one.holds or one.force_n > 0.0) for one in led]
+        return self._train.excess(doings, in_s, in_s)
 
 
 def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:

@@ -115,7 +115,7 @@ def after_step(nodes, places, forces, mass, doing, s, v):
     if force < 0.0 and doing[4] > 0.0:
         force *= force_at(forces, ELECTRIC, v) / doing[4]
     if holds:
-        force = -np.inf if faster else np.inf
+        force = -np.inf if faster else (force if force > 0.0 else np.inf)
     elif force > 0.0 and faster:
         force = 0.0
     force = min(max(force, -force_at(forces, MOST, v)), force_at(forces, TRACTION, v))

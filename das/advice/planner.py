@@ -138,13 +138,14 @@ class Planner:
 
     def allowed_for(self, state: TrainState) -> float:
         """The highest speed (m/s) from which a train keeps limits and the stop wherever it may be."""
-        if state.ahead_m <= 0.0:
+        feared_m = self.ahead.feared_m(state.braked_m)
+        if feared_m <= state.s_m:
             return self.allowed_mps(state.s_m)
-        return self.lowest_allowed_mps(state.s_m, state.braked_m)
+        return self.lowest_allowed_mps(state.s_m, feared_m)
 
     def brakes_late(self, state: TrainState, v_mps: float, within_s: float) -> bool:
         """Whether full brakes after so long at a speed are too late for what limits and the stop ask for ahead."""
-        section, from_m = self.section, state.braked_m
+        section, from_m = self.section, self.ahead.feared_m(state.braked_m)
         lowest_w = braking_kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
         return math.sqrt(lowest_w) < min(v_mps, self.allowed_mps(state.s_m)) - BEGINS_MPS
 

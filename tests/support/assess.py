@@ -44,6 +44,8 @@ def line_of(seen: Seen) -> str:
             f" | {now.mode.name:16s} {now.speed_mps:6.2f} m/s effort {now.effort_ratio:+.2f}{due}, ref "
             f"{advice.coach.reference_force_n / 1e3:+7.1f} kN"
         )
+        for one in advice.coach.following:
+            text += f", then {one.mode.name} {one.speed_mps:.2f} m/s in {one.in_s:.1f} s {one.way_m:.0f} m"
     return f"{text} | {advice.reason or advice.cause.label}"
 
 

@@ -81,9 +81,9 @@ class Coach:
         way_m = self._section.end_m - state.s_m
         if state.v_mps > self._settings.showing.brake.creep_mps or way_m > self._settings.showing.brake.creeps_m:
             return None
-        now, force_n = self._showing.creeping(self._section, state, place)
+        now, following, force_n = self._showing.creeping(self._section, state, place)
         return Coaching(
-            now=now, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
+            now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
             reference_force_n=force_n, reason=wording.reason(now.mode, now.speed_mps, None, 0.0),
         )  # fmt: skip
 

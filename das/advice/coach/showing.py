@@ -36,6 +36,10 @@ FOLLOWING = 3
 """Of so many phases after the present one it is known when they begin: one of them may be no change."""
 ROUNDED_MPS = 0.5 * KMH
 """A display in whole km/h shows a speed that is above what is allowed by less than this as one that is not."""
+LONG_S = 3600.0
+"""A creeping train has no forecast: it takes so long at most."""
+BEGUN_M = 1.0
+"""A limit that begins within this way of an instruction holds for it."""
 ROLLS, CREEPS = -1, -2
 """A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
 
@@ -109,26 +113,33 @@ class Showing:
         ends_mps = float(
             np.interp(schedule.begin_m(number + 1), schedule.section.node_m, schedule.section.envelope_mps)
         )
+        brakes_on = wanted.mode in BRAKES and self._shown.mode in BRAKES  # Nobody releases the brake in between.
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
-        following = self._following(schedule, number, state, begins_s)
+        due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
+        due_s = float(np.interp(schedule.begin_m(number), at_m, times_s))
+        kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it still stands.
+        following = self._following(schedule, number - kept_on, state, [due_s] * kept_on + begins_s)
         following = self._in_time(now, following, state, (times_s, at_m))
         end_m = min(schedule.begin_m(number + 1), self._brakes.ends_m(now, state, schedule.phases[number].kind))
-        due_m = schedule.begin_m(number) - state.s_m if number else 0.0
-        if due_m > 0 and not urgent and state.v_mps <= place.allowed_mps + self._settings.limit.overspeed_mps:
-            now = replace(now, way_m=due_m, in_s=float(np.interp(schedule.begin_m(number), at_m, times_s)))
+        in_time = state.v_mps <= place.allowed_mps + self._settings.limit.overspeed_mps
+        if due_m > 0 and in_time and not (urgent or kept_on):
+            now = replace(now, way_m=due_m, in_s=due_s)
         end_s = float(np.interp(end_m, at_m, times_s))
         return ShownNow(
-            now, following, max(end_m - state.s_m, 0.0), end_s, number, self._brakes.force_n(now, state),
+            now, _allowed(following, state.s_m, schedule.section), max(end_m - state.s_m, 0.0), end_s, number, self._brakes.force_n(now, state),
             self._brakes.force_n(self._brakes.unrounded(now), state),
         )  # fmt: skip
 
-    def creeping(self, section: Section, state: TrainState, place: SpeedsAllowed) -> tuple[Instruction, float]:
-        """The instruction to creep to the stop, or to brake there, and its wheel force (N)."""
+    def creeping(
+        self, section: Section, state: TrainState, place: SpeedsAllowed
+    ) -> tuple[Instruction, tuple[Instruction, ...], float]:
+        """The instruction to creep to the stop, or to brake there, the brake that follows, and the wheel force (N)."""
         self.forget()
-        brakes = ShownBrakes(section, self._settings)
+        self._brakes = ShownBrakes(section, self._settings)
         creeps = Instruction(mode=Mode.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
-        now = brakes.safe(creeps, state, state.v_mps)
-        return now, brakes.force_n(now, state)
+        now = self._brakes.safe(creeps, state, state.v_mps)
+        following = self._in_time(now, (), state, (np.full(2, LONG_S), np.array([state.s_m, section.end_m])))
+        return now, following, self._brakes.force_n(now, state)
 
     def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
         """The instruction that holds, or the next one where it is due within the lead; none is taken up again.
@@ -214,7 +225,8 @@ class Showing:
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         assert self._brakes is not None
-        return self._brakes.shown(self._brakes.needed(schedule, number, state, target), state)
+        brakes = self._shown.mode in BRAKES
+        return self._brakes.shown(self._brakes.needed(schedule, number, state, target, brakes=brakes), state)
 
     def _held(
         self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, ends_mps: float, *,
@@ -228,7 +240,7 @@ class Showing:
         shown = self._shown
         highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Mode.COAST else place.limit_mps
         too_high = shown.speed_mps > highest_mps + ROUNDED_MPS
-        same = wanted.mode is shown.mode and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS and not too_high
+        same = _alike(wanted, shown) and not too_high
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Mode.CRUISE):
             return shown
         held_s = (state.now_ns - self._since_ns) * NS
@@ -245,8 +257,10 @@ class Showing:
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
+        passed_mps = max(shown.speed_mps, min(place.limit_mps, place.allowed_mps))
+        rolls_on = shown.mode in TRACTION and state.v_mps > passed_mps + SAME_MPS
         eased = shown.mode in BRAKES and self._eased(shown, wanted, state)
-        if settled or braked or released or above or urgent or eased:
+        if settled or braked or released or above or urgent or eased or rolls_on:
             self._shown, self._since_ns = wanted, state.now_ns
         return self._shown
 
@@ -297,19 +311,26 @@ class Showing:
             if first.in_s >= lasts_s or late:
                 return following
             return (replace(first, way_m=lasts_m, in_s=lasts_s), *following[1:])
-        if not following or following[0].mode not in BRAKES or now.mode in BRAKES:
+        if now.mode in BRAKES:
             return following
         times_s, at_m = elapsed
         ahead, v_mps = self._brakes.ahead, state.v_mps
         speeds_mps = ahead.rolling_mps(state.s_m, v_mps)
         if now.mode is not Mode.COAST:
             speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
-        curve_m = ahead.curve_begins_m(state.s_m, speeds_mps) - state.ahead_m
-        begins_m = min(max(curve_m, state.s_m), state.s_m + following[0].way_m)
+        begins_m = max(ahead.curve_begins_m(state.s_m, speeds_mps) - state.ahead_m, state.s_m)
+        before_m = state.s_m + following[0].way_m if following else math.inf
+        if following and following[0].mode in BRAKES:
+            begins_m, brake, after = min(begins_m, before_m), following[0], following[1:]
+        else:  # The brake that the schedule has not, or has begun already: the driver brakes later.
+            brake = self._brakes.brake_at(begins_m, speeds_mps) if begins_m < before_m - BEGUN_M else None
+            after = following[: self._settings.ahead - 1]
+            if brake is None:
+                return following
         in_s = float(np.interp(begins_m, at_m, times_s))
         if now.mode not in TRACTION:  # A train that rolls or holds its speed may be there sooner than the forecast.
             in_s = min(in_s, ahead.ahead_s(state.s_m, v_mps, speeds_mps, begins_m))
-        return (replace(following[0], way_m=begins_m - state.s_m, in_s=in_s), *following[1:])
+        return (replace(brake, way_m=begins_m - state.s_m, in_s=in_s), *after)
 
     def _announced(self, schedule: Schedule, number: int) -> Instruction:
         """An instruction as it is shown before it is due; it depends on the schedule alone, and is made once."""
@@ -317,6 +338,24 @@ class Showing:
         if found is None:
             found = self._coming[number] = _announced(schedule, number)
         return found
+
+
+def _alike(one: Instruction, other: Instruction) -> bool:
+    """Whether two instructions are of one mode and lead to one speed."""
+    return one.mode is other.mode and abs(one.speed_mps - other.speed_mps) < SAME_MPS
+
+
+def _allowed(following: tuple[Instruction, ...], s_m: float, section: Section) -> tuple[Instruction, ...]:
+    """The next changes, none to a speed above the limit where it leads: of a brake or of coasting, where that ends."""
+    kept = []
+    for k, one in enumerate(following):
+        ends = k + 1 < len(following) and one.mode in (*BRAKES, Mode.COAST)
+        ways_m = one.way_m, following[k + 1].way_m if ends else one.way_m
+        nodes = np.searchsorted(section.node_m, s_m + BEGUN_M + np.array(ways_m), side="right")
+        first, last = np.clip(nodes - 1, 0, len(section.limit_mps) - 1)
+        limit_mps = float(section.limit_mps[first : last + 1].max())
+        kept.append(replace(one, speed_mps=limit_mps) if one.speed_mps > limit_mps else one)
+    return tuple(kept)
 
 
 def _announced(schedule: Schedule, number: int) -> Instruction:

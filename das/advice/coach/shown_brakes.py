@@ -6,6 +6,10 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.above_plan import BRAKED_MORE
 from das.advice.braking import LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
@@ -87,14 +91,19 @@ class ShownBrakes:
         settings, v_mps, limit_mps = self._settings.limit, state.v_mps, min(place.limit_mps, place.allowed_mps)
         rolls_mps2 = self.ahead.rolls_mps2(state.s_m, v_mps)
         excess = v_mps - limit_mps
-        if wanted.mode in BRAKES or excess + max(rolls_mps2, 0.0) * self._settings.lead.braking_s <= 0.0:
+        if excess + max(rolls_mps2, 0.0) * self._settings.lead.braking_s <= 0.0:
             return wanted
+        falls = place.allowed_mps < place.limit_mps
         target = min(wanted.speed_mps, limit_mps)
-        if excess > settings.braked_mps:
+        if excess > (SAME_MPS if falls or wanted.mode in BRAKES else settings.braked_mps):
             needed = self.ahead.back_under(state.s_m, v_mps, limit_mps)
             # A train above the curve of full brakes must not wait for a brake that grows.
-            effort = max(needed.effort, 1.0) if place.allowed_mps < place.limit_mps else needed.effort
-            return self.shown(needed._replace(effort=effort, target_mps=target), state)
+            effort = max(needed.effort, self.ahead.full(state.s_m, v_mps)) if falls else needed.effort
+            if wanted.mode not in BRAKES or effort > -wanted.effort_ratio:
+                return self.shown(needed._replace(effort=effort, target_mps=target), state)
+            self._exact_effort = max(self._exact_effort, effort)
+        if wanted.mode in BRAKES:
+            return wanted
         if wanted.mode is not Mode.COAST and excess <= settings.overspeed_mps:
             return wanted
         if -rolls_mps2 * settings.coasts_in_s < excess:
@@ -118,7 +127,8 @@ class ShownBrakes:
         needed = ahead.needed(state.braked_m, v_mps)
         above_mps = v_mps - ahead.allowed_mps(state.braked_m)
         if needed.effort > 0.0 and above_mps > SAME_MPS and not self._ends(needed, v_mps):
-            needed = needed._replace(effort=ahead.largest(v_mps))  # One that grows with what is needed comes too late.
+            # One that grows with what is needed comes too late.
+            needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
         if needed.effort > 0.0:
@@ -127,9 +137,14 @@ class ShownBrakes:
             return wanted
         return Instruction(mode=Mode.COAST, speed_mps=min(wanted.speed_mps, needed.target_mps), effort_ratio=0.0)
 
-    def needed(self, schedule: Schedule, number: int, state: TrainState, target: float) -> NeededBrake:
-        """The brake that a phase needs from here, or from where it begins; at first with the build-up of the brakes."""
-        end_m, begin_m = schedule.begin_m(number + 1), schedule.begin_m(number)
+    def needed(
+        self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool
+    ) -> NeededBrake:
+        """The brake that a phase needs from where it begins, or from here; at first with the build-up of the brakes.
+
+        `brakes`: the train brakes already.
+        """
+        end_m, begin_m = schedule.begin_m(number + 1), state.braked_m if brakes else schedule.begin_m(number)
         from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
         if braking is not None and end_m not in self._efforts:
             build_up_m = state.v_mps * 0.5 * braking.build_up_s
@@ -137,6 +152,14 @@ class ShownBrakes:
         needed = self.ahead.effort_to(from_m, state.v_mps, end_m, target)
         planned = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
         return NeededBrake(max(needed, planned), target, end_m)
+
+    def brake_at(self, s_m: float, speeds_mps: NDArray[np.float64]) -> Instruction | None:
+        """The brake that limits and the stop ask for at a place ahead, of a train with speeds at the nodes ahead."""
+        nodes_m = self.ahead.section.node_m[-len(speeds_mps) :]
+        needed = self.ahead.needed(s_m, float(np.interp(s_m, nodes_m, speeds_mps)))
+        if needed.effort <= 0.0:
+            return None
+        return brake_of(max(needed.effort, self._settings.brake.step_ratio), needed.target_mps)
 
     def shown(self, needed: NeededBrake, state: TrainState) -> Instruction:
         """The brake as it is shown: its effort stands until more is needed, or clearly less."""
