@@ -165,7 +165,7 @@ class BrakingAhead:
         here = on_supply(section.train, section.supply[self._interval(s_m)])
         slowed_n = here.max_deceleration_mps2 * here.inertial_mass_kg - section.resistance_n(s_m, v)
         full_n = min(float(brake_limit(v, here, here.friction_force_n)), max(slowed_n, 0.0))
-        return min(full_n / float(kernels.full_effort(v, self._train)), self.largest(v))
+        return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(v)))
 
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
         """The wheel force (N, <= 0) of an effort in a state, as far as the brakes give it there."""

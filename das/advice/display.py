@@ -299,7 +299,7 @@ class Display:
         return safe, _Change(after, math.nan, after_s)
 
     def _full_brake_due_s(self, four: Mode, scene: Scene, held_mps: float) -> float:
-        """In how many whole seconds a train in one of the four modes needs full brakes; inf: not while this is valid."""
+        """In how many whole seconds a train in one of the modes needs full brakes; inf: not while this is valid."""
         if four is Mode.FULL_BRAKE:
             return math.inf
         state, planner, valid_s = scene.state, scene.planner, math.ceil(self._settings.display.valid_for_s)

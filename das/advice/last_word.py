@@ -280,7 +280,10 @@ class _Judgement:
         now, following = coach.now, coach.following
         after = following[0] if following and _finite(following[0].in_s, following[0].speed_mps) else None
         waiting = [Doing(now.in_s, 0.0, self._train.v_mps, True)] if now.in_s > 0 else []
-        doings = [*waiting, _instructed(now, force_n, math.inf if after is None else after.in_s)]
+        # The force of a brake grows with that of the motors, as the effort that is shown stays.
+        of_n = self._model.electric_n(self._train.v_mps)
+        doing = _instructed(now, force_n, math.inf if after is None else after.in_s)
+        doings = [*waiting, doing._replace(of_n=of_n)]
         if after is None:
             return doings
         most_n = self._train.brake_n(-1.0) if after.mode in _BRAKES else self._model.traction_n(self._train.v_mps)
@@ -349,10 +352,9 @@ class _Judgement:
         if not in_s <= LONGEST_S:
             return None
         led = self._led(coach, coach.force_n)[:-1]
-        of_n = self._model.electric_n(self._train.v_mps)
-        # By then the speed that the train accelerates to is one to hold.
-        doings = [one._replace(of_n=of_n, holds=one.holds or one.force_n > 0.0) for one in led]
-        return self._train.excess(doings, in_s, in_s)
+        if coach.now.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+            led[-1] = led[-1]._replace(holds=True)  # By then the speed that the train accelerates to is one to hold.
+        return self._train.excess(led, in_s, in_s)
 
 
 def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:

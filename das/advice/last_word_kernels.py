@@ -108,12 +108,17 @@ def _deceleration(places, forces, mass, most, i, w):
 
 
 @kernel
+def asked(forces, doing, v):
+    """The force (N) that a driver is asked for at a speed: a brake may grow as the electric one does."""
+    grows = doing[1] < 0.0 and doing[4] > 0.0
+    return doing[1] * force_at(forces, ELECTRIC, v) / doing[4] if grows else doing[1]
+
+
+@kernel
 def after_step(nodes, places, forces, mass, doing, s, v):
     """The speed (m/s) one step later of a driver who does something (see `first_excess`)."""
-    force, goal, holds = doing[1], doing[2], doing[3] > 0.0
+    force, goal, holds = asked(forces, doing, v), doing[2], doing[3] > 0.0
     faster = v >= goal
-    if force < 0.0 and doing[4] > 0.0:
-        force *= force_at(forces, ELECTRIC, v) / doing[4]
     if holds:
         force = -np.inf if faster else (force if force > 0.0 else np.inf)
     elif force > 0.0 and faster:
@@ -152,7 +157,7 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
                 full = planned_brake(nodes, places, forces, mass, most, s, v)
                 level = allowed >= places[LIMIT, interval(nodes, s)] - 1e-9
                 comes_back = level and v - after >= (v - allowed) * STEP_S / back_in
-                all_given = full > 0.0 and doing[1] <= -full_ratio * full
+                all_given = full > 0.0 and asked(forces, doing, v) <= -full_ratio * full
                 suffices = v < stopped or (v > doing[2] and (comes_back or all_given))
             if not suffices:
                 return v, bound

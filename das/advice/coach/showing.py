@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.advice.coach.announcing import Announcing, Foreseen, aim_mps, allowed, in_time, traction
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
@@ -20,10 +21,9 @@ from das.advice.coach.shown_brakes import (
     TRACTION,
     ShownBrakes,
     SpeedsAllowed,
-    announced_brake,
     brake_of,
 )
-from das.advice.modes import EFFORT_ORDER, FULL_RATIO, Mode
+from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.planner import TrainState
 from das.domain.units import KMH, NS
 from das.solver.calm.notches import NotchKind
@@ -38,8 +38,6 @@ ROUNDED_MPS = 0.5 * KMH
 """A display in whole km/h shows a speed that is above what is allowed by less than this as one that is not."""
 LONG_S = 3600.0
 """A creeping train has no forecast: it takes so long at most."""
-BEGUN_M = 1.0
-"""A limit that begins within this way of an instruction holds for it."""
 ROLLS, CREEPS = -1, -2
 """A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
 
@@ -69,7 +67,7 @@ class Showing:
         self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
         self._reached_mps = 0.0
         self._brakes: ShownBrakes | None = None
-        self._coming: dict[int, Instruction] = {}
+        self._announcing = Announcing(settings.ahead)
         self._shown, self._since_ns = Instruction(), 0
 
     def forget(self) -> None:
@@ -90,7 +88,7 @@ class Showing:
         """What is shown of the reference to a train in a state."""
         schedule = kept.reference.schedule
         if schedule is not self._schedule:
-            self._schedule, self._number, self._back, self._coming = schedule, 0, 0, {}
+            self._schedule, self._number, self._back = schedule, 0, 0
             self._reached_mps = 0.0
         if self._brakes is None or self._brakes.ahead.section is not schedule.section:
             self._brakes = ShownBrakes(schedule.section, self._settings)
@@ -98,37 +96,49 @@ class Showing:
         if number != self._number:
             self._back, self._reached_mps = 0, 0.0
         self._number = number
-        times_s, at_m = elapsed_s(schedule, kept.forecast, state.s_m)
-        begins_m = [schedule.begin_m(k) for k in range(number + 1, number + 2 + FOLLOWING)]
-        begins_s = np.interp(begins_m, at_m, times_s).tolist()
-        self._left_s = begins_s[0]
+        foreseen = Foreseen(*elapsed_s(schedule, kept.forecast, state.s_m), as_shown=True)
+        phase, phase_ends_m = schedule.phases[number], schedule.begin_m(number + 1)
+        self._left_s = foreseen.time_s(phase_ends_m)
         planned = self._planned(schedule, number, state, place)
         wanted = self._brakes.under_limit(planned, state, place)
         wanted = self._brakes.safe(wanted, state, schedule.speed_at(state.s_m))
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
-        between = brakes_again and begins_s[0] < self._settings.least_shown_s
+        between = brakes_again and self._left_s < self._settings.least_shown_s
         # A speed that cannot be reached before the phase ends is not shown any longer than a limit that is passed.
         reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
-        ends_mps = float(
-            np.interp(schedule.begin_m(number + 1), schedule.section.node_m, schedule.section.envelope_mps)
-        )
+        ends_mps = float(np.interp(phase_ends_m, schedule.section.node_m, schedule.section.envelope_mps))
         brakes_on = wanted.mode in BRAKES and self._shown.mode in BRAKES  # Nobody releases the brake in between.
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
         due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
-        due_s = float(np.interp(schedule.begin_m(number), at_m, times_s))
         kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it still stands.
-        following = self._following(schedule, number - kept_on, state, [due_s] * kept_on + begins_s)
-        following = self._in_time(now, following, state, (times_s, at_m))
-        end_m = min(schedule.begin_m(number + 1), self._brakes.ends_m(now, state, schedule.phases[number].kind))
-        in_time = state.v_mps <= place.allowed_mps + self._settings.limit.overspeed_mps
-        if due_m > 0 and in_time and not (urgent or kept_on):
-            now = replace(now, way_m=due_m, in_s=due_s)
-        end_s = float(np.interp(end_m, at_m, times_s))
+        end_m = min(phase_ends_m, self._brakes.ends_m(now, state, phase))
+        foreseen = foreseen._replace(as_shown=_alike(now, planned))
+        following = self._following(now, number - kept_on, end_m, state, foreseen)
+        too_fast = state.v_mps > place.allowed_mps + self._settings.limit.overspeed_mps
+        if due_m > 0 and not (too_fast or urgent or kept_on):
+            now = replace(now, way_m=due_m, in_s=foreseen.time_s(schedule.begin_m(number)))
         return ShownNow(
-            now, _allowed(following, state.s_m, schedule.section), max(end_m - state.s_m, 0.0), end_s, number, self._brakes.force_n(now, state),
-            self._brakes.force_n(self._brakes.unrounded(now), state),
+            now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
+            self._brakes.force_n(now, state), self._brakes.force_n(self._brakes.unrounded(now), state),
         )  # fmt: skip
+
+    def _following(
+        self, now: Instruction, number: int, end_m: float, state: TrainState, foreseen: Foreseen
+    ) -> tuple[Instruction, ...]:
+        """The next changes; first the rest of the phase, where it brakes on after the brake that is shown."""
+        assert self._schedule is not None
+        assert self._brakes is not None
+        schedule = self._schedule
+        begins_s = [foreseen.time_s(schedule.begin_m(k)) for k in range(number + 1, number + 2 + FOLLOWING)]
+        following = self._announcing.following(schedule, number, state.s_m, begins_s)
+        following = in_time(following, now, self._brakes, state, foreseen)
+        brakes = now.mode in BRAKES and schedule.phases[number].kind is NotchKind.BRAKE
+        if brakes and end_m < schedule.begin_m(number + 1):
+            in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
+            rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
+            following = (rest, *following[: self._settings.ahead - 1])
+        return allowed(following, state.s_m, schedule.section)
 
     def creeping(
         self, section: Section, state: TrainState, place: SpeedsAllowed
@@ -138,7 +148,8 @@ class Showing:
         self._brakes = ShownBrakes(section, self._settings)
         creeps = Instruction(mode=Mode.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
         now = self._brakes.safe(creeps, state, state.v_mps)
-        following = self._in_time(now, (), state, (np.full(2, LONG_S), np.array([state.s_m, section.end_m])))
+        foreseen = Foreseen(np.full(2, LONG_S), np.array([state.s_m, section.end_m]), as_shown=False)
+        following = in_time((), now, self._brakes, state, foreseen)
         return now, following, self._brakes.force_n(now, state)
 
     def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
@@ -165,14 +176,14 @@ class Showing:
     def _planned(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction of the schedule for the train as it is."""
         one, v_mps = schedule.phases[number], state.v_mps
-        target = min(_aim_mps(schedule, number, state.s_m), place.limit_mps)
+        target = min(aim_mps(schedule, number, state.s_m), place.limit_mps)
         if one.kind is NotchKind.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchKind.COAST:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         if self._accelerates(one, v_mps, target):
             self._share = one.share
-            return _traction(one.share, target)
+            return traction(one.share, target)
         return self._holding(schedule, state, target)
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
@@ -197,7 +208,7 @@ class Showing:
         elif (self._back > 0 and away >= -settings.reached_mps) or (self._back < 0 and away <= SAME_MPS):
             self._back = 0
         if self._back > 0:
-            return _traction(self._share, target)
+            return traction(self._share, target)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         return Instruction(mode=Mode.CRUISE, speed_mps=target)
@@ -273,103 +284,10 @@ class Showing:
             return half
         return enough or -shown.effort_ratio > self._brakes.ahead.largest(state.v_mps) + SAME_EFFORT
 
-    def _following(
-        self, schedule: Schedule, number: int, state: TrainState, begins_s: list[float]
-    ) -> tuple[Instruction, ...]:
-        """The next changes; to hold the speed that the train accelerates to is none."""
-        found: list[Instruction] = []
-        phases = schedule.phases
-        for k, in_s in zip(range(number + 1, len(phases)), begins_s, strict=False):
-            one, before = phases[k], phases[k - 1]
-            same = abs(one.target_mps - before.target_mps) < SAME_MPS
-            if one.kind is NotchKind.HOLD and before.kind is NotchKind.TRACTION and same:
-                continue
-            shown = self._announced(schedule, k)
-            way_m = schedule.begin_m(k) - state.s_m
-            found.append(
-                Instruction(
-                    mode=shown.mode, speed_mps=shown.speed_mps, effort_ratio=shown.effort_ratio, way_m=way_m, in_s=in_s
-                )
-            )
-            if len(found) == self._settings.ahead:
-                break
-        return tuple(found)
-
-    def _in_time(
-        self, now: Instruction, following: tuple[Instruction, ...], state: TrainState, elapsed: tuple[Floats, Floats]
-    ) -> tuple[Instruction, ...]:
-        """The next changes, where a brake is announced in time for a driver who reaches the speed that is shown now.
-
-        The forecast may stay below this speed, on a hill, and its brake begins later. What follows a brake does so when
-        its speed is reached. `elapsed` are times (s) and places (m) of the forecast.
-        """
-        assert self._brakes is not None
-        if following and now.mode in BRAKES and following[0].mode not in BRAKES:
-            lasts_s, lasts_m = self._brakes.lasts(now, state)
-            first = following[0]
-            late = any(one.way_m <= lasts_m or one.in_s <= lasts_s for one in following[1:])
-            if first.in_s >= lasts_s or late:
-                return following
-            return (replace(first, way_m=lasts_m, in_s=lasts_s), *following[1:])
-        if now.mode in BRAKES:
-            return following
-        times_s, at_m = elapsed
-        ahead, v_mps = self._brakes.ahead, state.v_mps
-        speeds_mps = ahead.rolling_mps(state.s_m, v_mps)
-        if now.mode is not Mode.COAST:
-            speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
-        begins_m = max(ahead.curve_begins_m(state.s_m, speeds_mps) - state.ahead_m, state.s_m)
-        before_m = state.s_m + following[0].way_m if following else math.inf
-        if following and following[0].mode in BRAKES:
-            begins_m, brake, after = min(begins_m, before_m), following[0], following[1:]
-        else:  # The brake that the schedule has not, or has begun already: the driver brakes later.
-            brake = self._brakes.brake_at(begins_m, speeds_mps) if begins_m < before_m - BEGUN_M else None
-            after = following[: self._settings.ahead - 1]
-            if brake is None:
-                return following
-        in_s = float(np.interp(begins_m, at_m, times_s))
-        if now.mode not in TRACTION:  # A train that rolls or holds its speed may be there sooner than the forecast.
-            in_s = min(in_s, ahead.ahead_s(state.s_m, v_mps, speeds_mps, begins_m))
-        return (replace(brake, way_m=begins_m - state.s_m, in_s=in_s), *after)
-
-    def _announced(self, schedule: Schedule, number: int) -> Instruction:
-        """An instruction as it is shown before it is due; it depends on the schedule alone, and is made once."""
-        found = self._coming.get(number)
-        if found is None:
-            found = self._coming[number] = _announced(schedule, number)
-        return found
-
 
 def _alike(one: Instruction, other: Instruction) -> bool:
     """Whether two instructions are of one mode and lead to one speed."""
     return one.mode is other.mode and abs(one.speed_mps - other.speed_mps) < SAME_MPS
-
-
-def _allowed(following: tuple[Instruction, ...], s_m: float, section: Section) -> tuple[Instruction, ...]:
-    """The next changes, none to a speed above the limit where it leads: of a brake or of coasting, where that ends."""
-    kept = []
-    for k, one in enumerate(following):
-        ends = k + 1 < len(following) and one.mode in (*BRAKES, Mode.COAST)
-        ways_m = one.way_m, following[k + 1].way_m if ends else one.way_m
-        nodes = np.searchsorted(section.node_m, s_m + BEGUN_M + np.array(ways_m), side="right")
-        first, last = np.clip(nodes - 1, 0, len(section.limit_mps) - 1)
-        limit_mps = float(section.limit_mps[first : last + 1].max())
-        kept.append(replace(one, speed_mps=limit_mps) if one.speed_mps > limit_mps else one)
-    return tuple(kept)
-
-
-def _announced(schedule: Schedule, number: int) -> Instruction:
-    """An instruction as it is shown before it is due."""
-    one = schedule.phases[number]
-    # It leads to no higher speed than the limit where it begins, even if a higher one is allowed before it ends.
-    target = min(_aim_mps(schedule, number, schedule.begin_m(number)), float(schedule.section.limit_mps[one.begin]))
-    if one.kind is NotchKind.TRACTION:
-        return _traction(one.share, target)
-    if one.kind is NotchKind.BRAKE:
-        return announced_brake(schedule, number, target)
-    if one.kind is NotchKind.COAST:
-        return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-    return Instruction(mode=Mode.CRUISE, speed_mps=target)
 
 
 def _highest_mps(schedule: Schedule, number: int, s_m: float) -> float:
@@ -378,21 +296,3 @@ def _highest_mps(schedule: Schedule, number: int, s_m: float) -> float:
     first = max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0)
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
     return float(section.envelope_mps[min(first, end) : end + 1].max())
-
-
-def _aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The speed that a phase leads to, no higher than what is allowed on its way; where it slows the train, at its end.
-
-    The schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does.
-    """
-    section, one = schedule.section, schedule.phases[number]
-    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
-    first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
-    slows = one.kind in (NotchKind.BRAKE, NotchKind.COAST)
-    highest = section.envelope_mps[end] if slows else section.envelope_mps[first : end + 1].max()
-    return float(min(one.target_mps, highest))
-
-
-def _traction(share: float, target_mps: float) -> Instruction:
-    mode = Mode.FULL_TRACTION if share >= FULL_RATIO else Mode.REDUCED_TRACTION
-    return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)

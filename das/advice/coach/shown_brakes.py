@@ -16,6 +16,7 @@ from das.advice.coach.settings import ShowingSettings
 from das.advice.modes import Mode
 from das.advice.planner import TrainState
 from das.solver.calm.notches import NotchKind
+from das.solver.calm.phases import Phase
 from das.solver.calm.schedule import Schedule
 from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
@@ -77,9 +78,9 @@ class ShownBrakes:
         time_s = max(v_mps - now.speed_mps, 0.0) / max(rate_mps2, LEAST_MPS2)
         return time_s, 0.5 * (v_mps + now.speed_mps) * time_s
 
-    def ends_m(self, now: Instruction, state: TrainState, kind: NotchKind) -> float:
-        """Where a brake ends (m) that limits ask for and the phase of the schedule is not."""
-        if now.mode not in BRAKES or kind is NotchKind.BRAKE:
+    def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
+        """Where a brake ends (m) that limits ask for, and that is not the whole of the phase."""
+        if now.mode not in BRAKES or (phase.kind is NotchKind.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
             return math.inf
         needed = self.ahead.needed(state.braked_m, state.v_mps)
         if abs(needed.target_mps - now.speed_mps) < SAME_MPS:
@@ -137,9 +138,7 @@ class ShownBrakes:
             return wanted
         return Instruction(mode=Mode.COAST, speed_mps=min(wanted.speed_mps, needed.target_mps), effort_ratio=0.0)
 
-    def needed(
-        self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool
-    ) -> NeededBrake:
+    def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
         """The brake that a phase needs from where it begins, or from here; at first with the build-up of the brakes.
 
         `brakes`: the train brakes already.
