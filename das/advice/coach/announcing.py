@@ -1,0 +1,166 @@
+"""The next changes as they are announced: which they are, and where and when they are due."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.coach.coaching import Instruction
+from das.advice.coach.shown_brakes import BRAKES, SAME_MPS, TRACTION, ShownBrakes, announced_brake
+from das.advice.modes import FULL_RATIO, Mode
+from das.advice.planner import TrainState
+from das.solver.calm.notches import NotchKind
+from das.solver.calm.schedule import Schedule
+from das.solver.section import Section
+
+Floats = NDArray[np.float64]
+BEGUN_M = 1.0
+"""A limit that begins within this way of an instruction holds for it."""
+
+
+class Announcing:
+    """Makes the instructions of a schedule that are not due yet; it remembers those of the last schedule."""
+
+    def __init__(self, ahead: int) -> None:
+        self._ahead = ahead
+        self._schedule: Schedule | None = None
+        self._coming: dict[int, Instruction] = {}
+
+    def following(self, schedule: Schedule, number: int, s_m: float, begins_s: list[float]) -> tuple[Instruction, ...]:
+        """The next changes; to hold the speed that the train accelerates to is none."""
+        found: list[Instruction] = []
+        phases = schedule.phases
+        for k, in_s in zip(range(number + 1, len(phases)), begins_s, strict=False):
+            one, before = phases[k], phases[k - 1]
+            same = abs(one.target_mps - before.target_mps) < SAME_MPS
+            if one.kind is NotchKind.HOLD and before.kind is NotchKind.TRACTION and same:
+                continue
+            shown = self.announced(schedule, k)
+            way_m = schedule.begin_m(k) - s_m
+            found.append(
+                Instruction(
+                    mode=shown.mode, speed_mps=shown.speed_mps, effort_ratio=shown.effort_ratio, way_m=way_m, in_s=in_s
+                )
+            )
+            if len(found) == self._ahead:
+                break
+        return tuple(found)
+
+    def announced(self, schedule: Schedule, number: int) -> Instruction:
+        """An instruction as it is shown before it is due; it depends on the schedule alone, and is made once."""
+        if schedule is not self._schedule:
+            self._schedule, self._coming = schedule, {}
+        found = self._coming.get(number)
+        if found is None:
+            found = self._coming[number] = _announced(schedule, number)
+        return found
+
+
+class Foreseen(NamedTuple):
+    """When a train is forecast to be where: times (s) and places (m); whether it does then what is shown."""
+
+    times_s: Floats
+    at_m: Floats
+    as_shown: bool
+
+    def time_s(self, s_m: float) -> float:
+        """When it comes to a place (s)."""
+        return float(np.interp(s_m, self.at_m, self.times_s))
+
+
+def in_time(
+    following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState, foreseen: Foreseen
+) -> tuple[Instruction, ...]:
+    """The next changes, with a brake in time for a driver who reaches the speed that is shown now.
+
+    The forecast may stay below this speed, on a hill, and brake later; or a driver who may still roll brakes later than
+    the schedule, which knows of no brake to come.
+    """
+    if now.mode in BRAKES:
+        return _after_brake(following, now, brakes, state)
+    ahead, v_mps = brakes.ahead, state.v_mps
+    speeds_mps = ahead.rolling_mps(state.s_m, v_mps)
+    if now.mode is not Mode.COAST:
+        speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
+    begins_m = max(ahead.curve_begins_m(state.s_m, speeds_mps) - state.ahead_m, state.s_m)
+    before_m = state.s_m + following[0].way_m if following else math.inf
+    brake: Instruction | None
+    if following and following[0].mode in BRAKES:
+        begins_m, brake, after = min(begins_m, before_m), following[0], following[1:]
+    else:
+        brake = brakes.brake_at(begins_m, speeds_mps) if begins_m < before_m - BEGUN_M else None
+        after, foreseen = following[:1], foreseen._replace(as_shown=False)
+    if brake is None:
+        return following
+    in_s = foreseen.time_s(begins_m)
+    if not foreseen.as_shown or now.mode not in TRACTION:  # Who rolls or holds a speed may be there sooner.
+        in_s = min(in_s, ahead.ahead_s(state.s_m, v_mps, speeds_mps, begins_m))
+    return (replace(brake, way_m=begins_m - state.s_m, in_s=in_s), *after)
+
+
+def _after_brake(
+    following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState
+) -> tuple[Instruction, ...]:
+    """What follows a brake does so when its speed is reached; another brake where the train may be further ahead."""
+    if not following:
+        return following
+    first = following[0]
+    if first.mode in BRAKES:
+        sooner_s = state.ahead_m / max(state.v_mps, 1.0)
+        way_m, in_s = max(first.way_m - state.ahead_m, 0.0), max(first.in_s - sooner_s, 0.0)
+        return (replace(first, way_m=way_m, in_s=in_s), *following[1:])
+    lasts_s, lasts_m = brakes.lasts(now, state)
+    late = any(one.way_m <= lasts_m or one.in_s <= lasts_s for one in following[1:])
+    if first.in_s >= lasts_s or late:
+        return following
+    return (replace(first, way_m=lasts_m, in_s=lasts_s), *following[1:])
+
+
+def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) -> tuple[Instruction, ...]:
+    """The next changes, none to a speed above the limit where it leads: of a brake or of coasting, where that ends."""
+    kept = []
+    for k, one in enumerate(following):
+        ends = k + 1 < len(following) and one.mode in (*BRAKES, Mode.COAST)
+        ways_m = one.way_m, following[k + 1].way_m if ends else one.way_m
+        nodes = np.searchsorted(section.node_m, s_m + BEGUN_M + np.array(ways_m), side="right")
+        first, last = np.clip(nodes - 1, 0, len(section.limit_mps) - 1)
+        limit_mps = float(section.limit_mps[first : last + 1].max())
+        kept.append(replace(one, speed_mps=limit_mps) if one.speed_mps > limit_mps else one)
+    return tuple(kept)
+
+
+def _announced(schedule: Schedule, number: int) -> Instruction:
+    """An instruction as it is shown before it is due."""
+    one = schedule.phases[number]
+    # It leads to no higher speed than the limit where it begins, even if a higher one is allowed before it ends.
+    target = min(aim_mps(schedule, number, schedule.begin_m(number)), float(schedule.section.limit_mps[one.begin]))
+    if one.kind is NotchKind.TRACTION:
+        return traction(one.share, target)
+    if one.kind is NotchKind.BRAKE:
+        return announced_brake(schedule, number, target)
+    if one.kind is NotchKind.COAST:
+        return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+    return Instruction(mode=Mode.CRUISE, speed_mps=target)
+
+
+def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
+    """The speed that a phase leads to, no higher than what is allowed on its way; where it slows the train, at its end.
+
+    The schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does.
+    """
+    section, one = schedule.section, schedule.phases[number]
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
+    slows = one.kind in (NotchKind.BRAKE, NotchKind.COAST)
+    highest = section.envelope_mps[end] if slows else section.envelope_mps[first : end + 1].max()
+    return float(min(one.target_mps, highest))
+
+
+def traction(share: float, target_mps: float) -> Instruction:
+    """An acceleration with a share of the traction."""
+    mode = Mode.FULL_TRACTION if share >= FULL_RATIO else Mode.REDUCED_TRACTION
+    return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)
