@@ -27,7 +27,8 @@ def braked_enough(
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
     if force_n > 0.0 and gained_mps2 > GAINS_MPS2:
         # A driver who is late with the brake after this traction must not be too fast by then.
-        if ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * LATE_S, LATE_S):
+        until_s = NEXT_S + LATE_S
+        if ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * until_s, until_s):
             return Mode.COAST, 0.0
         # Nor must who leaves this traction late be above the limit by then.
         room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / LATE_S

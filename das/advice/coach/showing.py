@@ -110,6 +110,9 @@ class Showing:
         ends_mps = float(np.interp(phase_ends_m, schedule.section.node_m, schedule.section.envelope_mps))
         brakes_on = wanted.mode in BRAKES and self._shown.mode in BRAKES  # Nobody releases the brake in between.
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
+        safe = now if now is wanted else self._brakes.safe(now, state, schedule.speed_at(state.s_m))
+        if safe is not now:  # What stands must be as safe as what is new.
+            now, self._shown, self._since_ns, urgent = safe, safe, state.now_ns, True
         due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
         kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it still stands.
         end_m = min(phase_ends_m, self._brakes.ends_m(now, state, phase))
@@ -165,7 +168,7 @@ class Showing:
         lead = self._settings.lead
         leads = {
             NotchKind.COAST: lead.coasting_s,
-            NotchKind.BRAKE: lead.braking_s,
+            NotchKind.BRAKE: lead.astray_s if schedule.phases[here].kind is NotchKind.TRACTION else lead.braking_s,
             NotchKind.TRACTION: lead.accelerating_s if after.target_mps <= place.limit_mps else 0.0,
         }
         if schedule.phases[here].kind is NotchKind.BRAKE and after.kind is not NotchKind.BRAKE:
@@ -224,7 +227,8 @@ class Showing:
         stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
         slows = target > SAME_MPS  # A train that is nearly at its speed brakes on to it.
         may_roll = v_mps > target + settings.above_mps if slows else v_mps >= settings.brake.last_mps or stands_short
-        if self._back == 0 and eased < settings.brake.early_ratio and may_roll:
+        has_begun = state.s_m >= schedule.begin_m(number)
+        if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
             self._back = ROLLS
         elif self._back < 0 and eased > settings.brake.again_ratio:
             self._back = 0

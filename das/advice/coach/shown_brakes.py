@@ -114,10 +114,11 @@ class ShownBrakes:
     def safe(self, wanted: Instruction, state: TrainState, known_mps: float) -> Instruction:
         """The instruction, or the brake that limits and the stop ahead ask for, where it asks for less.
 
-        A train above the speed of the reference, `known_mps`, is shown it sooner.
+        A train that accelerates, or is above the speed of the reference, `known_mps`, is shown it sooner.
         """
         ahead, lead, v_mps = self.ahead, self._settings.lead, state.v_mps
-        lead_s = lead.braking_s if v_mps <= known_mps + SAME_MPS else lead.astray_s
+        on_time = v_mps <= known_mps + SAME_MPS and wanted.mode not in TRACTION
+        lead_s = lead.braking_s if on_time else lead.astray_s
         lead_s, soon_mps = max(lead_s, CREEPS_M / max(v_mps, 1.0)), v_mps
         if wanted.mode in (*TRACTION, Mode.COAST):
             soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
