@@ -302,7 +302,9 @@ class Display:
         """In how many whole seconds a train in one of the modes needs full brakes; inf: not while this is valid."""
         if four is Mode.FULL_BRAKE:
             return math.inf
-        state, planner, valid_s = scene.state, scene.planner, math.ceil(self._settings.display.valid_for_s)
+        planner, valid_s = scene.planner, math.ceil(self._settings.display.valid_for_s)
+        feared_m = planner.ahead.feared_m(scene.state.braked_m)
+        state = scene.state._replace(ahead_m=feared_m - scene.state.s_m)
         full = 1.0 if four is Mode.FULL_TRACTION else 0.0
         gained_mps2 = max(planner.ahead.accelerates_mps2(full, state.s_m, state.v_mps), 0.0)
         for due_s in range(valid_s):

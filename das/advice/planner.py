@@ -145,7 +145,7 @@ class Planner:
 
     def brakes_late(self, state: TrainState, v_mps: float, within_s: float) -> bool:
         """Whether full brakes after so long at a speed are too late for what limits and the stop ask for ahead."""
-        section, from_m = self.section, self.ahead.feared_m(state.braked_m)
+        section, from_m = self.section, state.braked_m
         lowest_w = braking_kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
         return math.sqrt(lowest_w) < min(v_mps, self.allowed_mps(state.s_m)) - BEGINS_MPS
 
