@@ -13,6 +13,7 @@ from das.advice.above_plan import braked_enough, kept_behind
 from das.advice.advice import Advice, Source
 from das.advice.cause import Withdrawal
 from das.advice.coach.coaching import Coaching
+from das.advice.four_modes import FourModes
 from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.passing import PassingTarget, time_at
 from das.advice.plan import Floats, Place, Plan
@@ -288,52 +289,15 @@ class Display:
         if self._four_mode is not planned:
             after, after_s = planned, following.time_s
         held_mps = min(place.speed_mps, scene.state.v_mps - excess_mps)
-        safe = self._safe_four_mode(self._four_mode, shown, scene, held_mps, excess_mps)
-        then = self._safe_four_mode(after, after, scene, held_mps, excess_mps)
+        found = FourModes(self._settings.display, scene.planner, scene.state, held_mps, excess_mps)
+        safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
         if safe is not self._four_mode or safe is Mode.FULL_BRAKE or then is not after:
             after, after_s = then, max(after_s, self._settings.display.valid_for_s)
-        due_s = self._full_brake_due_s(safe, scene, held_mps)
+        due_s = found.full_brake_due_s(safe)
         if due_s < after_s:
             after, after_s = Mode.FULL_BRAKE, due_s
         self._four_mode = safe
         return safe, _Change(after, math.nan, after_s)
-
-    def _full_brake_due_s(self, four: Mode, scene: Scene, held_mps: float) -> float:
-        """In how many whole seconds a train in one of the modes needs full brakes; inf: not while this is valid."""
-        if four is Mode.FULL_BRAKE:
-            return math.inf
-        planner, valid_s = scene.planner, math.ceil(self._settings.display.valid_for_s)
-        feared_m = planner.ahead.feared_m(scene.state.braked_m)
-        state = scene.state._replace(ahead_m=feared_m - scene.state.s_m)
-        full = 1.0 if four is Mode.FULL_TRACTION else 0.0
-        gained_mps2 = max(planner.ahead.accelerates_mps2(full, state.s_m, state.v_mps), 0.0)
-        for due_s in range(valid_s):
-            soon_mps = max(state.v_mps, held_mps) if four is Mode.CRUISE else state.v_mps + gained_mps2 * (due_s + 1)
-            if planner.brakes_late(state, soon_mps, due_s + 1.0):
-                return float(due_s)
-        return math.inf
-
-    def _safe_four_mode(self, four: Mode, mode: Mode, scene: Scene, held_mps: float, excess_mps: float) -> Mode:
-        """The mode of four, or what limits and the stop ahead ask for: a weak brake is not shown as coasting then."""
-        state, planner, settings = scene.state, scene.planner, self._settings.display
-        v_mps, too_fast = state.v_mps, excess_mps > settings.overspeed_named_mps
-        pulls, rolls = four is Mode.FULL_TRACTION, four is Mode.COAST or too_fast
-        gained_mps2 = planner.ahead.accelerates_mps2(1.0 if pulls else 0.0, state.s_m, v_mps)
-        gained_mps = max(gained_mps2, 0.0) * settings.valid_for_s
-        before_s = (
-            settings.four_before_s if v_mps > settings.four_slow_mps else settings.four_before_m / max(v_mps, 0.1)
-        )
-        soon_mps = max(v_mps, held_mps) if four is Mode.CRUISE else v_mps
-        late = planner.brakes_late(state, soon_mps + (gained_mps if rolls else 0.0), before_s)
-        if late or (too_fast and mode not in (Mode.CRUISE, Mode.COAST)):
-            return Mode.FULL_BRAKE
-        if pulls and (planner.brakes_late(state, v_mps + gained_mps, before_s) or too_fast):
-            return Mode.COAST
-        if pulls and excess_mps + gained_mps > settings.overspeed_named_mps:
-            return Mode.CRUISE  # All traction would soon carry the train above the limit.
-        if rolls and excess_mps + gained_mps > 0.0 and gained_mps2 * settings.coasts_in_s > -excess_mps:
-            return Mode.CRUISE  # Coasting would not come down to the limit.
-        return four
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The advised speed in whole steps, held within a band, never above what is allowed."""

@@ -240,13 +240,15 @@ def test_a_train_that_moves_up_to_its_stop_is_not_told_to_depart(front: Front) -
 
 
 def test_full_brake_is_no_more_than_the_train_brakes_with() -> None:
-    """Where a file bounds the deceleration and leaves the brakes' force open."""
+    """Where a file bounds the deceleration and leaves the brakes' force open; the resistance brakes as well."""
     brakes = {"friction_brake_force_n": 5e6, "brake_policy": BrakePolicy.BLENDED, "max_deceleration_mps2": 1.1}
     train = replace(load_vehicle("re460-ic"), **brakes)
-    fast = solve_front(build_section(load_route("flat-6km"), train))
+    section = build_section(load_route("flat-6km"), train)
+    fast = solve_front(section)
     _, advice = advisor_at(fast, 5_999.5, 3.0, now_s=200.0, arrival_s=240.0)
     assert advice.reason == "stop here"
-    assert -advice.advised_force_n == pytest.approx(1.1 * train.inertial_mass_kg)
+    slowed_n = section.resistance_n(5_999.5, 3.0)
+    assert -advice.advised_force_n + slowed_n == pytest.approx(1.1 * train.inertial_mass_kg)
     all_n = float(train.electric_brake_effort_n(3.0)) + 5e6
     assert advice.advised_force_ratio == pytest.approx(advice.advised_force_n / all_n)
 

@@ -29,7 +29,9 @@ def test_a_train_that_may_be_further_ahead_is_allowed_what_holds_there() -> None
     """The curve before the lower limit falls: by its deceleration over the way that it may be ahead."""
     s_m, ahead_m = 3900.0, 60.0
     here, there = (PLANNER.allowed_for(TrainState(0, s_m, 20.0, way_m)) for way_m in (0.0, ahead_m))
-    assert there == pytest.approx(PLANNER.allowed_mps(s_m + ahead_m))
+    planned_m = USUAL.of(TRAIN).deviation_m
+    assert planned_m > 0.0
+    assert there == pytest.approx(PLANNER.allowed_mps(s_m + ahead_m + planned_m))
     assert there < here - 0.5
 
 
