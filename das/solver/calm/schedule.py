@@ -37,6 +37,8 @@ MOST_UNSAID_S = 0.5
 """Limits ahead may ask the run of a schedule for a brake that no phase says for no longer than this (s)."""
 SAYINGS = 3
 """Phases are made to say what their run does so many times; then they hardly change any more."""
+SHORTER = (1.0, 0.4, 0.0)
+"""Where a train would stall without its short phases, those are left in that last longer than these shares of it."""
 ON_CURVE_MPS = 0.05
 """A brake to a speed this near (m/s) to what the braking curve comes to there follows the curve."""
 
@@ -286,20 +288,33 @@ def scheduled(
 
 def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) -> Scheduled:
     """The schedule of a run, with coasting begun so much earlier that it is not early."""
+    s_m, v_mps = float(run.state.node_m[0]), run.state.speed_mps
+    best = _unhurried(_settled(run, settings), time_s, s_m, v_mps, settings)
+    if best[1].time_s < time_s - settings.early_s:
+        best = _slower(best, time_s, s_m, v_mps, settings)
+    return Scheduled(*best, run.lambda_w)
+
+
+def _settled(run: CalmRun, settings: ScheduleSettings) -> tuple[Schedule, Prospect]:
+    """The schedule of a run without its short phases, and what keeping to it comes to.
+
+    Where the train would stall without a short acceleration before a hill, shorter and shorter phases are left in.
+    """
     state, section = run.state, run.state.section
     first = len(section.step_m) - len(state.step_m)
     speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
     raw = Schedule(
-        section=section,
-        phases=phases_of(run, first, settings),
-        known=KnownRun(speeds, np.zeros_like(speeds)),
-        back_share=settings.back_share,
+        section=section, phases=(), known=KnownRun(speeds, np.zeros_like(speeds)), back_share=settings.back_share
     )
-    s_m, v_mps = float(state.node_m[0]), state.speed_mps
-    best = _unhurried(raw.settled(s_m, v_mps), time_s, s_m, v_mps, settings)
-    if best[1].time_s < time_s - settings.early_s:
-        best = _slower(best, time_s, s_m, v_mps, settings)
-    return Scheduled(*best, run.lambda_w)
+    stalls: InfeasibleError | None = None
+    for share in SHORTER:
+        phases = phases_of(run, first, replace(settings, least_s=share * settings.least_s))
+        try:
+            return replace(raw, phases=phases).settled(float(state.node_m[0]), state.speed_mps)
+        except InfeasibleError as error:
+            stalls = error
+    assert stalls is not None
+    raise stalls
 
 
 def _unhurried(

@@ -10,6 +10,7 @@ import pytest
 
 from das.domain.route import Restriction
 from das.domain.units import KMH
+from das.solver.calm.calm import solve_calm
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase
 from das.solver.calm.schedule import Schedule, Scheduled, known_run, on_section, scheduled, topped
@@ -29,6 +30,8 @@ from tests.support.calm import (
     schedules,
     section_of,
 )
+from tests.support.making import make_route
+from tests.support.small_trips import TRAIN
 
 pytestmark = pytest.mark.slow
 RUNS = [(which, buffer) for which in BUNDLED for buffer in BUFFERS]
@@ -351,3 +354,14 @@ def test_a_schedule_that_leaves_the_brake_to_the_limits_does_not_say_its_brakes(
     said = silent.as_run(0.0, 0.0)
     assert said.says_its_brakes
     assert said.schedule.phases[-1].kind is NotchKind.BRAKE
+
+
+def test_an_acceleration_without_which_the_train_stalls_on_a_hill_is_left_in() -> None:
+    """It lasts less than 10 s, and without it the schedule would only coast to the hill."""
+    hill = make_route(4000.0, [(0.0, 25.0)], [(0.0, 0.0), (3000.0, 0.014), (3400.0, 0.0)])
+    front = solve_calm(build_section(hill, TRAIN))
+    s_m, v_mps = 2700.0, 11.0
+    asked_s = 1.3 * front.run(1.0, s_m, v_mps).time_s
+    found = scheduled(front, asked_s, s_m, v_mps)
+    assert found.schedule.phases[found.schedule.number_at(s_m)].kind is NotchKind.TRACTION
+    assert found.forecast.time_s == pytest.approx(asked_s, abs=1.0)
