@@ -25,19 +25,20 @@ def braked_enough(
     """Mode and force (N), or those of the brake that limits and the stop ask of a train above its plan, or too fast."""
     ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
-    if force_n > 0.0 and gained_mps2 > GAINS_MPS2:
+    pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2
+    if pulls:
         # A driver who is late with the brake after this traction must not be too fast by then.
         until_s = NEXT_S + LATE_S
-        if ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * until_s, until_s):
-            return Mode.COAST, 0.0
-        # Nor must who leaves this traction late be above the limit by then.
-        room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / LATE_S
-        too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
-        return mode, max(force_n - too_much_n, 0.0)
+        if not ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * until_s, until_s):
+            # Nor must who leaves this traction late be above the limit by then.
+            room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / until_s
+            too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
+            return mode, max(force_n - too_much_n, 0.0)
+        mode, force_n = Mode.COAST, 0.0
     rolls_above = state.v_mps > allowed_mps and gained_mps2 > 0.0
     back = too_fast or rolls_above
     effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if back else 0.0
-    above = too_fast or state.v_mps > planned_mps + ABOVE_MPS
+    above = too_fast or pulls or state.v_mps > planned_mps + ABOVE_MPS
     within_s, more_ratio = (LATE_S, BRAKED_MORE) if above else (NEXT_S, 1.0)
     if ahead.is_due(state.braked_m, state.v_mps, within_s):
         effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)

@@ -33,10 +33,8 @@ BACK_IN_S = 4.0
 """A train above a limit is braked so hard that it is below it after so long (s)."""
 LEAST_MPS2 = 0.02
 """A speed that a train comes down to at less than this deceleration (m/s²) is not near yet."""
-SEEN_M = 25.0
-"""A driver sees the mark of a stop that is nearer than this (m): a position known worse than planned counts no more,"""
 AT_MARK_M = 10.0
-"""and nearer than this to it the planned deviation counts no more either."""
+"""A driver sees the mark of a stop that is nearer than this (m): where else the train may be counts no more."""
 RIVALS = 0.8
 """Among the speeds ahead those that ask for at least this share of the largest deceleration are looked at closely."""
 

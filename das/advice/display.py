@@ -176,8 +176,10 @@ class Display:
         too_fast = excess_mps > self._settings.display.overspeed_named_mps
         mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
         following = self._next_change(plan, mode, state, place)
-        four, next_four = self._four_modes(plan, mode, scene, following, excess_mps)
         advised = min(place.speed_mps, allowed)
+        shown_mps = self.displayed(advised, allowed)
+        found = FourModes(self._settings.display, planner, state, max(advised, shown_mps), excess_mps)
+        four, next_four = self._four_modes(plan, mode, found, following)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         deviation_s = (arrival_ns - goal.arrival_ns) * NS
@@ -188,7 +190,7 @@ class Display:
             speed_mps=state.v_mps,
             mode=mode,
             advised_speed_mps=advised,
-            display_speed_mps=self.displayed(advised, allowed),
+            display_speed_mps=shown_mps,
             reduced_max_speed_mps=_top_speed_mps(scene),
             four_mode=four,
             next_four_mode=next_four.mode,
@@ -275,26 +277,24 @@ class Display:
             return _Change(Mode(planned), wait_s * place.speed_mps, wait_s)
         return found
 
-    def _four_modes(
-        self, plan: Plan, shown: Mode, scene: Scene, following: _Change, excess_mps: float
-    ) -> tuple[Mode, _Change]:
+    def _four_modes(self, plan: Plan, shown: Mode, found: FourModes, following: _Change) -> tuple[Mode, _Change]:
         """What a display of four modes shows: the mode now, and the next one, as far as both are safe."""
-        place = plan.at(scene.state.s_m)
+        place = plan.at(found.state.s_m)
         planned = Mode(int(plan.four_modes[place.interval]))
         if shown == plan.modes[place.interval] or self._four_mode is Mode.NONE:
             self._four_mode = planned
+        elif self._four_mode is Mode.FULL_BRAKE and shown in (Mode.CRUISE, Mode.COAST):
+            self._four_mode = shown  # Full brakes are not held where the other displays brake no more.
         change = int(plan.next_four_change[place.interval])
         after = Mode(int(plan.four_modes[change])) if change < len(plan.modes) else Mode.STOP
         after_s = float(plan.solution.trajectory.t_s[change]) - place.time_s
         if self._four_mode is not planned:
             after, after_s = planned, following.time_s
-        held_mps = min(place.speed_mps, scene.state.v_mps - excess_mps)
-        found = FourModes(self._settings.display, scene.planner, scene.state, held_mps, excess_mps)
         safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
         if safe is not self._four_mode or safe is Mode.FULL_BRAKE or then is not after:
             after, after_s = then, max(after_s, self._settings.display.valid_for_s)
         due_s = found.full_brake_due_s(safe)
-        if due_s < after_s:
+        if due_s < after_s or (due_s < math.inf and after is not Mode.FULL_BRAKE):
             after, after_s = Mode.FULL_BRAKE, due_s
         self._four_mode = safe
         return safe, _Change(after, math.nan, after_s)

@@ -13,7 +13,7 @@ from das.advice.settings import DisplaySettings
 class FourModes(NamedTuple):
     """What a train in a state may be told by four modes: all traction, a speed to hold, coasting and full brakes.
 
-    `held_mps` is the speed that it holds, `excess_mps` how much faster it is than allowed (m/s).
+    `held_mps` is the highest speed that it may be told to hold, `excess_mps` how much faster it is than allowed (m/s).
     """
 
     settings: DisplaySettings

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from das.advice import wording
 from das.advice.advice import Advice, Timetable
-from das.advice.braking import SEEN_M
+from das.advice.braking import AT_MARK_M
 from das.advice.cause import Withdrawal
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching
@@ -161,7 +161,7 @@ class Leg:
         section, stop = self.section, self._settings.stop
         s_m = max(here.s_m, section.start_m)
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m
-        ahead_m = min(stop.deviations * here.position_sd_m - planned_m, section.end_m - SEEN_M - s_m)
+        ahead_m = min(stop.deviations * here.position_sd_m - planned_m, section.end_m - AT_MARK_M - s_m)
         return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -12,6 +12,9 @@ REACTION_S = 1.0
 """A driver begins with a change that was announced this long after it is due (assumption)."""
 DEVIATION_M = 5.0
 """The true position is within this of the estimate: two deviations of a good localisation (assumption)."""
+
+SERVICE_SHARE = 0.9
+"""Brakes in service use at most this share of the largest deceleration that a train may have (assumption)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,15 +53,13 @@ class SiteBraking:
     def of(self, vehicle: Vehicle) -> ServiceBraking:
         """The braking to plan a train with."""
         service = vehicle.service_brake
-        found = ServiceBraking(
-            deceleration_mps2=service.deceleration_mps2,
+        asked = service.deceleration_mps2 if self.deceleration_mps2 is None else self.deceleration_mps2
+        return ServiceBraking(
+            deceleration_mps2=min(asked, SERVICE_SHARE * vehicle.max_deceleration_mps2),
             build_up_s=service.build_up_s,
             reaction_s=self.reaction_s,
             below_limit_mps=self.below_limit_mps,
         )
-        if self.deceleration_mps2 is None:
-            return found
-        return replace(found, deceleration_mps2=self.deceleration_mps2)
 
 
 USUAL = SiteBraking()

@@ -34,8 +34,9 @@ def line_of(seen: Seen) -> str:
     state, advice = seen.state, seen.advice
     text = (
         f"{seen.second:5.0f} s {state.s_m:7.1f} m {state.speed_mps:6.2f} m/s {state.acceleration_mps2:+5.2f} | "
-        f"est {advice.s_m:7.1f} m {advice.speed_mps:6.2f} | {advice.mode.name:16s} v {advice.advised_speed_mps:6.2f} "
-        f"F {advice.advised_force_n / 1e3:+7.1f} kN lim {advice.limit_mps:5.2f} top {advice.reduced_max_speed_mps:5.2f}"
+        f"est {advice.s_m:7.1f} m {advice.speed_mps:6.2f} | {advice.mode.name:16s} 4 {advice.four_mode.name:13s} "
+        f"v {advice.advised_speed_mps:6.2f} F {advice.advised_force_n / 1e3:+7.1f} kN lim {advice.limit_mps:5.2f} "
+        f"top {advice.reduced_max_speed_mps:5.2f}"
     )
     if advice.coach is not None:
         now = advice.coach.now

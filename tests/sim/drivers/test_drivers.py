@@ -397,7 +397,7 @@ def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
     case = zug_luzern
     human = HumanDriver(case.line, HumanParameters(notches=notches, lapses_per_h=0.0), seed=5)
     run = case.ride(human, case.advise(presentation) if presentation is not Presentation.NONE else None)
-    assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=8.0)
+    assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=10.0)
     assert case.excess_mps(run) < 1.0
     assert run.arrival_s == pytest.approx(case.time_s, abs=60.0)
     assert case.plant.ledger(run.states[0], run.states[-1]).residual_ratio < 1e-6
