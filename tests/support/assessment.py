@@ -13,7 +13,7 @@ from das.cab.fronts import Fronts
 from sim.drivers.kinds import Presentation
 from tests.support.advice_judge import MOVES_MPS, DayJudge, Judge, Problem
 from tests.support.assessed_day import AssessedDay, NeverArrivedError, Seen, Stood
-from tests.support.drawn_day import LINES, Drawn, Operators, Style, draw, write_files
+from tests.support.drawn_day import LINES, Drawn, Operators, Style, Upset, draw, write_files
 
 LAST_WORD = "last word:"
 """The text of an event begins so where the second check has changed an advice."""
@@ -111,9 +111,11 @@ def _add_stood(verdict: Verdict, of_day: DayJudge, stood: Stood) -> None:
 def _count(verdict: Verdict, seen: Seen) -> None:
     advised = seen.advice.cause is Cause.NONE
     verdict.counts["advised" if advised else seen.advice.cause.label] += 1
-    if seen.state.speed_mps > MOVES_MPS:
+    careless = verdict.drawn.style is Style.CARELESS
+    passed = careless and seen.advice.cause is Cause.PAST_STOP  # He did not look in time.
+    if seen.state.speed_mps > MOVES_MPS and not passed:
         verdict.moving_s += 1
-        shown = seen.obeyed if verdict.drawn.style is not Style.CARELESS else advised
+        shown = advised if careless else seen.obeyed
         verdict.advised_s += shown
 
 
@@ -143,7 +145,9 @@ def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Proble
     if acts and drawn.clean:
         found.append(Problem("last-word", acts[0][0], len(acts), f"{acts[0][0]:.0f} s: {acts[0][1]}"))
     usable = any(one.usable for one in said.estimates)
-    if usable and abs(drawn.sensors.gain - 1.0) > WRONG_GAIN:
+    # A wrong speed hides a wrong gain: force and acceleration are too small alike.
+    seen = drawn.sensors.upset is not Upset.WRONG_SPEED
+    if usable and seen and abs(drawn.sensors.gain - 1.0) > WRONG_GAIN:
         text = f"forces with a gain of {drawn.sensors.gain:.2f} were trusted: {said.estimates[-1]}"
         found.append(Problem("trusted-gain", 0.0, abs(drawn.sensors.gain - 1.0), text))
     share = verdict.advised_s / max(verdict.moving_s, 1)
