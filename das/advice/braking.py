@@ -107,14 +107,17 @@ class BrakingAhead:
         return max(float(nodes[first + reached - 1]), s_m)
 
     def rolling_mps(self, s_m: float, v_mps: float) -> Floats:
-        """The speeds at all nodes ahead of a train in a state that coasts, with its running resistance of now."""
+        """The speeds at all nodes ahead of a train in a state that coasts."""
         section, here = self.section, self._interval(s_m)
-        running_n = section.resistance_n(s_m, v_mps) - section.constant_n[here]
+        train, speeds = section.train, np.full(len(section.node_m) - here - 1, v_mps)
         step_m = section.step_m[here:].copy()
         step_m[0] = section.node_m[here + 1] - s_m
-        lost_j = np.cumsum((running_n + section.constant_n[here:]) * step_m)
-        w: Floats = np.maximum(v_mps**2 - 2.0 * lost_j / section.train.inertial_mass_kg, 0.0)
-        return np.sqrt(w)
+        for _ in range(2):  # First with the running resistance of now, then with that of the speeds found so.
+            per_w_n = train.c2_n_per_mps2 + section.tunnel_n_per_mps2[here:]
+            running_n = train.c0_n + train.c1_n_per_mps * speeds + per_w_n * speeds**2
+            lost_j = np.cumsum((running_n + section.constant_n[here:]) * step_m)
+            speeds = np.sqrt(np.maximum(v_mps**2 - 2.0 * lost_j / train.inertial_mass_kg, 0.0))
+        return speeds
 
     def ahead_s(self, s_m: float, v_mps: float, speeds_mps: Floats, to_m: float) -> float:
         """The time (s) to a place of a train in a state that has these speeds at the nodes ahead."""

@@ -82,7 +82,7 @@ class DisplaySettings:
     the brakes build up."""
     four_slow_mps: float = 4.0
     """A train slower than this is shown it"""
-    four_before_m: float = 5.0
+    four_before_m: float = 8.0
     """this way before, so that it does not stand further than that from its mark."""
     coasts_in_s: float = 5.0
     """A train above a limit coasts down to it in this time, or else is told to hold it, or to brake."""

@@ -178,7 +178,8 @@ class Leg:
             return advice
         ahead, state = self.planner.ahead, scene.state
         largest = advice.advised_force_n / min(ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
-        effort = min(max(needed, shown), largest)
+        least = self._settings.coach.showing.brake.step_ratio
+        effort = min(max(needed, shown, least), largest)
         force_n = ahead.force_n(effort, state.s_m, state.v_mps)
         return replace(advice, coach=self._coach.brakes(effort, force_n, reason))
 

@@ -82,11 +82,11 @@ def in_time(
     """
     if now.mode in BRAKES:
         return _after_brake(following, now, brakes, state)
-    ahead, v_mps = brakes.ahead, state.v_mps
-    speeds_mps = ahead.rolling_mps(state.s_m, v_mps)
+    ahead, v_mps, from_m = brakes.ahead, state.v_mps, state.s_m + now.way_m
+    speeds_mps = ahead.rolling_mps(from_m, v_mps)
     if now.mode is not Mode.COAST:
         speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
-    begins_m = max(ahead.curve_begins_m(state.s_m, speeds_mps) - state.ahead_m, state.s_m)
+    begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     before_m = state.s_m + following[0].way_m if following else math.inf
     brake: Instruction | None
     if following and following[0].mode in BRAKES:
@@ -98,7 +98,7 @@ def in_time(
         return following
     in_s = foreseen.time_s(begins_m)
     if not foreseen.as_shown or now.mode not in TRACTION:  # Who rolls or holds a speed may be there sooner.
-        in_s = min(in_s, ahead.ahead_s(state.s_m, v_mps, speeds_mps, begins_m))
+        in_s = min(in_s, now.in_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m))
     return (replace(brake, way_m=begins_m - state.s_m, in_s=in_s), *after)
 
 

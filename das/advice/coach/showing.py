@@ -116,11 +116,11 @@ class Showing:
         due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
         kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it still stands.
         end_m = min(phase_ends_m, self._brakes.ends_m(now, state, phase))
-        foreseen = foreseen._replace(as_shown=_alike(now, planned))
-        following = self._following(now, number - kept_on, end_m, state, foreseen)
         too_fast = state.v_mps > place.allowed_mps + self._settings.limit.overspeed_mps
         if due_m > 0 and not (too_fast or urgent or kept_on):
             now = replace(now, way_m=due_m, in_s=foreseen.time_s(schedule.begin_m(number)))
+        foreseen = foreseen._replace(as_shown=_alike(now, planned))
+        following = self._following(now, number - kept_on, end_m, state, foreseen)
         return ShownNow(
             now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
             self._brakes.force_n(now, state), self._brakes.force_n(self._brakes.unrounded(now), state),
@@ -282,7 +282,9 @@ class Showing:
     def _eased(self, shown: Instruction, wanted: Instruction, state: TrainState) -> bool:
         """Whether a brake is far too strong, or beyond the train by now: all brakes, where the motors are enough."""
         assert self._brakes is not None
-        half = wanted.mode in BRAKES and wanted.effort_ratio > self._settings.brake.eased_ratio * shown.effort_ratio
+        if wanted.mode not in BRAKES:
+            return shown.speed_mps <= SAME_MPS and self._brakes.stands_short(shown, state)
+        half = wanted.effort_ratio > self._settings.brake.eased_ratio * shown.effort_ratio
         enough = wanted.mode in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE)
         if shown.mode is not Mode.FRICTION_BRAKE:
             return half

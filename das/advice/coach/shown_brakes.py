@@ -78,6 +78,11 @@ class ShownBrakes:
         time_s = max(v_mps - now.speed_mps, 0.0) / max(rate_mps2, LEAST_MPS2)
         return time_s, 0.5 * (v_mps + now.speed_mps) * time_s
 
+    def stands_short(self, now: Instruction, state: TrainState) -> bool:
+        """Whether a train that brakes on to a standstill would stand clearly before the stop."""
+        short_m = self.ahead.section.end_m - state.s_m - self.lasts(now, state)[1]
+        return short_m > self._settings.brake.short_m
+
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
         """Where a brake ends (m) that limits ask for, and that is not the whole of the phase."""
         if now.mode not in BRAKES or (phase.kind is NotchKind.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
