@@ -82,8 +82,10 @@ class DisplaySettings:
     the brakes build up."""
     four_slow_mps: float = 4.0
     """A train slower than this is shown it"""
-    four_before_m: float = 8.0
-    """this way before, so that it does not stand further than that from its mark."""
+    four_before_m: float = 5.0
+    """this way before, so that it does not stand further than that from its mark,"""
+    four_least_s: float = 2.0
+    """but no later than so long before: a driver acts so much later."""
     coasts_in_s: float = 5.0
     """A train above a limit coasts down to it in this time, or else is told to hold it, or to brake."""
     speed_step_mps: float = 1.0 * KMH

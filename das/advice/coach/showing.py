@@ -282,13 +282,13 @@ class Showing:
     def _eased(self, shown: Instruction, wanted: Instruction, state: TrainState) -> bool:
         """Whether a brake is far too strong, or beyond the train by now: all brakes, where the motors are enough."""
         assert self._brakes is not None
+        if -shown.effort_ratio > max(self._brakes.ahead.largest(state.v_mps), 1.0) + SAME_EFFORT:
+            return True
         if wanted.mode not in BRAKES:
             return shown.speed_mps <= SAME_MPS and self._brakes.stands_short(shown, state)
-        half = wanted.effort_ratio > self._settings.brake.eased_ratio * shown.effort_ratio
-        enough = wanted.mode in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE)
-        if shown.mode is not Mode.FRICTION_BRAKE:
-            return half
-        return enough or -shown.effort_ratio > self._brakes.ahead.largest(state.v_mps) + SAME_EFFORT
+        if shown.mode is Mode.FRICTION_BRAKE:
+            return wanted.mode is not Mode.FRICTION_BRAKE
+        return wanted.effort_ratio > self._settings.brake.eased_ratio * shown.effort_ratio
 
 
 def _alike(one: Instruction, other: Instruction) -> bool:
