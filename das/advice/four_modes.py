@@ -32,8 +32,9 @@ class FourModes(NamedTuple):
         rolls = four is Mode.COAST or too_fast
         gained_mps2 = self._gained_mps2(four)
         gained_mps = max(gained_mps2, 0.0) * settings.valid_for_s
-        slowly_s = max(settings.four_before_m / max(v_mps, 0.1), settings.four_least_s)
-        before_s = slowly_s if v_mps <= settings.four_slow_mps else settings.four_before_s
+        four_settings = settings.four
+        slowly_s = max(four_settings.before_m / max(v_mps, 0.1), four_settings.least_s)
+        before_s = slowly_s if v_mps <= four_settings.slow_mps else four_settings.before_s
         soon_mps = max(v_mps, self.held_mps) if four is Mode.CRUISE else v_mps
         late = planner.brakes_late(state, soon_mps + (gained_mps if rolls else 0.0), before_s)
         if late or (too_fast and mode not in (Mode.CRUISE, Mode.COAST)):

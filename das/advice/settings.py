@@ -64,6 +64,20 @@ class PlanSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FourModeSettings:
+    """How much before full brakes are needed a display of four modes shows them."""
+
+    before_s: float = 4.0
+    """So long: an advice is valid for 3 s, and the brakes build up."""
+    slow_mps: float = 4.0
+    """A train slower than this is shown them"""
+    before_m: float = 5.0
+    """this way before, so that it does not stand further than that from its mark,"""
+    least_s: float = 2.0
+    """but no later than so long before: a driver acts so much later."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class DisplaySettings:
     """What an advice holds and how steady it is."""
 
@@ -77,15 +91,7 @@ class DisplaySettings:
     """A train that arrives earlier than this is told where to wait; one later than this, how late it is."""
     missed_named_s: float = 1.0
     """A train that passes a point later after the end of its window than this is told so."""
-    four_before_s: float = 4.0
-    """A display of four modes shows the brake so long before full brakes are needed: an advice is valid for 3 s, and
-    the brakes build up."""
-    four_slow_mps: float = 4.0
-    """A train slower than this is shown it"""
-    four_before_m: float = 5.0
-    """this way before, so that it does not stand further than that from its mark,"""
-    four_least_s: float = 2.0
-    """but no later than so long before: a driver acts so much later."""
+    four: FourModeSettings = field(default_factory=FourModeSettings)
     coasts_in_s: float = 5.0
     """A train above a limit coasts down to it in this time, or else is told to hold it, or to brake."""
     speed_step_mps: float = 1.0 * KMH

@@ -18,10 +18,9 @@ from das.solver.calm.schedule import (
     Prospect,
     Schedule,
     Scheduled,
-    schedule_in_time,
-    scheduled,
     topped,
 )
+from das.solver.calm.scheduling import schedule_in_time, scheduled
 from das.solver.section import Section
 from das.solver.state import State
 

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
 from das.solver.calm.as_run import phases_as_run, with_all_brakes, with_one_brake
-from das.solver.calm.calm import CalmFront, CalmRun
 from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import BRAKES, Phase, phases_of
+from das.solver.calm.phases import Phase
 from das.solver.calm.run_at_nodes import RunAtNodes
-from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.calm_follow import follow
 from das.solver.kernels.calm_polish import cost_of_time
 from das.solver.kernels.forces import electric_limit
@@ -37,8 +35,6 @@ MOST_UNSAID_S = 0.5
 """Limits ahead may ask the run of a schedule for a brake that no phase says for no longer than this (s)."""
 SAYINGS = 3
 """Phases are made to say what their run does so many times; then they hardly change any more."""
-SHORTER = (1.0, 0.4, 0.0)
-"""Where a train would stall without its short phases, those are left in that last longer than these shares of it."""
 ON_CURVE_MPS = 0.05
 """A brake to a speed this near (m/s) to what the braking curve comes to there follows the curve."""
 
@@ -55,7 +51,6 @@ class Prospect(NamedTuple):
     unsaid_s: float
 
 
-DEFAULT = ScheduleSettings()
 LATE_RATIO = 3.0
 """A second of being late costs so many times the price of time,"""
 EARLY_RATIO = 0.7
@@ -264,102 +259,6 @@ class Scheduled(NamedTuple):
         return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, prices))
 
 
-def scheduled(
-    front: CalmFront, time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings = DEFAULT
-) -> Scheduled:
-    """The schedule from a state that takes `time_s`, or as little as a calm run can.
-
-    Short phases that are left out make a run later: then one that takes less time is made into the schedule.
-    Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
-    """
-    asked_s, best = time_s, None
-    for _ in range(settings.rounds):
-        run = front.run(asked_s, s_m, v_mps)
-        found = schedule_in_time(run, time_s, settings)
-        if best is None or found.cost_j(time_s) < best.cost_j(time_s):
-            best = found
-        late_s = found.forecast.time_s - time_s
-        if late_s <= settings.late_s or run.time_s > asked_s:
-            break
-        asked_s -= late_s
-    assert best is not None
-    return best
-
-
-def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) -> Scheduled:
-    """The schedule of a run, with coasting begun so much earlier that it is not early."""
-    s_m, v_mps = float(run.state.node_m[0]), run.state.speed_mps
-    best = _unhurried(_settled(run, settings), time_s, s_m, v_mps, settings)
-    if best[1].time_s < time_s - settings.early_s:
-        best = _slower(best, time_s, s_m, v_mps, settings)
-    return Scheduled(*best, run.lambda_w)
-
-
-def _settled(run: CalmRun, settings: ScheduleSettings) -> tuple[Schedule, Prospect]:
-    """The schedule of a run without its short phases, and what keeping to it comes to.
-
-    Where the train would stall without a short acceleration before a hill, shorter and shorter phases are left in.
-    """
-    state, section = run.state, run.state.section
-    first = len(section.step_m) - len(state.step_m)
-    speeds = np.concatenate((np.full(first, state.speed_mps), run.speeds_mps))
-    raw = Schedule(
-        section=section, phases=(), known=KnownRun(speeds, np.zeros_like(speeds)), back_share=settings.back_share
-    )
-    stalls: InfeasibleError | None = None
-    for share in SHORTER:
-        phases = phases_of(run, first, replace(settings, least_s=share * settings.least_s))
-        try:
-            return replace(raw, phases=phases).settled(float(state.node_m[0]), state.speed_mps)
-        except InfeasibleError as error:
-            stalls = error
-    assert stalls is not None
-    raise stalls
-
-
-def _unhurried(
-    found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
-) -> tuple[Schedule, Prospect]:
-    """A schedule and its forecast from a state, with coasting begun so much earlier that it does not arrive early."""
-    raw, best = found[0], found
-    low, high = 0.0, 1.0
-    for _ in range(settings.tries):
-        if best[1].time_s >= time_s - settings.near_s:
-            break
-        share = 0.5 * (low + high)
-        try:
-            tried = _coasting_earlier(raw, share * settings.reach_m, settings.least_s).settled(s_m, v_mps)
-        except InfeasibleError:  # Coasting so early, the train would stand.
-            high = share
-            continue
-        if tried[1].time_s > time_s + settings.near_s:
-            high = share
-        else:
-            low, best = share, tried
-    return best
-
-
-def _slower(
-    found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
-) -> tuple[Schedule, Prospect]:
-    """The schedule with a highest speed that is low enough for the time."""
-    schedule = found[0]
-    highest = max(one.target_mps for one in schedule.phases)
-    low, high, best = settings.lowest_top_ratio * highest, highest, found
-    for _ in range(settings.tries):
-        middle = 0.5 * (low + high)
-        try:
-            tried = topped(schedule, middle).settled(s_m, v_mps)
-        except InfeasibleError:
-            low = middle
-            continue
-        if tried[1].time_s > time_s + settings.near_s:
-            low = middle
-        else:
-            high, best = middle, tried
-    return best
-
-
 def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Schedule:
     """The schedule with no higher speed than this, up to an interval of the section (by default everywhere)."""
     last = len(schedule.at) if before is None else before
@@ -372,23 +271,6 @@ def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Sch
         else:
             found.append(one)
     return replace(schedule, phases=tuple(found))
-
-
-def _coasting_earlier(schedule: Schedule, by_m: float, least_s: float) -> Schedule:
-    """The schedule with every stretch of coasting that follows another phase begun earlier by a distance (m).
-
-    The phase before still lasts `least_s` on the schedule's run, unless it is a brake.
-    """
-    node_m, moved = schedule.section.node_m, list(schedule.phases)
-    since_s = schedule.known.time_to_go_s[0] - schedule.known.time_to_go_s
-    for i in range(1, len(moved)):
-        if moved[i].kind is NotchKind.COAST:
-            least = moved[i - 1].begin + 1
-            if moved[i - 1].kind not in BRAKES:
-                least = max(least, int(np.searchsorted(since_s, since_s[moved[i - 1].begin] + least_s)))
-            begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
-            moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
-    return replace(schedule, phases=tuple(moved))
 
 
 def on_section(schedule: Schedule, section: Section) -> Schedule:

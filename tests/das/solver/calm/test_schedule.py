@@ -13,7 +13,8 @@ from das.domain.units import KMH
 from das.solver.calm.calm import solve_calm
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase
-from das.solver.calm.schedule import Schedule, Scheduled, known_run, on_section, scheduled, topped
+from das.solver.calm.schedule import Schedule, Scheduled, known_run, on_section, topped
+from das.solver.calm.scheduling import scheduled
 from das.solver.calm.settings import ScheduleSettings
 from das.solver.kernels.forces import electric_limit
 from das.solver.section import Section, build_section
