@@ -139,9 +139,7 @@ class ShownBrakes:
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
         if needed.effort > 0.0:
-            first = wanted.mode in BRAKES and needed.target_mps < wanted.speed_mps < v_mps - self._settings.reached_mps
-            # What is braked for first is not forgotten where what comes later asks for a little more.
-            return self.shown(needed._replace(target_mps=wanted.speed_mps) if first else needed, state)
+            return self.shown(needed, state)
         if wanted.mode not in TRACTION:
             return wanted
         return Instruction(mode=Mode.COAST, speed_mps=min(wanted.speed_mps, needed.target_mps), effort_ratio=0.0)
