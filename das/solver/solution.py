@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.losses import LossMap
 from das.domain.route import NEUTRAL
 from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
 from das.solver.line_profile import LineProfile
@@ -40,7 +42,7 @@ class Solution:
 
     `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`); it is computed when it is first
     asked for, and `bound_j`, `gap_ratio` and `gap_reason` are read from it. `proven` is one that is known already, from
-    `das.solver.bound.certificate.tightened`. `table_bound_j` is the least energy in this time as the solver's table of
+    `tightened`. `table_bound_j` is the least energy in this time as the solver's table of
     values knows it. It bounds the runs of the table from below, but not the run itself, which is integrated more
     finely: `table_gap_ratio` can be negative.
     """
@@ -64,6 +66,11 @@ class Solution:
     def time_s(self) -> float:
         """Duration of the trajectory (s)."""
         return self.trajectory.time_s
+
+    @property
+    def saves_time(self) -> bool:
+        """Whether the trajectory is the run of least energy, which ends before the time that was asked for."""
+        return self.fit is Fit.EARLY
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -94,6 +101,18 @@ class Solution:
 
     def _above(self, bound_j: float) -> float:
         return (self.ledger.input - bound_j) / max(abs(self.ledger.input), 1.0)
+
+
+def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
+    """The solution with a bound that is searched for during about `tight_s` seconds more.
+
+    That raises the bound of a loss map (`docs/explanation/bounds.md`); without a map the solution stays as it is.
+    """
+    from das.solver.bound.certificate import certificate
+
+    if not isinstance(solution.section.loss, LossMap):
+        return solution
+    return replace(solution, proven=certificate(solution, tight_s))
 
 
 def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajectory:

@@ -111,7 +111,7 @@ def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tup
 def _with_bound(answer: Solution, bound_s: float) -> Solution:
     """The answer with its bound proven, after a search of about `bound_s` seconds for a tight one."""
     if bound_s > 0:
-        from das.solver.bound.certificate import tightened
+        from das.solver.solution import tightened
 
         with busy("proving the bound …"):
             answer = tightened(answer, bound_s)

@@ -5,7 +5,7 @@ from das.command_line.entry import start
 
 def main() -> None:
     """Entry point of das-sim."""
-    start("sim.cli.commands")
+    start("sim.cli.program")
 
 
 if __name__ == "__main__":

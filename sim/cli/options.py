@@ -15,24 +15,7 @@ DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
 TripArgument = Annotated[
     Path, typer.Argument(metavar="TRIP", help="Recorded trip: CSV, GPX, or a recording (.mcap) of das-sim.")
 ]
-LineOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--line",
-        metavar="CSV",
-        help="Kilometre posts with latitude and longitude, to which GPS points are matched [default: the route's map].",
-    ),
-]
-OfTrainOption = Annotated[
-    str | None,
-    typer.Option(
-        "--of-train", metavar="NAME", help="Which train, where the recording holds several.", show_default=False
-    ),
-]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.mcap) to read.")]
-SpeedOption = Annotated[
-    str, typer.Option("--speed", metavar="TIMES", help="How many times real time; or real, or max (no waiting).")
-]
 DriverOption = Annotated[
     str,
     typer.Option(
@@ -90,31 +73,12 @@ ScenarioArgument = Annotated[
 InProcessOption = Annotated[
     bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
 ]
-ParticipantOption = Annotated[
-    int | None,
-    typer.Option(
-        "--participant",
-        metavar="N",
-        min=0,
-        help="Human driver number N of the population, the same on every day [default: the seed draws the driver].",
-        show_default=False,
-    ),
-]
 ParticipantsOption = Annotated[
     str | None,
     typer.Option(
         "--participants",
         metavar="LIST",
         help="Human drivers of the population, like 1-30, each on every day [default: the seed draws the driver].",
-        show_default=False,
-    ),
-]
-PopulationOption = Annotated[
-    str | None,
-    typer.Option(
-        "--population",
-        metavar="FILE",
-        help="From whom participants are drawn: a TOML file [default: the bundled population].",
         show_default=False,
     ),
 ]

@@ -18,7 +18,6 @@ from das.command_line.printing import paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
 from das.domain.files.writing import write_whole
-from sim.cli.shared import progress_bar
 from sim.experiment.design import ConditionOrder, Days, Design
 from sim.experiment.driving import service_of
 from sim.experiment.files import KEY_HASH, LEAST_PARTICIPANTS
@@ -26,6 +25,7 @@ from sim.experiment.freezing import resolved
 from sim.experiment.sensing import Sensed, SensingTest
 from sim.experiment.setting import Setting
 from sim.experiment.trials import StudyTrial, imbalances, trials_of
+from sim.progress import progress_bar
 from sim.world.loop import AFTER_S, BEFORE_S
 
 if TYPE_CHECKING:

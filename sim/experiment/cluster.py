@@ -15,10 +15,10 @@ from typing import Final
 from das.domain.errors import DasError
 from precompute.tables.cluster import WorkerDiffersError, check_workers, connected, submitted_results
 from precompute.tables.environment import differences, environment
-from sim.batch.plan import code_sha256
 from sim.experiment.freezing import setting_files
 from sim.experiment.jobs import DrivenTrial, Keep, TrialJob, worked_off
 from sim.experiment.setting import Setting
+from sim.jobs.plan import code_sha256
 
 ONE_AT_A_TIME: Final = Lock()
 """A worker with several threads drives one trial at a time, because its solved lines are shared."""

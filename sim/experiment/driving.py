@@ -10,13 +10,13 @@ from typing import Final, NamedTuple
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.batch.memory import ServiceMemory
 from sim.drivers.kinds import Presentation
 from sim.drivers.population import Participant, Population, load_population
 from sim.experiment.driven import Driven
 from sim.experiment.setting import Setting
 from sim.experiment.trace import WatchedDriver
 from sim.experiment.trials import StudyTrial
+from sim.jobs.memory import ServiceMemory
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World

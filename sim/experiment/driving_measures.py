@@ -11,11 +11,11 @@ import numpy as np
 
 from das.advice.modes import Mode
 from das.domain.units import KMH
+from sim.drive.stability import REVERSAL_S
 from sim.drivers.cab import AdviceView, Presentation
 from sim.drivers.diary import DriverEvent
 from sim.experiment.driven import Driven
 from sim.world.loop import TICK_S
-from sim.world.restlessness import REVERSAL_S
 
 BAND_MPS: Final = 3.0 * KMH
 """Speeds this near to what is shown are in band."""

@@ -15,7 +15,6 @@ from mcap.reader import make_reader
 
 from das import __version__
 from das.domain.errors import DasError
-from sim.batch.plan import code_sha256
 from sim.drivers.population import load_population
 from sim.experiment.design import Design
 from sim.experiment.driving import LINES_KEPT, TrialCall, TrialRecording, drive
@@ -24,6 +23,7 @@ from sim.experiment.measures import measured
 from sim.experiment.setting import Setting
 from sim.experiment.trial_files import events_file, recording_file, series_file, setting_file, trial_files
 from sim.experiment.trials import StudyTrial, trials_of
+from sim.jobs.plan import code_sha256
 from sim.recording.inputs import sha256
 from sim.world.service import PLANNED
 

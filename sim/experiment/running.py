@@ -18,16 +18,17 @@ from das import __version__
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
-from sim.batch.journal import Journal
-from sim.batch.plan import code_sha256
-from sim.batch.pool import worked
-from sim.cli.shared import progress_bar, typed_command
 from sim.experiment.cluster import worked_on_cluster
 from sim.experiment.design import Design
 from sim.experiment.files import CHECKSUMS, FAILED_TABLE, KEY_HASH, PROVENANCE, TRIALS_TABLE
 from sim.experiment.freezing import resolved
 from sim.experiment.jobs import DrivenTrial, TrialJob, in_order_of_work, is_finished, worked_off
 from sim.experiment.study_files import checksums, study_files, trials_table
+from sim.jobs.journal import Journal
+from sim.jobs.plan import code_sha256
+from sim.jobs.pool import worked
+from sim.progress import progress_bar
+from sim.recording.metadata import typed_command
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,14 +11,14 @@ from typing import Any, Final
 
 from das.advice.modes import Mode, mode_name
 from das.domain.units import NS
+from sim.drive.export.columns import Column, DataTable
+from sim.drive.export.writing import as_parquet
 from sim.drivers.shown import Shown
 from sim.experiment.describing import EVENT_COLUMNS, NO_UNIT, SERIES_COLUMNS, Sidecar
 from sim.experiment.driven import Driven
 from sim.experiment.factors import FACTORS
 from sim.experiment.setting import Setting
 from sim.experiment.trials import StudyTrial
-from sim.export.columns import Column, DataTable
-from sim.export.writing import as_parquet
 
 MISSING_TEXT: Final = "n/a"
 """What BIDS writes for a missing value."""

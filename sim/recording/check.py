@@ -19,7 +19,7 @@ from das.bus.recording import Recording, Stamped, recording_of
 from das.bus.topics import TOPICS
 from das.cab.outputs import NodeState
 from das.domain.units import NS
-from sim.events.clock import DriveClock
+from sim.recording.clock import DriveClock
 from sim.recording.findings import CheckFinding, CheckKind, find, is_session, to_recorder_s, versions
 from sim.recording.rates import Rate, rate_of
 

@@ -11,8 +11,8 @@ from das.bus.recorder import message_time_ns
 from das.bus.recording import Recording, Stamped
 from das.bus.topics import Topic
 from das.domain.errors import DasError
-from sim.events.clock import DriveClock
-from sim.review.series import DrivenCourse
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse
 
 WHOLE: Final = (topics.JOURNEY, topics.PLAN)
 """Topics that keep all messages before the part: a journey holds for all of it, and so may the first plan."""
@@ -21,7 +21,7 @@ HELD: Final = (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS)
 
 
 def part_of(recording: Recording, start: str | None, end: str | None) -> Recording:
-    """The part of a recording between two times as a user writes them (`sim.events.clock.FORMS`); None: its ends.
+    """The part of a recording between two times as a user writes them (`sim.recording.clock.FORMS`); None: its ends.
 
     Raises DasError for a text that is no time, and where the train has no position in between.
     """

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.domain.units import NS, kwh
-from sim.accounts.account import Account, LegAccount
-from sim.accounts.causes import EnergyCause
+from sim.drive.attribution.account import Account, LegAccount
+from sim.drive.attribution.causes import EnergyCause
 from sim.review.colors import Meaning
 from sim.review.lanes import COST, Change, Lane
 from sim.review.series import Found

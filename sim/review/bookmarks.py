@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from sim.events.chronicle import Chronicle
-from sim.events.event import DriveEvent, EventKind
+from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.event import DriveEvent, EventKind
 from sim.review.colors import Meaning
 
 ROUTINE: Final = (

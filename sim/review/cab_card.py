@@ -11,8 +11,8 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, PERCENT, kmh
 from sim.drivers.cab import Presentation
-from sim.outside.messages import SHOWN
-from sim.review.series import DrivenCourse
+from sim.drivers.messages import SHOWN
+from sim.recording.course import DrivenCourse
 
 NOTHING: Final = "## No advice is shown"
 DEPART: Final = "depart when cleared"

@@ -10,10 +10,11 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sim.events.clock import DriveClock
+from sim.drive.happenings import Happening, Span, where_and_when
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse, Floats, Times
 from sim.review.colors import Meaning, Theme
-from sim.review.happenings import Happening, Span, where_and_when
-from sim.review.series import STYLES, DrivenCourse, Floats, Times
+from sim.review.series import STYLES
 
 KINDS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
 """What the colours of marks mean, by kind of happening; others are in the colour of the ink."""

@@ -8,9 +8,10 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, KMH
+from sim.recording.course import Floats, Times
 from sim.review.canvas import SMALL, Panel, bands, curve, legend, marks, name_stops, share_x
 from sim.review.colors import Meaning, Theme
-from sim.review.series import FirstPlans, Floats, Times
+from sim.review.series import FirstPlans
 from sim.review.story import Story
 
 PANELS: Final = (

@@ -15,8 +15,9 @@ import rerun as rr
 
 from das.bus import topics
 from das.domain.units import KM, KMH
+from sim.recording.course import Floats
 from sim.review.colors import VIEWER, Meaning, rgba
-from sim.review.series import STYLES, FirstPlans, Floats
+from sim.review.series import STYLES, FirstPlans
 from sim.review.story import Story
 from sim.review.timelines import Timelines
 

@@ -13,9 +13,10 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.bus import topics
 from das.bus.recording import Stamped
 from das.domain.units import KMH, NS
-from sim.events.advice_events import place_text
-from sim.events.chronicle import Chronicle
-from sim.events.event import DriveEvent
+from sim.drive.events.advice_events import place_text
+from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.event import DriveEvent
+from sim.recording.course import Floats, Times
 from sim.review.account_view import AccountView
 from sim.review.bookmarks import COLORS, bookmarks
 from sim.review.cab_card import cards
@@ -23,7 +24,7 @@ from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.distance_view import send_distance
 from sim.review.lanes import Lane, lane_entity
 from sim.review.layout import ENERGY
-from sim.review.series import STYLES, Floats, MapTrack, Times
+from sim.review.series import STYLES, MapTrack
 from sim.review.story import Story
 from sim.review.summary import summary
 from sim.review.timelines import Timelines

@@ -16,7 +16,8 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KN, NS, PERMILLE, kwh
-from sim.review.series import DrivenCourse, Found, MapTrack
+from sim.recording.course import DrivenCourse
+from sim.review.series import Found, MapTrack
 
 NOTHING: Final[Found] = {}
 
@@ -46,8 +47,8 @@ def filled_in(recording: Recording, trip: DrivenCourse) -> FilledIn:
 
 def _estimated(recording: Recording, trip: DrivenCourse) -> FilledIn:
     from das.solver.section import build_section
-    from sim.accounts.inputs import inputs_of
-    from sim.accounts.motion import motion_of
+    from sim.drive.attribution.inputs import inputs_of
+    from sim.drive.attribution.motion import motion_of
     from sim.trips.estimate import estimate_run
 
     inputs, motion = inputs_of(recording), motion_of(recording)

@@ -9,10 +9,10 @@ from typing import Any, Final, NamedTuple
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM
+from sim.drive.happenings import NOT_HEARD, Span, signals, silences
+from sim.drive.stops import AtStop, at_stops
+from sim.recording.course import DrivenCourse
 from sim.review.colors import DEVIATION_COLOR, MODES, TOP_SPEED_COLOR, Meaning, Theme
-from sim.review.happenings import NOT_HEARD, Span, signals, silences
-from sim.review.series import DrivenCourse
-from sim.review.stops import AtStop, at_stops
 
 STATES: Final = {
     "advising": Meaning.ADVISED,

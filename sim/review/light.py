@@ -17,7 +17,7 @@ from sim.review.canvas import name_stops
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 
 if TYPE_CHECKING:
-    from sim.compare.aligned import AlignedDrives
+    from sim.drive.comparison.aligned import AlignedDrives
 
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Styles of lines that are beside each other, in their order."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    from sim.events.chronicle import Chronicle
+    from sim.drive.events.chronicle import Chronicle
     from sim.review.story import Story
 
 APPLICATION = "das-review"
@@ -89,7 +89,7 @@ class ReviewView:
     @classmethod
     def of(cls, recording: Recording, *, with_map: bool = False) -> ReviewView:
         """The view of a recording; DasError for one without positions."""
-        from sim.events.chronicle import Chronicle
+        from sim.drive.events.chronicle import Chronicle
         from sim.review.story import Story
 
         return cls(
@@ -120,7 +120,7 @@ class ReviewView:
 
     def send_account(self, out: rr.RecordingStream) -> None:
         """Find where the energy went, and send that, or why it is not known."""
-        from sim.accounts.account import account_of
+        from sim.drive.attribution.account import account_of
         from sim.review.account_view import AccountView
         from sim.review.entities import send_account, send_no_account
         from sim.review.timelines import Timelines

@@ -9,12 +9,13 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.units import KMH
-from sim.events.clock import DriveClock
+from sim.drive.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
+from sim.drive.limits import TemporaryLimit, limit_in_force, temporary_limits
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse
 from sim.review.filling import filled_in
-from sim.review.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
 from sim.review.lanes import Lane, lanes
-from sim.review.limits import TemporaryLimit, limit_in_force, temporary_limits
-from sim.review.series import DrivenCourse, Found, MapTrack, on_trip, series
+from sim.review.series import Found, MapTrack, on_trip, series
 
 FROM_ADVICE: Final = (
     "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",

@@ -8,8 +8,8 @@ from textwrap import wrap
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kwh
-from sim.recording.saving import saving_rows
-from sim.review.restlessness import recorded_restlessness
+from sim.drive.recorded_saving import saving_rows
+from sim.drive.recorded_stability import recorded_restlessness
 from sim.world.disturbances import NOTHING
 from sim.world.report import restlessness_rows
 

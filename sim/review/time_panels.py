@@ -10,14 +10,15 @@ import numpy as np
 from matplotlib.patches import Patch
 
 from das.domain.units import KMH, NS, kwh
-from sim.events.clock import minutes
+from sim.drive.stops import at_stops
+from sim.recording.clock import minutes
+from sim.recording.course import Floats, Times
 from sim.review.account_view import CostSpan
 from sim.review.canvas import SMALL, Along, Panel, bands, curve, legend, marks, name_stops, share_x
 from sim.review.colors import Meaning, Theme
 from sim.review.distance_panels import restricted, speed_axis
 from sim.review.lanes import WAY, Lane
-from sim.review.series import BUFFER_PERCENT, STYLES, Floats, Times
-from sim.review.stops import at_stops
+from sim.review.series import BUFFER_PERCENT, STYLES
 from sim.review.story import Story
 
 TITLES: Final = {

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from sim.events.clock import DriveClock
-from sim.review.series import DrivenCourse, Times
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse, Times
 
 DRIVE_CLOCK, TIME_OF_DAY, POSITION = "drive_clock", "time_of_day", "position_m"
 """Names of the timelines: time on the drive's clock, time of day (UTC), position on the route (m)."""

@@ -72,7 +72,7 @@ def _with_costs(story: Story) -> tuple[Story, tuple[CostSpan, ...]]:
 
     They are left out where it is not known where the energy went, as of a recording without a line or a train.
     """
-    from sim.accounts.account import account_of
+    from sim.drive.attribution.account import account_of
     from sim.review.account_view import AccountView
 
     try:

@@ -23,15 +23,15 @@ from das.domain.route import Restriction
 from das.domain.units import KM, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.accounts.account import Account, account_with
-from sim.accounts.causes import EnergyCause
-from sim.accounts.inputs import DriveInputs
-from sim.accounts.likely import LikelyRange, likely_range
-from sim.replay.job import prepare
-from sim.replay.options import ReplayOptions
-from sim.replay.replay import replay
+from sim.drive.attribution.account import Account, account_with
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.inputs import DriveInputs
+from sim.drive.attribution.likely import LikelyRange, likely_range
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 from sim.review.light import INK, LINES, legend, light_figure, named
+from sim.runs.replay.job import prepare
+from sim.runs.replay.options import ReplayOptions
+from sim.runs.replay.replay import replay
 from sim.study.page import write_table
 from sim.trips.options import TripOptions
 

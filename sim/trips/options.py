@@ -15,7 +15,7 @@ from das.command_line.options import (
     StrictOption,
     ToOption,
 )
-from sim.cli.options import LineOption, OfTrainOption
+from sim.options import LineOption, OfTrainOption
 
 
 @dataclass(frozen=True, kw_only=True)

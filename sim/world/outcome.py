@@ -10,12 +10,12 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
+from sim.drive.stability import Restlessness
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.hindsight import fronts_of_braking, hindsight, true_fronts
 from sim.world.loop import Counts, Run
-from sim.world.restlessness import Restlessness
 from sim.world.safety import Violations
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")

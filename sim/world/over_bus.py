@@ -20,24 +20,24 @@ from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from das.solver.solution import Fit
+from sim.drive.stability import Restlessness
 from sim.drivers.cab import Driver, Presentation
 from sim.drivers.diary import KINDS, DriverEvent
 from sim.drivers.kinds import DriverName, FrictionPolicy
+from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
 from sim.drivers.screen import ScreenSettings
-from sim.outside.external import ExternalDriver
-from sim.outside.messages import CabLook, cab_message
-from sim.processes.crew import Crew
-from sim.processes.lockstep import Lockstep, Traffic
-from sim.processes.messages import happened, location
 from sim.recording.inputs import sha256
 from sim.trips.saving import why_not_comparable
 from sim.world.day import Day
 from sim.world.disturbances import described
+from sim.world.external.external import ExternalDriver
 from sim.world.hindsight import hindsight, true_fronts
 from sim.world.link import Tick, Told
 from sim.world.loop import BEFORE_S, Progress, Run, World
-from sim.world.restlessness import Restlessness
+from sim.world.processes.crew import Crew
+from sim.world.processes.lockstep import Lockstep, Traffic
+from sim.world.processes.messages import happened, location
 from sim.world.screen_text import screen_metadata
 from sim.world.service import Service, scenario_files
 

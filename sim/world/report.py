@@ -12,11 +12,11 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.conditions import Conditions
 from das.domain.units import kmh, kwh
+from sim.drive.stability import Restlessness
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind
 from sim.world.calls import KeptCall
 from sim.world.outcome import SHARES, DayResult, shares
-from sim.world.restlessness import Restlessness
 
 STOP_LEGEND: Final = {
     "due, arrived, departed": "minutes and seconds since the timetable's first departure",

@@ -14,16 +14,16 @@ from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
-from sim.export.command import export
+from sim.cli.check import check
+from sim.cli.export import export
+from sim.cli.recover import recover
+from sim.cli.replay import bundled_recording
+from sim.cli.reproduce import reproduce
+from sim.cli.trip import trip
+from sim.cli.view import view
 from sim.recording import opening
-from sim.recording.check_command import check
-from sim.recording.recover_command import recover
-from sim.replay.command import bundled_recording
-from sim.replay.job import prepare
-from sim.replay.options import ReplayOptions
-from sim.reproduce.command import reproduce
-from sim.review.command import view
-from sim.trips.command import trip
+from sim.runs.replay.job import prepare
+from sim.runs.replay.options import ReplayOptions
 from tests.support.reference_recordings import FOLDER
 
 FLIPS = 100

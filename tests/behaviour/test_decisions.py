@@ -11,13 +11,13 @@ import pytest
 from das.bus.das_pb2 import Decision
 from das.bus.recording import read_recording
 from das.domain.units import NS
-from sim.batch.plan import Batch
-from sim.batch.worker import work
+from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.event import EventKind
 from sim.drivers.diary import KINDS
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.events.chronicle import Chronicle
-from sim.events.event import EventKind
+from sim.jobs.plan import Batch
+from sim.jobs.worker import work
 from sim.world.day import make_day
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import read_scenario

@@ -16,6 +16,7 @@ import pytest
 from das.advice.advice import Advice
 from das.advice.modes import Mode
 from das.domain.units import KMH
+from sim.drive.stability import ShownWatch
 from sim.drivers.cab import Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.parameters import HumanParameters
@@ -24,7 +25,6 @@ from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Tick
 from sim.world.loop import Run, World
-from sim.world.restlessness import ShownWatch
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service
 

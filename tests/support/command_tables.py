@@ -18,7 +18,7 @@ import das.node.command
 import das.node.tls_command
 import das.recorder.command
 import precompute.cli.program
-import sim.cli.commands
+import sim.cli.program
 from das.command_line.application import Group, single_command
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "commands.md"
@@ -32,7 +32,7 @@ def commands() -> dict[str, TyperCommand]:
     found: dict[str, TyperCommand] = {}
     for entry in precompute.cli.program.COMMANDS:
         found[f"das-precompute {entry.name}"] = entry.load()
-    for entry in sim.cli.commands.ENTRIES:
+    for entry in sim.cli.program.ENTRIES:
         if isinstance(entry, Group):
             found |= {f"das-sim {entry.name} {one.name}": one.load() for one in entry.entries()}
         else:

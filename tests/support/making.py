@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 import precompute.cli.program
-import sim.cli.commands
+import sim.cli.program
 from das.command_line.entry import EXIT_INTERRUPTED, STOP_SIGNALS
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import LOSSLESS, Level, LossModel
@@ -122,7 +122,7 @@ def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]
 
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run das-sim in a folder, within this process; a node, a recorder and workers are still processes of their own."""
-    return _run_here(sim.cli.commands.main, sim.cli.commands.__file__, args, cwd)
+    return _run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:

@@ -20,11 +20,10 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stretches, Zone
 from das.domain.units import KMH, KWH
 from das.domain.vehicle import Vehicle
-from das.solver.bound.certificate import tightened
 from das.solver.front import Front
 from das.solver.refinement import refined, warm_up_refinement
 from das.solver.section import build_section
-from das.solver.solution import Solution
+from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up
 from tests.das.solver.test_solver import pose_reference

@@ -12,16 +12,16 @@ from das.bus import codec
 from das.bus.recording import Recording, Stamped
 from das.bus.topics import CAB, LOG, TRUTH
 from das.cab.heard import Heard
-from sim.accounts.inputs import DriveInputs
+from sim.drive.attribution.inputs import DriveInputs
 from sim.drivers.cab import AdviceView, CabView, Driver, Presentation
-from sim.outside.messages import CabLook, cab_message
+from sim.drivers.messages import CabLook, cab_message
 from sim.plant.plant import Command, speed
-from sim.processes.messages import happened
 from sim.world.day import Day
 from sim.world.in_process import TRAIN, InProcess
 from sim.world.link import Tick, Told
 from sim.world.loop import BEFORE_S, World
 from sim.world.over_bus import _truth
+from sim.world.processes.messages import happened
 
 
 class KeptInProcess(InProcess):

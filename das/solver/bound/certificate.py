@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
+from das.domain.trajectory import Ledger, Trajectory
 from das.solver import tolerances as tol
 from das.solver.bound.ahead import behind_fastest, fastest_is_ahead
 from das.solver.bound.cells import SETTINGS as TIGHT
@@ -18,9 +19,7 @@ from das.solver.bound.planes import efficiency_planes
 from das.solver.bound.relaxation import Task
 from das.solver.bound.search import proven, proven_for_map
 from das.solver.line_profile import LineProfile
-
-if TYPE_CHECKING:
-    from das.solver.solution import Solution
+from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +41,43 @@ class Certificate:
     reason: str = ""
 
 
-def certificate(solution: Solution, tight_s: float = 0.0) -> Certificate:
+class BoundedRun(Protocol):
+    """What is known of a run that is to be bounded, as a `das.solver.solution.Solution` has it."""
+
+    @property
+    def section(self) -> Section:
+        """Line, train and losses."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The run."""
+
+    @property
+    def ledger(self) -> Ledger:
+        """Where its energy goes (J)."""
+
+    @property
+    def time_s(self) -> float:
+        """How long it takes (s)."""
+
+    @property
+    def requested_s(self) -> float:
+        """The time that was asked for (s)."""
+
+    @property
+    def saves_time(self) -> bool:
+        """Whether it is the run of least energy, and ends before the time that was asked for."""
+
+    @property
+    def lambda_w(self) -> float:
+        """Its price of time (W)."""
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it keeps the limits and the speed at the end."""
+
+
+def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
     """The certificate of a solution; 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
     With a loss map, a search of about `tight_s` seconds more can raise the bound (see `das.solver.bound.cells`); with
@@ -50,7 +85,7 @@ def certificate(solution: Solution, tight_s: float = 0.0) -> Certificate:
     for the time that was asked for.
     """
     allowed_s = solution.time_s
-    if solution.fit == "early":
+    if solution.saves_time:
         allowed_s = max(allowed_s, solution.requested_s)
     reason = _unkept(solution)
     task = task_of(solution, allowed_s)
@@ -68,17 +103,7 @@ def certificate(solution: Solution, tight_s: float = 0.0) -> Certificate:
     return Certificate(bound_j=bound_j, allowed_s=allowed_s)
 
 
-def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
-    """The solution with a bound that is searched for during about `tight_s` seconds more.
-
-    That raises the bound of a loss map (`docs/explanation/bounds.md`); without a map the solution stays as it is.
-    """
-    if not isinstance(solution.section.loss, LossMap):
-        return solution
-    return replace(solution, proven=certificate(solution, tight_s))
-
-
-def _raised_j(task: Task, solution: Solution, bound_j: float, tight_s: float) -> float:
+def _raised_j(task: Task, solution: BoundedRun, bound_j: float, tight_s: float) -> float:
     """The bound (J) that cells of speeds prove in a time (s), or the one given where that is higher or good enough."""
     loss, energy_j = task.section.loss, solution.ledger.input
     if not isinstance(loss, LossMap) or energy_j - bound_j <= TIGHT.enough_ratio * abs(energy_j):
@@ -96,7 +121,7 @@ def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:
     return proven(task, efficiency_planes(loss, task.line.supply), lambda_w).bound_j
 
 
-def task_of(solution: Solution, allowed_s: float) -> Task:
+def task_of(solution: BoundedRun, allowed_s: float) -> Task:
     """What is to be bounded for a solution: every run from its state that takes at most a time (s)."""
     run, section = solution.trajectory, solution.section
     line = LineProfile(
@@ -112,7 +137,7 @@ def task_of(solution: Solution, allowed_s: float) -> Task:
     return Task(section=section, line=line, envelope_mps=envelope, speeds_mps=run.v_mps, allowed_s=allowed_s)
 
 
-def _unkept(solution: Solution) -> str:
+def _unkept(solution: BoundedRun) -> str:
     """Which condition of the proof a run does not keep; empty where it keeps them all."""
     section, speeds = solution.section, solution.trajectory.v_mps
     if (speeds > section.envelope_mps[-len(speeds) :] + tol.SPEED_TOLERANCE_MPS).any():

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-import sim.report
+import sim.review.report
 from das import __version__
 from sim.experiment.analysis import figures, study_words, words
 from sim.experiment.analysis.checks import SURE
@@ -22,7 +22,10 @@ TEMPLATE: Final = "page.html.j2"
 
 def page(found: StudyFindings) -> str:
     """The page as HTML, which needs nothing besides itself."""
-    folders = [Path(__file__).parent, Path(sim.report.__path__[0])]  # the second has the style that all pages share
+    folders = [
+        Path(__file__).parent,
+        Path(sim.review.report.__path__[0]),
+    ]  # the second has the style that all pages share
     environment = Environment(
         loader=FileSystemLoader(folders), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )

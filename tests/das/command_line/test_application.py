@@ -20,7 +20,7 @@ from das.command_line.running import run_app
 from das.domain.errors import DasError
 from das.domain.levels import Level
 from precompute.cli.program import COMMANDS
-from sim.cli import commands as sim_commands
+from sim.cli import program as sim_commands
 from tests.support.making import in_a_process
 
 Run = Callable[..., tuple[int, str, str]]

@@ -26,8 +26,8 @@ from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
+from sim.cli.drivers import DRIVERS
 from sim.drivers.cab import AdviceView, CabView, Driver, PostedRestriction, Presentation, lever_ratio, present
-from sim.drivers.command import DRIVERS
 from sim.drivers.diary import DriverEvent
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge

@@ -20,13 +20,13 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from sim.batch.journal import Journal
 from sim.drivers.screen import ScreenSettings
 from sim.experiment.design import Design, read_design
 from sim.experiment.factors import FACTORS
 from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.experiment.jobs import Keep, TrialJob, jobs_of, worked_off
 from sim.experiment.running import Workers, run_study
+from sim.jobs.journal import Journal
 from sim.world.screen_text import screen_metadata
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim

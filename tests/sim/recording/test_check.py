@@ -12,10 +12,10 @@ import typer
 from das.bus import das_pb2, topics
 from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
+from sim.cli.check import check
+from sim.cli.replay import bundled_recording
 from sim.recording.check import check_file
-from sim.recording.check_command import check
 from sim.recording.findings import CheckKind
-from sim.replay.command import bundled_recording
 from tests.support.recordings import START_NS
 
 S = 1_000_000_000

@@ -8,8 +8,8 @@ import pytest
 from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
+from sim.recording.course import DrivenCourse
 from sim.recording.cutting import part_of
-from sim.review.series import DrivenCourse
 from sim.review.story import Story
 from tests.support.recordings import SECONDS, START_NS, write_recording
 

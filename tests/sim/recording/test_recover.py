@@ -17,9 +17,9 @@ from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
+from sim.cli.recover import recover as recover_command
 from sim.recording.check import check_file
 from sim.recording.recover import recover
-from sim.recording.recover_command import recover as recover_command
 from tests.support.recordings import START_NS, write_recording
 
 S = 1_000_000_000

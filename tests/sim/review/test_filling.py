@@ -11,7 +11,7 @@ import pytest
 from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from das.domain.units import KM, KMH, KN, PERMILLE, kwh
-from sim.accounts.inputs import inputs_of
+from sim.drive.attribution.inputs import inputs_of
 from sim.recording.cutting import part_of
 from sim.review.story import Story
 

@@ -10,15 +10,15 @@ import pytest
 
 from das.bus.recording import read_recording
 from das.domain.units import kwh
-from sim.accounts.account import account_of
-from sim.accounts.causes import EnergyCause
-from sim.events.chronicle import Chronicle
-from sim.events.event import EventKind
-from sim.events.notes import Note, add_note
+from sim.drive.attribution.account import account_of
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.event import EventKind
+from sim.drive.events.notes import Note, add_note
+from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
 from sim.review.bookmarks import bookmarks
 from sim.review.cab_card import NODE_ALONE, cards
-from sim.review.series import DrivenCourse
 from sim.review.story import Story
 from tests.sim.review.test_story import cab, day, recorded
 from tests.support.making import das_sim

@@ -10,7 +10,7 @@ import pytest
 from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
-from sim.events.chronicle import Chronicle
+from sim.drive.events.chronicle import Chronicle
 from sim.recording.opening import open_recording
 from sim.review import rerun_view, viewer
 from sim.review.bookmarks import ROUTINE
@@ -173,7 +173,8 @@ def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    from sim.review.series import DrivenCourse, series
+    from sim.recording.course import DrivenCourse
+    from sim.review.series import series
 
     path = tmp_path / "early.mcap"
     write_recording(path, seconds=30, before=publish_before)

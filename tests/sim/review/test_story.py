@@ -15,11 +15,12 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped, read_recording
 from das.domain.errors import DasError
 from das.domain.units import KM
+from sim.drive.happenings import NOT_HEARD, happenings, points, signals, silences
+from sim.drive.limits import limit_in_force, temporary_limits
+from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
-from sim.review.happenings import NOT_HEARD, happenings, points, signals, silences
 from sim.review.lanes import TOP_SPEED, lanes
-from sim.review.limits import limit_in_force, temporary_limits
-from sim.review.series import DrivenCourse, series
+from sim.review.series import series
 from sim.review.story import Story
 from tests.support.making import das_sim
 from tests.support.recordings import START_NS, at_ns, write_recording

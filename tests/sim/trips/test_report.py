@@ -19,13 +19,12 @@ from das.domain.route import Floats
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
-from sim.processes.lockstep import Traffic
-from sim.replay import report as replay_report
-from sim.replay.job import prepare
-from sim.replay.options import ReplayOptions
-from sim.replay.replay import ReplayOutcome
-from sim.replay.saving import trip_saving
-from sim.trips import command as trip_command
+from sim.cli import trip as trip_command
+from sim.runs.replay import report as replay_report
+from sim.runs.replay.job import prepare
+from sim.runs.replay.options import ReplayOptions
+from sim.runs.replay.replay import ReplayOutcome
+from sim.runs.replay.saving import trip_saving
 from sim.trips import picture as trip_picture
 from sim.trips.estimate import (
     EnergyRange,
@@ -40,6 +39,7 @@ from sim.trips.saving import likely_saving, saving_range
 from sim.trips.sections import driven_sections
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip, Whereabouts, load_trip
+from sim.world.processes.lockstep import Traffic
 from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, dropouts, late_end, spikes, write
 from tests.support.made_line import north, posts_file, route
 from tests.support.making import das_sim, flat, in_a_process, make_train

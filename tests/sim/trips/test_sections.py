@@ -14,7 +14,7 @@ from das.domain.units import KMH
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.replay.saving import TripSaving, saving_message
+from sim.runs.replay.saving import TripSaving, saving_message
 from sim.trips.estimate import energy_range, estimate_run
 from sim.trips.profile import to_profile
 from sim.trips.reading import read_trip

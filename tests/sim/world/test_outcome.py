@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from das.domain.units import KMH, KWH
-from sim.batch.table import FIGURES, SCHEMA_NAMES
+from sim.drive.stability import Restlessness
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
+from sim.jobs.table import FIGURES, SCHEMA_NAMES
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
 from sim.world.outcome import SHARES, DayResult, RecordedFigures, outcome, shares
 from sim.world.report import print_result
-from sim.world.restlessness import Restlessness
 from sim.world.safety import Violations
 from tests.support.flat_days import service_of
 

@@ -14,11 +14,11 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle, locate_vehicle
 from das.domain.losses import Level, LossMap
-from sim.batch.plan import Batch
-from sim.batch.worker import work
 from sim.drivers.cab import Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.registry import DriverKind
+from sim.jobs.plan import Batch
+from sim.jobs.worker import work
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Told

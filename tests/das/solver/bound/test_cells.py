@@ -24,13 +24,13 @@ from das.solver.bound.cells import (
     split,
     tightened_j,
 )
-from das.solver.bound.certificate import certificate, task_of, tightened
+from das.solver.bound.certificate import certificate, task_of
 from das.solver.bound.planes import map_rows
 from das.solver.bound.relaxation import Task
 from das.solver.kernels.speed_cells import values_ahead, values_behind
 from das.solver.line_profile import LineProfile
 from das.solver.section import build_section
-from das.solver.solution import Solution
+from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front
 from tests.support.cells_near import cells_near
 from tests.support.making import make_route

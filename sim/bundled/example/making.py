@@ -1,0 +1,119 @@
+"""The files of the example: most are kept as they are; a recorded trip and its kilometre posts are made here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.route import Floats, Route
+from das.domain.units import KM, KMH
+from das.domain.vehicle import Vehicle
+from sim.bundled.example.driving import drive
+from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.registry import DriverKind, make_driver
+from sim.plant.plant import Plant, PlantState
+
+KEPT: Final = (
+    "README.txt",
+    "journey.toml",
+    "plan.toml",
+    "route.toml",
+    "scenario.toml",
+    "vehicle.toml",
+)
+"""Files of the example that are the same for every seed."""
+POSTS_EVERY_M: Final = 100.0
+"""Kilometre posts stand this far apart: lines between them keep within some metres of the curves."""
+DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
+"""When the train of the recorded trip departs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Receiver:
+    """A GPS receiver and how a trip is recorded with it; assumptions of the size of a good receiver."""
+
+    position_sd_m: float = 3.0
+    """Standard deviation (m) of the position, each to the north and to the east."""
+    correlation_s: float = 20.0
+    """The error of the position wanders with this time constant (s)."""
+    speed_sd_mps: float = 0.08
+    """Standard deviation (m/s) of the reported speed of a moving train."""
+    standing_s: int = 20
+    """So many seconds before the departure and after the arrival are recorded as well."""
+    earth_radius_m: float = 6_371_008.8
+    """Mean radius of the Earth (m, IUGG), for errors in degrees."""
+
+
+def example_files(seed: int) -> dict[str, bytes]:
+    """Every file of the example by its name; the recorded trip is drawn from the seed, the rest is always the same."""
+    kept = {name: _kept(name) for name in KEPT}
+    folder = Path(str(files("sim.bundled.example") / "files"))
+    route = load_route(str(folder / "route.toml")).reversed()
+    vehicle = load_vehicle(str(folder / "vehicle.toml"))
+    driven = _driven(route, vehicle, seed)
+    return {**kept, "posts.csv": _posts(route), "trip.csv": _record(route, driven, seed)}
+
+
+def _kept(name: str) -> bytes:
+    return (files("sim.bundled.example") / "files" / name).read_bytes()
+
+
+def _driven(route: Route, vehicle: Vehicle, seed: int) -> list[PlantState]:
+    """A human driver's trip without advice, with a timetable a tenth longer than a driver who hurries takes."""
+    line, plant = LineKnowledge(route=route, vehicle=vehicle), Plant(route, vehicle)
+    fastest_s = drive(plant, make_driver(DriverKind.FAST, line), line, 0.0)[-1].time_s
+    return drive(plant, make_driver(DriverKind.HUMAN, line, seed=seed), line, 1.1 * fastest_s)
+
+
+def _record(route: Route, states: list[PlantState], seed: int) -> bytes:
+    """The trip as a receiver records it, one row a second."""
+    receiver, random = Receiver(), np.random.default_rng([seed, 1])
+    time_s = np.arange(-receiver.standing_s, math.ceil(states[-1].time_s) + receiver.standing_s + 1.0)
+    at_s = np.array([state.time_s for state in states])
+    s_m = np.interp(time_s, at_s, [state.s_m for state in states])
+    speed = np.interp(time_s, at_s, [state.speed_mps for state in states])
+    noisy = np.maximum(speed + receiver.speed_sd_mps * random.standard_normal(len(speed)), 0.0)
+    speed_mps = np.where(speed > 0, noisy, 0.0)
+    place = np.array([route.location_deg(float(at)) for at in s_m])
+    latitude, longitude = place[:, 0], place[:, 1]
+    north_m, east_m = (_wandering(receiver, speed > 0, random) for _ in range(2))
+    latitude = latitude + np.degrees(north_m / receiver.earth_radius_m)
+    longitude = longitude + np.degrees(east_m / (receiver.earth_radius_m * np.cos(np.radians(latitude))))
+    rows = ["time,latitude,longitude,speed_kmh"]
+    for t, north, east, v in zip(time_s, latitude, longitude, speed_mps, strict=True):
+        moment = datetime.fromtimestamp(DEPARTURE.timestamp() + t, UTC)
+        rows.append(f"{moment:%Y-%m-%dT%H:%M:%SZ},{north:.6f},{east:.6f},{v / KMH:.1f}")
+    return _lines(rows)
+
+
+def _wandering(receiver: Receiver, moving: np.ndarray, random: np.random.Generator) -> Floats:
+    """The error (m) of a coordinate, one value a second; it does not change while the train stands."""
+    keep = math.exp(-1.0 / receiver.correlation_s)
+    fresh = receiver.position_sd_m * random.standard_normal(len(moving))
+    error = np.empty(len(moving))
+    last = fresh[0]
+    for i, moves in enumerate(moving):
+        last = keep * last + math.sqrt(1.0 - keep**2) * fresh[i] if moves else last
+        error[i] = last
+    return error
+
+
+def _posts(route: Route) -> bytes:
+    """Kilometre posts in the order in which the trip passes them; `route` is as driven, so their kilometres fall."""
+    rows = ["latitude,longitude,kilometre"]
+    for s_m in np.arange(0.0, route.length_m + 1.0, POSTS_EVERY_M):
+        place = route.location_deg(float(s_m))
+        assert place is not None
+        rows.append(f"{place[0]:.6f},{place[1]:.6f},{(route.length_m - s_m) / KM:.1f}")
+    return _lines(rows)
+
+
+def _lines(rows: list[str]) -> bytes:
+    return ("\n".join(rows) + "\n").encode()

@@ -1,0 +1,292 @@
+"""The commands `das-sim run` and `das-sim scenarios`: days in closed loop."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from das.command_line.compiling import loading_solver
+from das.command_line.options import (
+    DEFAULT_TRAIN,
+    BusFolderOption,
+    InsecureBusOption,
+    JsonOption,
+    LevelOption,
+    OutRecordingOption,
+    OverwriteOption,
+    SeedOption,
+    TrainOption,
+)
+from das.command_line.printing import busy, one_line, print_table, tell, typed
+from das.command_line.running import interrupt_on_termination
+from das.domain.errors import DasError
+from das.domain.files.writing import check_writable
+from das.domain.units import KM
+from sim.cli.options import (
+    DEFAULT_DRIVER_AT,
+    AdviceOption,
+    DriverAtOption,
+    DriverOption,
+    FrictionOption,
+    InProcessOption,
+    ScenarioArgument,
+)
+from sim.cli.shared import new_recording, removed_if_unused
+from sim.drivers.kinds import (
+    EXTERNAL,
+    DriverKind,
+    DriverName,
+    External,
+    FrictionPolicy,
+    Presentation,
+    named_driver,
+)
+from sim.options import ParticipantOption, PopulationOption, SpeedOption, speed_factor
+from sim.progress import progress_bar
+from sim.recording.metadata import typed_command
+
+if TYPE_CHECKING:
+    from das.bus.config import BusFolder
+    from sim.drivers.cab import Driver
+    from sim.world.day import Day
+    from sim.world.external.external import ExternalDriver
+    from sim.world.loop import Run
+    from sim.world.outcome import DayResult, RecordedFigures
+    from sim.world.scenario import Scenario
+
+
+def scenarios(as_json: JsonOption = False) -> None:
+    """List the bundled scenarios and where their files are; a copy is a good beginning of a scenario of your own."""
+    from rich.table import Table
+
+    from sim.world.scenario import bundled_scenarios, read_scenario
+
+    found = [read_scenario(path) for path in bundled_scenarios().values()]
+    if as_json:
+        kept = {one.id: {"title": one.title, "description": one.description, "file": str(one.source)} for one in found}
+        print(json.dumps(kept))
+        return
+    table = Table(title="bundled scenarios", title_justify="left")
+    table.add_column("scenario", no_wrap=True)
+    table.add_column("what happens")
+    for one in found:
+        table.add_row(one.id, f"{one.title}. {one.description}")
+    print_table(table)
+    tell(f"their files, to copy and change: {found[0].source.parent}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """What the user asked for, checked."""
+
+    driver: DriverName
+    friction: FrictionPolicy
+    advice: Presentation
+    speed: float | None
+    out: Path | None
+    train: str
+    bus: BusFolder | None
+    driver_at: str | None
+
+
+def run(
+    scenario: ScenarioArgument,
+    driver: DriverOption = DriverKind.HUMAN,
+    advice: AdviceOption = Presentation.VECTOR,
+    friction: FrictionOption = FrictionPolicy.AS_MEASURED,
+    seed: SeedOption = 0,
+    speed: SpeedOption = "max",
+    out: OutRecordingOption = None,
+    overwrite: OverwriteOption = False,
+    in_process: InProcessOption = False,
+    level: LevelOption = None,
+    participant: ParticipantOption = None,
+    population: PopulationOption = None,
+    train: TrainOption = DEFAULT_TRAIN,
+    bus: BusFolderOption = None,
+    insecure_bus: InsecureBusOption = False,
+    driver_at: DriverAtOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
+    _check_outputs(in_process, out, bus, overwrite=overwrite)
+    who, factor = named_driver("--driver", driver), speed_factor(speed)
+    listens = _driver_at(who, in_process, bus, driver_at)
+    with loading_solver():
+        from das.bus.config import bus_folder
+        from das.bus.topics import check_train_name
+        from das.cab.warm_up import warm_up
+        from das.command_line.loading import warn_unusual
+        from sim.drivers.own_class import driver_versions
+        from sim.drivers.population import participant_of
+        from sim.world.day import make_day
+        from sim.world.scenario import load_scenario
+        from sim.world.service import prepare_service
+
+        driver_versions(who)
+        person = participant_of(who, participant, population)
+        files = bus_folder(bus, insecure_bus, check_train_name(train))
+        read = load_scenario(scenario)
+        _check_not_an_input(out, read)
+        warm_up()
+    with busy("solving the sections …"):
+        day = make_day(prepare_service(read, level=level), seed, person)
+        warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
+    reserved = new_recording("run") if out is None and not in_process else None
+    asked = _Asked(
+        driver=who, friction=friction, advice=advice, speed=factor, out=out or reserved, train=train, bus=files,
+        driver_at=listens,
+    )  # fmt: skip
+    with removed_if_unused(reserved):
+        _tell(_drive(day, asked), as_json)
+
+
+def _tell(found: DayResult, as_json: bool) -> None:
+    """Print what a run came to."""
+    from sim.world.report import print_result
+
+    if as_json:
+        print(json.dumps(found.as_dict()))
+    else:
+        print_result(found)
+
+
+def _check_outputs(in_process: bool, out: Path | None, bus: Path | None, *, overwrite: bool) -> None:
+    """DasError where options that need the bus are given for a run without one, or nothing can be written."""
+    if in_process and out is not None:
+        raise DasError("--out: a run --in-process records nothing")
+    if in_process and bus is not None:
+        raise DasError("--bus: a run --in-process has no bus")
+    if out is not None:
+        check_writable(out, overwrite=overwrite)
+
+
+def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
+    """Where the run listens for an external driver, None if it has none; DasError for options that contradict it."""
+    if driver is not EXTERNAL:
+        if endpoint is not None:
+            raise DasError(f"--driver-at {endpoint}: expected with --driver external")
+        return None
+    if in_process:
+        raise DasError("--driver external: a run --in-process has no bus")
+    if bus is not None and endpoint is not None:
+        raise DasError(f"--driver-at {endpoint}: with --bus the bus file says where the run listens")
+    return endpoint or DEFAULT_DRIVER_AT
+
+
+def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
+    """DasError where the recording would replace a file of the scenario."""
+    from sim.world.service import scenario_files
+
+    for what, path in scenario_files(scenario).items():
+        if out is not None and out.resolve() == path.resolve():
+            raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
+
+
+def _drive(day: Day, options: _Asked) -> DayResult:
+    """Run the day, over the bus where there is a recording to write."""
+    from sim.world.disturbances import described
+    from sim.world.outcome import DayResult, outcome
+
+    interrupt_on_termination()
+    title = f"{day.service.scenario.id}, {options.driver}"
+    try:
+        with progress_bar(title, "starting node and recorder" if options.out else "driving", "km") as progress:
+            pace = _Pace(options.speed, progress)
+            run, recorded = _run(day, options, pace.tick)
+    except KeyboardInterrupt:
+        if options.out is not None:
+            print(f"stopped; recorded so far: {options.out}", file=sys.stderr)
+        raise
+    except DasError as error:
+        if options.out is None or not options.out.is_file() or options.out.stat().st_size == 0:
+            raise
+        raise DasError(f"{error}; recorded so far: {options.out}") from error
+    return DayResult(
+        outcome=outcome(day, run, options.driver),
+        driver=options.driver,
+        friction=options.friction,
+        advice=options.advice,
+        happens=described(day.disturbances),
+        drawn=day.drawn,
+        wall_s=pace.driven_s,
+        recorded=recorded,
+    )
+
+
+def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, RecordedFigures | None]:
+    """The run, and figures of its recording."""
+    from sim.world.in_process import InProcess
+    from sim.world.loop import World
+    from sim.world.outcome import RecordedFigures
+    from sim.world.over_bus import How, make_crew, run_over_bus
+
+    if isinstance(options.driver, External):
+        driver: Driver = _external(day, options)
+    else:
+        driver = day.driver(options.driver, options.friction)
+    if options.out is None:
+        return World(
+            day, driver, options.advice, InProcess(day.service, coach=options.advice is Presentation.COACH)
+        ).run(tick), None
+    how = How(
+        driver=options.driver,
+        friction=options.friction,
+        advice=options.advice,
+        train=options.train,
+        command=typed_command(),
+        bus=options.bus,
+        driver_at=options.driver_at,
+    )
+    run, traffic = run_over_bus(day, driver, options.advice, make_crew(day, how, options.out), tick)
+    return run, RecordedFigures(
+        file=str(options.out),
+        messages_sent=sum(traffic.sent.values()),
+        messages_recorded=sum(traffic.recorded.values()),
+        messages_lost=traffic.lost,
+        start_s=traffic.start_s,
+    )
+
+
+def _external(day: Day, options: _Asked) -> ExternalDriver:
+    """The driver that is a process of its own; says where it is waited for."""
+    from sim.world.external.external import ExternalDriver
+
+    where = f"--bus {options.bus.path}" if options.bus is not None else f"--connect {options.driver_at}"
+    scenario = shlex.quote(str(day.service.scenario.source))
+    command = f"{typed('das-sim')} drive {scenario} --train {options.train} {where}"
+    print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
+    return ExternalDriver(day, times_real=options.speed)
+
+
+class _Pace:
+    """Keeps to a multiple of real time and shows progress."""
+
+    def __init__(self, speed: float | None, progress: Callable[[float, float], None]) -> None:
+        self._speed, self._progress = speed, progress
+        self._began = self._now = time.perf_counter()
+        self._ticks = 0
+
+    @property
+    def driven_s(self) -> float:
+        """Time (s) since the end of the first tick: node and recorder are still starting before it."""
+        return self._now - self._began
+
+    def tick(self, done_m: float, all_m: float) -> None:
+        """Take note of a driven second, and wait until it is over at the wanted speed."""
+        from sim.world.loop import TICK_S
+        from sim.world.processes.lockstep import sleep_until
+
+        if self._ticks == 0:
+            self._began = time.perf_counter()
+        self._ticks += 1
+        if self._speed is not None:
+            sleep_until(self._began + self._ticks * TICK_S / self._speed)
+        self._now = time.perf_counter()
+        self._progress(done_m / KM, all_m / KM)

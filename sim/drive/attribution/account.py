@@ -1,0 +1,205 @@
+"""The account of a recorded drive: how much energy each leg took above the optimum for its times, and by what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.solver.solution import Solution
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.committed import Committed, committed, spacing
+from sim.drive.attribution.energies import LegEnergies, leg_energies
+from sim.drive.attribution.inputs import DriveInputs, inputs_of
+from sim.drive.attribution.knowledge import Knowledge, epochs_of
+from sim.drive.attribution.motion import DrivenLeg, legs_of, motion_of
+from sim.drive.attribution.places import Places, even_edges, limit_edges, places_between
+from sim.drive.attribution.shown import ShownAdvice
+from sim.drive.happenings import Signal, signals
+from sim.drive.recorded_saving import SAID_BY_THE_RECORDING, not_comparable_by_record
+from sim.trips.saving import NOT_COMPARABLE, why_not_comparable
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegAccount:
+    """The account of one leg.
+
+    `optimum` is the best run of the plan's train in the time as driven, on the line without temporary restrictions.
+    `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
+    departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
+    """
+
+    leg: DrivenLeg
+    optimum: Solution
+    energies: LegEnergies
+    committed: Committed
+    timetable_j: float | None
+    left_j: float | None
+    even: Places
+    by_limit: Places
+
+    @property
+    def driven_j(self) -> float:
+        """Energy at the current collector as driven (J)."""
+        return float(self.energies.ledger_j[-1])
+
+    @property
+    def optimum_j(self) -> float:
+        """Energy of the optimum for the same time (J)."""
+        return self.optimum.ledger.input
+
+    @property
+    def by_cause(self) -> dict[EnergyCause, float]:
+        """The energy above the optimum for the same time by cause (J); the parts sum to the whole difference."""
+        energies, parts = self.energies, self.committed.by_cause()
+        friction_j = float(energies.blended_j[-1] - energies.motors_j[-1])
+        train_j = float(energies.ledger_j[-1] - energies.blended_j[-1])
+        rest_j = float(self.committed.energy_j[0]) - self.optimum_j
+        for cause, energy_j in (
+            (EnergyCause.FRICTION, friction_j),
+            (EnergyCause.TRAIN, train_j),
+            (EnergyCause.REST, rest_j),
+        ):
+            parts[cause] = parts.get(cause, 0.0) + energy_j
+        return parts
+
+    def causes_between(self, start_m: float, end_m: float) -> dict[EnergyCause, float]:
+        """The energy above the optimum (J) of each cause that belongs to the driving between two places (m)."""
+        motion, energies, known = self.leg.motion, self.energies, self.committed
+        ends = np.searchsorted(motion.s_m, (start_m, end_m))
+        first, last = (int(one) for one in np.minimum(ends, len(motion.s_m) - 1))
+        parts = {
+            EnergyCause.FRICTION: _between(energies.blended_j - energies.motors_j, first, last),
+            EnergyCause.TRAIN: _between(energies.ledger_j - energies.blended_j, first, last),
+        }
+        rises_j = np.nan_to_num(np.diff(known.energy_j))
+        for sample, cause, rise_j in zip(known.sample[:-1], known.causes, rises_j, strict=True):
+            if first <= sample < last:
+                parts[cause] = parts.get(cause, 0.0) + float(rise_j)
+        return parts
+
+    @property
+    def recovered_j(self) -> float | None:
+        """What a late departure cost: the least energy for the time left, less that for the timetable's time (J)."""
+        return None if self.timetable_j is None or self.left_j is None else self.left_j - self.timetable_j
+
+    @property
+    def early_j(self) -> float | None:
+        """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
+        return None if self.left_j is None else self.optimum_j - self.left_j
+
+    @property
+    def against_timetable(self) -> dict[EnergyCause, float] | None:
+        """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
+        if self.recovered_j is None or self.early_j is None:
+            return None
+        return {**self.by_cause, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
+
+
+def _between(sum_j: Floats, first: int, last: int) -> float:
+    return float(sum_j[last] - sum_j[first])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Account:
+    """The accounts of all legs of a drive; the properties are their sums."""
+
+    inputs: DriveInputs
+    legs: tuple[LegAccount, ...]
+    measured: bool
+    advice_shown: bool
+
+    @property
+    def why_not_comparable(self) -> str:
+        """Why the drive cannot be compared with its optimum, in words; nothing where it can."""
+        return why_not_comparable([(leg.optimum, leg.leg.trip_s) for leg in self.legs])
+
+    @property
+    def driven_j(self) -> float:
+        """Energy at the current collector as driven, from departures to arrivals (J)."""
+        return sum(leg.driven_j for leg in self.legs)
+
+    @property
+    def optimum_j(self) -> float:
+        """Energy of the optimum for the same times (J)."""
+        return sum(leg.optimum_j for leg in self.legs)
+
+    @property
+    def difference_j(self) -> float:
+        """By how much more energy than the optimum for the same times was driven (J)."""
+        return self.driven_j - self.optimum_j
+
+    @property
+    def by_cause(self) -> Mapping[EnergyCause, float]:
+        """The difference by cause (J), in the order of the causes; all causes that any leg has."""
+        return _summed([leg.by_cause for leg in self.legs])
+
+    @property
+    def timetable_j(self) -> float | None:
+        """Energy of the optimum for the timetable (J); None where a leg has none."""
+        known = [leg.timetable_j for leg in self.legs if leg.timetable_j is not None]
+        return sum(known) if len(known) == len(self.legs) else None
+
+    @property
+    def against_timetable(self) -> Mapping[EnergyCause, float] | None:
+        """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
+        parts = [leg.against_timetable for leg in self.legs]
+        known = [one for one in parts if one is not None]
+        return _summed(known) if len(known) == len(parts) else None
+
+
+def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, float]:
+    """The parts of several legs together, in the order of the causes."""
+    return {
+        cause: sum(one.get(cause, 0.0) for one in parts) for cause in EnergyCause if any(cause in one for one in parts)
+    }
+
+
+def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Account:
+    """The account of a recorded drive; `inputs` are given where the recording does not hold them.
+
+    Raises DasError for a recording that has no journey, no positions, or whose line and train are not known, and for a
+    drive that cannot be compared with its optimum, here or in the replay that recorded it.
+    """
+    found = account_with(recording, inputs_of(recording) if inputs is None else inputs)
+    why = found.why_not_comparable or (SAID_BY_THE_RECORDING if not_comparable_by_record(recording) else "")
+    if why:
+        raise DasError(f"{recording.path}: {NOT_COMPARABLE}: {why}")
+    return found
+
+
+def account_with(recording: Recording, inputs: DriveInputs) -> Account:
+    """The account of a recorded drive with any line and train, also where `why_not_comparable` says that it is none."""
+    motion = motion_of(recording)
+    epochs, shown, seen = epochs_of(recording), ShownAdvice.of(recording), signals(recording)
+    driven = legs_of(recording, motion)
+    every = spacing(driven)
+    legs = tuple(_leg_account(Knowledge(inputs, leg, epochs), shown, seen, every) for leg in driven)
+    return Account(inputs=inputs, legs=legs, measured=motion.input_j is not None, advice_shown=shown.any_shown)
+
+
+def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, ...], every: int) -> LegAccount:
+    leg, front = knowledge.leg, knowledge.front()
+    section, optimum = front.section, front.trajectory(leg.trip_s)
+    energies = leg_energies(section, leg)
+    least_s = optimum.least_time_s
+
+    def least_j(time_s: float | None) -> float | None:
+        return None if time_s is None else front.trajectory(max(time_s, least_s)).ledger.input
+
+    return LegAccount(
+        leg=leg,
+        optimum=optimum,
+        energies=energies,
+        committed=committed(knowledge, energies, shown, seen, every),
+        timetable_j=least_j(leg.timetable_s),
+        left_j=least_j(leg.left_s),
+        even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),
+        by_limit=places_between(limit_edges(section), leg, energies, optimum),
+    )

@@ -1,0 +1,149 @@
+"""The motion of a recorded drive between two stands, with the energy that was measured where it was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.units import NS
+from sim.drive.events.calls import RecordedCall, at_rest, calls
+from sim.recording.course import DrivenCourse
+from sim.trips.opening import open_trip
+from sim.trips.options import TripOptions
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+LEAST_WAY_M = 100.0
+"""A way between two stands that is shorter than this (m) is no section: the train moved up."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenMotion:
+    """Samples of a drive, each array of shape (samples,).
+
+    `input_j` is the energy at the current collector and `friction_j` that of the friction brake, both since the start;
+    they are None where nobody measured them.
+    """
+
+    time_ns: Times
+    s_m: Floats
+    speed_mps: Floats
+    input_j: Floats | None = None
+    friction_j: Floats | None = None
+
+    @property
+    def course(self) -> DrivenCourse:
+        """Times, places and speeds as the pictures take them."""
+        return DrivenCourse(time_ns=self.time_ns, s_m=self.s_m, speed_mps=self.speed_mps)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenLeg:
+    """The motion from a stand at one stop to the stand at the next that was served.
+
+    The first and the last sample stand, at the refined times of departure and arrival.
+    """
+
+    start: RecordedCall
+    end: RecordedCall
+    motion: DrivenMotion
+
+    @property
+    def time_s(self) -> Floats:
+        """Time since the departure (s)."""
+        since_s: Floats = (self.motion.time_ns - self.motion.time_ns[0]) * NS
+        return since_s
+
+    @property
+    def trip_s(self) -> float:
+        """Time from departure to arrival (s)."""
+        return float(self.time_s[-1])
+
+    @property
+    def timetable_s(self) -> float | None:
+        """Time that the timetable gives (s); None where it does not."""
+        due_ns, leaves_ns = self.end.due_arrival_ns, self.start.due_departure_ns
+        return (due_ns - leaves_ns) * NS if due_ns > leaves_ns > 0 else None
+
+    @property
+    def left_s(self) -> float | None:
+        """Time from the departure as driven to the arrival of the timetable (s); None without a timetable."""
+        due_ns = self.end.due_arrival_ns
+        return (due_ns - int(self.motion.time_ns[0])) * NS if due_ns else None
+
+
+def motion_of(recording: Recording) -> DrivenMotion:
+    """The motion of a recorded drive: the truth of a simulation, else smoothed positions and measured brake forces.
+
+    Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
+    DasError where the recording has no positions that can be used.
+    """
+    fields = ("time_ns", "s_m", "speed_mps", "energy_input_j", "friction_brake_j", "resistance_j")
+    truth = recording.columns(topics.TRUTH, *fields)
+    if len(truth["time_ns"]) > 1:
+        measured = bool(truth["resistance_j"].any())
+        return DrivenMotion(
+            time_ns=truth["time_ns"],
+            s_m=truth["s_m"],
+            speed_mps=truth["speed_mps"],
+            input_j=truth["energy_input_j"] if measured else None,
+            friction_j=truth["friction_brake_j"] if measured else None,
+        )
+    with TemporaryDirectory(prefix="das-trip-") as folder:
+        _, trip = open_trip(recording.path, TripOptions(), Path(folder))
+    run = trip.run
+    time_ns = run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64)
+    friction_j = _friction_j(recording, time_ns, run.speed_mps)
+    return DrivenMotion(time_ns=time_ns, s_m=run.s_m, speed_mps=run.speed_mps, friction_j=friction_j)
+
+
+def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floats | None:
+    """Energy of the friction brake since the start (J), from the forces that the train measured; None without them."""
+    effort = recording.columns(topics.EFFORT, "time_ns", "force_friction_n")
+    if len(effort["time_ns"]) < 2:
+        return None
+    force_n = np.minimum(effort["force_friction_n"], 0.0)
+    power_w = -np.interp(time_ns, effort["time_ns"], force_n, left=0.0, right=0.0) * speed_mps
+    step_j = 0.5 * (power_w[:-1] + power_w[1:]) * np.diff(time_ns) * NS
+    return np.concatenate(([0.0], np.cumsum(step_j)))
+
+
+def legs_of(recording: Recording, motion: DrivenMotion) -> tuple[DrivenLeg, ...]:
+    """The legs of a drive between the stops that were served; DasError where the train served no two stops."""
+    served = [call for call in calls(recording, motion.course) if call.stand is not None]
+    found = tuple(_legs(motion, served))
+    if not found:
+        raise DasError(f"{recording.path}: the train did not drive from one stop of its journey to another")
+    return found
+
+
+def _legs(motion: DrivenMotion, served: list[RecordedCall]) -> Iterator[DrivenLeg]:
+    for start, end in pairwise(served):
+        assert start.stand is not None
+        assert end.stand is not None
+        leaving, arrived = at_rest(motion.course, start.stand), at_rest(motion.course, end.stand)
+        part = slice(leaving.last, arrived.first + 1)
+        if not start.departed_ns or not end.arrived_ns or end.stand.s_m - start.stand.s_m < LEAST_WAY_M:
+            continue
+        cut = _part(motion, part)
+        time_ns, speed_mps = cut.time_ns.copy(), cut.speed_mps.copy()
+        # From rest to rest: a leg takes as long as punctuality says, and its optimum has all of that time.
+        time_ns[0], time_ns[-1] = start.departed_ns, end.arrived_ns
+        speed_mps[0] = speed_mps[-1] = 0.0
+        s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
+        yield DrivenLeg(start=start, end=end, motion=replace(cut, time_ns=time_ns, speed_mps=speed_mps, s_m=s_m))
+
+
+def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
+    arrays = {name: None if array is None else array[part] for name, array in vars(motion).items()}
+    return DrivenMotion(**arrays)  # type: ignore[arg-type]

@@ -1,0 +1,182 @@
+"""Drives of one line at the same positions of the track, a constant step apart, and how they differ there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.modes import Mode, mode_name
+from das.domain.errors import DasError
+from das.domain.units import KM, kmh
+from sim.drive.comparison.on_track import DriveOnTrack, check_one_line
+
+Floats = NDArray[np.float64]
+
+STEP_M = 10.0
+"""Distance of the positions (m), unless another is asked for."""
+SAME_ADVICE_MPS = 0.5 / 3.6
+"""Advised speeds that differ by less than this (m/s) are shown as the same."""
+SAME_S, SAME_J = 1e-6, 1.0
+"""Drives that differ by less than this nowhere are the same: rounding."""
+EDGE_M = 0.5
+"""A stretch begins and ends this far (m) at most from a row."""
+
+
+class Advised(NamedTuple):
+    """The first place where two drives were advised differently (m), and both advices in words."""
+
+    s_m: float
+    first: str
+    other: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PartedStretch:
+    """A stretch between stops or changes of the limit (m), and by how much more the other drive needed there.
+
+    `time_s` and `energy_j` are the time and the energy drawn, `lost_j` the energy lost: without what went into speed.
+    """
+
+    start_m: float
+    end_m: float
+    time_s: float
+    energy_j: float
+    lost_j: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AlignedDrives:
+    """Drives at the same positions; arrays have the shape (drives, rows), and the first drive is compared with.
+
+    `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
+    before and after it. Times and energies count from the first row, at which the clock of each drive shows `start_s`
+    (drives,).
+    """
+
+    drives: tuple[DriveOnTrack, ...]
+    s_m: Floats
+    limit_mps: Floats
+    start_s: Floats
+    time_s: Floats
+    speed_mps: Floats
+    energy_j: Floats
+    lost_j: Floats
+
+    @classmethod
+    def of(cls, drives: Sequence[DriveOnTrack], step_m: float = STEP_M) -> AlignedDrives:
+        """Align drives over the way that all of them drove; DasError where they have none in common."""
+        if not step_m > 0 or math.isinf(step_m):
+            raise DasError(f"--step {step_m:g}: expected metres > 0")
+        check_one_line(list(drives))
+        low_m = max(float(drive.s_m[0]) for drive in drives)
+        high_m = min(float(drive.s_m[-1]) for drive in drives)
+        if high_m - low_m < step_m:
+            raise DasError("the drives have no way in common, so that there is nothing to compare")
+        s_m, limit_mps = _rows(drives[0], low_m, high_m, step_m)
+        speed = np.array([drive.at(s_m, drive.speed_mps) for drive in drives])
+        energy = np.array([drive.at(s_m, drive.energy_j) for drive in drives])
+        inertial_kg = np.array([[drive.inputs.vehicle.inertial_mass_kg] for drive in drives])
+        lost = energy - 0.5 * inertial_kg * speed**2
+        time = np.array([drive.at(s_m, drive.time_s) for drive in drives])
+        return cls(
+            drives=tuple(drives),
+            s_m=s_m,
+            limit_mps=limit_mps,
+            start_s=time[:, 0],
+            time_s=time - time[:, :1],
+            speed_mps=speed,
+            energy_j=energy - energy[:, :1],
+            lost_j=lost - lost[:, :1],
+        )
+
+    @property
+    def clock_s(self) -> Floats:
+        """What the clock of each drive shows at each row (s): 0 at the timetable's first departure."""
+        return self.start_s[:, None] + self.time_s
+
+    @property
+    def trains_differ(self) -> bool:
+        """Whether the drives are of different trains, by name or by mass."""
+        return len({(drive.train, drive.inputs.vehicle.mass_kg) for drive in self.drives}) > 1
+
+    def is_same(self, other: int) -> bool:
+        """Whether a drive does not differ from the first: in time, speed, energy and advice, at any row."""
+        return bool(
+            np.abs(self.time_s[other] - self.time_s[0]).max() < SAME_S
+            and np.abs(self.speed_mps[other] - self.speed_mps[0]).max() < SAME_S
+            and np.abs(self.energy_j[other] - self.energy_j[0]).max() < SAME_J
+            and self.first_different_advice(other) is None
+        )
+
+    def first_different_advice(self, other: int) -> Advised | None:
+        """The first place where a drive was advised another mode or speed than the first drive; None: nowhere."""
+        (mode, speed), (modes, speeds) = (self.drives[i].advice_at(self.s_m) for i in (0, other))
+        apart = np.nan_to_num(np.abs(speed - speeds)) > SAME_ADVICE_MPS
+        places = np.flatnonzero((mode != modes) | apart | (np.isnan(speed) != np.isnan(speeds)))
+        if not len(places):
+            return None
+        at = int(places[0])
+        return Advised(float(self.s_m[at]), *told_apart((mode[at], speed[at]), (modes[at], speeds[at])))
+
+    def stretches(self, other: int) -> list[PartedStretch]:
+        """The stretches between stops and changes of the limit, and what the other drive needed more there."""
+        edges = self._edges()
+        return [
+            PartedStretch(
+                start_m=float(self.s_m[first]),
+                end_m=float(self.s_m[last]),
+                time_s=self._more(self.time_s, other, first, last),
+                energy_j=self._more(self.energy_j, other, first, last),
+                lost_j=self._more(self.lost_j, other, first, last),
+            )
+            for first, last in pairwise(edges)
+        ]
+
+    def _more(self, values: Floats, other: int, first: int, last: int) -> float:
+        apart = values[other] - values[0]
+        return float(apart[last] - apart[first])
+
+    def _edges(self) -> list[int]:
+        """Rows at which a stretch ends: the ends, the changes of the limit and the stops."""
+        stops_m = [leg.start.s_m for leg in self.drives[0].legs] + [leg.end.s_m for leg in self.drives[0].legs]
+        rows = {0, len(self.s_m) - 1}
+        rows |= {int(row) + 1 for row in np.flatnonzero(np.diff(self.s_m) == 0)}
+        rows |= {int(np.searchsorted(self.s_m, stop)) for stop in stops_m if self.s_m[0] < stop < self.s_m[-1]}
+        kept = sorted(rows)
+        return [kept[0], *(b for a, b in pairwise(kept) if self.s_m[b] - self.s_m[a] > EDGE_M)]
+
+
+def _rows(drive: DriveOnTrack, low_m: float, high_m: float, step_m: float) -> tuple[Floats, Floats]:
+    """Positions in constant steps, and twice every change of the limit; the limit (m/s) before or after each."""
+    limits = drive.inputs.route.limits_mps
+    even = np.append(np.arange(low_m, high_m, step_m), high_m)
+    changes = limits.start_m[(limits.start_m > low_m) & (limits.start_m < high_m)]
+    changes = changes[limits.at(changes) != limits.at(changes - 1e-6)]
+    s_m = np.sort(np.concatenate((even[~np.isin(even, changes)], changes, changes)))
+    limit_mps = limits.at(s_m)
+    before = np.append(np.diff(s_m) == 0, False)  # the first row of two at one position
+    limit_mps[before] = limits.at(s_m[before] - 1e-6)
+    return s_m, limit_mps
+
+
+def told_apart(first: tuple[int, float], other: tuple[int, float]) -> tuple[str, str]:
+    """Two advices (mode, speed in m/s) in words, as finely as it takes to tell them apart."""
+    whole = (_said(*first, 0), _said(*other, 0))
+    return whole if whole[0] != whole[1] else (_said(*first, 1), _said(*other, 1))
+
+
+def _said(mode: int, speed_mps: float, digits: int) -> str:
+    if math.isnan(speed_mps) or int(mode) == Mode.NONE:
+        return "no advice"
+    return f"{mode_name(Mode(int(mode)))} at {kmh(speed_mps):.{digits}f} km/h"
+
+
+def place(s_m: float) -> str:
+    """A position as "km 12.34"."""
+    return f"km {s_m / KM:.2f}"

@@ -1,0 +1,202 @@
+"""Stops, speeds above the limit, and how the driver answered the advice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.modes import Mode, mode_name
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import KM, NS, kmh
+from sim.drive.events.calls import NEAR_M, STANDING_MPS, RecordedCall, arrival_ns, departure_ns, stands
+from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.limits import known_inputs, limit_in_force
+from sim.drivers.cab import AT_STOP_M
+from sim.recording.course import DrivenCourse, Floats, Times
+
+OVER_MPS: Final = 1.0 / 3.6
+"""A train this much (m/s) above the limit is too fast: less is within the error of a speedometer."""
+LEVER_RATIO: Final = 0.03
+"""A controller set to less than this share of the effort is at neutral."""
+LEAST_STOOD: Final = 5
+"""Advice that stood for fewer seconds than this need not be followed: drivers take some seconds to react."""
+LONGEST_ANSWER_S: Final = 30.0
+"""An answer later than this (s) is none."""
+LATE_ANSWER_S: Final = 10.0
+"""An answer later than this (s) is called late."""
+LEAST_STAND_S: Final = 1.0
+"""A train that stops for less than this (s), on the way to its mark, has not come to stand."""
+PAUSE_NS: Final = 5_000_000_000
+"""Positions that pause for longer than this (ns) are told; they usually come once a second."""
+
+PULLS, COASTS, BRAKES = 1, 0, -1
+WANTED: Final = {
+    Mode.FULL_TRACTION: PULLS,
+    Mode.REDUCED_TRACTION: PULLS,
+    Mode.COAST: COASTS,
+    Mode.REDUCED_BRAKE: BRAKES,
+    Mode.FULL_BRAKE: BRAKES,
+    Mode.FRICTION_BRAKE: BRAKES,
+}
+"""What the controller must show for an advised mode to be followed; a speed to hold may need any of the three."""
+
+
+def call_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[DriveEvent]:
+    """Departures, arrivals and stops that were missed."""
+    for index, call in enumerate(made):
+        if call.arrived_ns and index > 0:
+            late = "" if math.isnan(call.arrived_late_s) else f", {_late(call.arrived_late_s)}"
+            beyond = f", {call.missed_m:.0f} m beyond the stop" if call.missed_m > AT_STOP_M else ""
+            yield DriveEvent(
+                time_ns=call.arrived_ns, kind=EventKind.ARRIVAL, s_m=call.s_m,
+                text=f"arrived at {call.name}{late}{beyond}",
+                facts={"stop": call.name, "late_s": call.arrived_late_s, "missed_m": call.missed_m},
+            )  # fmt: skip
+        if call.departed_ns and index < len(made) - 1:
+            late = "" if math.isnan(call.departed_late_s) else f", {_late(call.departed_late_s)}"
+            yield DriveEvent(
+                time_ns=call.departed_ns, kind=EventKind.DEPARTURE, text=f"left {call.name}{late}", s_m=call.s_m,
+                facts={"stop": call.name, "late_s": call.departed_late_s},
+            )  # fmt: skip
+        if call.stand is None and call.reached and trip.s_m[-1] > call.s_m + NEAR_M and trip.s_m[0] < call.s_m - NEAR_M:
+            passed = int(np.argmax(trip.s_m >= call.s_m))
+            speed_kmh = kmh(float(trip.speed_mps[passed]))
+            yield DriveEvent(
+                time_ns=int(trip.time_ns[passed]), kind=EventKind.MISSED_STOP, s_m=call.s_m,
+                text=f"{call.name} was passed at {speed_kmh:.0f} km/h without stopping",
+                facts={"stop": call.name, "speed_mps": float(trip.speed_mps[passed])},
+            )  # fmt: skip
+
+
+def _late(late_s: float) -> str:
+    if abs(late_s) < 0.5:
+        return "on time"
+    return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
+
+
+def stand_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[DriveEvent]:
+    """The stands of the train that belong to no stop of its journey."""
+    at_stops = {call.stand for call in made}
+    for stand in stands(trip):
+        arrived, departed = arrival_ns(trip, stand), departure_ns(trip, stand)
+        if stand in at_stops or not arrived or not departed:
+            continue
+        lasted_s = (departed - arrived) * NS
+        if lasted_s < LEAST_STAND_S:
+            continue
+        yield DriveEvent(
+            time_ns=arrived, end_ns=departed, kind=EventKind.STAND, s_m=stand.s_m,
+            text=f"stood for {lasted_s:.0f} s where there is no stop", facts={"lasted_s": lasted_s},
+        )  # fmt: skip
+
+
+def overspeed_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The stretches of time in which the train was above the limit in force (`sim.drive.limits`)."""
+    at, limit_mps = limit_in_force(recording, trip)
+    for over in _spans_above(at, trip.at(at, trip.speed_mps), limit_mps):
+        limit_kmh, facts = kmh(over.allowed_mps), {"limit_mps": over.allowed_mps, **over.facts}
+        text = f"up to {over.over_kmh:.0f} km/h above the limit of {limit_kmh:.0f} km/h for {over.lasted_s:.0f} s"
+        yield _at_speed(trip, over, EventKind.OVERSPEED, text, facts)
+
+
+def top_speed_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The stretches of time in which the train was faster than its vehicle file says that it can go."""
+    inputs = known_inputs(recording)
+    if inputs is None:
+        return
+    top_mps = inputs.vehicle.max_speed_mps
+    for over in _spans_above(trip.time_ns, trip.speed_mps, np.full(len(trip.time_ns), top_mps)):
+        text = (
+            f"up to {over.over_kmh:.0f} km/h faster than the vehicle file says the train can go "
+            f"({kmh(top_mps):.0f} km/h) for {over.lasted_s:.0f} s: is it the right train?"
+        )
+        yield _at_speed(trip, over, EventKind.BEYOND_TRAIN, text, {"top_speed_mps": top_mps, **over.facts})
+
+
+class _SpanAbove(NamedTuple):
+    """A stretch of time (ns) above a speed: by how much at most (km/h), that speed there (m/s), and how long (s)."""
+
+    start_ns: int
+    end_ns: int
+    over_kmh: float
+    allowed_mps: float
+    lasted_s: float
+
+    @property
+    def facts(self) -> dict[str, float]:
+        """The figures of the stretch."""
+        return {"over_kmh": self.over_kmh, "lasted_s": self.lasted_s}
+
+
+def _spans_above(at: Times, speed_mps: Floats, allowed_mps: Floats) -> Iterator[_SpanAbove]:
+    """The stretches of time in which a train was above a speed by more than the error of a speedometer."""
+    over = np.concatenate(([False], speed_mps > allowed_mps + OVER_MPS, [False]))
+    edges = np.flatnonzero(np.diff(over.astype(np.int8)))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        worst = first + int(np.argmax((speed_mps - allowed_mps)[first:end]))
+        over_kmh = kmh(float(speed_mps[worst] - allowed_mps[worst]))
+        lasted_s = float(at[min(end, len(at) - 1)] - at[first]) * NS
+        yield _SpanAbove(int(at[first]), int(at[end - 1]), over_kmh, float(allowed_mps[worst]), lasted_s)
+
+
+def _at_speed(trip: DrivenCourse, over: _SpanAbove, kind: EventKind, text: str, facts: dict[str, float]) -> DriveEvent:
+    s_m = float(trip.at(np.array([over.start_ns]), trip.s_m)[0])
+    return DriveEvent(time_ns=over.start_ns, end_ns=over.end_ns, kind=kind, s_m=s_m, text=text, facts=facts)
+
+
+def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """How the driver answered each change of the shown mode, and after how long, as the controller tells.
+
+    A change that asks for what the controller does already needs no answer. What the driver thought is not recorded.
+    """
+    cab = recording.columns(topics.CAB, "time_ns", "presentation", "mode", "lever_ratio", "signal_m")
+    at, mode, shown = cab["time_ns"], cab["mode"], cab["presentation"] > 0
+    does = np.where(np.abs(cab["lever_ratio"]) < LEVER_RATIO, COASTS, np.sign(np.nan_to_num(cab["lever_ratio"])))
+    changes = [*np.flatnonzero(np.diff(mode, prepend=-1)), len(mode)] if len(mode) else []
+    for first, end in pairwise(changes):
+        wanted = WANTED.get(Mode(int(mode[first]))) if int(mode[first]) in set(Mode) else None
+        if wanted is None or not shown[first] or does[first] == wanted:
+            continue
+        answers = does[first:end] == wanted
+        standing = bool((trip.at(at[first:end], trip.speed_mps) < STANDING_MPS).all())
+        minds_signal = bool((cab["signal_m"][first:end] > 0).any())
+        excused = end - first < LEAST_STOOD or standing or minds_signal  # no time, no leave, or a reason
+        if answers.any() or not excused:
+            yield _answer(trip, at[first:end], answers, Mode(int(mode[first])))
+
+
+def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], mode: Mode) -> DriveEvent:
+    """The driver's answer to one change of the advice: times while it stood, and whether the controller obeyed."""
+    waited_s = (at - at[0]) * NS
+    answered = np.flatnonzero(does & (waited_s <= LONGEST_ANSWER_S))
+    stood_s = float(waited_s[-1]) + 1.0
+    facts: dict[str, object] = {"mode": mode_name(mode)}
+    if len(answered):
+        reaction_s = float(waited_s[answered[0]])
+        late = ", which is late" if reaction_s > LATE_ANSWER_S else ""
+        text = f"{mode_name(mode)} was followed after {reaction_s:.0f} s{late}"
+        facts |= {"followed": True, "reaction_s": reaction_s}
+    else:
+        over = "it stood" if stood_s <= LONGEST_ANSWER_S else f"{LONGEST_ANSWER_S:.0f} s"
+        text = f"{mode_name(mode)} was not followed ({over if over != 'it stood' else f'it stood for {stood_s:.0f} s'})"
+        facts |= {"followed": False, "stood_s": stood_s}
+    s_m = float(trip.at(at[:1], trip.s_m)[0])
+    return DriveEvent(time_ns=int(at[0]), kind=EventKind.DRIVER, text=text, s_m=s_m, facts=facts)
+
+
+def pause_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The pauses in the positions that the train's localisation gave."""
+    at = np.sort(recording.columns(topics.POSITION, "time_ns")["time_ns"])
+    for index in np.flatnonzero(np.diff(at) > PAUSE_NS):
+        lasted_s = float(at[index + 1] - at[index]) * NS
+        s_m = float(trip.at(at[index : index + 1], trip.s_m)[0])
+        yield DriveEvent(
+            time_ns=int(at[index]), end_ns=int(at[index + 1]), kind=EventKind.LAPSE, s_m=s_m,
+            text=f"no position for {lasted_s:.0f} s from km {s_m / KM:.2f}", facts={"lasted_s": lasted_s},
+        )  # fmt: skip

@@ -1,0 +1,88 @@
+"""What was told on the day: restrictions, targets, journeys, delays, signals, and the texts of simulator and node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import KM, NS, kmh
+from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.happenings import points, signals
+from sim.drive.limits import temporary_limits
+from sim.recording.course import DrivenCourse
+
+DELAY_STEP_S: Final = 15.0
+"""A delay that differs by this much (s) from the one told before is an event; smaller changes come all the time."""
+
+
+def told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """Everything that was told, in no order."""
+    yield from _restrictions(recording, trip)
+    for point in points(recording, trip):
+        text = f"traffic management: {point.text} at km {point.s_m / KM:.1f}"
+        yield DriveEvent(time_ns=point.told_ns, kind=EventKind.TARGET, text=text, s_m=_where(trip, point.told_ns))
+    for index, entry in enumerate(recording.of(topics.JOURNEY)):
+        if index:
+            stops = " – ".join(stop.name for stop in entry.message.stops)
+            at = int(entry.message.time_ns)
+            yield DriveEvent(
+                time_ns=at, kind=EventKind.JOURNEY, text=f"another journey was told: {stops}", s_m=_where(trip, at)
+            )
+    yield from _delays(recording, trip)
+    for signal in signals(recording):
+        lasted_s = (signal.end_ns - signal.start_ns) * NS
+        yield DriveEvent(
+            time_ns=signal.start_ns, end_ns=signal.end_ns, kind=EventKind.SIGNAL, s_m=_where(trip, signal.start_ns),
+            text=f"signal at danger at km {signal.s_m / KM:.2f} in sight for {lasted_s:.0f} s",
+            facts={"signal_m": signal.s_m, "lasted_s": lasted_s},
+        )  # fmt: skip
+    for entry in recording.of(topics.LOG):
+        yield _said(entry.message, EventKind.LOG, trip)
+    for entry in recording.of(topics.EVENT):
+        if entry.message.level >= Log.WARNING:
+            yield _said(entry.message, EventKind.WARNING, trip)
+
+
+def _where(trip: DrivenCourse, time_ns: int) -> float:
+    return float(trip.at(np.array([time_ns]), trip.s_m)[0])
+
+
+def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    for one in temporary_limits(recording, trip):
+        place = f"km {one.start_m / KM:.2f} to {one.end_m / KM:.2f}"
+        facts = {"start_m": one.start_m, "end_m": one.end_m, "limit_mps": one.limit_mps}
+        yield DriveEvent(
+            time_ns=one.told_ns, kind=EventKind.RESTRICTION, s_m=_where(trip, one.told_ns), facts=facts,
+            text=f"restriction told: {kmh(one.limit_mps):.0f} km/h, {place}",
+        )  # fmt: skip
+        if one.lifted_ns <= trip.time_ns[-1]:
+            yield DriveEvent(
+                time_ns=one.lifted_ns, kind=EventKind.RESTRICTION, s_m=_where(trip, one.lifted_ns), facts=facts,
+                text=f"restriction lifted: {kmh(one.limit_mps):.0f} km/h, {place}",
+            )  # fmt: skip
+
+
+def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The delays told that differ from the one told before."""
+    delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
+    before_s = 0.0
+    for time_ns, delay_s in zip(delay["time_ns"].tolist(), delay["delay_s"].tolist(), strict=True):
+        if abs(delay_s - before_s) >= DELAY_STEP_S:
+            word = f"{abs(delay_s):.0f} s {'late' if delay_s > 0 else 'early'}"
+            text = f"the operator says {word if abs(delay_s) >= 0.5 else 'on time'}"
+            yield DriveEvent(
+                time_ns=time_ns, kind=EventKind.DELAY, text=text,
+                s_m=_where(trip, time_ns), facts={"delay_s": delay_s},
+            )  # fmt: skip
+            before_s = delay_s
+
+
+def _said(log: Any, kind: EventKind, trip: DrivenCourse) -> DriveEvent:
+    at = log.timestamp.ToNanoseconds()
+    said = f"{log.name}: {log.message}" if log.name else str(log.message)
+    return DriveEvent(time_ns=at, kind=kind, text=said, s_m=_where(trip, at))

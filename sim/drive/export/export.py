@@ -1,0 +1,165 @@
+"""Exports a recording: one table a topic, one joined by time and one by position, and what they are made from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from das import __version__
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.files.writing import write_folder_whole
+from sim.drive.export.anonymity import anonymous
+from sim.drive.export.columns import TIME, DataTable, tables_of
+from sim.drive.export.joining import by_position, by_time
+from sim.drive.export.writing import as_csv, as_parquet, columns_table, require_parquet
+from sim.recording.clock import DriveClock
+from sim.recording.opening import open_recording
+
+STANDING_MPS: Final = 0.1
+"""A train slower than this stands."""
+LAST_NS: Final = 2**62
+
+
+class FileFormat(StrEnum):
+    """What is written."""
+
+    PARQUET = "parquet"
+    CSV = "csv"
+    BOTH = "both"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportSettings:
+    """What of a recording is exported, and how. Times are as the user wrote them (see `DriveClock.moment_ns`)."""
+
+    start: str | None = None
+    end: str | None = None
+    trim_ends: bool = False
+    anonymous: bool = False
+    format: FileFormat = FileFormat.BOTH
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """What was written: rows by table, and the files in all."""
+
+    folder: Path
+    rows: dict[str, int]
+    files: int
+
+
+def export(path: Path, folder: Path, settings: ExportSettings, train: str | None = None) -> Exported:
+    """Write the tables of a recording into a new folder, which is there whole or not at all.
+
+    Raises DasError for an unusable recording or time, and where the folder is there already or cannot be made.
+    """
+    check_folder(folder)
+    if settings.format is not FileFormat.CSV:
+        require_parquet()
+    recording = open_recording(path, train)
+    clock, zero_m = DriveClock.of_recording(recording), first_m(recording)
+    zero_ns, span = clock.zero_ns, _span(recording, settings, clock)
+    tables = _tables(recording, zero_ns, span)
+    if not any(len(one) for one in tables):
+        raise DasError(f"{path}: there is nothing between --from and --to")
+    if settings.anonymous:
+        tables = [kept for one in tables if (kept := anonymous(one, zero_ns, zero_m)) is not None]
+    named = {one.name: one for one in tables}
+    joined = [one(named, 0 if settings.anonymous else zero_ns) for one in (by_time, by_position)]
+    tables += [one for one in joined if one is not None]
+    about = _about(recording, settings, zero_ns, span)
+    write_folder_whole(folder, _files(tables, about, settings.format))
+    return Exported(folder=folder, rows={one.name: len(one) for one in tables}, files=len(list(folder.iterdir())))
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that holds something, or that cannot be made."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise DasError(f"{folder}: is there already, expected a new or empty folder")
+    if not folder.resolve().parent.is_dir():
+        raise DasError(f"{folder}: no such folder {folder.parent}")
+
+
+def first_m(recording: Recording) -> float:
+    """The position (m) of the journey's first stop, else of the first message that says one; 0 without any."""
+    for entry in recording.of(topics.JOURNEY)[:1]:
+        if len(entry.message.stops):
+            return float(entry.message.stops[0].s_m)
+    positions = recording.columns(topics.POSITION, "s_m")["s_m"]
+    known = positions[np.isfinite(positions)]
+    return float(known[0]) if len(known) else 0.0
+
+
+def _span(recording: Recording, settings: ExportSettings, clock: DriveClock) -> tuple[int, int]:
+    """From when to when (ns) is exported."""
+    start_ns = clock.moment_ns(settings.start) if settings.start is not None else 0
+    end_ns = clock.moment_ns(settings.end) if settings.end is not None else LAST_NS
+    if end_ns < start_ns:
+        raise DasError(f"--to {settings.end}: expected a time after --from")
+    if not settings.trim_ends:
+        return start_ns, end_ns
+    moving = _moving_ns(recording)
+    if not len(moving):
+        raise DasError(f"{recording.path}: --trim-ends: the train does not move in this recording")
+    return max(start_ns, int(moving[0])), min(end_ns, int(moving[-1]))
+
+
+def _moving_ns(recording: Recording) -> Any:
+    """The times (ns) at which the train moves, in order."""
+    topic = topics.TRUTH if recording.of(topics.TRUTH) else topics.POSITION
+    data = recording.columns(topic, "time_ns", "speed_mps")
+    return np.sort(data["time_ns"][data["speed_mps"] > STANDING_MPS])
+
+
+def _tables(recording: Recording, zero_ns: int, span: tuple[int, int]) -> list[DataTable]:
+    found = []
+    for topic in topics.TOPICS:
+        entries = recording.of(topic)
+        for table in tables_of(topic.name, entries, zero_ns) if entries else ():
+            found.append(table.only([span[0] <= one <= span[1] for one in table[TIME].values]))
+    return found
+
+
+def _about(recording: Recording, settings: ExportSettings, zero_ns: int, span: tuple[int, int]) -> dict[str, Any]:
+    """What the tables are made from; without who and where, as far as that is asked for."""
+    health = recording.health
+    about: dict[str, Any] = {
+        "version": __version__,
+        "anonymous": settings.anonymous,
+        "trim_ends": settings.trim_ends,
+        "complete": recording.complete,
+        "damage": [one.what for one in health.damage],
+        "messages_missing": health.missing,
+    }
+    if settings.anonymous:
+        return about
+    return {
+        **about,
+        "recording": recording.path.name,
+        "train": recording.train,
+        "zero_ns": zero_ns,
+        "from_ns": span[0] or None,
+        "to_ns": span[1] if span[1] != LAST_NS else None,
+        "metadata": recording.metadata,
+        "attachments": list(recording.attachments),
+    }
+
+
+def _files(tables: Sequence[DataTable], about: dict[str, Any], kind: FileFormat) -> dict[str, bytes]:
+    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
+    files = {"export.json": json.dumps(about, indent=2, ensure_ascii=False).encode()}
+    files["columns.csv"] = as_csv(columns_table(list(tables)))
+    for one in tables:
+        if kind is not FileFormat.PARQUET:
+            files[f"{one.name}.csv"] = as_csv(one)
+        if kind is not FileFormat.CSV:
+            files[f"{one.name}.parquet"] = as_parquet(one, texts)
+    return files

@@ -1,0 +1,170 @@
+"""What happened on the day beside the driving: silence of the node, signals, targets, events worth a mark."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from das.bus import das_pb2, topics
+from das.bus.recording import Recording
+from das.domain.units import KM, NS
+from sim.drive.events.notes import read_notes
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse
+
+HEARD_NS: Final = 3_000_000_000
+"""A message that withdraws the advice does not say how long it is valid; it counts for this long (ns)."""
+
+NOT_HEARD: Final = "the node is not heard"
+
+
+class Span(NamedTuple):
+    """A time during which something was so, and what it was."""
+
+    start_ns: int
+    end_ns: int
+    text: str
+
+
+class Signal(NamedTuple):
+    """A signal at danger: its position (m), and from when to when the driver saw it so."""
+
+    s_m: float
+    start_ns: int
+    end_ns: int
+
+
+class Point(NamedTuple):
+    """A target of traffic management: its position (m), when the node was told, and what it asks."""
+
+    s_m: float
+    told_ns: int
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Happening:
+    """Something to be marked: when it happened, its kind (log, warning, silence, note), and a text."""
+
+    time_ns: int
+    kind: str
+    text: str
+
+
+def silences(recording: Recording, trip: DrivenCourse) -> tuple[Span, ...]:
+    """The times without advice, each with its first reason: withdrawn, or not heard.
+
+    There are none in a recording without a node.
+    """
+    first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
+    found: list[Span] = []
+    before: int | str = ""
+    for said, cause in _silent(recording, first_ns, last_ns):
+        span = said._replace(start_ns=max(said.start_ns, first_ns), end_ns=min(said.end_ns, last_ns))
+        if span.end_ns <= span.start_ns:
+            continue
+        if found and found[-1].end_ns == span.start_ns and before == cause:
+            found[-1] = found[-1]._replace(end_ns=span.end_ns)
+        else:
+            found.append(span)
+        before = cause
+    return tuple(found)
+
+
+def _silent(recording: Recording, first_ns: int, last_ns: int) -> Iterator[tuple[Span, int | str]]:
+    """The times without advice, each with what caused it."""
+    advices = sorted((entry.message for entry in recording.of(topics.ADVICE)), key=lambda message: message.time_ns)
+    heard_ns = first_ns
+    for advice, following in pairwise([*advices, None]):
+        assert advice is not None
+        if advice.time_ns > heard_ns:
+            yield Span(heard_ns, advice.time_ns, NOT_HEARD), NOT_HEARD
+        next_ns = last_ns if following is None else following.time_ns
+        valid_ns = max(advice.valid_until_ns, advice.time_ns + HEARD_NS)
+        heard_ns = min(next_ns, valid_ns)
+        if advice.source == das_pb2.Advice.SOURCE_NONE:
+            yield Span(advice.time_ns, heard_ns, advice.reason), _cause(advice)
+    if advices:
+        yield Span(heard_ns, last_ns, NOT_HEARD), NOT_HEARD
+
+
+def _cause(advice: Any) -> int | str:
+    """The cause of a withdrawal; in a recording older than causes, the reason without the numbers in it."""
+    return int(advice.cause) or re.sub(r"[\d.]+", "", advice.reason)
+
+
+def signals(recording: Recording) -> tuple[Signal, ...]:
+    """The signals at danger that the driver saw."""
+    found: list[Signal] = []
+    before_m = -1.0
+    for entry in recording.of(topics.CAB):
+        cab = entry.message
+        if cab.signal_m == before_m:
+            found[-1] = found[-1]._replace(end_ns=cab.time_ns)
+        elif cab.signal_m > 0.0:
+            found.append(Signal(cab.signal_m, cab.time_ns, cab.time_ns))
+        before_m = cab.signal_m if cab.signal_m > 0.0 else -1.0
+    return tuple(found)
+
+
+def points(recording: Recording, trip: DrivenCourse) -> tuple[Point, ...]:
+    """The targets that the node was told about, each once."""
+    stops = {stop.name: stop.s_m for entry in recording.of(topics.JOURNEY) for stop in entry.message.stops}
+    found: dict[tuple[float, str], Point] = {}
+    clock = DriveClock.of(recording, int(trip.time_ns[0]))
+    for entry in recording.of(topics.TARGET):
+        for target in entry.message.targets:
+            s_m = stops.get(target.stop, target.s_m)
+            text = _asked(target, clock)
+            found.setdefault((s_m, text), Point(s_m, entry.message.time_ns, text))
+    return tuple(found.values())
+
+
+def _asked(target: Any, clock: DriveClock) -> str:
+    words = (("arrival", target.arrival_ns), ("not before", target.earliest_ns), ("not after", target.latest_ns))
+    return ", ".join(f"{word} {clock.shown(at_ns)}" for word, at_ns in words if at_ns)
+
+
+def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> tuple[Happening, ...]:
+    """What is to be marked, in order of time: the simulator's log, silences, other warnings of the node, and notes."""
+    start_ns, end_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
+    found = [_happening(entry.message, "log") for entry in recording.of(topics.LOG)]
+    for span in silent:
+        text = f"no advice for {(span.end_ns - span.start_ns) * NS:.0f} s: {span.text}"
+        found.append(Happening(time_ns=span.start_ns, kind="silence", text=text))
+    for entry in recording.of(topics.EVENT):
+        event = entry.message
+        one = _happening(event, "warning")
+        # A node that is still there after the last position warns of its age.
+        if event.level >= Log.WARNING and one.time_ns <= end_ns and not any(x.text in one.text for x in silent):
+            found.append(one)
+    for note in read_notes(recording.path):
+        if not start_ns <= note.time_ns <= end_ns:  # of another part of the drive
+            continue
+        found.append(Happening(time_ns=note.time_ns, kind="note", text=f"note: {note.text}"))
+    found = [_from_the_start(one, start_ns) for one in found]
+    return tuple(sorted(found, key=lambda one: one.time_ns))
+
+
+def _happening(event: Any, kind: str) -> Happening:
+    return Happening(time_ns=event.timestamp.ToNanoseconds(), kind=kind, text=event.message)
+
+
+def _from_the_start(one: Happening, start_ns: int) -> Happening:
+    """Put what happened before the first position at that position, and say so."""
+    early_s = (start_ns - one.time_ns) * NS
+    if early_s <= 0:
+        return one
+    return replace(one, time_ns=start_ns, text=f"({early_s:.0f} s before) {one.text}")
+
+
+def where_and_when(one: Happening, trip: DrivenCourse, clock: DriveClock) -> str:
+    """A happening in one line, with its time on the drive's clock and its place."""
+    at = np.array([one.time_ns])
+    return f"{clock.shown(one.time_ns)}, km {trip.at(at, trip.s_m)[0] / KM:.1f}: {one.text}"

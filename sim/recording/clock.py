@@ -1,0 +1,123 @@
+"""The clock of a drive: one zero for every table, picture and page, and the time of day beside it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.units import NS
+from sim.recording.course import DrivenCourse
+
+MINUTE_S: Final = 60
+HOUR_S: Final = 3600
+DAY_S: Final = 86400
+FORMS: Final = (
+    "12:34 (minutes and seconds on the drive's clock), 1:02:03, 754 (seconds), 08:16:34Z (time of day, UTC) or "
+    "2026-11-21T08:16:34"
+)
+_ON_CLOCK: Final = re.compile(r"(?P<sign>[+−-]?)(?:(?P<h>\d+):(?=\d\d:))?(?P<m>\d+):(?P<s>[0-5]\d(?:\.\d+)?)")
+_SECONDS: Final = re.compile(r"(?P<sign>[+−-]?)(?P<s>\d{1,9}(?:\.\d+)?)")
+_OF_DAY: Final = re.compile(r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(?::(?P<s>[0-5]\d(?:\.\d+)?))?Z", re.IGNORECASE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveClock:
+    """A clock that shows 0 at `zero_ns` (ns since 1970).
+
+    The zero is the timetable's first departure, as in the tables of a run; without a timetable it is the first
+    position.
+    """
+
+    zero_ns: int
+    zero_is: str = "the timetable's departure"
+    """What happens at zero, in words."""
+
+    @classmethod
+    def of_recording(cls, recording: Recording) -> DriveClock:
+        """The clock of any recording; without a timetable and positions, 0 is the first message."""
+        try:
+            first_ns = int(DrivenCourse.of(recording).time_ns[0])
+        except DasError:
+            first_ns = min(entries[0].log_time_ns for entries in recording.messages.values())
+            found = cls.of(recording, first_ns)
+            return found if found.zero_ns != first_ns else cls(zero_ns=first_ns, zero_is="the first message")
+        return cls.of(recording, first_ns)
+
+    @classmethod
+    def of(cls, recording: Recording, first_ns: int) -> DriveClock:
+        """The clock of a recording whose first position is at `first_ns`."""
+        for entry in recording.of(topics.JOURNEY):
+            for stop in entry.message.stops[:1]:
+                near = abs(stop.departure_ns - first_ns) * NS < DAY_S
+                if stop.departure_ns and near:
+                    return cls(zero_ns=int(stop.departure_ns))
+        return cls(zero_ns=first_ns, zero_is="the first position")
+
+    def since_s(self, time_ns: int) -> float:
+        """What the clock shows at a moment (s)."""
+        return (time_ns - self.zero_ns) * NS
+
+    def shown(self, time_ns: int) -> str:
+        """The clock in minutes and seconds, "12:34"; before zero "−0:10"."""
+        return minutes(self.since_s(time_ns))
+
+    def of_day(self, time_ns: int) -> str:
+        """The time of day in UTC, "08:16:34"."""
+        return f"{datetime.fromtimestamp(round(time_ns * NS), UTC):%H:%M:%S}"
+
+    def moment_ns(self, text: str) -> int:
+        """The moment (ns since 1970) that a user's text names; DasError where it is none (see `FORMS`)."""
+        text = text.strip()
+        for form in (_ON_CLOCK, _SECONDS):
+            if found := form.fullmatch(text):
+                return self.zero_ns + round(_seconds(found.groupdict()) / NS)
+        if "T" in text.upper():
+            return _of_date_ns(text)
+        found = _OF_DAY.fullmatch(text)
+        if found is None:
+            raise DasError(f"time {text!r}: expected {FORMS}")
+        zero = datetime.fromtimestamp(self.zero_ns * NS, UTC)
+        at = zero.replace(hour=int(found["h"]), minute=int(found["m"]), second=0, microsecond=0)
+        at += timedelta(seconds=float(found["s"] or 0.0))
+        # The moment nearest to the zero: a drive may pass midnight.
+        away = round((zero - at) / timedelta(days=1))
+        return round((at + timedelta(days=away)).timestamp() / NS)
+
+
+def _seconds(parts: Mapping[str, str | None]) -> float:
+    """Seconds of the named parts of a time: its sign, hours, minutes and seconds, as far as there are any."""
+    hours, minute, second = (float(parts.get(name) or 0.0) for name in ("h", "m", "s"))
+    return (HOUR_S * hours + MINUTE_S * minute + second) * (1.0 if parts["sign"] in ("", "+") else -1.0)
+
+
+def _of_date_ns(text: str) -> int:
+    """A date with a time of day (ISO 8601; UTC where it does not say otherwise) in ns since 1970."""
+    try:
+        moment = datetime.fromisoformat(text)
+        return round((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / NS)
+    except (ValueError, OverflowError):
+        raise DasError(f"time {text!r}: expected {FORMS}") from None
+
+
+def spell(time_s: float) -> str:
+    """A duration (s) in words: "41 min 38 s", "2 h 3 min"."""
+    whole = round(time_s)
+    hours, rest = divmod(whole, HOUR_S)
+    if hours:
+        return f"{hours} h {rest // MINUTE_S} min"
+    return f"{rest // MINUTE_S} min {rest % MINUTE_S} s" if rest >= MINUTE_S else f"{rest} s"
+
+
+def minutes(time_s: float) -> str:
+    """A time (s) as minutes and seconds, "12:34"; nothing for NaN."""
+    if math.isnan(time_s):
+        return ""
+    whole = round(time_s)
+    return f"{'−' if whole < 0 else ''}{abs(whole) // MINUTE_S}:{abs(whole) % MINUTE_S:02d}"

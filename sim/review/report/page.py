@@ -1,0 +1,153 @@
+"""The page of a report: everything found out about one drive or several, filled into the template."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from das import __version__
+from das.domain.errors import DasError
+from das.domain.units import kwh
+from sim.drive.attribution.rows import as_dict as energy_dict
+from sim.drive.attribution.rows import worst_places
+from sim.drive.comparison.aligned import AlignedDrives, place
+from sim.drive.comparison.on_track import on_track
+from sim.drive.comparison.rows import as_dict as comparison_dict
+from sim.drive.comparison.rows import sentences
+from sim.recording.check import RATE_COLUMNS
+from sim.review.colors import LIGHT
+from sim.review.light import as_image, comparison_figure
+from sim.review.report import figures, words
+from sim.review.report.circumstances import rests_on
+from sim.review.report.lateness import where_time_went
+from sim.review.report.subject import ReviewedDrive
+
+TEMPLATE: Final = "page.html.j2"
+
+
+def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, str]:
+    """Several drives aligned on track position, or None and why they cannot be; None for a single one."""
+    if len(subjects) < 2:
+        return None, ""
+    stems = [subject.name for subject in subjects]
+    labels = [f"{stem} ({i})" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
+    try:
+        drives = [on_track(subject.recording, label) for subject, label in zip(subjects, labels, strict=True)]
+        return AlignedDrives.of(drives), ""
+    except DasError as error:
+        return None, str(error)
+
+
+def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_compared: str) -> str:
+    """The page as HTML, which needs nothing besides itself."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    names = "; ".join(words.title(subject) for subject in subjects)
+    return environment.get_template(TEMPLATE).render(
+        title=f"Report: {names}",
+        version=__version__,
+        theme=LIGHT,
+        drives=[_drive(subject) for subject in subjects],
+        comparison=None if aligned is None else _comparison(aligned),
+        not_compared=not_compared,
+        rate_columns=RATE_COLUMNS,
+    )
+
+
+def _drive(subject: ReviewedDrive) -> dict[str, Any]:
+    account = subject.account
+    worst = [] if account is None else worst_places(account)
+    return {
+        "name": subject.name,
+        "paragraph": words.paragraph(subject),
+        "lateness": " ".join(where_time_went(subject)),
+        "rests_on": rests_on(subject),
+        "figures": words.figures(subject),
+        "stops": words.stop_rows(subject),
+        "causes": [] if account is None else words.cause_rows(account),
+        "times": [] if account is None else words.time_rows(account),
+        "legs": [] if account is None else words.leg_rows(account),
+        "worst": [
+            (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
+        ],
+        "why_not": subject.why_not,
+        "events": words.event_rows(subject),
+        "left_out": words.left_out(subject),
+        "advice": words.advice_rows(subject),
+        "bookmarks": words.bookmark_rows(subject),
+        "health": subject.checked,
+        "inputs": words.input_rows(subject),
+        "images": _images(subject),
+    }
+
+
+def _images(subject: ReviewedDrive) -> dict[str, str]:
+    """The pictures that there is something for, by name; the others are empty."""
+    made = {"speed": figures.drive_figure(subject)}
+    if subject.chronicle.calls:
+        made["punctuality"] = figures.punctuality_figure(subject)
+    if subject.account is not None:
+        made["causes"] = figures.cause_figure(subject)
+        made["places"] = figures.place_figure(subject)
+        made["efficiency"] = figures.efficiency_figure(subject)
+    names = ("speed", "punctuality", "causes", "places", "efficiency")
+    found = {name: made.get(name) for name in names}
+    return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}
+
+
+def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
+    others = range(1, len(aligned.drives))
+    return {
+        "sentences": [line for index in others for line in sentences(aligned, index)],
+        "image": as_image(comparison_figure(aligned)),
+        "tables": [
+            {
+                "label": aligned.drives[index].label,
+                "rows": [
+                    {
+                        "start": place(one.start_m),
+                        "end": place(one.end_m),
+                        "time": f"{one.time_s:+.1f}",
+                        "drawn": f"{kwh(one.energy_j):+.2f}",
+                        "lost": f"{kwh(one.lost_j):+.2f}",
+                    }
+                    for one in aligned.stretches(index)
+                ],
+            }
+            for index in others
+            if not aligned.is_same(index)
+        ],
+    }
+
+
+def as_dict(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_compared: str) -> dict[str, Any]:
+    """The report for programs."""
+    return {
+        "drives": [_drive_dict(subject) for subject in subjects],
+        "comparison": None if aligned is None else comparison_dict(aligned),
+        "not_compared": not_compared or None,
+    }
+
+
+def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
+    chronicle = subject.chronicle
+    return {
+        "recording": str(subject.recording.path),
+        "complete": subject.recording.complete,
+        "in_words": words.paragraph(subject),
+        "zero_ns": chronicle.clock.zero_ns,
+        "within_shown_speed_ratio": words.compliance(subject),
+        "stops": words.stop_rows(subject),
+        "likely_above_optimum_kwh": None
+        if subject.likely is None
+        else [kwh(subject.likely.low_j), kwh(subject.likely.high_j)],
+        "energy": None if subject.account is None else energy_dict(subject.account),
+        "no_energy_because": subject.why_not or None,
+        "events": chronicle.as_rows(chronicle.events),
+        "health": subject.checked.as_dict(),
+        "inputs": dict(words.input_rows(subject)),
+    }

@@ -1,0 +1,1 @@
+"""A drive from a drive: replay, reproduce, what-if."""

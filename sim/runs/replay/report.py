@@ -1,0 +1,259 @@
+"""The figures of a replay, as an object and as a table."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from das.command_line.printing import print_table, tell, typed
+from das.domain.units import NS, kwh
+from das.solver.solution import Fit
+from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome
+from sim.runs.replay.saving import TripSaving
+from sim.trips.estimate import EnergyRange
+from sim.trips.findings import FindingKind
+from sim.trips.report import direction_by_posts, line_not_used, unknowns
+from sim.trips.saving import NOT_COMPARABLE
+from sim.trips.settings import ESTIMATE
+from sim.trips.trip import Trip
+
+LEAST_CERTAIN_RATIO = 0.01
+"""A saving below this share of the energy is within the error of inverse dynamics: for a driver who drove the optimum
+it finds 0.5 %."""
+
+
+def result(job: ReplayJob, outcome: ReplayOutcome, saving: TripSaving) -> dict[str, Any]:
+    """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
+
+    `energy_optimum_kwh` is the least energy for the same arrival as driven (of the fastest run, where the train cannot
+    arrive so early; nothing is said to be saved then). `saved_*` are None where trip and optimum cannot be compared; no
+    saving can be claimed unless `saving_certain`. `timetable_*` are for the arrival the timetable wants.
+    """
+    trip, traffic = job.trip, outcome.traffic
+    return {
+        "from": trip.start.name,
+        "to": trip.end.name,
+        "trip_time_s": float(trip.run.time_s[-1]),
+        "whole_section": trip.whole,
+        "direction_known": trip.direction_known,
+        "direction_note": None if trip.direction_known else direction_by_posts(trip),
+        "line_not_used": line_not_used(trip),
+        "better_stops": trip.better_stops,
+        "stops_on_the_way": list(trip.stops_on_the_way),
+        "advices": traffic.ticks,
+        "advices_given": traffic.advices_given,
+        "advices_withdrawn": traffic.advices_withdrawn,
+        "advices_above_limit": traffic.above_limit,
+        **_energies(job, saving),
+        **_timetable(job),
+        **_messages(outcome),
+        **_matching(trip),
+        "file": str(job.crew.out),
+    }
+
+
+def _energies(job: ReplayJob, saving: TripSaving) -> dict[str, Any]:
+    """Energy as driven, that of the optimum with the same arrivals, and what the advice would have saved."""
+    driven_kwh, optimum_kwh = kwh(saving.whole_j), kwh(saving.optimum_j)
+    spread, saved, likely = saving.spread, saving.saved, saving.likely
+    saved_kwh = None if saved is None else driven_kwh - optimum_kwh
+    return {
+        "min_time_s": sum(one.least_time_s for one in saving.optima),
+        "energy_driven_kwh": driven_kwh,
+        "energy_driven_low_kwh": kwh(spread.low_j),
+        "energy_driven_high_kwh": kwh(spread.high_j),
+        "energy_driven_unknowns": unknowns(spread),
+        "energy_optimum_kwh": optimum_kwh,
+        "optimum_time_s": sum(one.time_s for one in saving.optima),
+        "driving_time_s": sum(one.trip_s for one in saving.sections),
+        "optimum_fit": str(Fit.LATE if saving.late else saving.optima[0].fit),
+        "saved_kwh": saved_kwh,
+        "saved_ratio": saved_kwh / driven_kwh if saved_kwh is not None and driven_kwh > 0 else None,
+        "saved_likely_low_kwh": None if likely is None else kwh(likely.low_j),
+        "saved_likely_high_kwh": None if likely is None else kwh(likely.high_j),
+        "saved_low_kwh": None if saved is None else kwh(saved.low_j),
+        "saved_high_kwh": None if saved is None else kwh(saved.high_j),
+        "not_comparable": saving.why_not or None,
+        "saving_certain": saved is not None and saving_certain(saved, saving.whole_j),
+        "saved_unknowns": [] if saved is None else unknowns(saved),
+        "saved_cases_left_out": 0 if saved is None else saved.left_out,
+        "sections": _sections(saving),
+        "beyond_vehicle_ratio": job.driven.beyond_ratio,
+    }
+
+
+def _sections(saving: TripSaving) -> list[dict[str, Any]]:
+    """Every section of the trip with its energies."""
+    return [
+        {
+            "from": one.start,
+            "to": one.end,
+            "trip_s": one.trip_s,
+            "driven_kwh": kwh(driven_j),
+            "optimum_kwh": kwh(best.ledger.input),
+            "optimum_fit": str(best.fit),
+        }
+        for one, best, driven_j in zip(saving.sections, saving.optima, saving.driven_j, strict=True)
+    ]
+
+
+def _timetable(job: ReplayJob) -> dict[str, Any]:
+    """The run for the arrival that the timetable wants, and how late the trip arrived."""
+    run = job.trip.run
+    left_s = (job.timing.arrival_ns - run.start_time_ns) * NS
+    wanted = job.front.trajectory(max(left_s, 1e-3))
+    return {
+        "timetable_time_left_s": left_s,
+        "timetable_fit": str(wanted.fit),
+        "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
+        "timetable_energy_kwh": kwh(wanted.ledger.input),
+        "driven_late_s": float(run.time_s[-1]) - left_s,
+    }
+
+
+def _messages(outcome: ReplayOutcome) -> dict[str, Any]:
+    """Messages of the replay, and how fast it went."""
+    traffic = outcome.traffic
+    return {
+        "messages_sent": sum(traffic.sent.values()),
+        "messages_recorded": sum(traffic.recorded.values()),
+        "messages_lost": traffic.lost,
+        "start_s": traffic.start_s,
+        "replay_s": outcome.replay_s,
+        "real_time_factor": traffic.ticks * TICK_S / outcome.replay_s if outcome.replay_s > 0 else None,
+    }
+
+
+def _matching(trip: Trip) -> dict[str, Any]:
+    """How the trip fits the line, and what was cleaned."""
+    report = trip.matched.report
+    return {
+        "map_anchor": report.anchor,
+        "map_stand_uncertainty_m": report.stand_uncertainty_m,
+        "map_scale": report.scale,
+        "map_median_cross_track_m": report.median_cross_track_m,
+        "map_p95_cross_track_m": report.p95_cross_track_m,
+        "map_max_cross_track_m": report.max_cross_track_m,
+        "gps_dropout_points": int(np.count_nonzero(trip.matched.dropout)),
+        "cleaning": report.cleaning.as_object(),
+        "cleaning_summary": report.cleaning.summary,
+        "gps_speed_lag_s": trip.run.speed_lag_s,
+        "position_rms_m": trip.run.position_rms_m,
+    }
+
+
+def saving_certain(saved: EnergyRange, driven_j: float) -> bool:
+    """Whether the advice would have saved something whatever the unknowns are."""
+    return saved.low_j > LEAST_CERTAIN_RATIO * driven_j
+
+
+def print_result(found: dict[str, Any]) -> None:
+    """Print the table at the end of a replay, with what should be known about its figures."""
+    table = Table(title="replay", title_justify="left", show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    for name, value in figure_rows(found):
+        table.add_row(name, value)
+    print_table(table)
+    for note in notes(found):
+        tell(f"note: {note}")
+    tell(f"written: {found['file']}")
+    tell(f"view it: {typed('das-sim')} view {shlex.quote(found['file'])}")
+
+
+def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name and value of every row of the table."""
+    late = found["optimum_fit"] == Fit.LATE
+    return [
+        ("trip time", f"{found['trip_time_s']:.0f} s"),
+        ("least possible time", f"{found['min_time_s']:.0f} s"),
+        ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
+        ("energy as driven (estimated)", f"{found['energy_driven_kwh']:.1f} kWh"),
+        ("  it may have been", f"{found['energy_driven_low_kwh']:.0f} to {found['energy_driven_high_kwh']:.0f} kWh"),
+        (
+            f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
+            f"{found['energy_optimum_kwh']:.1f} kWh",
+        ),
+        *saving_rows(found),
+        *section_rows(found),
+        ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
+        ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
+    ]
+
+
+def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """The sections of a trip with stops on the way; the optimum for the timetable of one without."""
+    if len(found["sections"]) < 2:
+        return [("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh")]
+    return [
+        (f"  {one['from']} – {one['to']}", f"{one['driven_kwh']:.1f} kWh, optimum {one['optimum_kwh']:.1f} kWh")
+        for one in found["sections"]
+    ]
+
+
+def saving_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """The rows about the saving: it is a figure only if something is saved whatever the unknowns are."""
+    what = "advice would have saved"
+    if found["saved_kwh"] is None:
+        return [(what, NOT_COMPARABLE if found["direction_known"] else "not stated")]
+    ratio = "" if found["saved_ratio"] is None else f" ({100 * found['saved_ratio']:.0f} %)"
+    certain = f"{found['saved_kwh']:.1f} kWh{ratio}" if found["saving_certain"] else "perhaps nothing"
+    return [
+        (what, certain),
+        ("  likely", f"{found['saved_likely_low_kwh']:z.0f} to {found['saved_likely_high_kwh']:z.0f} kWh"),
+        ("  all unknowns at their worst", f"{found['saved_low_kwh']:z.0f} to {found['saved_high_kwh']:z.0f} kWh"),
+    ]
+
+
+def notes(found: dict[str, Any]) -> list[str]:
+    """What should be known about the figures, a sentence a note."""
+    return [*_notes_of_figures(found), *_notes_of_trip(found)]
+
+
+def _notes_of_figures(found: dict[str, Any]) -> list[str]:
+    notes = []
+    if found["optimum_fit"] == Fit.LATE:
+        notes.append(found["not_comparable"])
+    if found["timetable_fit"] == Fit.LATE:
+        late = found["timetable_late_s"]
+        notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")
+    if not found["whole_section"]:
+        better = f" (try {found['better_stops']})" if found["better_stops"] else ""
+        notes.append(
+            f"the trip does not run from standstill to standstill at the stops{better}: no saving can be stated"
+        )
+    if found["stops_on_the_way"]:
+        names = ", ".join(found["stops_on_the_way"])
+        notes.append(f"the train stood at {names} on the way: it is compared section by section with the same stands")
+    if found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
+        share = 100 * found["beyond_vehicle_ratio"]
+        notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
+    if found["saved_kwh"] is not None and not found["saving_certain"]:
+        notes.append("at worst nothing was saved, or all but: no saving is claimed")
+    if found["direction_note"]:
+        notes.append(f"{found['direction_note']}: no saving is stated before that is known")
+    if found["saved_cases_left_out"]:
+        notes.append("a train heavier or more resisted could not have driven so: the saving's range is without it")
+    if found["advices_above_limit"]:
+        notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
+    return notes
+
+
+def _notes_of_trip(found: dict[str, Any]) -> list[str]:
+    notes = []
+    if found["line_not_used"]:
+        notes.append(found["line_not_used"])
+    if found["map_stand_uncertainty_m"] > 0:
+        beyond_m = found["map_stand_uncertainty_m"]
+        notes.append(f"positions alone tell that it stood at the record's ends: up to {beyond_m:.1f} m beyond them")
+    if found["map_anchor"] in ("start", "end"):
+        notes.append(f"the kilometrage is anchored at the {found['map_anchor']} only (lengths differ by over 1 %)")
+    for finding in found["cleaning"]["findings"]:
+        if finding["kind"] == FindingKind.OTHER_WAY:
+            notes.append(f"the trip runs the other way, and was driven so: {finding['detail']}")
+    if found["cleaning"]["findings"]:
+        notes.append(f"the trip was cleaned: {found['cleaning_summary']}")
+    return notes

@@ -1,0 +1,195 @@
+"""What a what-if changed: the recorded day and the new one beside each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from das.advice.modes import Mode
+from das.bus import topics
+from das.bus.recording import Recording, recording_of
+from das.domain.errors import DasError
+from das.domain.units import kmh, kwh
+from sim.drive.comparison.aligned import SAME_ADVICE_MPS, Advised, AlignedDrives, place, told_apart
+from sim.drive.comparison.on_track import on_track
+from sim.drive.comparison.rows import as_dict
+from sim.recording.clock import minutes
+from sim.recording.metadata import WhatIfKind
+from sim.recording.opening import open_contents
+
+LEAST_TOLD_KMH: Final = 0.05
+"""A mean difference of the advised speed below this is not told: it would read 0.0."""
+NAMES: Final = ("recorded", "what if")
+
+
+class AdviceThen(NamedTuple):
+    """An advice: its place (m), mode and speed (m/s), and mode and speed of the coach (0 and 0: it says nothing)."""
+
+    s_m: float
+    mode: int
+    speed_mps: float
+    coach_mode: int
+    coach_mps: float
+
+    def differs(self, other: AdviceThen) -> bool:
+        """Whether another mode or speed is advised, by the advice of this moment or by the coach."""
+        apart_mps = max(abs(self.speed_mps - other.speed_mps), abs(self.coach_mps - other.coach_mps))
+        modes = (self.mode, self.coach_mode) != (other.mode, other.coach_mode)
+        return modes or apart_mps > SAME_ADVICE_MPS
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaidAdvice:
+    """The advice of two recordings at the moments of both: how many there are, how many differ, and by how much.
+
+    `first` is the first moment that differs. `apart_mps` is the mean difference of the advised speeds where both
+    advise. `withdrawn`, `coached` and `plans` count for each recording the moments without advice, those at which the
+    coach said something, and the plans.
+    """
+
+    moments: int
+    differing: int
+    first: tuple[AdviceThen, AdviceThen] | None
+    apart_mps: float
+    withdrawn: tuple[int, int]
+    coached: tuple[int, int]
+    plans: tuple[int, int]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Changed:
+    """The two drives aligned on track position (None, and `why_not`: they cannot be), and their advice."""
+
+    kind: WhatIfKind
+    aligned: AlignedDrives | None
+    why_not: str
+    advice: SaidAdvice
+
+    @property
+    def first(self) -> Advised | None:
+        """Where the advice differs first: at a moment of an open loop, at a place of a day driven anew."""
+        if self.kind is WhatIfKind.OPEN_LOOP:
+            return None if self.advice.first is None else _advised(*self.advice.first)
+        return None if self.aligned is None else self.aligned.first_different_advice(1)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same for JSON."""
+        advice = self.advice
+        return {
+            "comparison": None if self.aligned is None else as_dict(self.aligned),
+            "not_compared": self.why_not,
+            "advice": {
+                "moments": advice.moments,
+                "differing": advice.differing,
+                "apart_kmh": None if math.isnan(advice.apart_mps) else kmh(advice.apart_mps),
+                "first": None if self.first is None else self.first._asdict(),
+                "withdrawn": list(advice.withdrawn),
+                "coached": list(advice.coached),
+                "plans": list(advice.plans),
+            },
+        }
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """What is compared, of both recordings; in an open loop the drive is the same, and only its advice differs."""
+        advice, rows = self.advice, list[tuple[str, str, str]]()
+        if self.aligned is not None and self.kind is WhatIfKind.DRIVEN_ANEW:
+            rows += _drive_rows(self.aligned)
+        counts = (
+            ("moments without advice", advice.withdrawn),
+            ("moments with the coach", advice.coached),
+            ("plans", advice.plans),
+        )
+        return [*rows, *((name, str(old), str(new)) for name, (old, new) in counts if old or new)]
+
+    def sentences(self) -> list[str]:
+        """Where the advice differs, in words."""
+        advice, first = self.advice, self.first
+        if first is None and (self.aligned is not None or not advice.differing):
+            return ["The advice is the same at every moment."]
+        told = []
+        if self.kind is WhatIfKind.OPEN_LOOP:
+            known = kmh(advice.apart_mps) >= LEAST_TOLD_KMH  # NaN, where there is nothing to compare, is not
+            by = f", its speed by {kmh(advice.apart_mps):.1f} km/h on average" if known else ""
+            told.append(f"The advice differs at {advice.differing} of {advice.moments} moments{by}.")
+        if first is not None:
+            told.append(f"It differs first at {place(first.s_m)}: {first.first}, and now {first.other}.")
+        if self.kind is WhatIfKind.DRIVEN_ANEW and self.aligned is not None and not self.aligned.drives[0].measured:
+            told.append("The recorded energy is an estimate, with motors that brake first; the new one is measured.")
+        if self.aligned is None:
+            told.append(f"The drives cannot be put beside each other: {self.why_not}.")
+        return told
+
+
+def changed(kind: WhatIfKind, old: Path, new: Path, train: str) -> Changed:
+    """What a what-if changed; `old` and `new` are the recordings."""
+    before, after = (recording_of(open_contents(path), train) for path in (old, new))
+    try:
+        labels = zip((before, after), NAMES, strict=True)
+        aligned, why_not = AlignedDrives.of([on_track(one, label) for one, label in labels]), ""
+    except DasError as error:
+        aligned, why_not = None, str(error)
+    return Changed(kind=kind, aligned=aligned, why_not=why_not, advice=_advice(before, after))
+
+
+def _advice(before: Recording, after: Recording) -> SaidAdvice:
+    old, new = (_by_time(one) for one in (before, after))
+    both = [(old[time_ns], new[time_ns]) for time_ns in sorted(old) if time_ns in new]
+    apart = [abs(a.speed_mps - b.speed_mps) for a, b in both if Mode.NONE not in (a.mode, b.mode)]
+    differing = [pair for pair in both if pair[0].differs(pair[1])]
+    return SaidAdvice(
+        moments=len(both),
+        differing=len(differing),
+        first=differing[0] if differing else None,
+        apart_mps=float(np.mean(apart)) if apart else math.nan,
+        withdrawn=(_withdrawn(old), _withdrawn(new)),
+        coached=(_coached(old), _coached(new)),
+        plans=(len(before.of(topics.PLAN)), len(after.of(topics.PLAN))),
+    )
+
+
+def _by_time(recording: Recording) -> dict[int, AdviceThen]:
+    """Every advice by its time (ns)."""
+    found = {}
+    for one in recording.of(topics.ADVICE):
+        advice = one.message
+        coach = advice.coach.now if advice.HasField("coach") else None
+        found[int(advice.time_ns)] = AdviceThen(
+            s_m=advice.s_m,
+            mode=advice.mode,
+            speed_mps=advice.advised_speed_mps if advice.mode != Mode.NONE else 0.0,
+            coach_mode=Mode.NONE if coach is None else coach.mode,
+            coach_mps=0.0 if coach is None else coach.speed_mps,
+        )
+    return found
+
+
+def _advised(old: AdviceThen, new: AdviceThen) -> Advised:
+    """A moment that differs in words: the coach's where only the coach says something else."""
+    plain = [(one.mode, one.speed_mps) for one in (old, new)]
+    if (old.mode, old.speed_mps) != (new.mode, new.speed_mps):
+        return Advised(old.s_m, *told_apart(*plain))
+    coached = told_apart((old.coach_mode, old.coach_mps), (new.coach_mode, new.coach_mps))
+    return Advised(old.s_m, *(f"{text} from the coach" for text in coached))
+
+
+def _withdrawn(said: dict[int, AdviceThen]) -> int:
+    return sum(one.mode == Mode.NONE for one in said.values())
+
+
+def _coached(said: dict[int, AdviceThen]) -> int:
+    return sum(one.coach_mode != Mode.NONE for one in said.values())
+
+
+def _drive_rows(aligned: AlignedDrives) -> list[tuple[str, str, str]]:
+    time = [minutes(float(one[-1])) for one in aligned.time_s]
+    energy = [f"{kwh(float(one[-1])):.1f} kWh" for one in aligned.energy_j]
+    late = [f"{drive.legs[-1].end.arrived_late_s:+.0f} s" for drive in aligned.drives]
+    return [
+        ("driven, min", time[0], time[1]),
+        ("energy", energy[0], energy[1]),
+        ("late at the last stop", late[0], late[1]),
+    ]

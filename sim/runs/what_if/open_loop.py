@@ -1,0 +1,169 @@
+"""Open loop: the recorded drive as it was heard goes through a cab made otherwise, which advises otherwise on it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from das import __version__
+from das.bus import codec
+from das.bus.contents import RecordedMessage
+from das.bus.recorder import RecordingFile, message_time_ns
+from das.bus.sealing import UNCHECKED
+from das.bus.topics import JOURNEY, RESTRICTION, STATUS
+from das.cab.heard import RestrictionsHeard, ToldRestriction
+from das.cab.warm_up import warm_up
+from das.domain.errors import DasError
+from das.node.building import CabPlan, plan_cab
+from sim.recording.inputs import sha256, vehicle_files
+from sim.recording.metadata import NODE_ARGUMENTS, WhatIfKind
+from sim.recording.writing import whole_recording
+from sim.runs.reproduce.comparison import COMPARED
+from sim.runs.reproduce.hearing import HeardAgain, Rehearing, of_the_process
+from sim.runs.reproduce.inputs import NodeGiven, by_bus_clock, node_given
+from sim.runs.reproduce.reproduce import BY_THE_WALL, EXTRACT, without_waiting
+from sim.runs.what_if.origin import Origin
+from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
+
+OWN_FILES = ("vehicle", "loss_map")
+"""The attached files that another vehicle takes the place of."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeSaid:
+    """What a recording's node was started with, where the user says it, and where its tables are."""
+
+    node: str | None = None
+    tables: Path | None = None
+
+
+def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, progress: HeardAgain) -> list[str]:
+    """Write the recorded drive with the advice of a cab made otherwise; returns what should be known about it.
+
+    Every message that the cab did not say is as recorded, but for the restrictions and the train of the journey where
+    these are otherwise. Raises DasError where the recording holds no advice or the cab cannot be made.
+    """
+    if not origin.has_advice:
+        raise DasError(f"{origin.path}: no node advised in this recording: drive it anew (--driven-anew)")
+    given = node_given(origin.contents, origin.train, origin.folder, said.node)
+    given.typed, given.words = (_words(words, new) for words in (given.typed, given.words))
+    given.words += ["--tables", str(said.tables)] if said.tables is not None else []
+    options = given.options()
+    plan = plan_cab(options)
+    plan.situation.vehicle.loss_model(plan.situation.level or plan.situation.vehicle.default_level)
+    warm_up()
+    by_bus = by_bus_clock(options)
+    hearing = Rehearing(without_waiting(plan).cab, by_bus, options.advice.calibrate)
+    messages = list(_heard_otherwise(origin.messages, new, plan))
+    with whole_recording(out, messages[0].log_time_ns) as file:
+        _describe(file, origin, new.cab)
+        file.add_metadata("run", _run(origin, given, new, plan))
+        for number, (one, words) in enumerate(hearing.steps(messages), start=1):
+            if one.topic not in COMPARED or (one.topic is STATUS and of_the_process(one.message)):
+                file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
+            for word in words:
+                # The recorder leaves out what a node says before a simulation has told it the time.
+                if not by_bus or message_time_ns(word.message):
+                    file.add(word.topic, word.topic.key(one.train), word.message, one.log_time_ns)
+            progress(number, len(messages))
+    return [*given.notes, *([] if by_bus else [BY_THE_WALL])]
+
+
+def _words(words: Sequence[str], new: Otherwise) -> list[str]:
+    """The words of a node's command line with what is otherwise."""
+    cab, found = new.cab, list(words)
+    if cab.vehicle is not None:
+        for option in ("--load", "--loss-map"):
+            found = _without(found, option)
+    values = {
+        "--vehicle": cab.vehicle,
+        "--load": cab.load,
+        "--level": cab.level,
+        "--planning-brake": cab.planning_brake,
+        "--below-limit": cab.below_limit,
+    }
+    for option, value in values.items():
+        if value is not None:
+            found = [*_without(found, option), option, str(value)]
+    if new.driven.advice is not None:
+        found = [word for word in found if word not in ("--coach", "--no-coach")]
+        found.append("--coach" if new.driven.advice == "coach" else "--no-coach")
+    return found
+
+
+def _without(words: Sequence[str], option: str) -> list[str]:
+    """Words without an option and its value."""
+    kept, words = [], list(words)
+    while words:
+        word = words.pop(0)
+        if word == option:
+            del words[:1]
+        elif not word.startswith(f"{option}="):
+            kept.append(word)
+    return kept
+
+
+def _heard_otherwise(messages: Sequence[RecordedMessage], new: Otherwise, plan: CabPlan) -> Iterator[RecordedMessage]:
+    """What the cab hears: restrictions are added to every list, and the journey is that of the train it rides in."""
+    changes = bool(new.restrictions) or new.without_restrictions
+    listed = any(one.topic is RESTRICTION for one in messages)
+    for one in messages:
+        if one.topic is RESTRICTION and changes:
+            yield one._replace(message=_restrictions(one.message, new))
+            continue
+        if one.topic is JOURNEY and (new.cab.vehicle or new.cab.load or new.cab.level):
+            yield one._replace(message=_journey(one.message, new.cab, plan))
+        else:
+            yield one
+        if one.topic is JOURNEY and changes and not listed:
+            listed = True
+            told = RestrictionsHeard(time_ns=one.message.time_ns, restrictions=new.restrictions)
+            yield one._replace(topic=RESTRICTION, message=codec.told(told).message)
+
+
+def _restrictions(message: Any, new: Otherwise) -> Any:
+    recorded = () if new.without_restrictions else message.restrictions
+    listed = [ToldRestriction(one.start_m, one.end_m, one.limit_mps) for one in recorded]
+    told = RestrictionsHeard(time_ns=message.time_ns, restrictions=(*listed, *new.restrictions))
+    return codec.told(told).message
+
+
+def _journey(message: Any, cab: CabOtherwise, plan: CabPlan) -> Any:
+    changed = type(message)()
+    changed.CopyFrom(message)
+    if cab.vehicle or cab.load:
+        changed.vehicle_id, changed.load = plan.situation.vehicle.id, ""
+    if cab.level and changed.level:
+        changed.level = str(cab.level)
+    return changed
+
+
+def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
+    """Attach the input files, and copy the metadata beside those of the run."""
+    replaced = {origin.files.sha256(kind) for kind in OWN_FILES} if cab.vehicle else set()
+    for attached in origin.files.others(replaced):
+        file.add_attachment(attached.name, attached.media_type, attached.data)
+    for path in vehicle_files(cab.vehicle).values() if cab.vehicle else ():
+        file.add_attachment(path.name, "application/octet-stream", path.read_bytes())
+    for name, entries in origin.contents.metadata.items():
+        if name not in ("run", EXTRACT) and not name.startswith(UNCHECKED):
+            file.add_metadata(name, entries)
+
+
+def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dict[str, str]:
+    """The metadata of the run, with what is otherwise and what the node would have been started with."""
+    whole = new.over(Otherwise.of(origin.run))
+    run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new, whole)}
+    run |= {"version": __version__, NODE_ARGUMENTS: json.dumps(given.typed)}
+    if new.cab.level is not None:
+        run["level"] = str(new.cab.level)
+    if new.cab.vehicle is not None:
+        run = {key: value for key, value in run.items() if key not in {f"{kind}_sha256" for kind in OWN_FILES}}
+        run |= {f"{kind}_sha256": sha256(path) for kind, path in vehicle_files(new.cab.vehicle).items()}
+        run["vehicle"] = plan.situation.vehicle.name
+        if new.cab.level is None:
+            run.pop("level", None)
+    return run

@@ -1,0 +1,111 @@
+"""The recorded day that a what-if begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from das.advice.advice import Timetable
+from das.bus import topics
+from das.bus.contents import Contents, RecordedMessage
+from das.bus.recording import Recording, recording_of
+from das.domain.errors import DasError
+from sim.recording.attached import AttachedFiles
+from sim.recording.inputs import sha256
+from sim.recording.metadata import WHAT_IF, WhatIfKind
+from sim.recording.opening import open_contents
+from sim.runs.what_if.otherwise import KEPT, Otherwise
+
+OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"
+"""The metadata of a what-if: the recording that it is of, and what is otherwise, in words."""
+NOTHING = "nothing"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Origin:
+    """A recorded day of one train. `folder` takes the input files that the recording brings along."""
+
+    path: Path
+    contents: Contents
+    recording: Recording
+    folder: Path
+
+    @classmethod
+    def read(cls, path: Path, train: str | None, folder: Path) -> Origin:
+        """Read a recording; DasError for one without a journey, which says where the train goes and when."""
+        contents = open_contents(path)
+        recording = recording_of(contents, train)
+        if not recording.of(topics.JOURNEY):
+            raise DasError(f"{path}: holds no journey, so that nobody knows its line and timetable")
+        return cls(path=path, contents=contents, recording=recording, folder=folder)
+
+    @property
+    def train(self) -> str:
+        """The train's name on the bus."""
+        return self.recording.train
+
+    @property
+    def run(self) -> Mapping[str, str]:
+        """What the recording says about how it was made."""
+        return self.contents.metadata.get("run", {})
+
+    @property
+    def messages(self) -> list[RecordedMessage]:
+        """The train's messages in the order of the file."""
+        return [one for one in self.contents.messages if one.train == self.train]
+
+    @property
+    def files(self) -> AttachedFiles:
+        """The attached files."""
+        return AttachedFiles(self.contents, self.folder)
+
+    @property
+    def journey(self) -> Any:
+        """The journey (message) that the train was on at the end."""
+        return self.recording.of(topics.JOURNEY)[-1].message
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether a simulated train was driven, so that its day can be had again."""
+        return self.run.get("kind") == "run"
+
+    @property
+    def has_advice(self) -> bool:
+        """Whether a node advised."""
+        return bool(self.recording.of(topics.ADVICE))
+
+    @property
+    def has_coach(self) -> bool:
+        """Whether the coach advised."""
+        return any(one.message.HasField("coach") for one in self.recording.of(topics.ADVICE))
+
+    def timetables(self) -> list[Timetable]:
+        """The timetable of each section; DasError where the journey lacks a time."""
+        tables = []
+        for start, end in pairwise(self.journey.stops):
+            if not 0 < start.departure_ns < end.arrival_ns:
+                where = f"from {start.name} to {end.name}"
+                raise DasError(f"{self.path}: journey: expected a departure and a later arrival {where}")
+            tables.append(Timetable(departure_ns=start.departure_ns, arrival_ns=end.arrival_ns))
+        return tables
+
+    def check_on_the_way(self, otherwise: Otherwise) -> None:
+        """Raise DasError for a restriction that the train does not meet."""
+        first_m, last_m = self.journey.stops[0].s_m, self.journey.stops[-1].s_m
+        for one in otherwise.restrictions:
+            if not (one.start_m < last_m and one.end_m > first_m):
+                way = f"expected on the way, km {first_m / 1000:g} to {last_m / 1000:g}"
+                raise DasError(f"--restriction from km {one.start_m / 1000:g} to {one.end_m / 1000:g}: {way}")
+
+    def metadata(self, kind: WhatIfKind, new: Otherwise, whole: Otherwise) -> dict[str, str]:
+        """What a new recording says about being a what-if; `whole` holds the changes of earlier ones as well."""
+        return {
+            WHAT_IF: str(kind),
+            OF: self.path.name,
+            OF_SHA256: sha256(self.path),
+            CHANGED: "; ".join(new.described()) or NOTHING,
+            KEPT: whole.kept(),
+        }

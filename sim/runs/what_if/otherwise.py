@@ -1,0 +1,175 @@
+"""What a user wants to be otherwise on a recorded day."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any, Final
+
+import typer
+
+from das.cab.heard import ToldRestriction
+from das.command_line.options import LoadOption
+from das.domain.errors import DasError
+from das.domain.levels import Level
+from das.domain.units import KM, KMH, kmh
+from sim.drivers.kinds import FrictionPolicy, Presentation
+from sim.options import ParticipantOption, PopulationOption
+
+KEPT: Final = "what_if_kept"
+"""The key of a what-if's metadata under which its changes are kept, so that it can be the day of another what-if."""
+KEPT_OF_CAB: Final = frozenset({"load", "planning_brake", "below_limit"})
+"""The changes of the cab that a what-if keeps in its metadata; its train and the losses are in the attached files."""
+SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
+"""Range of the limits that can be asked for."""
+_RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CabOtherwise:
+    """What the advice is to be made with; None means as recorded."""
+
+    level: Annotated[
+        Level | None,
+        typer.Option("--level", help="Loss level that the advice is planned with.", show_default=False),
+    ] = None
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            "--vehicle", metavar="VEHICLE", help="Another train: bundled, TOML file or TTOBench train (JSON)."
+        ),
+    ] = None
+    load: LoadOption = None
+    planning_brake: Annotated[
+        float | None,
+        typer.Option(
+            "--planning-brake", metavar="M/S2", min=0.1, max=1.5,
+            help="Deceleration for limits and stops to plan with.", show_default=False,
+        ),
+    ] = None  # fmt: skip
+    below_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits to plan with.",
+            show_default=False,
+        ),
+    ] = None  # fmt: skip
+
+    def over(self, earlier: CabOtherwise) -> CabOtherwise:
+        """These changes, and the earlier ones that they leave as they are; another train comes with its own load."""
+        return CabOtherwise(
+            level=self.level or earlier.level,
+            vehicle=self.vehicle or earlier.vehicle,
+            load=self.load if self.vehicle or self.load else earlier.load,
+            planning_brake=earlier.planning_brake if self.planning_brake is None else self.planning_brake,
+            below_limit=earlier.below_limit if self.below_limit is None else self.below_limit,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenOtherwise:
+    """The driver and the display of a day driven anew; None means as recorded."""
+
+    driver: Annotated[
+        str | None,
+        typer.Option(
+            "--driver", metavar="DRIVER", show_default=False,
+            help="Who drives the day anew: perfect, fast, rms, timetable, human, or a class of your own.",
+        ),
+    ] = None  # fmt: skip
+    advice: Annotated[
+        Presentation | None,
+        typer.Option(
+            "--advice", show_default=False,
+            help="What the display of the day driven anew shows; with --open-loop, coach turns the coach on.",
+        ),
+    ] = None  # fmt: skip
+    friction: Annotated[
+        FrictionPolicy | None,
+        typer.Option("--friction", help="How a human driver brakes where the motors could.", show_default=False),
+    ] = None
+    participant: ParticipantOption = None
+    population: PopulationOption = None
+
+    @property
+    def asks_for_a_driver(self) -> bool:
+        """Whether anything is asked for that only a day driven anew can have."""
+        return any(value is not None for value in (self.driver, self.advice, self.friction, self.participant))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Otherwise:
+    """Everything that is to be otherwise. `without_restrictions`: those that were recorded are left out."""
+
+    cab: CabOtherwise = field(default_factory=CabOtherwise)
+    driven: DrivenOtherwise = field(default_factory=DrivenOtherwise)
+    restrictions: tuple[ToldRestriction, ...] = ()
+    without_restrictions: bool = False
+
+    def over(self, earlier: Otherwise) -> Otherwise:
+        """These changes made on a day that is a what-if itself."""
+        return Otherwise(
+            cab=self.cab.over(earlier.cab),
+            driven=self.driven,
+            restrictions=(*(() if self.without_restrictions else earlier.restrictions), *self.restrictions),
+            without_restrictions=self.without_restrictions or earlier.without_restrictions,
+        )
+
+    def described(self) -> list[str]:
+        """Each change in words; none where nothing is otherwise."""
+        cab, driven = self.cab, self.driven
+        named = {
+            "loss level": cab.level,
+            "vehicle": cab.vehicle,
+            "load": cab.load,
+            "planning brake": None if cab.planning_brake is None else f"{cab.planning_brake:g} m/s²",
+            "margin to limits": None if cab.below_limit is None else f"{cab.below_limit:g} km/h",
+            "driver": driven.driver,
+            "advice": driven.advice,
+            "friction": driven.friction,
+            "participant": driven.participant,
+            "population": driven.population,
+        }
+        said = [f"{name} {value}" for name, value in named.items() if value is not None]
+        said += ["without the recorded restrictions"] if self.without_restrictions else []
+        return [*said, *map(_described, self.restrictions)]
+
+    def kept(self) -> str:
+        """What another what-if of this day has to make again, as JSON; the train is attached to the recording."""
+        cab = {name: value for name, value in asdict(self.cab).items() if name in KEPT_OF_CAB}
+        restrictions = [list(one) for one in self.restrictions]
+        return json.dumps({**cab, "restrictions": restrictions, "without_restrictions": self.without_restrictions})
+
+    @classmethod
+    def of(cls, run: Mapping[str, str]) -> Otherwise:
+        """What is otherwise already on a recorded day, by its metadata; DasError where that cannot be read."""
+        if KEPT not in run:
+            return cls()
+        try:
+            kept: dict[str, Any] = json.loads(run[KEPT])
+            restrictions = tuple(ToldRestriction(*map(float, one)) for one in kept.pop("restrictions"))
+            without = bool(kept.pop("without_restrictions"))
+            if not kept.keys() <= KEPT_OF_CAB:
+                raise ValueError(f"expected no more than {', '.join(sorted(KEPT_OF_CAB))}")
+            return cls(cab=CabOtherwise(**kept), restrictions=restrictions, without_restrictions=without)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise DasError(f"metadata run.{KEPT}: cannot be read ({error})") from None
+
+
+def _described(one: ToldRestriction) -> str:
+    return f"restriction to {kmh(one.limit_mps):g} km/h, km {one.start_m / KM:g} to {one.end_m / KM:g}"
+
+
+def read_restriction(text: str) -> ToldRestriction:
+    """The restriction that a text like "12.5-14:80" names: from km to km, and km/h; DasError for any other text."""
+    found = _RESTRICTION.fullmatch(text.strip())
+    if found is None:
+        raise DasError(f"--restriction {text}: expected km-km:km/h, for example 12.5-14:80")
+    start_km, end_km, limit_kmh = map(float, found.groups())
+    if not start_km < end_km:
+        raise DasError(f"--restriction {text}: expected an end behind the start")
+    if not SLOWEST_KMH <= limit_kmh <= FASTEST_KMH:
+        raise DasError(f"--restriction {text}: expected a limit of {SLOWEST_KMH:g} to {FASTEST_KMH:g} km/h")
+    return ToldRestriction(start_km * KM, end_km * KM, limit_kmh * KMH)

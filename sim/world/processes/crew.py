@@ -1,0 +1,79 @@
+"""The participants of a run over the bus: node and recorder, where each listens, and how they are started."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from das.bus.acl import Role
+from das.bus.config import BusFolder
+from das.bus.session import Bus, endpoint, free_ports
+from das.bus.topics import ADVICE, CONTROLS, RECORDER, STATUS
+from sim.recording.metadata import NODE_ARGUMENTS
+from sim.world.processes.process import Process
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crew:
+    """How node and recorder of a run are started.
+
+    `driver_at` is the endpoint where an external driver finds the simulator; None where there is no such driver. With a
+    bus folder the bus file says where, and any text will do.
+    """
+
+    train: str
+    node_arguments: tuple[str, ...]
+    out: Path
+    metadata: dict[str, str]
+    start_ns: int
+    attachments: tuple[Path, ...] = ()
+    bus: BusFolder | None = None
+    driver_at: str | None = None
+
+
+class Stations:
+    """The places on the bus of simulator, node and recorder: free ports of this machine, or those of a bus folder."""
+
+    def __init__(self, crew: Crew) -> None:
+        self._crew = crew
+        self._ports = [endpoint(port) for port in free_ports(3)]
+        if crew.driver_at is not None:
+            self._ports[0] = crew.driver_at
+
+    def open_bus(self) -> Bus:
+        """Open the simulator's own session, which hears what node, recorder and an external driver say."""
+        driver = () if self._crew.driver_at is None else (CONTROLS,)
+        hear, files = (ADVICE, STATUS, RECORDER, *driver), self._crew.bus
+        if files is not None:
+            return Bus(self._crew.train, hear=hear, file=files.file(Role.SIMULATOR))
+        return Bus(self._crew.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
+
+    def start_recorder(self) -> Process:
+        """Start the recorder of the run."""
+        crew = self._crew
+        arguments = [
+            *self._place(1, Role.RECORDER),
+            "--out",
+            str(crew.out),
+            "--overwrite",
+            "--metadata",
+            json.dumps({**crew.metadata, NODE_ARGUMENTS: json.dumps(crew.node_arguments)}),
+        ]
+        arguments += ["--start-ns", str(crew.start_ns)]
+        for path in crew.attachments:
+            arguments += ["--attach", str(path)]
+        return Process("recorder", "das.recorder", arguments)
+
+    def start_node(self) -> Process:
+        """Start a node that goes by the simulation's clock."""
+        return Process("node", "das.node", [*self._place(2, Role.NODE), "--clock", "bus", *self._crew.node_arguments])
+
+    def _place(self, own: int, role: Role) -> Sequence[str]:
+        """Train and endpoints of the process that listens on port `own`, or its role's bus file."""
+        if self._crew.bus is not None:
+            return ["--train", self._crew.train, *self._crew.bus.file(role).arguments()]
+        others = [port for i, port in enumerate(self._ports) if i != own]
+        connect = [word for port in others for word in ("--connect", port)]
+        return ["--train", self._crew.train, "--listen", self._ports[own], *connect]

@@ -1,0 +1,213 @@
+"""Node and recorder in lockstep with a simulation: time only moves when both have answered.
+
+Every tick the node is asked (Control) and its answer awaited, so nothing is lost at any speed and a run does not
+depend on how fast the machine is.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from google.protobuf.message import Message
+from mcap.reader import make_reader
+
+from das.advice.modes import Mode
+from das.bus import codec
+from das.bus.topics import ADVICE, RESTRICTION, TARGET, Topic
+from das.cab.heard import Heard, JourneyHeard
+from das.cab.outputs import NodeState
+from das.domain.errors import DasError
+from sim.world.processes.answers import Answers
+from sim.world.processes.crew import Crew, Stations
+
+START_TIMEOUT_S = 120.0
+"""The node compiles its solver the first time on a machine."""
+ANSWER_TIMEOUT_S = 10.0
+HEARD_EVERY_S = 0.2
+"""While nothing is said, node and recorder are looked after this often."""
+RECORDER_WINDOW = 50
+"""The recorder may be this many ticks behind before the simulation waits for it."""
+
+
+@dataclass(kw_only=True)
+class Traffic:
+    """Messages of a run: sent by topic, advices given and withdrawn, above the limit, and what the recording holds."""
+
+    ticks: int = 0
+    start_s: float = 0.0
+    sent: Counter[str] = field(default_factory=Counter)
+    recorded: Counter[str] = field(default_factory=Counter)
+    advices_given: int = 0
+    advices_withdrawn: int = 0
+    above_limit: int = 0
+
+    @property
+    def lost(self) -> int:
+        """Messages sent or answered that are not in the recording."""
+        expected = {**self.sent, ADVICE.name: self.ticks}
+        return sum(max(count - self.recorded[name], 0) for name, count in expected.items())
+
+
+class Lockstep:
+    """Node and recorder as processes on a bus of their own; use with `with`. Raises DasError where one fails."""
+
+    def __init__(self, crew: Crew) -> None:
+        self.crew, self.traffic = crew, Traffic()
+        self._stations, self.answers = Stations(crew), Answers()
+        self._stack = ExitStack()
+        self._asked_tick = 0
+        self._told_ns = {RESTRICTION.name: 0, TARGET.name: 0}
+
+    def __enter__(self) -> Lockstep:
+        try:
+            self._recorder = self._stack.enter_context(self._stations.start_recorder())
+            self._node = self._stations.start_node()
+            self._stack.callback(lambda: self._node.__exit__(None, None, None))
+            self.bus = self._stack.enter_context(self._stations.open_bus())
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def begin(self, journey: JourneyHeard) -> None:
+        """Wait for both, and until the node has taken the journey."""
+        began = time.perf_counter()
+        answers, waiting = self.answers, (NodeState.WAITING, NodeState.READY)
+        self._until(
+            lambda: answers.node_state in waiting and answers.written.node_state in waiting,
+            START_TIMEOUT_S,
+            "node and recorder to start",
+        )
+        self.tell(journey)
+        self._until_taken()
+        self.traffic.start_s = time.perf_counter() - began
+
+    def restart_node(self) -> None:
+        """Kill the node, start it anew, and wait until it has the journey again (the bus keeps it for it)."""
+        # What the node said so far must not be lost with it: how far that got would depend on the machine.
+        self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
+        self._node.kill()
+        self._node.__exit__(None, None, None)
+        self.answers.node_state = NodeState.STARTING
+        self._node = self._stations.start_node()
+        self._until_taken()
+
+    def tell(self, value: Heard) -> None:
+        """Tell the node something that it can hear."""
+        self.send(*codec.told(value))
+
+    def send(self, topic: Topic, message: Message) -> None:
+        """Publish a message and count it."""
+        self.bus.publish(topic, message)
+        self.traffic.sent[topic.name] += 1
+        if topic.name in self._told_ns:
+            self._told_ns[topic.name] = message.time_ns  # type: ignore[attr-defined]
+
+    def ask(self, now_ns: int, tick: int) -> Any:
+        """The node's advice for a tick."""
+        answers, self._asked_tick = self.answers, tick
+        answers.advice = None
+        self._ask(now_ns, tick)
+        self._until(lambda: answers.advised(tick), ANSWER_TIMEOUT_S, f"the node's advice for second {tick}")
+        self._until(lambda: tick - answers.written.tick <= RECORDER_WINDOW, ANSWER_TIMEOUT_S, "the recorder to keep up")
+        self._count(answers.advice)
+        return answers.advice
+
+    def finish(self, now_ns: int) -> None:
+        """Tell both that the run is over, wait until everything is written, and stop them."""
+        self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last tick")
+        answers, last = self.answers, self._asked_tick + 1
+        self._ask(now_ns, last, finish=True)
+        self._until(
+            lambda: answers.written.tick == last and answers.written.node_state == NodeState.STOPPING,
+            ANSWER_TIMEOUT_S,
+            "the recorder to finish",
+            watch_node=False,
+        )
+        self._node.stop()
+        self._recorder.finish()
+        self.traffic.recorded = recorded_counts(self.crew.out)
+
+    def _ask(self, now_ns: int, tick: int, *, finish: bool = False) -> None:
+        """Send a Control message; the node answers it when it has heard what was told before, which comes by a way of
+        its own."""
+        asked = codec.control(
+            now_ns,
+            tick,
+            restrictions_ns=self._told_ns[RESTRICTION.name],
+            targets_ns=self._told_ns[TARGET.name],
+            finish=finish,
+        )
+        self.send(*asked)
+
+    def _all_written(self) -> bool:
+        written = self.answers.written
+        return written.tick >= self._asked_tick and written.advice_tick >= self._asked_tick
+
+    def _until_taken(self) -> None:
+        """Until the node is ready, and the recorder has heard it say so."""
+        answers, ready, refused = self.answers, NodeState.READY, NodeState.WITHDRAWN
+        self._until(
+            lambda: answers.node_state == refused or answers.node_state == answers.written.node_state == ready,
+            START_TIMEOUT_S,
+            "the node to take the journey",
+        )
+        if answers.node_state == refused:
+            raise DasError(f"the node: {answers.reason}")
+
+    def _count(self, advice: Any) -> None:
+        self.traffic.ticks += 1
+        if advice.mode == Mode.NONE:
+            self.traffic.advices_withdrawn += 1
+            return
+        self.traffic.advices_given += 1
+        self.traffic.above_limit += advice.advised_speed_mps > advice.limit_mps + 1e-6
+
+    def hear(self, done: Callable[[], bool], timeout_s: float, *, watch_node: bool = True) -> bool:
+        """Take messages until a condition holds; returns whether it does, DasError when a process ended."""
+        deadline = time.monotonic() + timeout_s
+        while not done():
+            received = self.bus.receive(min(max(deadline - time.monotonic(), 0.0), HEARD_EVERY_S))
+            if received is not None:
+                self.answers.take(received.topic, received.message, received.source)
+                continue
+            if watch_node:
+                self._node.check()
+            self._recorder.check()
+            if time.monotonic() >= deadline:
+                return False
+        return True
+
+    def _until(self, done: Callable[[], bool], timeout_s: float, what: str, *, watch_node: bool = True) -> None:
+        """Take messages until a condition holds; DasError when a process ended or it takes too long."""
+        if not self.hear(done, timeout_s, watch_node=watch_node):
+            raise DasError(f"waited {timeout_s:.0f} s for {what}")
+
+
+def sleep_until(moment: float) -> None:
+    """Sleep until a moment of time.perf_counter, in naps that Ctrl-C ends."""
+    while (left := moment - time.perf_counter()) > 0:
+        time.sleep(min(left, 0.2))
+
+
+def recorded_counts(path: Path) -> Counter[str]:
+    """Messages in a finished recording by topic name."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    counts: Counter[str] = Counter()
+    if summary is not None and summary.statistics is not None:
+        for channel, count in summary.statistics.channel_message_counts.items():
+            counts[summary.channels[channel].topic.rpartition("/")[2]] += count
+    return counts

@@ -1,0 +1,261 @@
+"""The files of `das-sim example`: they are read by our readers, and every command in their README runs on them."""
+
+from __future__ import annotations
+
+import csv
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.bus.session import endpoint, free_ports
+from das.command_line.entry import EXIT_INTERRUPTED
+from das.domain.errors import InputError
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.units import KMH
+from sim.bundled.example.making import KEPT, example_files
+from sim.trips.findings import FindingKind
+from sim.trips.line import Line, read_kilometre_posts
+from sim.trips.reading import read_trip
+from sim.trips.trip import Whereabouts, load_trip
+from sim.world.scenario import load_scenario
+from sim.world.service import lay_out
+from tests.support.making import das_precompute, das_sim
+
+FILES = sorted([*KEPT, "posts.csv", "trip.csv"])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The example as the command writes it."""
+    parent = tmp_path_factory.mktemp("example")
+    done = das_sim("example", "my line", cwd=parent)
+    assert done.returncode == 0, done.stderr
+    assert "cd 'my line'" in done.stdout
+    return parent / "my line"
+
+
+def commands(folder: Path, *begin: str) -> list[str]:
+    """The lines of README.txt that begin with one of some words."""
+    lines = (folder / "README.txt").read_text(encoding="utf-8").splitlines()
+    found = [line for line in lines if line.startswith(begin)]
+    assert found
+    return found
+
+
+def run(folder: Path, line: str) -> str:
+    """Run a line of README.txt in the folder; what it printed."""
+    program, *arguments = shlex.split(line)
+    if program == "das-sim":
+        done = das_sim(*arguments, cwd=folder)
+    else:
+        assert program == "das-precompute"
+        done = das_precompute(folder, *arguments)
+    assert done.returncode == 0, f"{line}: {done.stderr}"
+    assert "warning" not in done.stderr
+    return done.stdout
+
+
+# --- the files -------------------------------------------------------------------------------------------------------
+
+
+def test_the_folder_holds_what_readme_lists(folder: Path) -> None:
+    readme = (folder / "README.txt").read_text(encoding="utf-8")
+    assert all(f"  {name}" in readme for name in FILES if name != "README.txt")
+    assert {path.name for path in folder.iterdir()} >= set(FILES)
+
+
+def test_route_vehicle_and_scenario_belong_together(folder: Path) -> None:
+    route, vehicle = load_route(str(folder / "route.toml")), load_vehicle(str(folder / "vehicle.toml"))
+    assert [stop.name for stop in route.stops] == ["Adorf", "Bedorf", "Cedorf"]
+    assert vehicle.loss_model(vehicle.default_level).loss_w(0.0, 10.0) > 0
+    scenario = load_scenario(str(folder / "scenario.toml"))
+    of_day, train, stops = lay_out(scenario)
+    assert (of_day.id, train.id, len(stops)) == (route.id, vehicle.id, 3)
+
+
+def test_the_course_on_the_map_is_as_long_as_the_line_and_bends_as_its_curves(folder: Path) -> None:
+    """The way on the map by chords, and the change of heading in each curve: its length divided by its radius."""
+    route = load_route(str(folder / "route.toml"))
+    line = Line.from_route(route)
+    places = np.array([route.location_deg(s) for s in np.arange(0.0, 14_001.0, 25.0)])
+    here, there = places[:-1], places[1:]
+    north = np.radians(there[:, 0] - here[:, 0]) * 6_371_008.8
+    east = np.radians(there[:, 1] - here[:, 1]) * 6_371_008.8 * np.cos(np.radians(line.latitude_deg.mean()))
+    assert np.hypot(north, east) == pytest.approx(25.0, abs=0.2)
+    heading = np.unwrap(np.arctan2(east, north))
+    for start_m, end_m, radius_m in ((2000, 2600, 900.0), (3600, 4000, -1100.0), (8000, 9000, -1200.0)):
+        turned = heading[round(end_m / 25) + 4] - heading[round(start_m / 25) - 5]
+        assert turned == pytest.approx((end_m - start_m) / radius_m, abs=0.01)
+
+
+def test_the_recorded_trip_is_that_of_a_train_with_a_receivers_noise(folder: Path) -> None:
+    trip = load_trip(
+        folder / "trip.csv",
+        read_trip(folder / "trip.csv"),
+        load_route(str(folder / "route.toml")),
+        Whereabouts(reverse=True, line=folder / "posts.csv"),
+    )
+    report = trip.matched.report
+    assert trip.whole
+    assert trip.direction_known
+    assert report.cleaning.kept == report.cleaning.read
+    assert {finding.kind for finding in report.cleaning.findings} <= {FindingKind.STANDING_DRIFT, FindingKind.STEP_BACK}
+    assert report.anchor == "start and end"
+    assert report.scale == pytest.approx(1.0, abs=0.002)
+    assert report.median_cross_track_m is not None
+    assert 0.5 < report.median_cross_track_m < 5.0
+    allowed = trip.route.limits_mps.at(trip.run.s_m)
+    assert np.all(trip.run.speed_mps < allowed + 5.0 * KMH)
+
+
+def test_the_trip_fits_the_map_of_the_route_as_well(folder: Path) -> None:
+    route = load_route(str(folder / "route.toml"))
+    trip = load_trip(folder / "trip.csv", read_trip(folder / "trip.csv"), route, Whereabouts(reverse=True))
+    assert trip.whole
+    assert trip.matched.report.anchor == "route"
+
+
+def test_a_seed_gives_the_same_bytes_and_another_seed_another_trip() -> None:
+    first, again, other = example_files(1), example_files(1), example_files(2)
+    assert first == again
+    assert sorted(first) == FILES
+    assert {name for name in first if first[name] != other[name]} == {"trip.csv"}
+
+
+def test_posts_are_written_as_a_person_would(folder: Path) -> None:
+    rows = list(csv.reader((folder / "posts.csv").read_text(encoding="utf-8").splitlines()))
+    assert rows[0] == ["latitude", "longitude", "kilometre"]
+    assert [row[2] for row in rows[1:3]] == ["14.0", "13.9"]
+    assert rows[-1][2] == "0.0"
+    assert read_kilometre_posts(folder / "posts.csv").chainage_m[-1] == pytest.approx(14_000.0)
+
+
+# --- kilometre posts in plain kilometres -----------------------------------------------------------------------------
+
+POSTS = "lon;km;lat\n8,0;12,0;47,0\n8,0;13,1;47,01\n8,0;14,2;47,02\n"
+
+
+def test_columns_of_posts_may_stand_in_any_order_with_decimal_commas(tmp_path: Path) -> None:
+    (tmp_path / "posts.csv").write_text(POSTS)
+    line = read_kilometre_posts(tmp_path / "posts.csv")
+    assert line.chainage_m == pytest.approx([0.0, 1100.0, 2200.0])
+    assert line.latitude_deg == pytest.approx([47.0, 47.01, 47.02])
+    assert not line.on_route
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("lat\n", "height\n", r"line 1 = 'lon,km,height': expected one column of latitude"),
+        ("lon;km", "lon;km;km", r"line 1 = 'lon,km,km,lat': expected one column of kilometre"),
+        ("13,1", "x", r"line 3 kilometre = 'x': expected a number"),
+        ("13,1", "11,1", r"line 4 kilometre = 14.2: expected kilometres that only rise or only fall"),
+        ("14,2", "24,2", r"line 4 distance from the post before = '1112 m': expected 11100 m by the kilometres"),
+        ("47,02\n", "147,02\n", r"line 4 latitude = 147.02: expected -90 to 90 deg"),
+    ],
+)
+def test_bad_posts_are_refused_with_their_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    (tmp_path / "posts.csv").write_text(POSTS.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        read_kilometre_posts(tmp_path / "posts.csv")
+
+
+# --- the command -----------------------------------------------------------------------------------------------------
+
+
+def test_a_folder_with_files_in_it_is_refused_unless_they_may_be_replaced(tmp_path: Path) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("mine")
+    (tmp_path / "full" / "route.toml").write_text("old")
+    (tmp_path / "empty").mkdir()
+    done = das_sim("example", "full", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "full: there are files in it already" in done.stderr
+    assert sorted(path.name for path in (tmp_path / "full").iterdir()) == ["notes.txt", "route.toml"]
+    assert das_sim("example", "full", "--overwrite", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "full" / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "full" / "route.toml").read_text(encoding="utf-8").startswith("# A working example")
+    assert das_sim("example", "empty", cwd=tmp_path).returncode == 0
+    assert sorted(path.name for path in (tmp_path / "empty").iterdir()) == FILES
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [("no/where", "no such folder no"), ("file", "is a file, expected a folder"), ("file/x", "no such folder file")],
+)
+def test_where_nothing_can_be_written_nothing_is(tmp_path: Path, where: str, message: str) -> None:
+    (tmp_path / "file").write_text("x")
+    done = das_sim("example", where, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+# --- the commands in README.txt --------------------------------------------------------------------------------------
+
+
+def test_a_section_is_solved(folder: Path) -> None:
+    for line in commands(folder, "das-precompute solve"):
+        assert "example-line" in run(folder, line)
+    assert (folder / "run.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "run.csv").is_file()
+
+
+def test_the_recorded_trip_is_looked_at(folder: Path) -> None:
+    (line,) = commands(folder, "das-sim trip")
+    said = run(folder, line)
+    assert "Cedorf" in said
+    assert "net input" in said
+    assert (folder / "trip.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_fronts_journeys_and_sensitivity(folder: Path) -> None:
+    for line in commands(folder, "das-precompute front", "das-precompute journey", "das-precompute sensitivity"):
+        assert run(folder, line)
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder: Path) -> None:
+    for line in commands(folder, "das-precompute build", "das-precompute show", "das-precompute verify"):
+        assert run(folder, line)
+    assert len(list((folder / "tables").glob("*/manifest.json"))) == 4
+    (line,) = commands(folder, "das-node")
+    (own,) = (endpoint(port) for port in free_ports(1))
+    _, *arguments = shlex.split(line)
+    node = subprocess.Popen(
+        [sys.executable, "-m", "das.node", *arguments, "--listen", own], cwd=folder, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert node.stderr is not None
+        assert any(own in line for line in node.stderr)  # so it listens, or its output has ended
+        node.send_signal(signal.SIGTERM)
+        _, said = node.communicate(timeout=60)
+    finally:
+        node.kill()
+    assert node.returncode in (0, EXIT_INTERRUPTED), said  # the latter where it was still starting
+    assert "Traceback" not in said
+
+
+@pytest.mark.slow
+@pytest.mark.processes
+def test_a_day_is_driven_drawn_and_batched(folder: Path) -> None:
+    for line in commands(folder, "das-sim run", "das-sim view day", "das-sim batch"):
+        assert run(folder, line)
+    assert (folder / "day.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "runs" / "runs.parquet").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.processes
+def test_the_recorded_trip_is_replayed_and_drawn(folder: Path) -> None:
+    for line in commands(folder, "das-sim replay", "das-sim view replay"):
+        said = run(folder, line)
+    assert "written: replay.png" in said

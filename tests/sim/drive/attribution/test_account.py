@@ -1,0 +1,196 @@
+"""Where the energy went: the parts sum to the ledger's difference, and planted faults are found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.bus import das_pb2
+from das.bus.recording import Recording, Stamped
+from das.domain.errors import DasError
+from das.solver.solution import Fit
+from sim.drive.attribution.account import Account, account_of
+from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
+from sim.drive.attribution.rows import as_dict, worst_places
+from sim.drivers.cab import Driver
+from sim.drivers.perfect import PerfectDriver
+from sim.trips.saving import why_not_comparable
+from sim.world.day import Day, make_day
+from sim.world.hindsight import fronts_of_braking
+from sim.world.scenario import load_scenario, read_scenario
+from sim.world.service import prepare_service
+from tests.support.recorded_days import BrakesByFriction, CoastsLate, DrivesFaster, inputs_of_day, recorded_day
+
+FIVE_KMH = 5.0 / 3.6
+SCENARIO = """
+schema_version = 1
+[scenario]
+id = "short"
+title = "Short"
+route = "flat-6km"
+vehicle = "re460-ic"
+[timetable]
+buffer_percent = 10
+{more}
+"""
+
+
+@cache
+def clear_day() -> Day:
+    return make_day(prepare_service(load_scenario("clear-day")), 1)
+
+
+@cache
+def faultless() -> Account:
+    return account(clear_day(), PerfectDriver(clear_day().service.line))
+
+
+def account(day: Day, driver: Driver) -> Account:
+    return account_of(recorded_day(day, driver), inputs_of_day(day))
+
+
+def short_day(folder: Path, more: str = "") -> Day:
+    path = folder / "short.toml"
+    path.write_text(SCENARIO.format(more=more), encoding="utf-8")
+    return make_day(prepare_service(read_scenario(path)), 1)
+
+
+def check_sums(found: Account) -> None:
+    for leg in found.legs:
+        difference_j = leg.driven_j - leg.optimum_j
+        allowed_j = 1e-3 * abs(leg.driven_j)
+        assert sum(leg.by_cause.values()) == pytest.approx(difference_j, abs=1e-6 * allowed_j + 1.0)
+        for places in (leg.even, leg.by_limit):
+            assert float(places.lost_more_j.sum()) == pytest.approx(difference_j, abs=1.0)
+            assert float(places.driven_j.sum()) == pytest.approx(leg.driven_j, abs=1.0)
+            assert float(places.driven_s.sum()) == pytest.approx(leg.leg.trip_s)
+            np.testing.assert_array_equal(places.start_m[1:], places.end_m[:-1])
+
+
+@pytest.mark.slow
+def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
+    """What he needs above the optimum is the price of braking as the advice plans; it counts as driven as advised."""
+    found, fronts = faultless(), fronts_of_braking(clear_day(), None)
+    check_sums(found)
+    planned_j = sum(
+        front.trajectory(leg.leg.trip_s).ledger.input for front, leg in zip(fronts, found.legs, strict=True)
+    )
+    small_j = 1e-3 * found.driven_j
+    assert 0.0 < planned_j - found.optimum_j < 5.0 * small_j
+    assert abs(found.driven_j - planned_j) < small_j
+    others_j = {cause: found_j for cause, found_j in found.by_cause.items() if cause is not EnergyCause.AS_ADVISED}
+    assert all(abs(one_j) < small_j for one_j in others_j.values()), others_j
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        (lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
+        (BrakesByFriction, EnergyCause.FRICTION),
+        (lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE),
+    ],
+    ids=["coasts-late", "friction", "faster"],
+)
+def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault: type, cause: EnergyCause) -> None:
+    found = account(clear_day(), fault(PerfectDriver(clear_day().service.line)))
+    check_sums(found)
+    more_j = found.difference_j - faultless().difference_j
+    assert found.by_cause[cause] >= 0.9 * more_j
+    # And by as much more than without the fault, within what the figures hold.
+    assert found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) == pytest.approx(more_j, rel=0.12)
+
+
+@pytest.mark.parametrize("by_record", [False, True])
+def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_record: bool, tmp_path: Path) -> None:
+    """A train that is slower than the drive has no optimum for its times; a replay may know of another reason."""
+    day = short_day(tmp_path)
+    recording, inputs = recorded_day(day, PerfectDriver(day.service.line)), inputs_of_day(day)
+    expected = "day.mcap: not comparable: this train cannot arrive as early as the trip did: the optimum is its fastest"
+    if by_record:
+        found = Stamped(0, das_pb2.Saving(comparable=False))
+        recording = replace(recording, messages={**recording.messages, "saving": (found,)})
+        expected = "day.mcap: not comparable: the recording says so of its trip and the optimum"
+    else:
+        inputs = replace(inputs, vehicle=replace(inputs.vehicle, max_speed_mps=20.0))
+    with pytest.raises(DasError, match=expected):
+        account_of(recording, inputs)
+
+
+def test_why_a_drive_cannot_be_compared() -> None:
+    (leg,) = account(clear_day(), PerfectDriver(clear_day().service.line)).legs[:1]
+    fits, late = (leg.optimum, leg.leg.trip_s), (replace(leg.optimum, fit=Fit.LATE), leg.optimum.time_s - 2.5)
+    assert why_not_comparable([fits, fits]) == ""
+    assert why_not_comparable([fits, late]).endswith("the optimum is its fastest run, 2.5 s later")
+    assert why_not_comparable([fits], whole=False) == "the trip does not run from standstill to standstill at the stops"
+    assert why_not_comparable([fits], direction_known=False) == "the direction of the trip is not known"
+
+
+def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
+    signal = "[[disturbances]]\nkind = 'signal-stop'\nat_m = 3000\nseen_m = 900\nclears_after_s = 90\n"
+    day = short_day(tmp_path, signal)
+    found = account(day, PerfectDriver(day.service.line))
+    check_sums(found)
+    parts = found.by_cause
+    assert parts[EnergyCause.SIGNAL] > 0.3 * found.difference_j
+    blamed = parts.get(EnergyCause.AGAINST_ADVICE, 0.0) + parts.get(EnergyCause.LATE_COASTING, 0.0)
+    assert blamed < 0.1 * found.difference_j
+
+
+def test_a_train_that_is_heavier_than_planned_is_told_apart(tmp_path: Path) -> None:
+    day = short_day(tmp_path, "[truth]\nmass_ratio = 1.1\n")
+    heavier = account(day, PerfectDriver(day.service.line))
+    check_sums(heavier)
+    assert heavier.by_cause[EnergyCause.TRAIN] > 0.4 * heavier.difference_j
+
+
+def test_lateness_that_is_recovered_has_its_price_in_the_sum_against_the_timetable(tmp_path: Path) -> None:
+    """A driver who leaves 10 s late and goes for the timetable pays for it although he drives as well as possible."""
+    late = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 10\n"
+    in_time, delayed = (
+        account(day, PerfectDriver(day.service.line)) for day in (short_day(tmp_path), short_day(tmp_path, late))
+    )
+    for found in (in_time, delayed):
+        against, timetable_j = found.against_timetable, found.timetable_j
+        assert against is not None
+        assert timetable_j is not None
+        assert sum(against.values()) == pytest.approx(found.driven_j - timetable_j, abs=1e-3 * found.driven_j)
+    assert in_time.timetable_j == pytest.approx(delayed.timetable_j)
+    price_j = (delayed.against_timetable or {})[EnergyCause.RECOVERED]
+    more_j = delayed.driven_j - in_time.driven_j
+    assert price_j > 0.05 * in_time.driven_j
+    assert price_j + (delayed.against_timetable or {})[EnergyCause.ARRIVAL] == pytest.approx(more_j, rel=0.15)
+    assert abs((in_time.against_timetable or {})[EnergyCause.RECOVERED]) < 0.2 * price_j
+
+
+def test_the_rows_for_programs_have_every_place_and_cause(tmp_path: Path) -> None:
+    day = short_day(tmp_path)
+    found = account(day, DrivesFaster(PerfectDriver(day.service.line), FIVE_KMH))
+    rows = as_dict(found)
+    (leg,) = rows["legs"]
+    assert sum(leg["by_cause_kwh"].values()) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
+    assert len(leg["per_100_m"]) == 60
+    assert sum(row["lost_more_kwh"] for row in leg["per_100_m"]) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
+    worst = worst_places(found)[0]
+    assert worst.more_j > 0
+    assert worst.causes[0] is EnergyCause.AGAINST_ADVICE
+    found_m = [tuple(float(x) for x in one.where[3:].split(" to ")) for one in worst_places(found)]
+    assert all(a < b for a, b in found_m)
+    assert all(b[1] <= a[0] or a[1] <= b[0] for a, b in combinations(found_m, 2))  # none overlaps another
+
+
+def test_every_cause_has_its_words() -> None:
+    assert set(LABELS) == set(MEANINGS) == set(EnergyCause)
+
+
+def test_a_recording_without_a_journey_is_refused() -> None:
+    nothing = Recording(
+        path=Path("x.mcap"), train="t", trains=("t",), messages={}, metadata={}, attachments=(), complete=True
+    )
+    with pytest.raises(DasError, match="holds no journey"):
+        account_of(nothing)

@@ -1,0 +1,78 @@
+"""Bookmarks that make themselves: what stands out is marked with the reason, and what does not is not."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from das.bus import das_pb2
+from das.bus.recording import read_recording
+from das.bus.topics import ADVICE
+from sim.drive.events.bookmarks import AUTHOR, as_notes, bookmarks, with_marks
+from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.event import DriveEvent, EventKind, Filter
+from tests.support.recordings import Publish, at_ns, write_recording
+
+S = 1_000_000_000
+
+
+def event(kind: EventKind, at_s: float = 0.0, lasts_s: float = 0.0, **facts: object) -> DriveEvent:
+    start_ns = round(at_s * S)
+    return DriveEvent(
+        time_ns=start_ns, end_ns=start_ns + round(lasts_s * S), kind=kind, text="text", s_m=0.0, facts=facts
+    )
+
+
+@pytest.mark.parametrize(
+    ("one", "mark"),
+    [
+        (event(EventKind.MISSED_STOP), "stop missed"),
+        (event(EventKind.ARRIVAL, missed_m=12.0), "beyond the stop"),
+        (event(EventKind.ARRIVAL, missed_m=2.0), ""),
+        (event(EventKind.ARRIVAL, missed_m=math.nan), ""),
+        (event(EventKind.OVERSPEED, over_kmh=1.2, lasted_s=1.0), ""),
+        (event(EventKind.OVERSPEED, over_kmh=1.2, lasted_s=9.0), "too fast"),
+        (event(EventKind.OVERSPEED, over_kmh=7.0, lasted_s=1.0), "too fast"),
+        (event(EventKind.WITHDRAWAL, lasts_s=4.0), "advice withdrawn"),
+        (event(EventKind.WITHDRAWAL, lasts_s=2.0), ""),
+        (event(EventKind.LAPSE, lasts_s=8.0), "nothing heard"),
+        (event(EventKind.DRIVER, followed=True), ""),
+        (event(EventKind.DRIVER, followed=False), "advice not followed"),
+        (event(EventKind.DRIVER, away_s=15.0), "attention away"),
+        (event(EventKind.DRIVER, away_s=4.0), ""),
+        (event(EventKind.ADVICE), ""),
+    ],
+)
+def test_what_stands_out_is_marked_with_the_reason(one: DriveEvent, mark: str) -> None:
+    (found,) = with_marks([one])
+    assert found.mark == mark
+    assert bookmarks([found]) == ((found,) if mark else ())
+
+
+def test_of_advice_that_is_refused_the_first_of_each_leg_is_marked() -> None:
+    """What is shown to a driver who stands at a stop cannot be followed yet."""
+    leg = [EventKind.DRIVER, EventKind.DEPARTURE, EventKind.DRIVER, EventKind.DRIVER, EventKind.ARRIVAL]
+    facts = {EventKind.DRIVER: {"followed": False}, EventKind.ARRIVAL: {"missed_m": 0.0}}
+    found = with_marks(event(kind, at_s, **facts.get(kind, {})) for at_s, kind in enumerate([*leg, *leg]))
+    assert [bool(one.mark) for one in found] == 2 * [False, False, True, False, False]
+
+
+def test_bookmarks_of_a_recording_are_chosen_and_become_notes(tmp_path: Path) -> None:
+    """Advice is withdrawn from 200 s on for 20 s, and once an arrival is expected two minutes late."""
+
+    def late(publish: Publish) -> None:
+        message = das_pb2.Advice(time_ns=at_ns(-2), mode=1, source=2, predicted_deviation_s=120.0)
+        publish(ADVICE, message, -2)
+
+    path = write_recording(tmp_path / "drive.mcap", before=late)
+    chronicle = Chronicle.of(read_recording(path))
+    chosen = Filter(bookmarks=True).choose(chronicle.events)
+    assert {"advice withdrawn", "a minute off the timetable"} <= {one.mark for one in chosen}
+    notes = as_notes(chronicle.events)
+    assert [note.time_ns for note in notes] == [one.time_ns for one in chosen]
+    withdrawn = next(note for note in notes if "advice withdrawn" in note.tags)
+    assert withdrawn.author == AUTHOR
+    assert (withdrawn.end_ns - withdrawn.time_ns) / S == pytest.approx(20.0, abs=1.0)
+    assert [row["bookmark"] for row in chronicle.as_rows(chosen)] == [one.mark for one in chosen]

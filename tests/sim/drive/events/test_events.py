@@ -1,0 +1,283 @@
+"""What happened on a recorded drive: stops, advice and its causes, the driver's answers, and the filters."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap import records
+
+from das.bus import das_pb2, topics
+from das.bus.recording import Recording, Stamped
+from das.domain.errors import DasError
+from das.domain.files.load import catalogue
+from das.domain.units import NS
+from sim.drive.attribution.inputs import inputs_of
+from sim.drive.events.calls import calls, stands
+from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.event import DriveEvent, EventKind, Filter
+from sim.drive.limits import limit_in_force
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse
+from tests.support.making import das_sim
+from tests.support.recordings import at_ns, write_recording
+
+A_MPS2 = 0.5
+TOP_MPS = 10.0
+
+
+def speed_at(t_s: float) -> float:
+    """Standing to 10 s, then 20 s of speeding up, a cruise to 130 s, braking for 20 s, standing from 150 s on."""
+    return float(np.interp(t_s, (10.0, 30.0, 130.0, 150.0), (0.0, TOP_MPS, TOP_MPS, 0.0)))
+
+
+def way_at(t_s: float) -> float:
+    grid = np.arange(0.0, t_s + 1e-9, 0.05)
+    return float(np.trapezoid([speed_at(x) for x in grid], grid)) if t_s > 0 else 0.0
+
+
+def drive(*sent: tuple[topics.Topic, Any], stops: tuple[tuple[str, float, float, float], ...] = ()) -> Recording:
+    """The drive above at 1 Hz, a journey with stops (name, position, due arrival and departure in s), and more."""
+    truth = [
+        das_pb2.Truth(time_ns=at_ns(t), s_m=way_at(t), speed_mps=speed_at(t), limit_mps=9.0 if t < 60 else 40.0)
+        for t in range(171)
+    ]
+    messages: dict[str, list[Stamped]] = {"truth": [Stamped(one.time_ns, one) for one in truth]}
+    if stops:
+        ordered = [
+            das_pb2.Journey.Stop(
+                name=name, s_m=s_m, arrival_ns=at_ns(due) if due else 0, departure_ns=at_ns(leaves) if leaves else 0
+            )
+            for name, s_m, due, leaves in stops
+        ]
+        messages["journey"] = [Stamped(0, das_pb2.Journey(time_ns=at_ns(0), stops=ordered))]
+    for topic, message in sent:
+        messages.setdefault(topic.name, []).append(Stamped(0, message))
+    return Recording(
+        path=Path("drive.mcap"), train="t1", trains=("t1",), metadata={}, attachments=(), complete=True,
+        messages={name: tuple(entries) for name, entries in messages.items()},
+    )  # fmt: skip
+
+
+STOPS = (("Aarau", 0.0, 0.0, 4.0), ("Brugg", 600.0, 80.0, 90.0), ("Cham", 1200.0, 140.0, 0.0))
+
+
+def of_kind(recording: Recording, kind: EventKind) -> list[DriveEvent]:
+    return [one for one in Chronicle.of(recording).events if one.kind is kind]
+
+
+def test_departure_and_arrival_are_found_between_two_samples_of_the_positions() -> None:
+    recording = drive(stops=STOPS)
+    first, missed, last = calls(recording, DrivenCourse.of(recording))
+    assert (first.departed_ns - at_ns(10.0)) / 1e9 == pytest.approx(0.0, abs=0.1)
+    assert (last.arrived_ns - at_ns(150.0)) / 1e9 == pytest.approx(0.0, abs=0.1)
+    assert first.departed_late_s == pytest.approx(6.0, abs=0.1)
+    assert last.arrived_late_s == pytest.approx(10.0, abs=0.1)
+    assert missed.stand is None
+    assert missed.reached
+
+
+def test_the_story_has_departure_missed_stop_and_arrival() -> None:
+    recording = drive(stops=STOPS)
+    assert [one.text for one in of_kind(recording, EventKind.DEPARTURE)] == ["left Aarau, 6 s late"]
+    assert [one.text for one in of_kind(recording, EventKind.MISSED_STOP)] == [
+        "Brugg was passed at 36 km/h without stopping"
+    ]
+    assert [one.text for one in of_kind(recording, EventKind.ARRIVAL)] == ["arrived at Cham, 10 s late"]
+
+
+def test_a_train_above_the_limit_is_told_with_by_how_much_and_how_long() -> None:
+    (over,) = of_kind(drive(), EventKind.OVERSPEED)
+    assert over.facts["over_kmh"] == pytest.approx(3.6)
+    assert over.facts["lasted_s"] == pytest.approx(
+        31.0
+    )  # above 9 m/s + 1 km/h from 29 s on, and the limit rises at 60 s
+
+
+def with_files(recording: Recording, top_kmh: float) -> Recording:
+    """The drive on the bundled 6 km line (160 km/h) with a train whose file has another top speed and identity."""
+    own = catalogue("vehicles")["re460-ic"].read_text(encoding="utf-8").replace('id = "re460-ic"', 'id = "own"')
+    own = re.sub(r"(?m)^max_speed_kmh = .*$", f"max_speed_kmh = {top_kmh}", own)
+    attached = records.Attachment(0, 0, "own.toml", "", own.encode())
+    (journey,) = recording.of(topics.JOURNEY)
+    journey.message.route_id, journey.message.vehicle_id = "flat-6km", "own"
+    return replace(recording, attached=(attached,))
+
+
+def test_the_vehicle_files_top_speed_is_no_limit_of_the_line() -> None:
+    """A trip by another train than the file says must not be called a breach of the limit."""
+    recording = with_files(drive(stops=STOPS), 30.0)
+    assert of_kind(recording, EventKind.OVERSPEED) == []
+    assert limit_in_force(recording, DrivenCourse.of(recording))[1] == pytest.approx(160 / 3.6)
+    (over,) = of_kind(recording, EventKind.BEYOND_TRAIN)
+    assert over.facts["over_kmh"] == pytest.approx(6.0)
+    assert over.text.endswith("the vehicle file says the train can go (30 km/h) for 105 s: is it the right train?")
+    assert over.mark == "another train?"
+    assert of_kind(with_files(drive(stops=STOPS), 200.0), EventKind.BEYOND_TRAIN) == []
+
+
+def test_behind_a_restriction_the_length_of_the_train_counts() -> None:
+    told = das_pb2.Restrictions(
+        time_ns=at_ns(1), restrictions=[das_pb2.Restrictions.Restriction(start_m=200.0, end_m=300.0, limit_mps=5.0)]
+    )
+    recording = with_files(drive((topics.RESTRICTION, told), stops=STOPS), 200.0)
+    trip = DrivenCourse.of(recording)
+    slow = trip.s_m[limit_in_force(recording, trip)[1] == 5.0]
+    length_m = inputs_of(recording).vehicle.train_length_m
+    assert length_m > 100
+    assert (slow[0], slow[-1]) == pytest.approx((200.0, 300.0 + length_m), abs=12.0)
+
+
+def test_a_stand_where_there_is_no_stop_is_told() -> None:
+    truth = [
+        das_pb2.Truth(time_ns=at_ns(t), s_m=float(s), speed_mps=v, limit_mps=40.0)
+        for t, s, v in [(0, 0, 0.0), (1, 5, 10.0), (2, 500, 5.0), (3, 505, 0.0), (63, 505, 0.0), (64, 506, 2.0)]
+    ]
+    recording = Recording(
+        path=Path("x.mcap"), train="t", trains=("t",), metadata={}, attachments=(), complete=True,
+        messages={"truth": tuple(Stamped(one.time_ns, one) for one in truth)},
+    )  # fmt: skip
+    assert [one.s_m for one in stands(DrivenCourse.of(recording))] == [0.0, 505.0]
+    (stand,) = of_kind(recording, EventKind.STAND)
+    assert stand.facts["lasted_s"] == pytest.approx(60.0, abs=2.0)
+
+
+def advised(t_s: float, mode: int, **fields: Any) -> tuple[topics.Topic, Any]:
+    return topics.ADVICE, das_pb2.Advice(
+        time_ns=at_ns(t_s), valid_until_ns=at_ns(t_s + 3), source=2, mode=mode, **fields
+    )
+
+
+def planned(t_s: float, speed_mps: float, s_m: float) -> tuple[topics.Topic, Any]:
+    return topics.PLAN, das_pb2.Plan(
+        time_ns=at_ns(t_s), s_m=[s_m, 1200.0], t_s=[0.0, (1200.0 - s_m) / speed_mps], speed_mps=[speed_mps, speed_mps]
+    )
+
+
+def test_a_change_of_the_advice_tells_whether_the_plan_went_on_or_why_it_is_new() -> None:
+    told = (
+        topics.RESTRICTION,
+        das_pb2.Restrictions(
+            time_ns=at_ns(79),
+            restrictions=[das_pb2.Restrictions.Restriction(start_m=900.0, end_m=950.0, limit_mps=5.0)],
+        ),
+    )
+    recording = drive(
+        advised(1, 1), advised(20, 3), advised(50, 4), advised(80, 5),
+        planned(1, 10.0, 0.0), planned(50, 12.0, way_at(50)), planned(80, 10.0, way_at(80)), told,
+    )  # fmt: skip
+    texts = [one.text for one in of_kind(recording, EventKind.ADVICE)]
+    assert texts[:2] == ["full traction: the first advice", "cruise at 0 km/h: the plan goes on"]
+    assert "7.2 km/h above the plan" in texts[2]
+    assert texts[3] == "reduced brake: new plan: restrictions were told or lifted"
+    assert [one.text for one in of_kind(recording, EventKind.RESTRICTION)] == [
+        "restriction told: 18 km/h, km 0.90 to 0.95"
+    ]
+
+
+def test_withdrawn_advice_has_its_cause_and_its_length() -> None:
+    entries = [advised(t, 3) for t in (1, 40)] + [
+        (topics.ADVICE, das_pb2.Advice(time_ns=at_ns(t), cause=11, reason="position 4 s old"))
+        for t in (30, 32, 34, 36, 38)
+    ]
+    (found,) = [
+        one
+        for one in of_kind(drive(*sorted(entries, key=lambda entry: entry[1].time_ns)), EventKind.WITHDRAWAL)
+        if one.facts["cause"] == "position-stale"
+    ]
+    assert found.facts["lasted_s"] == pytest.approx(10.0)
+
+
+def test_the_driver_answers_after_a_while_or_not_at_all() -> None:
+    def cab(t: int, mode: int, lever: float) -> tuple[topics.Topic, Any]:
+        return topics.CAB, das_pb2.Cab(
+            time_ns=at_ns(t),
+            presentation=3,
+            mode=mode,
+            lever_ratio=lever,
+            signal_m=math.nan,  # type: ignore[arg-type]
+        )
+
+    entries = [cab(t, 2, 0.5) for t in range(10, 40)]
+    entries += [cab(t, 4, 0.5 if t < 47 else 0.0) for t in range(40, 80)]
+    entries += [cab(t, 5, 0.0) for t in range(80, 90)]
+    first, second = of_kind(drive(*entries), EventKind.DRIVER)
+    assert first.facts == {"mode": "coast", "followed": True, "reaction_s": 7.0}
+    assert second.facts["followed"] is False
+
+
+def test_the_clock_reads_what_it_shows() -> None:
+    clock = DriveClock(zero_ns=at_ns(0.0))
+    for t_s in (0.0, 59.0, 754.0, 3723.0, -10.0):
+        assert clock.moment_ns(clock.shown(at_ns(t_s))) == at_ns(t_s)
+        assert clock.moment_ns(f"{clock.of_day(at_ns(t_s))}Z") == at_ns(t_s)
+    for text, t_s in (("1:02:03", 3723.0), ("90.5", 90.5), ("-0:10", -10.0), ("-10", -10.0), ("1:00:00.5", 3600.5)):
+        assert clock.moment_ns(text) == at_ns(t_s)
+    day = datetime.fromtimestamp(at_ns(90.0) * NS, UTC).replace(tzinfo=None)
+    assert clock.moment_ns(day.isoformat()) == clock.moment_ns(f"{day.isoformat()}+00:00") == at_ns(90.0)
+    for bad in ("", "x", "12:99", "noon", "25:00:00Z", "1:2:3:4", "nan", "inf", "1e400", "2026-13-01T00:00"):
+        with pytest.raises(DasError, match="expected"):
+            clock.moment_ns(bad)
+
+
+def test_a_filter_takes_kinds_words_and_times() -> None:
+    events = [
+        DriveEvent(time_ns=at_ns(t), kind=kind, text=text, s_m=0.0)
+        for t, kind, text in (
+            (1, EventKind.SIGNAL, "Signal"),
+            (5, EventKind.NOTE, "too late"),
+            (9, EventKind.NOTE, "signal seen"),
+        )
+    ]
+    assert [one.text for one in Filter(kinds=(EventKind.NOTE,)).choose(events)] == ["too late", "signal seen"]
+    assert [one.text for one in Filter(text="SIGNAL").choose(events)] == ["Signal", "signal seen"]
+    assert [one.text for one in Filter(from_ns=at_ns(2), to_ns=at_ns(6)).choose(events)] == ["too late"]
+
+
+def test_the_commands_list_events_and_keep_notes_beside_the_recording(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "day.mcap", seconds=300)
+    content = path.read_bytes()
+
+    def said(*args: str) -> str:
+        done = das_sim(*args, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    said("note", path.name, "--at", "1:40", "braked late", "--tag", "braking")
+    said("note", path.name, "--at", "0:20", "smooth start")
+    shown = json.loads(said("events", path.name, "--kind", "note", "--json"))
+    assert [(one["time_s"], one["note"], one["tags"]) for one in shown["events"]] == [
+        (20.0, "smooth start", []),
+        (100.0, "braked late", ["braking"]),
+    ]
+    assert "withdrawal" in said("events", path.name, "--search", "invalid")
+    assert "no such events" in said("events", path.name, "--search", "no such words")
+    assert path.read_bytes() == content
+    assert "1. 1:40 braked late [braking]" in said("note", path.name, "--remove", "1")
+    assert [one["text"] for one in json.loads(said("note", path.name, "--json"))["notes"]] == ["braked late"]
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("note", "day.mcap", "--at", "99:00", "x"), "expected a time of the drive"),
+        (("note", "day.mcap", "--at", "1:00", "--until", "0:30", "x"), "expected a time after"),
+        (("note", "day.mcap", "x"), "needs its text and --at"),
+        (("note", "day.mcap", "x", "--at", "1:00", "--remove", "1"), "expected no text"),
+        (("events", "day.mcap", "--from", "noon"), "time 'noon': expected"),
+        (("events", "none.mcap"), "cannot be read"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, args: tuple[str, ...], message: str) -> None:
+    write_recording(tmp_path / "day.mcap", seconds=120)
+    done = das_sim(*args, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

@@ -1,0 +1,349 @@
+"""Batches of runs: the table, what is not run again, and what a kill leaves."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.bus.recording import read_recording
+from das.domain.errors import DasError
+from das.domain.losses import Level
+from sim.drivers.cab import Presentation
+from sim.drivers.registry import DriverKind
+from sim.jobs.journal import Journal
+from sim.jobs.plan import Batch, parse_seeds
+from sim.jobs.report import summary
+from sim.jobs.table import SCHEMA_NAMES, write_table
+from sim.jobs.worker import recorded, work
+from sim.world.outcome import SHARES
+from tests.support.making import REPOSITORY, das_sim
+
+parquet = pytest.importorskip("pyarrow.parquet")
+
+HEAD = """
+schema_version = 1
+[scenario]
+id = "{id}"
+title = "Flat"
+route = "flat-6km"
+vehicle = "re460-ic"
+[timetable]
+buffer_percent = {buffer}
+"""
+LATE = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 0, max = 20}\n"
+STUCK = "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86_400\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("batch")
+    (folder / "late.toml").write_text(HEAD.format(id="late", buffer=10) + LATE)
+    (folder / "stuck.toml").write_text(HEAD.format(id="stuck", buffer=10) + STUCK)
+    (folder / "broken.toml").write_text(HEAD.format(id="broken", buffer=10).replace("re460-ic", "train.toml"))
+    (folder / "train.toml").write_text("losses = [")
+    return folder
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "sim.cli", "batch", *arguments]
+
+
+def batch(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return das_sim("batch", *arguments, cwd=cwd)
+
+
+def made(*arguments: str, cwd: Path) -> dict[str, Any]:
+    """The JSON object of a batch that ended well."""
+    done = batch(*arguments, "--json", cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def rows(path: Path) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = parquet.read_table(path).to_pylist()
+    return found
+
+
+ASKED = ("late.toml", "--seeds", "0-3", "--drivers", "perfect", "--advice", "vector,none")
+
+
+@dataclass(frozen=True)
+class First:
+    """The first batch of all, as printed and as written."""
+
+    found: dict[str, Any]
+    table: list[dict[str, Any]]
+    content: bytes
+
+    def row(self, advice: str, seed: int) -> dict[str, Any]:
+        return next(row for row in self.table if (row["advice"], row["seed"]) == (advice, seed))
+
+
+@pytest.fixture(scope="module")
+def first(folder: Path) -> First:
+    found = made(*ASKED, "-o", "a", "--workers", "2", cwd=folder)
+    path = folder / "a" / "runs.parquet"
+    return First(found, rows(path), path.read_bytes())
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_table_has_a_row_for_every_run(first: First) -> None:
+    assert (first.found["runs"], first.found["made"]) == (8, 8)
+    keys = [(row["scenario"], row["driver"], row["advice"], row["seed"]) for row in first.table]
+    assert keys == [("late", "perfect", shown, seed) for shown in ("vector", "none") for seed in range(4)]
+    for row in first.table:
+        assert row["error"] is None
+        assert row["stops"] == ["A", "B"]
+        assert row["stop_late_s"][-1] == row["late_s"]
+        assert row["stop_arrived_s"][0] is None
+        gone = sum(row[f"{name}_kwh"] for name in ("component_loss", "resistance", "friction_brake", "unreturned"))
+        assert row["energy_kwh"] == pytest.approx(gone + row["potential_kwh"], rel=1e-6)
+        assert all(len(row[f"{name}_sha256"]) == 64 for name in ("code", "scenario", "route", "vehicle", "inputs"))
+        assert row["loss_map_sha256"] is None
+        assert row["version"]
+        assert row["drawn"] == first.row("vector", row["seed"])["drawn"]  # by seed, whatever is shown
+    assert len({row["drawn"] for row in first.table}) == 4
+    for group in first.found["groups"]:
+        mean = np.mean([row["energy_kwh"] for row in first.table if row["advice"] == group["advice"]])
+        assert group["energy_kwh"] == pytest.approx(mean)
+        assert (group["runs"], group["failed"], group["error"]) == (4, 0, None)
+
+
+def test_every_column_is_documented() -> None:
+    page = (REPOSITORY / "docs" / "reference" / "batch-table.md").read_text(encoding="utf-8")
+    said = page.replace("`_ratio`", ", ".join(f"`{name}_ratio`" for name in SHARES))
+    assert [name for name in SCHEMA_NAMES if f"`{name}`" not in said] == []
+
+
+@pytest.mark.processes
+def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) -> None:
+    failed = work(jobs(folder, scenarios=[str(folder / "stuck.toml")])[0])
+    write_table(folder / "failed.parquet", [failed, first.table[0]])
+    row, other = rows(folder / "failed.parquet")
+    assert row["error"].startswith("the simulated train did not arrive within")
+    assert row["energy_kwh"] is None
+    assert row["stops"] is None
+    assert other == first.table[0]
+    groups = summary([failed, first.table[0]])
+    assert [(group["failed"], group["error"]) for group in groups] == [(1, row["error"]), (0, None)]
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_finished_runs_are_not_made_again_unless_an_input_changed(folder: Path, first: First) -> None:
+    table, scenario = folder / "a" / "runs.parquet", folder / "late.toml"
+    assert made(*ASKED, "-o", "a", "--workers", "1", cwd=folder)["made"] == 0
+    assert table.read_bytes() == first.content
+    more = ["late.toml", "--seeds", "2-4", "--drivers", "perfect", "-o", "a"]
+    assert made(*more, cwd=folder)["made"] == 1
+    assert [row["seed"] for row in rows(table)] == [2, 3, 4]
+    text = scenario.read_text()
+    try:
+        scenario.write_text(text.replace("buffer_percent = 10", "buffer_percent = 20"))
+        assert made(*more, cwd=folder)["made"] == 3
+    finally:
+        scenario.write_text(text)
+    assert min(row["stop_due_s"][1] for row in rows(table)) > first.table[0]["stop_due_s"][1]
+
+
+def finished(folder: Path) -> int:
+    path = folder / "finished.jsonl"
+    return len(path.read_bytes().splitlines()) if path.exists() else 0
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number: int) -> None:
+    name = f"stopped-{number}"
+    asked = ["late.toml", "--seeds", "0-39", "--drivers", "perfect", "--workers", "1", "-o", name]
+    child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and finished(folder / name) < 2:
+        time.sleep(0.05)
+    workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+    child.send_signal(number)
+    _, said = child.communicate(timeout=60)
+    assert "Traceback" not in said
+    if number == signal.SIGINT:
+        assert child.returncode == 130
+        assert "of 40 runs are finished; the same command goes on from there" in said
+        assert 2 <= len(rows(folder / name / "runs.parquet")) < 40
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline and any(Path(f"/proc/{pid}").exists() for pid in workers):
+        time.sleep(0.1)
+    assert not [pid for pid in workers if Path(f"/proc/{pid}").exists()]
+    kept = finished(folder / name)
+    asked[2] = f"0-{max(kept, 3)}"
+    found = made(*asked, cwd=folder)
+    assert found["made"] == found["runs"] - kept <= 2
+    # What two workers made at once, and one in two goes, is the same to the last bit.
+    theirs = {row["seed"]: row for row in rows(folder / name / "runs.parquet")}
+    assert all(theirs[seed] == first.row("vector", seed) for seed in range(4))
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
+    asked = ("late.toml", "--seeds", "1", "--drivers", "perfect", "--record", "-o", "b")
+    assert made(*asked, cwd=folder)["made"] == 1
+    (row,) = rows(folder / "b" / "runs.parquet")
+    recording = read_recording(folder / row["recording"])
+    assert recording.complete
+    assert recording.metadata["run"]["seed"] == "1"
+    assert {**row, "recording": None} == first.row("vector", 1)
+    assert made(*asked, cwd=folder)["made"] == 0
+    path = folder / row["recording"]
+    path.write_bytes(path.read_bytes()[:-100])
+    job = replace(jobs(folder, seeds=[1], drivers=[DriverKind.PERFECT])[0], record=path)
+    assert not recorded(job)  # cut off
+    assert made(*asked, cwd=folder)["made"] == 1
+    assert recorded(job)
+    assert not recorded(replace(job, level=Level.L1))  # it is of other inputs
+
+
+def jobs(folder: Path, **changes: Any) -> list[Any]:
+    asked: dict[str, Any] = {
+        "scenarios": [str(folder / "late.toml")], "drivers": [DriverKind.HUMAN], "advice": [Presentation.VECTOR],
+        "seeds": [1, 2], "level": None, "record": False, "folder": folder, **changes,
+    }  # fmt: skip
+    return list(Batch(**asked).jobs())
+
+
+def test_identity_of_a_run_is_everything_it_depends_on(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    same = [job.inputs_sha256 for job in jobs(folder)]
+    assert same == [job.inputs_sha256 for job in jobs(folder)]
+    others = [
+        *jobs(folder, seeds=[3]),
+        *jobs(folder, drivers=[DriverKind.FAST]),
+        *jobs(folder, advice=[Presentation.NONE]),
+        *jobs(folder, scenarios=[str(folder / "stuck.toml")]),
+        *jobs(folder, level="l1"),
+    ]
+    monkeypatch.setattr("sim.jobs.plan.code_sha256", lambda: "another program")
+    others += jobs(folder)
+    assert not set(same) & {job.inputs_sha256 for job in others}
+    with pytest.raises(DasError, match="late, late: two have the same id"):
+        jobs(folder, scenarios=[str(folder / "late.toml")] * 2)
+
+
+def test_an_error_of_ours_is_a_row_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("of all things")
+
+    monkeypatch.setattr("sim.world.day.make_driver", lambda *_, **__: broken())
+    row = work(jobs(folder)[0])
+    assert row["error"] == "ZeroDivisionError: of all things"
+    assert summary([row])[0]["failed"] == 1
+
+
+def test_a_line_cut_off_by_a_kill_is_dropped(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        journal.add({"inputs_sha256": "a", "late_s": 1.0})
+        journal.add({"inputs_sha256": "b", "late_s": 2.0})
+    path = tmp_path / "finished.jsonl"
+    path.write_bytes(path.read_bytes()[:-9])
+    with Journal(tmp_path) as journal:
+        assert list(journal.rows) == ["a"]
+        journal.add({"inputs_sha256": "c", "late_s": 3.0})
+        with pytest.raises(DasError, match="another batch is at work here"), Journal(tmp_path):
+            pass
+    with Journal(tmp_path) as journal:
+        assert [row["late_s"] for row in journal.rows.values()] == [1.0, 3.0]
+
+
+def test_seeds() -> None:
+    assert parse_seeds("0-3") == [0, 1, 2, 3]
+    assert parse_seeds("7, 1,5-6,1") == [7, 1, 5, 6]
+    for bad in ("", "a", "3-1", "1-", "-1", "0-9999999999", "0-9999999"):
+        with pytest.raises(DasError, match="--seeds"):
+            parse_seeds(bad)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing", "-o", "x"], "nothing: not a bundled scenario"),
+        (["late.toml", "-o", "x", "--drivers", "human,nobody"], "--drivers nobody: expected one of perfect"),
+        (["late.toml", "-o", "x", "--advice", "all"], "--advice all: expected one of none"),
+        (["late.toml", "-o", "x", "--seeds", "9-1"], "--seeds 9-1"),
+        (["late.toml", "-o", "late.toml"], "late.toml: cannot be made"),
+        (["broken.toml", "-o", "x"], "train.toml: not valid TOML"),
+        (["late.toml", "-o", "x", "--level", "own"], "no data for level own"),
+        (["late.toml"], "--out"),
+    ],
+)
+def test_bad_input_of_batch_is_one_line(folder: Path, arguments: list[str], message: str) -> None:
+    done = batch(*arguments, cwd=folder)
+    assert done.returncode == 2, done.stdout + done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if line.strip()]
+    assert line.startswith("error: ")
+    assert message in line
+    assert not (folder / "x").exists()
+
+
+@pytest.mark.processes
+def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
+    done = batch(*ASKED, "-o", "a", cwd=folder)
+    for text in ("8 runs, 0 of them made now", "late, perfect, vector", "written: a/runs.parquet", "comfort"):
+        assert text in done.stdout
+    assert "…" not in done.stdout
+
+
+def test_an_altered_line_is_no_result(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        for name in "abc":
+            journal.add({"inputs_sha256": name, "late_s": 1.0})
+    path = tmp_path / "finished.jsonl"
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([lines[0].replace(b"1.0", b"9.0"), b"\xff{}", b"[1]", lines[2]]))
+    with Journal(tmp_path) as journal:
+        assert journal.rows == {"c": {"inputs_sha256": "c", "late_s": 1.0}}
+    assert path.read_bytes() == lines[2] + b"\n"
+
+
+@pytest.mark.processes
+def test_a_run_that_failed_is_made_again(folder: Path, first: First) -> None:
+    asked = ("late.toml", "--seeds", "0", "--drivers", "perfect", "-o", "again")
+    (folder / "again").mkdir()
+    with Journal(folder / "again") as journal:
+        key = jobs(folder, drivers=[DriverKind.PERFECT], seeds=[0])[0].inputs_sha256
+        journal.add({"inputs_sha256": key, "scenario": "late", "error": "the node was killed by SIGKILL"})
+    assert made(*asked, cwd=folder)["made"] == 1
+    assert rows(folder / "again" / "runs.parquet") == [first.row("vector", 0)]
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_ctrl_c_at_a_terminal_spares_workers_that_are_being_started(folder: Path) -> None:
+    """It goes to all processes of the command; a worker must not die of it before it knows to ignore it."""
+    asked = ["late.toml", "--seeds", "0-9", "--drivers", "perfect", "--workers", "1", "-o", "started"]
+    child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    children = Path(f"/proc/{child.pid}/task/{child.pid}/children")
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not any(_is_worker(pid) for pid in children.read_text().split()):
+        time.sleep(0.01)
+    os.killpg(child.pid, signal.SIGINT)
+    _, said = child.communicate(timeout=120)
+    assert child.returncode == 130
+    assert "Traceback" not in said
+    assert "of 10 runs are finished" in said
+
+
+def _is_worker(pid: str) -> bool:
+    try:
+        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False

@@ -1,0 +1,59 @@
+"""What advice saves, split: the parts sum to the difference, and a planted cause is found in its part."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from sim.jobs.split import savings
+
+
+def row(driver: str, advice: str, seed: int, *, optimum: float, blending: float, profile: float) -> dict[str, Any]:
+    energy = optimum + blending + profile
+    return {
+        "scenario": "day", "driver": driver, "advice": advice, "seed": seed, "energy_kwh": energy,
+        "energy_hindsight_kwh": optimum, "energy_blending_kwh": blending, "energy_profile_kwh": profile,
+    }  # fmt: skip
+
+
+NONE = [row("human", "none", seed, optimum=100.0, blending=20.0 + seed, profile=10.0) for seed in range(3)]
+VECTOR = [row("human", "vector", seed, optimum=97.0, blending=4.0 + seed, profile=6.0) for seed in range(3)]
+PERFECT = [row("perfect", "vector", seed, optimum=98.0, blending=0.0, profile=1.0) for seed in range(3)]
+
+
+def test_the_parts_are_those_planted_and_sum_to_the_difference() -> None:
+    (found,) = savings([*NONE, *VECTOR])
+    assert (found.advice, found.pairs, found.tracking_kwh) == ("vector", 3, None)
+    assert found.saved_kwh == pytest.approx(3.0 + 16.0 + 4.0)
+    assert (found.time_shift_kwh, found.blending_kwh, found.profile_kwh) == pytest.approx((3.0, 16.0, 4.0))
+    assert found.interval_kwh == pytest.approx(0.0, abs=1e-9)
+    assert found.baseline_kwh == pytest.approx(131.0)
+
+
+def test_beside_a_perfect_driver_the_profile_is_that_of_the_advice_and_the_rest_is_tracking() -> None:
+    found = next(one for one in savings([*NONE, *VECTOR, *PERFECT]) if one.driver == "human")
+    assert found.tracking_kwh is not None
+    assert (found.profile_kwh, found.tracking_kwh) == pytest.approx((9.0, -5.0))
+    parts = found.time_shift_kwh + found.blending_kwh + found.profile_kwh + found.tracking_kwh
+    assert parts == pytest.approx(found.saved_kwh)
+
+
+def test_only_seeds_that_both_have_are_compared_and_failed_runs_are_left_out() -> None:
+    failed = {**VECTOR[1], "error": "stalled"}
+    (found,) = savings([NONE[0], NONE[1], VECTOR[0], failed, VECTOR[2]])
+    assert found.pairs == 1
+    assert math.isnan(found.interval_kwh)
+    assert savings(VECTOR) == []
+
+
+def test_a_day_is_compared_with_the_same_day_of_the_same_person() -> None:
+    """Two persons on one day; the perfect driver of the day belongs to both."""
+    persons = [
+        {**row, "participant": k, "energy_kwh": row["energy_kwh"] + 10 * k} for row in (NONE[0],) for k in (1, 2)
+    ]
+    persons += [{**VECTOR[0], "participant": k, "energy_kwh": VECTOR[0]["energy_kwh"] + 10 * k} for k in (1, 2)]
+    found = next(one for one in savings([*persons, PERFECT[0]]) if one.driver == "human")
+    assert (found.pairs, found.saved_kwh, found.interval_kwh) == pytest.approx((2, 23.0, 0.0))
+    assert found.tracking_kwh == pytest.approx(-5.0)

@@ -1,0 +1,266 @@
+"""A report is one page that holds everything itself; it says what the drive was, and why where it cannot."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pytest
+from markupsafe import escape
+
+from das.bus.contents import Contents
+from das.domain.errors import DasError
+from sim.drive.attribution.account import account_of
+from sim.drive.attribution.shown import ShownAdvice
+from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.event import DriveEvent, EventKind
+from sim.drivers.cab import Driver
+from sim.drivers.perfect import PerfectDriver
+from sim.recording.check import check_contents, check_file
+from sim.review.report import words
+from sim.review.report.circumstances import rests_on
+from sim.review.report.lateness import where_time_went
+from sim.review.report.page import as_dict, compared, page
+from sim.review.report.printing import write_pdf
+from sim.review.report.subject import ReviewedDrive, subject_of
+from sim.review.report.words import title
+from sim.world.day import Day, make_day
+from sim.world.scenario import read_scenario
+from sim.world.service import prepare_service
+from tests.support.flat_days import FLAT, signal_at
+from tests.support.making import das_sim
+from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
+from tests.support.recordings import write_recording
+
+BUNDLED = Path(__file__).parents[3] / "recordings" / "zurich-zug-late.mcap"
+
+
+@cache
+def day() -> Day:
+    path = Path(mkdtemp()) / "flat.toml"
+    path.write_text(FLAT, encoding="utf-8")
+    return make_day(prepare_service(read_scenario(path)), 1)
+
+
+def subject(driver: Driver, name: str) -> ReviewedDrive:
+    recording = replace(recorded_day(day(), driver), path=Path(f"{name}.mcap"))
+    return ReviewedDrive(
+        recording=recording,
+        chronicle=Chronicle.of(recording),
+        account=account_of(recording, inputs_of_day(day())),
+        why_not="",
+        likely=None,
+        shown=ShownAdvice.of(recording),
+        checked=check_contents(Contents(path=recording.path), recording),
+    )
+
+
+@cache
+def fast() -> ReviewedDrive:
+    return subject(DrivesFaster(PerfectDriver(day().service.line), 3.0), "fast")
+
+
+def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
+    text = words.paragraph(fast())
+    account = fast().account
+    assert account is not None
+    assert "ran the 6.0 km from" in text
+    assert f"It drew {account.driven_j / 3.6e6:.1f} kWh" in text
+    assert "against the advice" in text
+    assert "kept every limit" in text
+
+
+def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() -> None:
+    """A share of an optimum that is none is nonsense: −339 % and 540 % were told of one real trip."""
+    found = replace(fast(), account=None, why_not="not comparable: this train cannot arrive as early")
+    text = words.paragraph(found)
+    assert "Where its energy went cannot be said: not comparable: this train cannot arrive as early." in text
+    assert "%" not in text.partition("While a speed")[0]
+    assert "best possible" not in text
+    (row,) = as_dict([found], None, "")["drives"]
+    assert (row["energy"], row["likely_above_optimum_kwh"]) == (None, None)
+
+
+def test_the_paragraph_tells_a_train_that_is_too_fast_for_its_file_from_one_above_the_limit() -> None:
+    over = DriveEvent(
+        time_ns=0, kind=EventKind.BEYOND_TRAIN, text="", s_m=0.0, facts={"over_kmh": 24.3, "lasted_s": 328.0}
+    )
+    told = replace(fast(), chronicle=replace(fast().chronicle, events=(over,)))
+    text = words.paragraph(told)
+    assert "The train was faster than the vehicle file says the train can go once, for 328 s in all" in text
+    assert "It kept every limit." in text
+
+
+def told_of(**run: str) -> str:
+    """The paragraph of a drive whose recording says this about how it was made."""
+    recording = replace(fast().recording, metadata={"run": run})
+    return words.paragraph(replace(fast(), recording=recording))
+
+
+def test_the_paragraph_says_how_the_drive_came_about() -> None:
+    """A reader who was not there must not take a simulated day, a replay or a what-if for a real one."""
+    text = told_of(kind="run", scenario="flat", seed="3", driver="human", advice="coach", happens="a signal at danger")
+    assert (
+        "The day was simulated (scenario flat, seed 3): a simulated human drove and was shown the coach in the cab"
+        in text
+    )
+    assert "On this day: a signal at danger." in text
+    assert "It is a replay of trip.csv: nobody saw the advice." in told_of(kind="replay", trip="trip.csv")
+    text = told_of(what_if="open loop", what_if_of="day.mcap", what_if_changed="loss level l1")
+    assert "It is a what-if of day.mcap, open loop; otherwise: loss level l1." in text
+
+
+def test_the_page_answers_what_a_reviewer_asks() -> None:
+    """Questions that a page could not answer when somebody read it who was not there."""
+    figures, text = dict(words.figures(fast())), words.paragraph(fast())
+    assert figures["temporary restrictions told"] == "none (an empty list was told)"
+    assert "Advice was never withdrawn." in text
+    assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh \(against the advice", text)
+    account = fast().account
+    assert account is not None
+    above = re.search(r"([\d.]+) kWh more \(\+(\d+)%\) than the ([\d.]+) kWh of the best", text)
+    assert above is not None  # the share is that of the best drive, as the sentence reads
+    assert float(above[2]) == pytest.approx(100.0 * float(above[1]) / float(above[3]), abs=0.7)
+    rests = dict(rests_on(fast()))
+    assert rests["energies"] == "measured by the simulator"
+    assert "t, train length" in rests["planned mass"]
+    ran = re.search(r"in (\d+) min (\d+) s\. It left at (\S+) UTC.* arrived at (\S+) ", text)
+    assert ran is not None
+    left, arrived = (
+        sum(int(x) * n for x, n in zip(one.split(":"), (3600, 60, 1), strict=True)) for one in ran.groups()[2:]
+    )
+    assert arrived - left == 60 * int(ran[1]) + int(ran[2])
+    assert title(fast()) == "train, A – B, 21 November 2026 (fast)"
+
+
+def test_the_page_says_where_time_was_lost_and_by_what(tmp_path: Path) -> None:
+    path = tmp_path / "signal.toml"
+    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
+    day = make_day(prepare_service(read_scenario(path)), 1)
+    recording = recorded_day(day, PerfectDriver(day.service.line))
+    found = replace(fast(), recording=recording, chronicle=Chronicle.of(recording), shown=ShownAdvice.of(recording))
+    (told,) = where_time_went(found)
+    assert re.match(r"From A to B it lost \d+ s against the timetable; on the way: a signal at danger, in sight", told)
+    assert "The advice knows of no signals" in words.paragraph(found)
+
+
+def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
+    """A simulated driver's lapses are events of the driver like his answers, and used to end the command."""
+    away = DriveEvent(
+        time_ns=fast().chronicle.clock.zero_ns, kind=EventKind.DRIVER, text="attention is away for 12 s", s_m=0.0,
+        facts={"away_s": 12.0},
+    )  # fmt: skip
+    chronicle = replace(fast().chronicle, events=(*fast().chronicle.events, away))
+    found = replace(fast(), chronicle=chronicle)
+    assert words.figures(found) == words.figures(fast())
+    assert away.text in [row["text"] for row in words.event_rows(found)]
+
+
+def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it(tmp_path: Path) -> None:
+    path = tmp_path / "signal.toml"
+    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
+    day = make_day(prepare_service(read_scenario(path)), 1)
+    recording = recorded_day(day, PerfectDriver(day.service.line))
+    found = replace(fast(), recording=recording, chronicle=Chronicle.of(recording), shown=ShownAdvice.of(recording))
+    signal, stand = (
+        next(row for row in words.bookmark_rows(found) if row["mark"] == mark)
+        for mark in ("signal at danger", "unplanned stop")
+    )
+    assert re.fullmatch(r"\d+ km/h", signal["driven"])
+    assert re.fullmatch(r"[a-z ]+, \d+ km/h", signal["shown"])
+    assert stand["driven"] in ("0 km/h", "1 km/h")  # between the last sample that moves and the first that stands
+    listed = [row for row in words.event_rows(found) if row["kind"] == "advice"]
+    counted = sum(one.kind is EventKind.ADVICE for one in found.chronicle.events)
+    assert 0 < len(listed) < counted
+    assert words.left_out(found).startswith(f"{counted - len(listed)} changes of the advice elsewhere")
+
+
+def test_the_page_needs_nothing_besides_itself() -> None:
+    html = page([fast()], None, "")
+    assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)
+    assert not re.findall(r"url\(|@import|<script|http://|https://", html)
+    assert html.count("<figure>") == 5
+    parts = ("Punctuality", "Where the energy went", "Bookmarks and notes", "What happened", "Health", "What it was")
+    for part in parts:
+        assert part in html
+
+
+def test_what_people_wrote_cannot_become_markup(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "drive.mcap", seconds=120)
+    das_sim("note", path.name, "--at", "0:20", "<script>alert(1)</script>", cwd=tmp_path)
+    html = page([subject_of(path)], None, "")
+    assert "<script>" not in html
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+
+
+def test_without_line_and_train_the_page_says_why_there_is_no_energy(tmp_path: Path) -> None:
+    found = subject_of(write_recording(tmp_path / "drive.mcap", seconds=120))
+    assert found.account is None
+    assert "Where the energy went cannot be said: its route" in page([found], None, "")
+
+
+def test_a_recording_that_was_cut_off_is_said_to_be(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "drive.mcap", seconds=120)
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+    assert "The recording was cut off" in words.paragraph(subject_of(path))
+
+
+def test_the_health_on_the_page_is_what_the_check_finds(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "drive.mcap", seconds=120)
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+    found, html = check_file(path), page([subject_of(path)], None, "")
+    assert as_dict([subject_of(path)], None, "")["drives"][0]["health"] == found.as_dict()
+    assert any("cut-off" in line for line in found.lines())
+    for text in (*found.lines(), *found.figures.values(), *(row[0] for row in found.rate_rows())):
+        assert str(escape(text)) in html
+
+
+def test_drives_of_other_lines_are_not_compared_and_it_is_said(tmp_path: Path) -> None:
+    paths = [write_recording(tmp_path / f"{name}.mcap", seconds=120) for name in "ab"]
+    subjects = [subject_of(path) for path in paths]
+    aligned, why_not = compared(subjects)
+    assert aligned is None
+    assert "The drives are not compared" in page(subjects, aligned, why_not)
+    assert as_dict(subjects, aligned, why_not)["not_compared"] == why_not
+
+
+def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_path: Path) -> None:
+    done = das_sim("report", str(BUNDLED), "-o", "report.html", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (drive,) = json.loads(done.stdout)["drives"]
+    energy = drive["energy"]
+    assert energy["measured"] is False
+    assert sum(energy["by_cause_kwh"].values()) == pytest.approx(energy["above_optimum_kwh"], abs=1e-6)
+    low, high = drive["likely_above_optimum_kwh"]
+    assert low < energy["above_optimum_kwh"] < high
+    assert "By its positions it drew about" in drive["in_words"]
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("-o", "report.txt"), "ends in .html"),
+        (("--pdf", "report.html"), "ends in .pdf"),
+        (("-o", "none/report.html"), "no such folder"),
+    ],
+)
+def test_outputs_that_cannot_be_are_refused_before_the_work(
+    tmp_path: Path, args: tuple[str, ...], message: str
+) -> None:
+    done = das_sim("report", str(BUNDLED), *args, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+def test_without_a_browser_there_is_no_pdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(DasError, match="none is installed"):
+        write_pdf("<p>page</p>", tmp_path / "page.pdf")

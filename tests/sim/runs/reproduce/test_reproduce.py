@@ -1,0 +1,243 @@
+"""Recordings are reproduced by today's cab; whatever differs is found, with its place and its context."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import typer
+
+from das.bus import das_pb2
+from das.bus.contents import CHANNELS, RecordedMessage, read_contents
+from das.bus.recorder import RecordingFile
+from das.bus.topics import ADVICE, EVENT, PLAN, POSITION, STATUS
+from das.domain.errors import DasError
+from das.domain.files.load import catalogue
+from sim.cli.replay import bundled_recording
+from sim.cli.reproduce import reproduce as reproduce_command
+from sim.runs.reproduce.comparison import IGNORED, TOLERANCES, compare, tolerance
+from sim.runs.reproduce.hearing import Said
+from sim.runs.reproduce.reproduce import Reproduction, reproduce
+from sim.world.scenario import bundled_scenarios
+from tests.support.recordings import with_run
+from tests.support.reference_recordings import FOLDER, REPLAY, names
+
+REFERENCE = FOLDER / f"{REPLAY}.mcap"
+KEPT_S = 60
+Change = Callable[[list[RecordedMessage]], Sequence[RecordedMessage]]
+
+
+def heard_again(path: Path, node: str | None = None) -> Reproduction:
+    return reproduce(path, lambda _done, _all: None, node=node)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names())
+def test_a_reference_is_reproduced(name: str) -> None:
+    """Where this fails and the change is meant: `python -m tests.support.reference_recordings`."""
+    found = heard_again(FOLDER / f"{name}.mcap")
+    first = found.as_dict()["first"]
+    assert found.same, f"{len(found.comparison.differences)} messages differ, the first: {first}"
+    assert found.ticks > 300
+    assert found.notes == ()
+
+
+def test_there_is_a_reference_of_every_scenario_and_of_the_bundled_recording() -> None:
+    assert sorted(path.stem for path in FOLDER.glob("*.mcap")) == sorted([*bundled_scenarios(), REPLAY])
+
+
+def said_ns(one: RecordedMessage) -> int:
+    """When a message was said (ns), by itself where it tells; on a busy machine it may be recorded a tick later."""
+    if hasattr(one.message, "timestamp"):
+        return int(one.message.timestamp.ToNanoseconds())
+    return int(getattr(one.message, "time_ns", one.log_time_ns))
+
+
+def rewritten(out: Path, change: Change) -> Path:
+    """The first minute of a reference, with its messages changed."""
+    contents = read_contents(REFERENCE)
+    file = RecordingFile(out)
+    for one in contents.attachments:
+        file.add_attachment(one.name, one.media_type, one.data)
+    for name, entries in contents.metadata.items():
+        assert not name.startswith(CHANNELS)
+        file.add_metadata(name, entries)
+    last_ns = contents.messages[0].log_time_ns + KEPT_S * 1_000_000_000
+    for one in change([one for one in contents.messages if said_ns(one) < last_ns]):
+        file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
+    file.close()
+    return out
+
+
+def same(messages: list[RecordedMessage]) -> list[RecordedMessage]:
+    return messages
+
+
+def test_the_beginning_of_a_recording_is_reproduced(tmp_path: Path) -> None:
+    found = heard_again(rewritten(tmp_path / "run.mcap", same))
+    assert found.same
+    assert found.comparison.compared["advice"] == KEPT_S
+
+
+def test_a_changed_value_is_found_with_what_was_heard_before(tmp_path: Path) -> None:
+    def faster(messages: list[RecordedMessage]) -> list[RecordedMessage]:
+        advices = [one.message for one in messages if one.topic is ADVICE]
+        advices[40].advised_speed_mps += 0.01
+        advices[45].reason = "because"
+        return messages
+
+    found = heard_again(rewritten(tmp_path / "run.mcap", faster))
+    first, second = found.comparison.differences
+    assert (first.topic, first.tick) == ("advice", 41)
+    (field,) = first.fields
+    assert field.path == "advised_speed_mps"
+    assert field.by == pytest.approx(0.01, abs=1e-3)
+    assert second.tick == 46
+    assert found.comparison.by_field["advice.reason"][0] == 1
+    assert {topic for _, topic, _ in found.context} == {"position"}
+    assert all(0 <= before_s <= 5 for before_s, _, _ in found.context)
+
+
+def test_a_changed_position_changes_what_is_said(tmp_path: Path) -> None:
+    def elsewhere(messages: list[RecordedMessage]) -> list[RecordedMessage]:
+        positions = [one.message for one in messages if one.topic is POSITION]
+        positions[50].s_m += 2.0
+        return messages
+
+    found = heard_again(rewritten(tmp_path / "run.mcap", elsewhere))
+    assert found.comparison.differences[0].tick == 51
+    assert "advice.s_m" in found.comparison.by_field
+
+
+def test_words_that_are_missing_or_new_are_found(tmp_path: Path) -> None:
+    def without_one(messages: list[RecordedMessage]) -> list[RecordedMessage]:
+        event = next(one for one in messages if one.topic is EVENT)
+        plan = next(one for one in messages if one.topic is PLAN)
+        more = plan._replace(message=das_pb2.Plan(time_ns=plan.message.time_ns + 1))
+        return [one for one in messages if one is not event] + [more]
+
+    found = heard_again(rewritten(tmp_path / "run.mcap", without_one))
+    assert [(one.topic, one.recorded is None, one.today is None) for one in found.comparison.differences] == [
+        ("event", True, False),
+        ("plan", False, True),
+    ]
+
+
+def test_another_loss_level_is_another_advice(tmp_path: Path) -> None:
+    """The settings of the node count: the same day planned with other losses is not the same."""
+    path = rewritten(tmp_path / "run.mcap", same)
+    found = heard_again(path, "--route zurich-luzern --vehicle re460-ic --level l0-reg")
+    assert not found.same
+    assert "status.section" in found.comparison.by_field
+
+
+def test_what_is_not_known_of_the_node_is_guessed_and_said(tmp_path: Path) -> None:
+    contents = read_contents(rewritten(tmp_path / "whole.mcap", same))
+    file = RecordingFile(tmp_path / "bare.mcap")
+    for one in contents.messages:
+        file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
+    file.close()
+    found = heard_again(tmp_path / "bare.mcap")
+    assert found.same
+    assert found.notes[0].startswith("the recording does not say with what its node was started; guessed: --route")
+
+
+@pytest.mark.parametrize(
+    ("node", "expected"),
+    [
+        ("--route 'x", "expected options of das-node"),
+        ("--nonsense", "options of the node: "),
+        ("--version", "options of the node: "),
+        ("--route nowhere --vehicle re460-ic", "nowhere: not a bundled route"),
+    ],
+)
+def test_nonsense_about_the_node_is_refused(tmp_path: Path, node: str, expected: str) -> None:
+    with pytest.raises(DasError, match=expected):
+        heard_again(rewritten(tmp_path / "run.mcap", same), node)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--route", "zurich-luzern", "--vehicle", "FILE"],
+        ["--route", "zurich-luzern", "--vehicle=FILE"],
+        ["--route", "FILE", "--vehicle", "re460-ic"],
+        ["--route", "zurich-luzern", "--vehicle", "re460-ic", "--loss-map", "FILE"],
+        ["--route", "zurich-luzern", "--vehicle", "re460-ic", "--other-vehicle", "FILE"],
+        ["--route", "zurich-luzern", "--vehicle", "re460-ic", "--tables", "FILE"],
+    ],
+)
+def test_a_file_that_a_recording_only_names_is_opened_only_if_the_user_says_so(
+    words: list[str], tmp_path: Path
+) -> None:
+    """The file is a pipe: whoever opens it waits for ever."""
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    words = [word.replace("FILE", str(pipe)) for word in words]
+    path = with_run(REFERENCE, tmp_path / "run.mcap", without=True, node_arguments=json.dumps(words))
+    option = next(a.partition("=")[0] for a, b in pairwise([*words, ""]) if str(pipe) in (b, a.partition("=")[2]))
+    expected = f"run.mcap: names {option} {pipe}, which is not attached and not opened unasked: expected --node"
+    with pytest.raises(DasError, match=re.escape(expected)):
+        heard_again(path)
+
+
+def test_a_file_that_the_user_names_is_opened(tmp_path: Path) -> None:
+    own = shutil.copy(catalogue("vehicles")["re460-ic"], tmp_path / "own.toml")
+    words = ["--route", "zurich-luzern", "--vehicle", str(own), "--from", "Zürich HB", "--to", "Zug"]
+    path = rewritten(tmp_path / "run.mcap", same)
+    assert heard_again(path, shlex.join(words)).same
+
+
+def test_a_trip_without_a_node_cannot_be_reproduced() -> None:
+    with pytest.raises(DasError, match="no node advised in this recording"):
+        heard_again(bundled_recording())
+
+
+def test_the_exit_code_says_whether_it_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    reproduce_command(rewritten(tmp_path / "run.mcap", same))
+    assert "today's cab says the same" in capsys.readouterr().out
+
+    def other(messages: list[RecordedMessage]) -> list[RecordedMessage]:
+        next(one.message for one in messages if one.topic is STATUS).reason = "because"
+        return messages
+
+    path = rewritten(tmp_path / "other.mcap", other)
+    with pytest.raises(typer.Exit) as ended:
+        reproduce_command(path)
+    assert ended.value.exit_code == 1
+    assert "reason: recorded 'because', today 'ready for" in capsys.readouterr().out
+    with pytest.raises(typer.Exit):
+        reproduce_command(path, as_json=True)
+    found = json.loads(capsys.readouterr().out)
+    assert found["same"] is False
+    assert found["first"]["fields"][0]["field"] == "reason"
+
+
+def test_tolerances_go_by_the_unit_of_a_field() -> None:
+    assert tolerance("advised_speed_mps", 20.0) == TOLERANCES["_mps"]
+    assert tolerance("acceleration_mps2", 1.0) == TOLERANCES["_mps2"]
+    assert tolerance("predicted_arrival_ns", 1) == TOLERANCES["_ns"]
+    assert tolerance("energy_to_go_j", 1e9) == pytest.approx(1e4)
+    assert tolerance("advices", 7) == 0.0
+
+
+def test_what_is_within_the_tolerance_or_ignored_is_the_same() -> None:
+    def said(speed_mps: float, version: str) -> list[Said]:
+        return [
+            Said(ADVICE, das_pb2.Advice(time_ns=1, advised_speed_mps=speed_mps, horizon_speed_mps=[speed_mps]), 1),
+            Said(STATUS, das_pb2.Status(time_ns=1, version=version), 1),
+        ]
+
+    assert "status.version" in IGNORED
+    assert compare(said(20.0, "1"), said(20.0009, "2")).differences == []
+    (found,) = compare(said(20.0, "1"), said(20.002, "1")).differences
+    assert [one.path for one in found.fields] == ["advised_speed_mps", "horizon_speed_mps[0]"]
+    assert compare(said(20.0, "1"), said(float("nan"), "1")).differences != []
+    assert compare(said(float("nan"), "1"), said(float("nan"), "1")).differences == []

@@ -1,0 +1,313 @@
+"""A driver that is a process of its own: the same states bit for bit, the page's program, and what silence leads to."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.bus import das_pb2
+from das.bus.recording import read_recording
+from das.bus.session import endpoint, free_ports
+from das.bus.topics import CAB, CONTROLS, LOG, Topic
+from das.domain.errors import DasError
+from sim.drive.recorded_stability import recorded_restlessness
+from sim.drivers.cab import AdviceView, CabView, PostedRestriction, Presentation
+from sim.drivers.kinds import EXTERNAL, DriverKind
+from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
+from sim.plant.plant import COAST, force, lever, speed
+from sim.world.day import Day, make_day
+from sim.world.external.dead_man import SILENT_S, DeadMan
+from sim.world.external.external import ExternalDriver
+from sim.world.in_process import InProcess
+from sim.world.loop import World
+from sim.world.over_bus import How, Recorded, make_crew, run_over_bus
+from sim.world.processes.answers import Answers
+from sim.world.scenario import read_scenario
+from sim.world.service import prepare_service
+from tests.support.flat_days import FLAT, signal_at
+from tests.support.making import REPOSITORY, das_sim
+
+PAGE = REPOSITORY / "docs" / "how-to" / "bring-your-own-driver.md"
+HUMAN = "[human]\nbraking_mps2 = {min = 0.4, max = 0.7}\n"
+RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_m = 1200\nto_m = 1500\nspeed_kmh = 60\nannounced_m = 900\n"
+SILENT = """
+import sys, time
+from das.bus import das_pb2
+from das.bus.session import Bus
+from das.bus.topics import CAB, CONTROLS
+
+silent_from, silent_to = int(sys.argv[2]), int(sys.argv[3])
+with Bus("T1", connect=[sys.argv[1]], hear=[CAB]) as bus:
+    while True:
+        received = bus.receive(0.2)
+        if received is None:
+            bus.publish(CONTROLS, das_pb2.Controls())
+        elif received.topic is CAB and not silent_from <= received.message.look < silent_to:
+            cab = received.message
+            way_m = max(cab.stop_m - cab.s_m - cab.speed_mps, 0.0)
+            held = das_pb2.Controls.HeldSpeed(speed_mps=min(30.0, way_m**0.5 if cab.may_depart else 0.0))
+            bus.publish(CONTROLS, das_pb2.Controls(look=cab.look, held_speed=held))
+"""
+"""A driver that does not answer some looks."""
+SECOND = """
+import sys
+from das.bus import das_pb2
+from das.bus.session import Bus
+from das.bus.topics import CAB, CONTROLS
+
+with Bus("T1", connect=[sys.argv[1]], hear=[CAB]) as bus:
+    while True:
+        received = bus.receive(0.2)
+        if received is not None:
+            bus.publish(CONTROLS, das_pb2.Controls(look=received.message.look, lever_ratio=-1.0))
+"""
+"""A second driver: it brakes, and says nothing before the first has begun."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("outside")
+    (folder / "flat.toml").write_text(FLAT)
+    (folder / "eventful.toml").write_text(FLAT + HUMAN + RESTRICTED + signal_at(4000, 800))
+    (folder / "silent.py").write_text(SILENT)
+    (folder / "second.py").write_text(SECOND)
+    (folder / "page.py").write_text(PAGE.read_text(encoding="utf-8").split("```python\n")[2].split("```")[0])
+    return folder
+
+
+@contextmanager
+def process(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python process of this checkout, ended with the block."""
+    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    child = subprocess.Popen(
+        [sys.executable, *arguments], cwd=folder, env={**os.environ, "PYTHONPATH": paths}, stderr=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate()
+
+
+def day_of(folder: Path, name: str, seed: int = 3) -> Day:
+    return make_day(prepare_service(read_scenario(folder / name)), seed)
+
+
+def driven(day: Day, place: str, out: Path, shown: Presentation) -> Recorded:
+    how = How(driver=EXTERNAL, advice=shown, train="T1", command="test", driver_at=place)
+    return run_over_bus(day, ExternalDriver(day), shown, make_crew(day, how, out))
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+@pytest.mark.parametrize("shown", [Presentation.VECTOR, Presentation.COACH])
+def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
+    folder: Path, tmp_path: Path, shown: Presentation
+) -> None:
+    """On a day with a restriction and a signal; against the same human in this process, without a bus."""
+    day, place = day_of(folder, "eventful.toml"), endpoint(*free_ports(1))
+    here = World(
+        day, day.driver(DriverKind.HUMAN), shown, InProcess(day.service, coach=shown is Presentation.COACH)
+    ).run()
+    arguments = ("eventful.toml", "--driver", "human", "--seed", "3", "--train", "T1", "--connect", place)
+    with process(folder, "-m", "sim.cli", "drive", *arguments) as other:
+        run, traffic = driven(day_of(folder, "eventful.toml"), place, tmp_path / "a.mcap", shown)
+        _, said = other.communicate(timeout=60)
+    assert run.states == here.states
+    assert traffic.lost == 0
+    assert other.returncode == 0
+    assert f"looks answered: {5 * (len(run.states) - 1)}" in said
+    recording = read_recording(tmp_path / "a.mcap")
+    looks = [entry.message.look for entry in recording.of(CAB)]
+    assert looks == list(range(1, len(looks) + 1))
+    assert recorded_restlessness(recording).as_dict() == run.restlessness.as_dict()  # of one look a second
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_program_of_the_page_drives(folder: Path) -> None:
+    place = endpoint(*free_ports(1))
+    with process(folder, "page.py", place) as other:
+        asked = ("run", "eventful.toml", "--driver", "external", "--driver-at", place, "--out", "p.mcap", "--json")
+        done = das_sim(*asked, cwd=folder)
+        other.communicate(timeout=60)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert other.returncode == 0
+    assert found["driver"] == "external"
+    assert found["messages_lost"] == found["over_limit_s"] == found["signals_passed"] == 0
+    assert abs(found["stops"][-1]["missed_m"]) < 10
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path, tmp_path: Path) -> None:
+    """Silent for 30 looks; it answers again while the train brakes, and drives on after a stand."""
+    day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
+    with process(folder, "silent.py", place, "400", "430"):
+        run, _ = driven(day, place, tmp_path / "s.mcap", Presentation.NONE)
+    said = [
+        (entry.message.message, entry.message.timestamp.ToNanoseconds())
+        for entry in read_recording(tmp_path / "s.mcap").of(LOG)
+    ]
+    words = [text for text, _ in said]
+    begins = words.index("the external driver has been silent for 2 s: the dead-man brake is applied")
+    ends = words.index("the external driver answers again: the dead-man brake is released")
+    assert begins < ends
+    at_s = day.service.clock_s(said[begins][1])
+    standing = [
+        state.time_s for state in run.states if state.speed_mps == 0 and 0 < state.time_s < run.calls[-1].arrived_s - 1
+    ]
+    braked = [state for state in run.states if at_s + 2 < state.time_s < min(standing) - 1]
+    assert at_s == pytest.approx(399 * 0.2 - 10)  # the first look that was not answered
+    assert all(state.acceleration_mps2 < -0.8 for state in braked)
+    assert len(braked) > 5
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
+    """The second one begins when the run has begun, and would not move the train; the states are those of the first."""
+    runs = []
+    for others in ((), ("second.py",)):
+        day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
+        with ExitStack() as stack:
+            stack.enter_context(process(folder, "silent.py", place, "0", "0"))
+            for other in others:
+                stack.enter_context(process(folder, other, place))
+            runs.append(driven(day, place, tmp_path / "two.mcap", Presentation.NONE)[0].states)
+    assert runs[0] == runs[1]
+    words = [entry.message.message for entry in read_recording(tmp_path / "two.mcap").of(LOG)]
+    assert "another process answers as well; the first one drives" in words
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_a_driver_that_is_gone_ends_the_run_with_its_recording(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sim.world.external.external.GIVEN_UP_S", 1.0)
+    day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
+    with process(folder, "silent.py", place, "400", "99999"), pytest.raises(DasError) as raised:
+        driven(day, place, tmp_path / "g.mcap", Presentation.NONE)
+    assert "the driver is gone, and the dead-man brake has stopped the train" in str(raised.value)
+    assert read_recording(tmp_path / "g.mcap").of(LOG)
+
+
+class Prompt:
+    """In place of a lockstep with a driver who answers at once but for some looks, whenever there is time to listen."""
+
+    def __init__(self, silent: range = range(0)) -> None:
+        self._silent = silent
+        self.answers, self.crew = Answers(), None
+        self.logs: list[str] = []
+        self.now_s = 0.0
+        self._look = 0
+
+    def send(self, topic: Topic, message: Any) -> None:
+        if topic is CAB:
+            self._look = message.look
+        else:
+            self.logs.append(message.message)
+
+    def hear(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        if timeout_s > 0 and self._look not in self._silent:
+            self.answers.take(CONTROLS, das_pb2.Controls(look=self._look, lever_ratio=0.25), "driver")
+        self.now_s += timeout_s
+        return done()
+
+
+@pytest.mark.parametrize(("looks", "braked"), [(9, 0), (10, 141), (40, 141)])
+def test_at_a_pace_silence_is_counted_by_the_clock_of_the_run(folder: Path, looks: int, braked: int) -> None:
+    """Ten looks of 0.2 s are 2 s at any pace: then the brake is applied, and stays while the train moves."""
+    day, lockstep = day_of(folder, "flat.toml"), Prompt(range(51, 51 + looks))
+    driver = ExternalDriver(day, times_real=20.0, clock=lambda: lockstep.now_s)
+    lockstep.answers.take(CONTROLS, das_pb2.Controls(), "driver")
+    driver.begin(lockstep)  # type: ignore[arg-type]
+    cab = CabView(0.0, 0.0, 10.0, 38.8, 6000.0, 0.0, 234.0)
+    commands = [driver.command(cab._replace(time_s=0.2 * look)) for look in range(200)]
+    assert commands.count(lever(-1.0)) == braked
+    assert commands.count(lever(0.25)) == 200 - braked
+    assert len(lockstep.logs) == (1 if braked else 0)
+
+
+def test_a_run_that_fell_behind_its_pace_still_listens_to_its_driver(folder: Path) -> None:
+    """The node took 10 s to start anew: 50 looks are late at once, and the driver is not silent for any of them."""
+    day, lockstep = day_of(folder, "flat.toml"), Prompt()
+    driver = ExternalDriver(day, times_real=1.0, clock=lambda: lockstep.now_s)
+    lockstep.answers.take(CONTROLS, das_pb2.Controls(), "driver")
+    driver.begin(lockstep)  # type: ignore[arg-type]
+    began_s = lockstep.now_s
+    lockstep.now_s += 10.0
+    cab = CabView(0.0, 0.0, 10.0, 38.8, 6000.0, 0.0, 234.0)
+    commands = [driver.command(cab._replace(time_s=0.2 * look)) for look in range(200)]
+    assert set(commands) == {lever(0.25)}
+    assert lockstep.logs == []
+    assert lockstep.now_s == pytest.approx(began_s + 200 * 0.2, abs=0.2)  # it has caught up
+
+
+def test_the_dead_man_brake_is_applied_after_2_s_and_released_at_a_stand() -> None:
+    dead_man = DeadMan()
+    assert [dead_man.silent(0.2) for _ in range(9)] == [None] * 9
+    assert dead_man.answered(standing=False) is None
+    told = [dead_man.silent(0.2) for _ in range(12)]
+    assert [text is not None for text in told] == [False] * 9 + [True] + [False] * 2
+    assert dead_man.braking
+    assert dead_man.answered(standing=False) is None
+    assert dead_man.braking
+    assert "released" in (dead_man.answered(standing=True) or "")
+    assert not dead_man.braking
+    assert dead_man.silent(SILENT_S) is not None
+
+
+ADVICE = AdviceView(
+    time_s=0.1 + 0.2, valid_until_s=3.3, presentation=Presentation.VECTOR, mode=2, speed_mps=1 / 3,
+    display_speed_mps=0.3, lever_ratio=-0.123, force_n=-1e4 / 7, horizon_speed_mps=(0.1, 0.2),
+    horizon_force_n=(1.0, 2.0), next_mode=4, next_change_s=7.7, next_speed_mps=9.1,
+    next_effort_ratio=0.6, due_s=0.3, target_way_m=12.1, reason="why",
+    deviation_s=-4.4,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("advice", [None, ADVICE])
+@pytest.mark.parametrize("signal_m", [float("inf"), 1234.5])
+def test_a_cab_comes_back_from_the_bus_as_it_was_sent(folder: Path, advice: AdviceView | None, signal_m: float) -> None:
+    line = day_of(folder, "flat.toml").service.line
+    cab = CabView(
+        0.1 + 0.2, 1 / 3, 2 / 3, 38.8, 6000.0, -0.1, 234.5, False, signal_m, (PostedRestriction(1.1, 2.2, 3.3),), advice
+    )
+    sent = cab_message(CabLook(1, cab, COAST, 5), line)
+    assert cab_view(das_pb2.Cab.FromString(sent.SerializeToString())) == cab
+
+
+@pytest.mark.parametrize(
+    "command",
+    [lever(0.1 + 0.2, friction_ratio=0.3), force(-1e5 / 3, friction_ratio=1.0), COAST, speed(10 / 3),
+     speed(0.0, rate_mps2=-0.1, force_n=7.0, gain_per_s=0.0, low_n=-5.0, high_n=0.0)],
+)  # fmt: skip
+def test_a_command_comes_back_from_the_bus_as_it_was_sent(command: tuple[float, ...]) -> None:
+    sent = controls_message(5, command)  # type: ignore[arg-type]
+    assert command_of(das_pb2.Controls.FromString(sent.SerializeToString()), 0.0) == command
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (das_pb2.Controls(look=1), "neither lever_ratio, force_n nor held_speed"),
+        (das_pb2.Controls(look=1, lever_ratio=float("nan")), "the lever's ratio = nan"),
+        (das_pb2.Controls(look=1, lever_ratio=0.0, friction_ratio=2.0), "friction_ratio = 2.0"),
+    ],
+)
+def test_controls_that_no_train_understands_are_refused(said: das_pb2.Controls, expected: str) -> None:
+    with pytest.raises(DasError, match="--driver external: at 2") as raised:
+        command_of(said, 2.0)
+    assert expected in str(raised.value)
