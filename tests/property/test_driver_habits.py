@@ -12,19 +12,19 @@ from itertools import pairwise
 
 import pytest
 
-from sim.drivers.cab import AT_STOP_M
-from sim.drivers.kinds import Presentation
-from sim.study.habits import (
+from docs.studies.habits import (
     MOVES_MPS,
     WITH_MODES,
     WatchedDay,
     braked_at_a_stand_s,
     braked_under_coast,
     bursts_per_min,
-    driven,
     habits_table,
     set_at_full,
+    watched_day,
 )
+from sim.drivers.cab import AT_STOP_M
+from sim.drivers.kinds import Presentation
 from sim.world.loop import LOOK_S
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service
@@ -44,7 +44,7 @@ def service() -> Service:
 
 @cache
 def days(presentation: Presentation) -> tuple[WatchedDay, ...]:
-    return tuple(driven(service(), presentation, seed) for seed in range(SEEDS))
+    return tuple(watched_day(service(), presentation, seed) for seed in range(SEEDS))
 
 
 @pytest.mark.parametrize("presentation", list(Presentation))

@@ -1,6 +1,6 @@
 """What a driver is shown on five days, before (vector) and after (coach), as pictures for the documentation.
 
-`python -m sim.study days` draws docs/images/coach/*.png again, and writes their table (about a minute).
+`python -m docs.studies.coach_days` draws docs/images/coach/*.png again, and writes their table (about a minute).
 """
 
 from __future__ import annotations
@@ -18,14 +18,17 @@ from numpy.typing import NDArray
 from das.advice.modes import Mode, mode_name
 from das.command_line.outputs import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, kwh
+from docs.studies.driving import WatchedRun, watched_run
+from docs.studies.pages import DOCS, write_table
 from sim.drivers.cab import Presentation, present
-from sim.study.watching import WatchedRun, service_of, watched_run
 from sim.world.disturbances import SignalStop, TrainAhead
 from sim.world.outcome import outcome
+from sim.world.scenario import load_scenario
+from sim.world.service import prepare_service
 
 DAYS: Final = ("clear-day", "train-ahead", "restriction-ahead", "departure-delay", "signal-stop")
 SEED: Final = 1
-FOLDER: Final = Path("docs") / "images" / "coach"
+FOLDER: Final = DOCS / "images" / "coach"
 BEFORE_AND_AFTER: Final = (Presentation.VECTOR, Presentation.COACH)
 SIZE_IN, DPI = (11.0, 7.2), 100
 HEADROOM: Final = 1.1
@@ -74,17 +77,17 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
     return found
 
 
-def draw_day(path: Path, scenario: str, seed: int = SEED) -> str:
+def draw_day(path: Path, scenario: str) -> str:
     """Draw a day of a scenario as the default human drove it with vector and with the coach: the same day for both.
 
     Returns the figures of the two runs as a row of a table in Markdown.
     """
-    service = service_of(scenario)
+    service = prepare_service(load_scenario(scenario))
     pyplot = offscreen_pyplot()
     figure, axes = pyplot.subplots(4, 1, figsize=SIZE_IN, sharex=True, height_ratios=(8, 1, 8, 1), layout="constrained")
     cells: list[str] = []
     for presentation, pair in zip(BEFORE_AND_AFTER, (axes[:2], axes[2:]), strict=True):
-        one = watched_run(service, seed, presentation)
+        one = watched_run(service, SEED, presentation)
         _draw_run(pair, one, presentation)
         cells += _figures(one)
     axes[-1].set_xlabel("position, km")
@@ -94,7 +97,7 @@ def draw_day(path: Path, scenario: str, seed: int = SEED) -> str:
         [*lines, *strips], [*names, *(mode_name(mode) for mode in MODES)], loc="outside lower center", ncols=5,
         frameon=False,
     )  # fmt: skip
-    figure.suptitle(f"{scenario}, seed {seed}, default human driver: what was shown before and with the coach", size=13)
+    figure.suptitle(f"{scenario}, seed {SEED}, default human driver: what was shown before and with the coach", size=13)
     save_figure(path, figure, dpi=DPI)
     pyplot.close(figure)
     return f"| {scenario} | {' | '.join(cells)} |"
@@ -161,10 +164,13 @@ def _places(axis: Any, one: WatchedRun, top: float) -> None:
         axis.text(at_m / KM, 0.05 * top, " signal at danger", size=9, va="bottom", color=INK)
 
 
-def days_table(folder: Path = FOLDER, seed: int = SEED) -> Iterator[str]:
+def days_table() -> Iterator[str]:
     """Draw the pictures of all days; the lines of their table, as they are found."""
-    folder.mkdir(parents=True, exist_ok=True)
     yield "| day | vector: changes/min | kWh | late, s | coach: changes/min | kWh | late, s |"
     yield "|---|---:|---:|---:|---:|---:|---:|"
     for scenario in DAYS:
-        yield draw_day(folder / f"{scenario}.png", scenario, seed)
+        yield draw_day(FOLDER / f"{scenario}.png", scenario)
+
+
+if __name__ == "__main__":
+    write_table(DOCS / "explanation" / "coach.md", "days", days_table())

@@ -1,4 +1,4 @@
-"""`python -m sim.study.real_trips DATA`: review two real trips again, for docs/explanation/real-trips.md.
+"""`python -m docs.studies.real_trips DATA`: review two real trips again, for docs/explanation/real-trips.md.
 
 DATA is the folder with the public data sets (trips, ttobench). The tables of the page and docs/images/real-trips-*.png
 are written; the data stay where they are.
@@ -20,9 +20,10 @@ from das.bus.recording import read_recording
 from das.command_line.outputs import save_figure
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Restriction
-from das.domain.units import KM, kmh, kwh
+from das.domain.units import KM, KWH, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from docs.studies.pages import DOCS, write_table
 from sim.drive.attribution.account import Account, account_with
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.inputs import DriveInputs
@@ -32,11 +33,10 @@ from sim.review.light import INK, LINES, legend, light_figure, named
 from sim.runs.replay.job import prepare
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import replay
-from sim.study.page import write_table
 from sim.trips.options import TripOptions
 
-PAGE: Final = Path("docs") / "explanation" / "real-trips.md"
-PICTURES: Final = Path("docs") / "images"
+PAGE: Final = DOCS / "explanation" / "real-trips.md"
+PICTURES: Final = DOCS / "images"
 TRIPS: Final = {"29 July 2016": "kolback_vasteras_clean.csv", "5 August 2016": "kolback_vasteras_dropouts.csv"}
 ROUTE, POSTS = "SE_Vasteras_Kolback.json", "kolback_vasteras_kmposts.csv"
 TRAINS: Final = {
@@ -49,6 +49,8 @@ FIRST: Final = "KISS"
 LIMIT: Final = LIGHT.of[Meaning.LIMIT]
 ENTRY_M: Final = 18_000.0
 """From here on (m) both trips were much slower than the line allows, as if something held them back."""
+LEAST_J: Final = 0.5 * KWH
+"""A cause of less energy than this on every trip has no row."""
 PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
 """Parts of the way (km from Kolbäck)."""
 
@@ -86,7 +88,7 @@ def trip_accounts(data: Path) -> list[TripAccount]:
             options = TripOptions(
                 route=str(route_file), vehicle=str(_train(data, FIRST)), reverse=True, line=data / "trips" / POSTS
             )
-            job = prepare(data / "trips" / name, ReplayOptions(trip=options), out, "python -m sim.study.real_trips")
+            job = prepare(data / "trips" / name, ReplayOptions(trip=options), out, "python -m docs.studies.real_trips")
             replay(job, lambda _tick, _ticks: None)
             recording = read_recording(out)
             for train in TRAINS:
@@ -140,15 +142,11 @@ def cause_table(found: Sequence[TripAccount]) -> Iterator[str]:
     """By what: the energy above the optimum by cause, from the least to the most of the trains assumed."""
     yield f"| cause | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
-    causes = [cause for cause in EnergyCause if any(abs(_of(one, cause)) >= kwh_j(0.5) for one in found)]
-    for cause in causes:
+    for cause in EnergyCause:
+        if all(abs(_of(one, cause)) < LEAST_J for one in found):
+            continue
         cells = (_ends([_of(one, cause) for one in found if one.trip == trip]) for trip in TRIPS)
         yield f"| {cause.label} | {' | '.join(cells)} |"
-
-
-def kwh_j(energy_kwh: float) -> float:
-    """An energy in J."""
-    return energy_kwh * 3.6e6
 
 
 def _of(one: TripAccount, cause: EnergyCause) -> float:
@@ -231,23 +229,20 @@ def saving_figure(found: Sequence[TripAccount]) -> Figure:
 
 def main() -> None:
     """Make the tables and the pictures again."""
-    parser = argparse.ArgumentParser(prog="python -m sim.study.real_trips", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.real_trips", description=__doc__)
     parser.add_argument("data", type=Path, help="Folder of the data sets.")
-    parser.add_argument("--page", type=Path, default=PAGE, help="The page to write into.")
-    parser.add_argument("--pictures", type=Path, default=PICTURES, help="Where the pictures go.")
-    asked = parser.parse_args()
-    found = trip_accounts(asked.data)
+    found = trip_accounts(parser.parse_args().data)
     possible = [one for one in found if one.possible]
     for name, lines in (
         ("saving", saving_table(found)),
         ("causes", cause_table(possible)),
         ("places", place_table(possible)),
     ):
-        write_table(asked.page, name, lines)
-    save_figure(asked.pictures / "real-trips-saving.png", saving_figure(possible))
+        write_table(PAGE, name, lines)
+    save_figure(PICTURES / "real-trips-saving.png", saving_figure(possible))
     for number, trip in enumerate(TRIPS, start=1):
         of_trip = [one for one in possible if one.trip == trip]
-        save_figure(asked.pictures / f"real-trips-{number}.png", trip_figure(of_trip))
+        save_figure(PICTURES / f"real-trips-{number}.png", trip_figure(of_trip))
 
 
 if __name__ == "__main__":

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from das.domain.braking import SiteBraking
+from docs.studies import own_braking
+from docs.studies.own_braking import PLANS, Block, BrakingFigures, braking_table, figures
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
-from sim.study import own_braking
-from sim.study.own_braking import PLANS, Block, BrakingFigures, braking_table, figures
 from sim.world.scenario import read_scenario
 from sim.world.service import Service, prepare_service
 

@@ -1,7 +1,7 @@
 """What it buys to plan with the braking that drivers really use: the same days, planned with the train's and with his.
 
-`python -m sim.study braking` writes the table into docs/reference/drivers.md again (about a quarter of an hour on one
-core).
+`python -m docs.studies.own_braking` writes the table into docs/reference/drivers.md again (about a quarter of an hour
+on one core).
 """
 
 from __future__ import annotations
@@ -15,22 +15,21 @@ import numpy as np
 from das.advice.modes import Mode
 from das.domain.braking import SiteBraking
 from das.domain.units import kwh
-from sim.drivers.cab import CabView, Driver, Presentation
+from docs.studies.driving import driven, human_of, with_interval
+from docs.studies.pages import DOCS, write_table
+from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.drivers.parameters import HumanParameters
 from sim.experiment.setting import day_of
 from sim.plant.plant import Command
-from sim.world.day import Day, make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import World
+from sim.world.day import make_day
 from sim.world.outcome import DayOutcome, outcome
 from sim.world.service import Service, prepare_service
 
 SEEDS: Final = tuple(range(12))
 PERFECT_SEEDS: Final = 3
 """So many of the days are driven by the perfect driver as well, whose runs hardly differ from day to day."""
-NORMAL_95: Final = 1.96
 SETS_RATIO: Final = 0.02
 """A controller further on the side of the brakes than this brakes."""
 
@@ -112,17 +111,10 @@ def figures(service: Service, seed: int, shown: Presentation, friction: Friction
     """Drive a day: a human with a policy of brake blending, or without one the perfect driver."""
     day = make_day(service, seed)
     if friction is None:
-        return _figures(_driven(day, day.driver(DriverKind.PERFECT), shown), float("nan"))
-    human = day.driver(DriverKind.HUMAN, friction)
-    assert isinstance(human, HumanDriver)
-    counted = Coasting(human)
-    found = _driven(day, counted, shown)
+        return _figures(outcome(day, driven(day, day.driver(DriverKind.PERFECT), shown)), float("nan"))
+    counted = Coasting(human_of(day, friction))
+    found = outcome(day, driven(day, counted, shown))
     return _figures(found, counted.braked / counted.told if counted.told else 0.0)
-
-
-def _driven(day: Day, driver: Driver, shown: Presentation) -> DayOutcome:
-    link = InProcess(day.service, coach=shown is Presentation.COACH)
-    return outcome(day, World(day, driver, shown, link).run())
 
 
 def _figures(found: DayOutcome, braked_ratio: float) -> BrakingFigures:
@@ -166,8 +158,11 @@ def _rows(
         planned = service.on(replace(service.scenario, braking=braking))
         found = [figures(planned, seed, shown, block.friction) for seed in seeds]
         exact = [figures(planned, seed, shown, None) for seed in seeds[:PERFECT_SEEDS]]
-        energy, gap = (_less(found, first, name) if first else "" for name in ("energy_kwh", "gap_percent"))
         first = first or found
+        energy, gap = (
+            "" if found is first else with_interval(_each(found, name) - _each(first, name))
+            for name in ("energy_kwh", "gap_percent")
+        )
         lost = _mean(found, "profile_kwh") - _mean(exact, "profile_kwh")
         yield (
             f"| {block.scenario}{electric} | {shown} | {plan.says} | {_mean(found, 'energy_kwh'):.1f} | {energy} | "
@@ -176,13 +171,13 @@ def _rows(
         )
 
 
+def _each(found: Sequence[BrakingFigures], name: str) -> np.ndarray:
+    return np.array([getattr(one, name) for one in found])
+
+
 def _mean(found: Sequence[BrakingFigures], name: str) -> float:
-    return float(np.mean([getattr(one, name) for one in found]))
+    return float(_each(found, name).mean())
 
 
-def _less(found: Sequence[BrakingFigures], first: Sequence[BrakingFigures], name: str) -> str:
-    """The mean difference to the first plan on the same days, with its 95 % interval."""
-    pairs = zip(found, first, strict=True)
-    difference = np.array([getattr(one, name) - getattr(other, name) for one, other in pairs])
-    half = NORMAL_95 * float(difference.std(ddof=1)) / len(difference) ** 0.5
-    return f"{difference.mean():+.1f} ± {half:.1f}"
+if __name__ == "__main__":
+    write_table(DOCS / "reference" / "drivers.md", "braking", braking_table())

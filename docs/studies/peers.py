@@ -1,15 +1,15 @@
 """The tables of docs/reference/results.md: peers, the solver's table, refinement and proven bounds side by side.
 
-`python -m tests.support.peers` solves all rows again, which takes about ten minutes, and writes the tables into the
+`python -m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables into the
 page. It needs the third-party data beside the checkout (../shared).
 """
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -26,11 +26,12 @@ from das.solver.section import build_section
 from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up
+from docs.studies.pages import DOCS, write_table
 from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import SHARED, ReferenceResult, reference_results
-from tests.support.making import REPOSITORY, make_route
+from tests.support.making import make_route
 
-PAGE = REPOSITORY / "docs" / "reference" / "results.md"
+PAGE = DOCS / "reference" / "results.md"
 MAP = SHARED / "loss_maps" / "NL_Intercity_VIRM6_chain.csv"
 LEVELS = (Level.L0_REG, Level.L1, Level.L2, Level.L3)
 SEED = 14
@@ -38,7 +39,7 @@ TIGHT_S = 40.0
 """CPU seconds that the tight bound of a loss map may take."""
 
 
-class Row(NamedTuple):
+class PeerRow(NamedTuple):
     """One problem: the run of the table, the refined run, and how long refinement and certificate took (s)."""
 
     name: str
@@ -48,7 +49,7 @@ class Row(NamedTuple):
     certify_s: float
 
     @classmethod
-    def of(cls, name: str, front: Front, time_s: float) -> Row:
+    def of(cls, name: str, front: Front, time_s: float) -> PeerRow:
         """Solve, refine and certify for a time."""
         given = front.trajectory(time_s)
         began = time.process_time()
@@ -75,36 +76,37 @@ class Tight(NamedTuple):
     prove_s: float
 
     @classmethod
-    def of(cls, row: Row) -> Tight:
+    def of(cls, row: PeerRow) -> Tight:
         """Prove the tight bound; with constant efficiencies it is the quick one."""
         began = time.process_time()
         found = tightened(row.found, TIGHT_S)
         return cls(found.gap_ratio, time.process_time() - began)
 
 
-def benchmark_rows() -> Iterator[tuple[ReferenceResult, Row]]:
+def benchmark_rows() -> Iterator[tuple[ReferenceResult, PeerRow]]:
     """Every result of other optimisers, with our answer for the same time."""
     fronts: dict[tuple[str, ...], Front] = {}
     for result in reference_results():
         if result.problem not in fronts:
             section, *_ = pose_reference(result, MAP if result.losses == "map" else None)
             fronts[result.problem] = solve_front(section, threads=1)
-        yield result, Row.of(result.route, fronts[result.problem], result.time_s)
+        yield result, PeerRow.of(result.route, fronts[result.problem], result.time_s)
 
 
-def _table(heads: str, rows: Iterable[Iterable[str]]) -> str:
-    """A table of the page; the heads are separated by commas."""
+def _table(heads: str, rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    """The lines of a table; the heads are separated by commas."""
     names = heads.split(", ")
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (names, ["---"] * len(names), *rows))
+    for cells in chain((names, ["---"] * len(names)), rows):
+        yield f"| {' | '.join(cells)} |"
 
 
-def peers_table() -> str:
+def peers_table() -> Iterator[str]:
     """The rows of the public benchmark."""
     heads = "track, train, losses, time s, peer kWh, table kWh, refined kWh, refined against peer, bound kWh, "
     return _table(heads + "table gap, gap, refining CPU s, proving CPU s", map(_peer_cells, benchmark_rows()))
 
 
-def _peer_cells(pair: tuple[ReferenceResult, Row]) -> list[str]:
+def _peer_cells(pair: tuple[ReferenceResult, PeerRow]) -> list[str]:
     result, row = pair
     found_kwh = row.found.ledger.input / KWH
     return [
@@ -159,7 +161,7 @@ def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
     )
 
 
-def hard_rows() -> Iterator[tuple[Hard, Level, Row]]:
+def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
     """Every hard problem at every level, with our answer; problems that no run solves are drawn again."""
     for number, level in enumerate(LEVELS):
         rng = np.random.default_rng([SEED, number])
@@ -170,14 +172,14 @@ def hard_rows() -> Iterator[tuple[Hard, Level, Row]]:
                     continue
                 try:
                     front = solve_front(build_section(one.route, one.vehicle, level=level), threads=1)
-                    row = Row.of(one.kind, front, front.fastest().time_s * (1.0 + one.buffer_ratio))
+                    row = PeerRow.of(one.kind, front, front.fastest().time_s * (1.0 + one.buffer_ratio))
                 except InfeasibleError:
                     continue
                 wanted.remove(one.kind)
                 yield one, level, row
 
 
-def hard_table() -> str:
+def hard_table() -> Iterator[str]:
     """The hard problems, and how they are solved as a whole."""
     rows = list(hard_rows())
     tightened(rows[-1][2].found, 1e-9)  # loads the kernels, so that their loading counts for no row
@@ -189,10 +191,12 @@ def hard_table() -> str:
         _tight_summed([proof for proof, (_, level, _) in zip(proofs, rows, strict=True) if level is Level.L3], proofs),
     ]
     cells = (_hard_cells(*one, proof) for one, proof in zip(rows, proofs, strict=True))
-    return "\n\n".join([_table(heads + ", tight gap, its CPU s", cells), *sums])
+    yield from _table(heads + ", tight gap, its CPU s", cells)
+    for text in sums:
+        yield from ("", text)
 
 
-def _hard_cells(hard: Hard, level: Level, row: Row, proof: Tight) -> list[str]:
+def _hard_cells(hard: Hard, level: Level, row: PeerRow, proof: Tight) -> list[str]:
     given_kwh, found_kwh = row.given.ledger.input / KWH, row.found.ledger.input / KWH
     tight = (f"{100 * proof.gap_ratio:.3f} %", f"{proof.prove_s:.1f}") if level is Level.L3 else ("", "")
     return [
@@ -207,7 +211,7 @@ def _hard_cells(hard: Hard, level: Level, row: Row, proof: Tight) -> list[str]:
     ]
 
 
-def _summed(what: str, rows: list[Row]) -> str:
+def _summed(what: str, rows: list[PeerRow]) -> str:
     gaps = 100.0 * np.array([row.found.gap_ratio for row in rows])
     refine_s, certify_s = (np.median([getattr(row, name) for row in rows]) for name in ("refine_s", "certify_s"))
     return (
@@ -228,21 +232,13 @@ def _tight_summed(of_maps: list[Tight], everything: list[Tight]) -> str:
     )
 
 
-def written(text: str, name: str, table: str) -> str:
-    """The page with another table in the block of a name."""
-    block = re.compile(rf"(<!-- {name}: begin -->\n).*?(<!-- {name}: end -->)", re.DOTALL)
-    assert block.search(text) is not None, f"{PAGE.name} has no block {name}"
-    return block.sub(lambda found: f"{found[1]}{table}\n{found[2]}", text)
-
-
 def main() -> None:
     """Write both tables."""
     warm_up_refinement()
     front = warm_up()
     front.trajectory(1.1 * front.fastest().time_s).certificate  # noqa: B018
     for name, table in (("peers", peers_table), ("hard", hard_table)):
-        text = table()
-        PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), name, text), encoding="utf-8")
+        write_table(PAGE, name, table())
 
 
 if __name__ == "__main__":

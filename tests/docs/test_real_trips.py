@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from das.domain.units import KM, kwh
-from sim.study import real_trips
-from sim.study.real_trips import PARTS, TRIPS, _lost_j, place_table, saving_table, trip_accounts
+from docs.studies import real_trips
+from docs.studies.real_trips import PARTS, TRIPS, _lost_j, place_table, saving_table, trip_accounts
 from tests.support.benchmark import shared_data
-from tests.support.making import REPOSITORY
 
 pytestmark = [pytest.mark.reference, pytest.mark.slow, pytest.mark.processes]
 
@@ -27,7 +26,7 @@ def test_a_real_trip_is_accounted_for_and_the_page_says_so(monkeypatch: pytest.M
     assert sum(by_part) == pytest.approx(account.difference_j, rel=1e-3)
     assert 0.0 < possible.entry_j < account.difference_j  # a forced slow entry explains a part, not all
     assert possible.likely.low_j < account.difference_j < possible.likely.high_j
-    page = (REPOSITORY / real_trips.PAGE).read_text(encoding="utf-8")
+    page = real_trips.PAGE.read_text(encoding="utf-8")
     for line in saving_table([possible, impossible]):
         assert line in page
     assert len(list(place_table([possible]))) == 2 + len(PARTS)

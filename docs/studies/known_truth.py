@@ -2,7 +2,8 @@
 
 A pool of participants drives one line with the same advice under two labels, and with a planted effect: the train asks
 more of the friction brake where the motors could brake. Studies are drawn from the pool, and each goes through the test
-of `das-sim experiment analyse`. The result is a table of docs/explanation/experiment-statistics.md.
+of `das-sim experiment analyse`. `python -m docs.studies.known_truth` writes the table into
+docs/explanation/experiment-statistics.md again.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Final
 
 import numpy as np
 
+from docs.studies.pages import DOCS, write_table
 from sim.experiment.analysis.pairs import PairedTrials, paired_trials
 from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PilotDifferences, PowerQuestion, power_of, share_interval
@@ -44,7 +46,7 @@ STUDIES_OF_SPLIT: Final = 1000
 NEAR: Final = 0.07
 """A prediction of power is near if it is off by no more than this."""
 ALPHA: Final = 0.05
-RUNS: Final = Path("recordings") / "runs" / "known-truth"
+RUNS: Final = DOCS.parent / "recordings" / "runs" / "known-truth"
 """Where the drives are kept: a table that was stopped goes on from there."""
 
 
@@ -69,9 +71,9 @@ class Predictions:
         return np.asarray(np.abs(self.predicted - self.found))
 
 
-def known_truth_table(folder: Path = RUNS) -> Iterator[str]:
+def known_truth_table() -> Iterator[str]:
     """The lines of the table, in Markdown; drives what is not driven yet, which takes about 15 min of one core."""
-    studies = [driven(folder / str(first), count, first) for first, count in DRIVERS.items()]
+    studies = [driven(RUNS / str(first), count, first) for first, count in DRIVERS.items()]
     same, planted = (differences(studies, label) for label in ("same-advice", "planted"))
     yield "| question | drivers in a study | studies that find a difference | expected | predictions within ±7 points |"
     yield "|---|---:|---:|---:|---:|"
@@ -178,3 +180,7 @@ def _share(values: Floats, size: int, studies: int, rng: np.random.Generator, *,
             chosen = chosen * rng.choice((-1.0, 1.0), chosen.shape)
         found += int(np.sum(probabilities_at_once(chosen, drawn) < ALPHA))
     return Share(found=found / studies, interval=share_interval(found, studies))
+
+
+if __name__ == "__main__":
+    write_table(DOCS / "explanation" / "experiment-statistics.md", "known-truth", known_truth_table())

@@ -1,6 +1,6 @@
 """How a human driver handles the controller over whole days: every look is kept, and what is asked of it is measured.
 
-`python -m sim.study habits` writes the table into docs/reference/drivers.md again (about eight minutes on one core).
+`python -m docs.studies.habits` writes the table into docs/reference/drivers.md again (about eight minutes on one core).
 tests/property/test_driver_habits.py asks for the same measures.
 """
 
@@ -14,14 +14,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.advice.modes import Mode
+from docs.studies.driving import driven, human_of
+from docs.studies.pages import DOCS, write_table
 from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import DriverKind
 from sim.plant.plant import Command
 from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import LOOK_S, World
-from sim.world.service import Service
+from sim.world.loop import LOOK_S
+from sim.world.scenario import load_scenario
+from sim.world.service import Service, prepare_service
 
 SEEDS: Final = tuple(range(20))
 EFFORT_RATIO, BURST_S = 0.1, 4.0
@@ -97,14 +98,11 @@ class Braked(NamedTuple):
     all_s: float
 
 
-def driven(service: Service, presentation: Presentation, seed: int) -> WatchedDay:
+def watched_day(service: Service, presentation: Presentation, seed: int) -> WatchedDay:
     """Drive a day with the human driver of its seed."""
     day = make_day(service, seed)
-    human = day.driver(DriverKind.HUMAN)
-    assert isinstance(human, HumanDriver)
-    watched = WatchedHand(human)
-    link = InProcess(service, coach=presentation is Presentation.COACH)
-    run = World(day, watched, presentation, link).run()
+    watched = WatchedHand(human_of(day))
+    run = driven(day, watched, presentation)
     arrivals = [arrival for _, arrival in run.legs]
     off_m = [state.s_m - stop.position_m for state, stop in zip(arrivals, service.stops[1:], strict=True)]
     return WatchedDay(watched.looks, off_m)
@@ -191,3 +189,14 @@ def _of_modes(days: Sequence[WatchedDay], presentation: Presentation) -> list[st
         full,
         f"{braked_at_a_stand_s(days):.1f}",
     ]
+
+
+def main() -> None:
+    """Write the table again."""
+    service = prepare_service(load_scenario("clear-day"))
+    lines = habits_table(lambda shown: [watched_day(service, shown, seed) for seed in SEEDS])
+    write_table(DOCS / "reference" / "drivers.md", "habits", lines)
+
+
+if __name__ == "__main__":
+    main()

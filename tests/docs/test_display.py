@@ -11,8 +11,7 @@ import pytest
 
 from das.advice.modes import Mode
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, Presentation
-from sim.study.display import (
+from docs.studies.display import (
     AS_IT_IS,
     VARIANTS,
     DisplayVariant,
@@ -24,6 +23,7 @@ from sim.study.display import (
     display_table,
     figures,
 )
+from sim.drivers.cab import AdviceView, Presentation
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
 

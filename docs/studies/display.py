@@ -1,6 +1,6 @@
 """What in a presentation helps a driver: the same days, with the display of the vector varied in one thing at a time.
 
-`python -m sim.study display` writes the table into docs/reference/drivers.md again (about six minutes on one core).
+`python -m docs.studies.display` writes the table into docs/reference/drivers.md again (about six minutes on one core).
 """
 
 from __future__ import annotations
@@ -14,20 +14,19 @@ import numpy as np
 
 from das.advice.modes import Mode
 from das.domain.units import KMH
+from docs.studies.driving import driven, human_of, with_interval
+from docs.studies.pages import DOCS, write_table
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import DriverKind
 from sim.drivers.shown import EFFORT_STEP_RATIO
+from sim.experiment.setting import day_of
 from sim.plant.plant import Command
 from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import World
 from sim.world.outcome import outcome
-from sim.world.service import Service
+from sim.world.service import Service, prepare_service
 
 SEEDS: Final = tuple(range(12))
 REFRESHED_S: Final = 10.0
-NORMAL_95: Final = 1.96
 
 
 class ShownAsIs:
@@ -156,11 +155,9 @@ class DisplayFigures(NamedTuple):
 def figures(service: Service, seed: int, variant: DisplayVariant) -> DisplayFigures:
     """Drive a day behind a display."""
     day = make_day(service, seed)
-    human = day.driver(DriverKind.HUMAN)
-    assert isinstance(human, HumanDriver)
+    human = human_of(day)
     driver = Looking(human, variant.display(), tone=variant.tone)
-    run = World(day, driver, Presentation.VECTOR, InProcess(service)).run()
-    found = outcome(day, run)
+    found = outcome(day, driven(day, driver, Presentation.VECTOR))
     gap = found.energies.beyond_hindsight_ratio
     assert gap is not None
     moves = sum(event.what == "lever" for event in human.events)
@@ -185,9 +182,13 @@ def display_table(
 def _cells(found: np.ndarray, first: np.ndarray) -> str:
     """Means of the days' figures, and the difference of the gap to that of the first display with its interval."""
     gap, late_s, moves = found.mean(axis=0)
-    points = ""
-    if found is not first:
-        difference = found[:, 0] - first[:, 0]
-        half = NORMAL_95 * float(difference.std(ddof=1)) / len(difference) ** 0.5
-        points = f"{difference.mean():+.1f} ± {half:.1f}"
+    points = "" if found is first else with_interval(found[:, 0] - first[:, 0])
     return f"{gap:.1f} | {points} | {late_s:+.0f} | {moves:.1f}"
+
+
+if __name__ == "__main__":
+    write_table(
+        DOCS / "reference" / "drivers.md",
+        "display",
+        display_table([prepare_service(day_of(name)) for name in ("clear-day", "flat-6km")]),
+    )

@@ -1,4 +1,4 @@
-"""The study of the coach's loop: what it measures, on a short line."""
+"""The scripts of the coach's page: what they measure, on a short line."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ import sim
 from das.advice.coach.coaching import ReplanCause
 from das.domain.errors import DasError
 from das.domain.units import KMH
-from sim.drivers.cab import Presentation
-from sim.study.__main__ import COACH
-from sim.study.loop import (
+from docs.studies.coach import (
     DELAYS_S,
     DRIVERS,
     EFFORT_ERROR,
     GLANCES_S,
+    PAGE,
     WITHOUT_DEAD_ZONE,
     LoopDriver,
     driver_table,
     keeping_table,
     measured,
 )
-from sim.study.page import write_table
-from sim.study.pictures import draw_day, shown_seconds
-from sim.study.watching import KEEPING, WatchedRun, service_of, watched_run
-from tests.support.making import REPOSITORY
+from docs.studies.coach_days import draw_day, shown_seconds
+from docs.studies.driving import KEEPING, WatchedRun, watched_run
+from docs.studies.pages import write_table
+from sim.drivers.cab import Presentation
+from sim.world.scenario import load_scenario
+from sim.world.service import Service, prepare_service
 
 SCENARIO = """
 schema_version = 1
@@ -54,6 +55,10 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("scenario") / "six.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     return str(path)
+
+
+def service_of(scenario: str) -> Service:
+    return prepare_service(load_scenario(scenario))
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +89,7 @@ def test_the_driver_is_measured_against_the_reference(coached: WatchedRun) -> No
     assert found.rms_mps == pytest.approx(math.sqrt(float((errors**2).mean())))
     assert found.rms_mps < 10.0 * KMH
     assert found.changes == coached.run.restlessness.changes
-    assert ReplanCause.START not in coached.replans
+    assert ReplanCause.START not in coached.replans.values()
     assert sum(found.causes.values()) == found.replans == len(coached.replans)
 
 
@@ -135,6 +140,6 @@ def test_a_table_is_put_between_its_marks(tmp_path: Path) -> None:
 
 
 def test_the_page_of_the_coach_has_a_place_for_every_table() -> None:
-    text = (REPOSITORY / COACH).read_text(encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
     for name in ("price", "days", "drivers", "keeping"):
         assert text.count(f"<!-- {name}: begin -->\n|") == text.count(f"|\n<!-- {name}: end -->") == 1

@@ -1,10 +1,12 @@
-"""A run in this process of which more is kept: every advice, and the coach's reference where the train was."""
+"""A day driven in this process, of which more is kept: what a driver did, every advice, and the coach's reference."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from das.advice.advice import Advice
 from das.advice.coach.coaching import ReplanCause
@@ -12,21 +14,40 @@ from das.advice.coach.keeping import StandingReference
 from das.advice.coach.settings import CoachSettings, KeepingSettings
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab
-from sim.drivers.cab import Presentation
-from sim.drivers.kinds import DriverKind
+from sim.drivers.cab import Driver, Presentation
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.drivers.parameters import HumanParameters
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Tick
 from sim.world.loop import Run, World
-from sim.world.scenario import load_scenario
-from sim.world.service import Service, prepare_service
+from sim.world.service import Service
 
-KEEPING = KeepingSettings()
+KEEPING: Final = KeepingSettings()
+NORMAL_95: Final = 1.96
+
+
+def human_of(day: Day, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> HumanDriver:
+    """The human driver of a day."""
+    human = day.driver(DriverKind.HUMAN, friction)
+    assert isinstance(human, HumanDriver)
+    return human
+
+
+def driven(day: Day, driver: Driver, presentation: Presentation) -> Run:
+    """A day driven by a driver who is shown a presentation."""
+    return World(day, driver, presentation, InProcess(day.service, coach=presentation is Presentation.COACH)).run()
+
+
+def with_interval(differences: np.ndarray) -> str:
+    """The mean of differences on the same days, with its 95 % interval."""
+    half = NORMAL_95 * float(differences.std(ddof=1)) / len(differences) ** 0.5
+    return f"{differences.mean():+.1f} ± {half:.1f}"
 
 
 class Watched(NamedTuple):
-    """An advice, the speed of the coach's reference where the train is (m/s; NaN: none), and how late it would be."""
+    """An advice, and the speed of the coach's reference where the train is (m/s; NaN: none)."""
 
     advice: Advice
     reference_mps: float
@@ -50,13 +71,13 @@ class WatchedLink(InProcess):
     def exchange(self, tick: Tick) -> Advice:
         """The advice for a tick."""
         advice = super().exchange(tick)
-        reference = standing_reference(self.cab)
+        reference = _standing_reference(self.cab)
         speed = math.nan if reference is None else reference.schedule.speed_at(advice.s_m)
         self.watched.append(Watched(advice, speed))
         return advice
 
 
-def standing_reference(cab: Cab) -> StandingReference | None:
+def _standing_reference(cab: Cab) -> StandingReference | None:
     """The coach's reference on the section that a cab is on; None where there is none."""
     leg = cab.legs.current
     coach = None if leg is None else leg._coach
@@ -72,13 +93,11 @@ class WatchedRun:
     watched: tuple[Watched, ...]
 
     @property
-    def replans(self) -> list[ReplanCause]:
-        """Why references were made anew, in the order of time; the first of a section and at a departure are none."""
-        found: dict[int, ReplanCause] = {}
-        for advice, _ in self.watched:
-            if advice.coach is not None:
-                found[advice.coach.replan.time_ns] = advice.coach.replan.cause
-        return [cause for cause in found.values() if cause not in (ReplanCause.NONE, ReplanCause.START)]
+    def replans(self) -> dict[int, ReplanCause]:
+        """Why references were made anew, by the moment (ns); not the first of a section or at a departure."""
+        coached = (advice.coach.replan for advice, _ in self.watched if advice.coach is not None)
+        none = (ReplanCause.NONE, ReplanCause.START)
+        return {replan.time_ns: replan.cause for replan in coached if replan.cause not in none}
 
 
 def watched_run(
@@ -94,10 +113,5 @@ def watched_run(
     if human is not None:
         day = replace(day, human=human)
     link = WatchedLink(service, coach=presentation is Presentation.COACH, keeping=keeping)
-    run = World(day, day.driver(DriverKind.HUMAN), presentation, link).run()
+    run = World(day, human_of(day), presentation, link).run()
     return WatchedRun(day=day, run=run, watched=tuple(link.watched))
-
-
-def service_of(scenario: str) -> Service:
-    """The service of a bundled scenario or of a file."""
-    return prepare_service(load_scenario(scenario))

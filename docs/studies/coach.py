@@ -1,24 +1,37 @@
-"""How the loop of coach and driver behaves for drivers who are slow, look seldom, or set efforts wrongly.
+"""What calm costs, and how the loop of coach and driver behaves for drivers who are slow, look seldom, or err.
 
-`python -m sim.study loop` writes the tables into docs/explanation/coach.md again (a quarter of an hour on one core).
+`python -m docs.studies.coach` writes the tables into docs/explanation/coach.md again (a quarter of an hour on one
+core); the pictures and the table of days are made by `python -m docs.studies.coach_days`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.advice.coach.coaching import ReplanCause
 from das.advice.coach.settings import KeepingSettings
+from das.command_line.loading import load_route, load_vehicle
+from das.domain.route import section_stops
 from das.domain.units import KMH
+from das.solver.calm.calm import solve_calm
+from das.solver.calm.settings import CalmSettings
+from das.solver.section import build_section
+from das.solver.solve import solve_front
+from docs.studies.driving import KEEPING, WatchedRun, watched_run
+from docs.studies.pages import DOCS, write_table
+from precompute.cli.calm import PRICES_S, calm_rows
 from sim.drivers.cab import Presentation
 from sim.drivers.parameters import HumanParameters
-from sim.study.watching import KEEPING, WatchedRun, watched_run
-from sim.world.service import Service
+from sim.world.scenario import load_scenario
+from sim.world.service import Service, prepare_service
+
+PAGE: Final = DOCS / "explanation" / "coach.md"
+BUFFERS_PERCENT: Final = (4.0, 7.0)
+"""Buffers of the table of prices."""
 
 SCENARIOS: Final = ("clear-day", "train-ahead")
 SEEDS: Final = (1, 2, 3)
@@ -31,10 +44,7 @@ WITHOUT_DEAD_ZONE: Final = KeepingSettings(
     late_s=0.0, early_s=0.0, least_gain_s=0.0, late_gain_s=0.0, least_gain_power_s=0.0, astray_mps=0.0
 )
 """Every difference is a reason for a new reference, but none is given up before its least age."""
-WITHOUT_BOTH: Final = KeepingSettings(
-    late_s=0.0, early_s=0.0, least_gain_s=0.0, late_gain_s=0.0, least_gain_power_s=0.0, astray_mps=0.0,
-    asked_every_s=0.0, least_age_s=0.0,
-)  # fmt: skip
+WITHOUT_BOTH: Final = replace(WITHOUT_DEAD_ZONE, asked_every_s=0.0, least_age_s=0.0)
 """Every difference is a reason for a new reference, every second."""
 
 
@@ -106,7 +116,7 @@ class LoopMeasures:
 def measured(runs: Sequence[WatchedRun]) -> LoopMeasures:
     """The measures of runs under the coach."""
     errors = [_errors_mps(one) for one in runs]
-    causes = [cause for one in runs for cause in one.replans]
+    causes = [cause for one in runs for cause in one.replans.values()]
     return LoopMeasures(
         changes=sum(one.run.restlessness.changes for one in runs),
         minutes=sum(one.run.restlessness.shown_s for one in runs) / 60.0,
@@ -128,9 +138,7 @@ def _errors_mps(one: WatchedRun) -> np.ndarray:
 
 def _most_within(one: WatchedRun, span_s: float) -> int:
     """The largest number of new references within a span of time (s)."""
-    replans = {x.advice.coach.replan for x in one.watched if x.advice.coach is not None}
-    none = (ReplanCause.NONE, ReplanCause.START)
-    times_s = sorted(x.time_ns * 1e-9 for x in replans if x.cause not in none)
+    times_s = [time_ns * 1e-9 for time_ns in one.replans]
     return max((sum(0.0 <= t - begin < span_s for t in times_s) for begin in times_s), default=0)
 
 
@@ -167,3 +175,37 @@ def keeping_table(
     for name, keeping in kept.items():
         row = measured(runs_of(services, TYPICAL, seeds, keeping)).row
         yield f"| {name} | {' | '.join(row)} |"
+
+
+def price_table() -> Iterator[str]:
+    """The lines of the table of what calm costs from Zug to Luzern, as `das-precompute calm` finds it."""
+    route = load_route("zurich-luzern")
+    start, end = section_stops(route, "Zug", "Luzern")
+    section = build_section(route, load_vehicle("re460-ic"), start_m=start.position_m, end_m=end.position_m)
+    front = solve_front(section)
+    least_s = front.fastest().time_s
+    prices = [float(price) for price in PRICES_S.split(",")]
+    calms = [(price, solve_calm(section, CalmSettings(change_s=price))) for price in prices]
+    yield "| buffer | run | changes | a minute | shortest, s | time, s | kWh | more, kWh | more, % |"
+    yield "|---:|---|---:|---:|---:|---:|---:|---:|---:|"
+    for buffer_percent in BUFFERS_PERCENT:
+        for row in calm_rows(front, calms, least_s * (1.0 + buffer_percent / 100.0)):
+            found = row.as_dict()
+            name = row.name if row.price_s is None else f"price {row.name}"
+            yield (
+                f"| {buffer_percent:g} % | {name} | {row.changes} | {found['changes_per_min']:.2f} | "
+                f"{row.shortest_s:.1f} | {row.time_s:.1f} | {found['energy_kwh']:.2f} | "
+                f"{round(found['more_kwh'], 2) + 0.0:.2f} | {round(100 * found['more_ratio'], 2) + 0.0:.2f} |"
+            )
+
+
+def main() -> None:
+    """Write the tables again."""
+    write_table(PAGE, "price", price_table())
+    services = [prepare_service(load_scenario(name)) for name in SCENARIOS]
+    write_table(PAGE, "drivers", driver_table(services, SEEDS, DRIVERS))
+    write_table(PAGE, "keeping", keeping_table(services, SEEDS, KEPT))
+
+
+if __name__ == "__main__":
+    main()

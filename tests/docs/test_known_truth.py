@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.experiment.design import read_design
-from sim.study.known_truth import (
+from docs.studies.known_truth import (
     LABELS,
     PLANTED_RATIO,
     USUAL_RATIO,
@@ -17,6 +16,7 @@ from sim.study.known_truth import (
     share_without,
     written_design,
 )
+from sim.experiment.design import read_design
 
 
 def test_two_labels_are_of_one_advice_and_the_third_asks_more_of_the_friction_brake(tmp_path: Path) -> None:
