@@ -7,8 +7,9 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
@@ -18,6 +19,7 @@ from typer.main import get_command
 from das import __version__
 from das.command_line.entry import ended_by_signals
 from das.command_line.groups import with_options
+from das.domain.errors import DasError
 
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
@@ -87,9 +89,17 @@ def _group_of(group: Group) -> typer.Typer:
 
 
 def application(
-    name: str, about: str, entries: Sequence[Entry | Group], *, without_command: Callable[[], None] | None = None
+    name: str,
+    about: str,
+    entries: Sequence[Entry | Group],
+    *,
+    gone: Mapping[str, str] = MappingProxyType({}),
+    without_command: Callable[[], None] | None = None,
 ) -> TyperGroup:
-    """A program of several commands; `without_command` is what it does when none is given (default: print its help)."""
+    """A program of several commands; `without_command` is what it does when none is given (default: print its help).
+
+    `gone`: commands that the program no longer has, which help does not list, each with what to run instead.
+    """
     app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
 
     @app.callback(help=about, epilog=f"{name} COMMAND -h explains a command.")
@@ -102,6 +112,8 @@ def application(
     group.name = name
     for entry in entries:
         group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
+    for word, instead in gone.items():
+        group.add_command(_GoneCommand(word, instead))
     group.params.append(_version_parameter())
     return group
 
@@ -123,6 +135,18 @@ class _LazyCommand(TyperCommand):
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """The context of the real command, whose module is imported here."""
         return self.entry.load().make_context(info_name, args, parent=parent, **extra)
+
+
+class _GoneCommand(TyperCommand):
+    """Stands for a command that is gone; whatever follows it, the error says what to run instead."""
+
+    def __init__(self, name: str, instead: str) -> None:
+        super().__init__(name=name, hidden=True, rich_markup_mode=None)
+        self.instead = instead
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """Raise DasError."""
+        raise DasError(f"{info_name} is no longer a command of this program; run instead: {self.instead}")
 
 
 def _typer(**settings: Any) -> typer.Typer:

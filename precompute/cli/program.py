@@ -85,18 +85,6 @@ COMMANDS = (
         examples=("das-precompute loss-map re460-ic --plot map.png",),
     ),
     Entry(
-        name="calibrate",
-        where="precompute.calibrate.command:calibrate",
-        summary="Calibrate the loss chains of re460-ic (GTO) and re460-ic-igbt to what the paper prints.",
-        examples=("das-precompute calibrate --check",),
-    ),
-    Entry(
-        name="study",
-        where="precompute.study.command:study",
-        summary="Redo the study of the paper: figures 4 to 10, Table 2, the Zürich–Luzern shares.",
-        examples=("das-precompute study -o study --only fig9,table2",),
-    ),
-    Entry(
         name="bench",
         where="precompute.bench.command:bench",
         summary="Measure how fast the solver is on this machine, beside baselines and what the machine could do.",
@@ -104,8 +92,13 @@ COMMANDS = (
     ),
 )
 """Every command with the first line of its docstring, which a test compares."""
+GONE = {
+    "calibrate": "uv run python -m docs.studies.calibrate (in a clone of the project)",
+    "study": "uv run python -m docs.studies.paper (in a clone of the project)",
+}
+"""Commands that made figures of the documentation, which are scripts beside it now: what to run instead."""
 
-app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS)
+app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 
 
 def main() -> None:

@@ -117,12 +117,12 @@ def csv_rows(run: Trajectory) -> NDArray[np.float64]:
 
 def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
     """Run das-precompute in a folder, within this process: imports and kernels need not be loaded again."""
-    return _run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
+    return run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
 
 
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run das-sim in a folder, within this process; a node, a recorder and workers are still processes of their own."""
-    return _run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)
+    return run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
@@ -139,7 +139,7 @@ def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -
     )
 
 
-def _run_here(
+def run_here(
     main: Callable[[], object], program: str, args: Sequence[str], cwd: Path
 ) -> subprocess.CompletedProcess[str]:
     """Call an entry point with the arguments, folder and output of a process; put signal handlers back afterwards."""

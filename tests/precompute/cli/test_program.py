@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import shlex
 import subprocess
 import tomllib
@@ -14,8 +15,8 @@ import pytest
 from das.command_line.application import Entry
 from das.command_line.groups import with_options
 from das.domain.files.load import catalogue, load_route, load_vehicle
-from precompute.cli.program import COMMANDS, NAME
-from tests.support.making import das_precompute, in_a_process
+from precompute.cli.program import COMMANDS, GONE, NAME
+from tests.support.making import REPOSITORY, das_precompute, in_a_process
 
 EVERY = pytest.mark.parametrize("entry", COMMANDS, ids=[entry.name for entry in COMMANDS])
 
@@ -63,6 +64,18 @@ def test_every_command_refuses_a_wrong_option_in_one_line(entry: Entry, tmp_path
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: No such option: --no-such-option")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", GONE)
+def test_a_command_that_is_gone_says_what_to_run_instead(name: str, tmp_path: Path) -> None:
+    for more in ((), ("-h",), ("--check", "-o", "x")):
+        done = das_precompute(tmp_path, name, *more)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == f"error: {name} is no longer a command of this program; run instead: {GONE[name]}\n"
+        module = re.search(r"docs\.studies\.\w+", done.stderr)
+        assert module is not None
+        assert (REPOSITORY / f"{module[0].replace('.', '/')}.py").is_file()
+    assert f"  {name} " not in das_precompute(tmp_path, "-h").stdout
 
 
 @EVERY

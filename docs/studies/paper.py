@@ -1,26 +1,43 @@
-"""The command `das-precompute study`."""
+"""`python -m docs.studies.paper -o DIR`: redo the study of the paper: Nold & Corman (2024), sections 4.2 to 4.7."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
+from das.command_line.application import single_command
 from das.command_line.compiling import loading_solver
 from das.command_line.options import JsonOption, OutFolder
-from das.command_line.outputs import offscreen_pyplot
 from das.command_line.printing import paragraph, tell
 from das.command_line.progress import shown
+from das.command_line.running import run_app
 from das.domain.errors import DasError
+from das.solver.warm_up import warm_up
+from docs.studies import beyond, figures_energy, figures_runs, shares, table2
+from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE
+from docs.studies.drawing import style
+from docs.studies.output import Output, plain
+from docs.studies.workbench import Workbench
+from precompute.baselines import strategies
 
-if TYPE_CHECKING:
-    from precompute.study.output import Output
-
-ITEMS = ("fig4", "fig5", "fig6", "fig7", "fig8", "fig9", "fig10", "table2", "shares", "beyond", "gradients")
-"""Everything the study makes, in the paper's order, then what goes beyond it."""
+ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
+    "fig4": figures_energy.fig4,
+    "fig5": figures_runs.fig5,
+    "fig6": figures_energy.fig6,
+    "fig7": figures_runs.fig7,
+    "fig8": figures_energy.fig8,
+    "fig9": figures_runs.fig9,
+    "fig10": figures_runs.fig10,
+    "table2": table2.both_trains,
+    "shares": shares.shares_and_balance,
+    "beyond": beyond.beyond,
+    "gradients": table2.gradients,
+}
+"""What makes each item of the study, in the paper's order, then what goes beyond it."""
 
 
 def study(
@@ -38,14 +55,8 @@ def study(
     created. The files of what is asked for are overwritten, and summary.json as well, which holds the items of this
     run.
     """
-    wanted = chosen(only)
-    offscreen_pyplot()  # refuse before the work begins
+    wanted, output = chosen(only), Output(out)
     with loading_solver():
-        from das.solver.warm_up import warm_up
-        from precompute.baselines import strategies
-        from precompute.study.output import Output, plain
-
-        output = Output(out)
         warm_up()
         strategies.warm_up()
     began = time.perf_counter()
@@ -72,13 +83,9 @@ def chosen(only: str | None) -> list[str]:
 
 def make(wanted: list[str], output: Output) -> dict[str, Any]:
     """Make items and summary.json; returns what that holds."""
-    from precompute.study.cases import GTO_VEHICLE, IGBT_VEHICLE
-    from precompute.study.drawing import style
-    from precompute.study.runs import Workbench
-
-    makers, bench = _makers(), Workbench()
+    bench = Workbench()
     with style():
-        items = {name: makers[name](bench, output) for name in shown(wanted)}
+        items = {name: ITEMS[name](bench, output) for name in shown(wanted)}
     summary = {
         "paper": "M. Nold, F. Corman, Railway Engineering Science, 2024",
         "vehicles": {"gto": GTO_VEHICLE, "igbt": IGBT_VEHICLE},
@@ -88,28 +95,11 @@ def make(wanted: list[str], output: Output) -> dict[str, Any]:
     return summary
 
 
-def _makers() -> dict[str, Callable[[Any, Output], dict[str, Any]]]:
-    from precompute.study import (
-        balance,
-        beyond,
-        figures_cruising,
-        figures_levels,
-        figures_savings,
-        figures_vehicles,
-        gradients,
-        hypothesis,
-    )
+def main() -> None:
+    """Run the command; bad input ends in one line and exit code 2."""
+    name = "python -m docs.studies.paper"
+    run_app(single_command(name, study, (f"{name} -o study --only fig9,table2",)), name)
 
-    return {
-        "fig4": figures_cruising.fig4,
-        "fig5": figures_levels.fig5,
-        "fig6": figures_savings.fig6,
-        "fig7": figures_levels.fig7,
-        "fig8": figures_savings.fig8,
-        "fig9": figures_levels.fig9,
-        "fig10": figures_vehicles.fig10,
-        "table2": hypothesis.both_trains,
-        "shares": balance.shares_and_balance,
-        "beyond": beyond.beyond,
-        "gradients": gradients.gradients,
-    }
+
+if __name__ == "__main__":
+    main()

@@ -6,19 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.losses import LossModel
 from das.domain.trajectory import Trajectory
 from das.domain.units import KW
+from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, L0_REG, L3, LEVELS, Floats, StudyCase, Variant
+from docs.studies.drawing import DASHES, LEVEL_COLOURS, new_figure
+from docs.studies.output import Output
+from docs.studies.pages import markdown_table
+from docs.studies.table2 import label
+from docs.studies.workbench import Workbench
 from precompute.baselines import strategies as baselines
-from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L0_REG, L3, LEVELS, StudyCase, Variant
-from precompute.study.drawing import DASHES, LEVEL_COLOURS, new_figure
-from precompute.study.output import Output, markdown_table
-from precompute.study.runs import Workbench
-from precompute.study.table2 import label
-
-Floats = NDArray[np.float64]
 
 BUFFERS_PERCENT = (0.0, 2.0, 5.0, 7.0, 10.0, 15.0, 25.0)
 STATED_BUFFER_PERCENT = 7.0

@@ -1,32 +1,45 @@
-"""Figs. 5, 7 and 9: optimal runs of each level, their way through the efficiency map, and their energy."""
+"""Figs. 5, 7, 9 and 10: optimal runs, their way through the efficiency map, and their energy.
+
+Figs. 5, 7 and 9 have a column for each level, fig. 10 the old (GTO) and the new (IGBT) inverter on one trip.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.lines import Line2D
 
 from das.domain.trajectory import Trajectory
-from das.domain.units import KM, KMH, KN, PERCENT, kwh
-from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, L0_NOREG, L3, LEVELS, StudyCase, Variant
-from precompute.study.drawing import (
+from das.domain.units import KM, KMH, KN, KW, PERCENT, kwh
+from docs.studies.cases import (
+    ACCELERATION,
+    BUFFERS_PERCENT,
+    COMPLETE,
+    DECELERATION,
+    L0_NOREG,
+    L3,
+    L3_IGBT,
+    LEVELS,
+    TABLE2_BUFFER_PERCENT,
+    Floats,
+    StudyCase,
+    Variant,
+)
+from docs.studies.drawing import (
     BUFFER_COLOURS,
     LEVEL_COLOURS,
-    buffer_handles,
+    crossed_handles,
     draw_force,
     draw_map,
     draw_speed,
     efficiency_bar,
     new_figure,
 )
-from precompute.study.effort import Reduced, ReducedEffort, effort
-from precompute.study.output import Output
-from precompute.study.printed import BUFFERS_PERCENT
-from precompute.study.runs import Workbench
-
-Floats = NDArray[np.float64]
+from docs.studies.effort import effort
+from docs.studies.output import Output
+from docs.studies.workbench import Workbench
 
 LARGEST_DRAWN_PERCENT = 40.0
 CURVE_POINTS = 81
@@ -107,30 +120,10 @@ def _figure(name: str, bench: Workbench, output: Output, case: StudyCase) -> dic
         },
         "reduced_effort": {
             v.name: {
-                buffer: effort_json(effort(run, bench.vehicle(v))) for buffer, run in drawn.items() if run is not None
+                buffer: effort(run, bench.vehicle(v)).as_json() for buffer, run in drawn.items() if run is not None
             }
             for v, drawn in runs.items()
         },
-    }
-
-
-def effort_json(found: ReducedEffort) -> dict[str, Any]:
-    """Detected reduced effort as the summary holds it."""
-    return {"acceleration": _reduced_json(found.acceleration), "braking": _reduced_json(found.braking)}
-
-
-def _reduced_json(reduced: Reduced) -> dict[str, Any] | None:
-    """None where there is none."""
-    if not reduced.used:
-        return None
-    values = asdict(reduced)
-    return {
-        "way_ratio": values["way_ratio"],
-        "time_ratio": values["time_ratio"],
-        "mean_force_ratio": values["mean_force_ratio"],
-        "lowest_kmh": reduced.lowest_mps / KMH,
-        "highest_kmh": reduced.highest_mps / KMH,
-        "stretches_m": values["stretches_m"],
     }
 
 
@@ -189,12 +182,13 @@ def _draw(
     efficiency_bar(figure, maps, axes[1, :])
     labels = [f"$t_+$ = {b:g} %" for b in BUFFERS_PERCENT] + ["largest useful $t_+$"]
     figure.legend(
-        handles=buffer_handles(labels),
+        handles=crossed_handles(dict(zip(BUFFER_COLOURS, labels, strict=True))),
         loc="outside upper center",
         ncols=len(labels),
         title=f"{case.title}; runs turn from bright to greyish on their way, crosses every 200 m",
     )
-    figure.legend(handles=_energy_handles(), loc="outside lower center", ncols=4)
+    lines = [Line2D([], [], **how) for how in _ENERGY_LINES.values()]
+    figure.legend(handles=lines, loc="outside lower center", ncols=4)
     return figure
 
 
@@ -258,7 +252,73 @@ _ENERGY_LINES: dict[str, dict[str, Any]] = {
 }
 
 
-def _energy_handles() -> list[Any]:
-    from matplotlib.lines import Line2D
+ON_N = 9e3
+"""From this force on (3 % of the starting effort, as `effort.COAST_RATIO`) a train drives or brakes, else it coasts."""
+LABELS = {"fastest": "fastest", "l0-noreg": "L0", "l3-gto": "L3 GTO", "l3-igbt": "L3 IGBT"}
 
-    return [Line2D([], [], **how) for how in _ENERGY_LINES.values()]
+
+def fig10(bench: Workbench, output: Output) -> dict[str, Any]:
+    """Draw fig. 10 and compare how gently both accelerate and brake."""
+    runs = {"fastest": bench.fastest(COMPLETE)}
+    for variant in (L0_NOREG, L3, L3_IGBT):
+        solution = bench.front(COMPLETE, variant).trajectory(bench.time_s(COMPLETE, TABLE2_BUFFER_PERCENT))
+        runs[variant.name] = solution.trajectory
+    buffer = f"{TABLE2_BUFFER_PERCENT:g}"
+    named: dict[str, dict[str, Trajectory | None]] = {
+        name: {"0" if name == "fastest" else buffer: run} for name, run in runs.items()
+    }
+    write_runs(output, "fig10-runs.csv", named)
+    output.picture("fig10", _draw_inverters(bench, runs))
+    found = {name: effort(run, bench.vehicle(L3_IGBT if name == "l3-igbt" else L3)) for name, run in runs.items()}
+    use = {name: {"driving": _use(run, 1), "braking": _use(run, -1)} for name, run in runs.items()}
+    gto, igbt = use["l3-gto"], use["l3-igbt"]
+    return {
+        "use": use,
+        "igbt_more_gently": {way: igbt[way]["mean_power_kw"] < gto[way]["mean_power_kw"] for way in gto},
+        "igbt_longer": {way: igbt[way]["duration_s"] > gto[way]["duration_s"] for way in gto},
+        "reduced_effort": {name: item.as_json() for name, item in found.items()},
+    }
+
+
+def _use(run: Trajectory, sign: int) -> dict[str, float]:
+    """How long the train drives (sign 1) or brakes (−1), with which mean force and wheel power over that time."""
+    force = sign * (run.force_el_n + run.force_friction_n)
+    on = force > ON_N
+    duration_s = run.interval_s()[on]
+    work = force[on] * np.diff(run.s_m)[on]
+    return {
+        "duration_s": float(duration_s.sum()),
+        "mean_force_kn": float(force[on] @ duration_s / duration_s.sum() / KN),
+        "mean_power_kw": float(work.sum() / duration_s.sum() / KW),
+    }
+
+
+def _draw_inverters(bench: Workbench, runs: dict[str, Trajectory]) -> Any:
+    figure = new_figure(14, 9)
+    grid = figure.subplot_mosaic([["speed", "speed"], ["gto", "igbt"]], height_ratios=(1, 1.25))
+    speed = grid["speed"]
+    for name, run in runs.items():
+        draw_speed(speed, run, LEVEL_COLOURS[name])
+    speed.set(xlim=(0, COMPLETE.length_m / KM), ylim=(0, 170), xlabel="distance, km", ylabel="speed, km/h")
+    speed.set_title(f"{COMPLETE.title}, $t_+$ = {TABLE2_BUFFER_PERCENT:g} % (fastest: 0); crosses every 200 m")
+    handles = crossed_handles({LEVEL_COLOURS[name]: text for name, text in LABELS.items()})
+    speed.legend(handles=handles, loc="lower center", ncols=len(LABELS))
+    drawn_maps = []
+    maps = {
+        "gto": ("L3 GTO map", L3, ("fastest", "l0-noreg", "l3-gto")),
+        "igbt": ("L3 IGBT map", L3_IGBT, ("fastest", "l0-noreg", "l3-igbt")),
+    }
+    for key, (title, variant, drawn) in maps.items():
+        drawn_maps.append(_draw_map(grid[key], bench, variant, [(name, runs[name]) for name in drawn]))
+        grid[key].set_title(title)
+    efficiency_bar(figure, drawn_maps, [grid["gto"], grid["igbt"]])
+    return figure
+
+
+def _draw_map(axes: Any, bench: Workbench, variant: Variant, runs: list[tuple[str, Trajectory]]) -> Any:
+    vehicle = bench.vehicle(variant)
+    drawn = draw_map(axes, bench.loss_map(variant), vehicle, HIGHEST_DRAWN_MPS)
+    for name, run in runs:
+        draw_force(axes, run, LEVEL_COLOURS[name])
+    axes.set_ylim(-1.05 * vehicle.electric_brake.max_force_n / KN, 1.05 * vehicle.traction.max_force_n / KN)
+    return drawn

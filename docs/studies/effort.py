@@ -19,15 +19,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.trajectory import Trajectory
+from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
 from das.solver.tolerances import MAX_STEP_M
-
-Floats = NDArray[np.float64]
+from docs.studies.cases import Floats
 
 FULL_RATIO = 0.97
 """From this share of the available force on, the effort is full."""
@@ -72,6 +73,19 @@ class Reduced:
         """Whether there is any."""
         return bool(self.stretches_m)
 
+    def as_json(self) -> dict[str, Any] | None:
+        """As summary.json has it; None where there is none."""
+        if not self.used:
+            return None
+        return {
+            "way_ratio": self.way_ratio,
+            "time_ratio": self.time_ratio,
+            "mean_force_ratio": self.mean_force_ratio,
+            "lowest_kmh": self.lowest_mps / KMH,
+            "highest_kmh": self.highest_mps / KMH,
+            "stretches_m": self.stretches_m,
+        }
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedEffort:
@@ -79,6 +93,10 @@ class ReducedEffort:
 
     acceleration: Reduced
     braking: Reduced
+
+    def as_json(self) -> dict[str, Any]:
+        """As summary.json has it."""
+        return {"acceleration": self.acceleration.as_json(), "braking": self.braking.as_json()}
 
 
 def effort(trajectory: Trajectory, vehicle: Vehicle) -> ReducedEffort:

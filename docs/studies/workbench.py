@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.files.load import load_vehicle
 from das.domain.losses import EfficiencyLoss, Level, LossMap
@@ -16,10 +15,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import solve_front
-from precompute.study.cases import L0_REG, L3, StudyCase, Variant
-from precompute.study.printed import LOWEST_CRUISE_KMH
-
-Floats = NDArray[np.float64]
+from docs.studies.cases import L0_REG, L3, LOWEST_CRUISE_KMH, StudyCase, Variant
 
 ENERGY_MARGIN_RATIO = 2e-5
 """Energies this near to the least (relative to the fastest run's at L3) are the least: slower runs save nothing."""

@@ -13,21 +13,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+from scipy import optimize
 
 from das.domain.errors import DasError
 from das.domain.loss_chain import LossChain
 from das.domain.losses import Level, LossMap, fit_mean_efficiency
 from das.domain.trajectory import consumed_j
 from das.domain.vehicle import Vehicle
-from precompute.calibrate import targets as paper
-from precompute.calibrate.targets import Figures, Runs
+from docs.studies import calibration_targets as paper
+from docs.studies.calibration_targets import Figures, Runs
+from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, TABLE2_LEVELS
 from precompute.loss_maps.figures import cruising_deviation_ratio
-
-GTO, IGBT = "re460-ic", "re460-ic-igbt"
-"""Ids of the two bundled vehicles."""
 
 STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
     {"auxiliaries.base_w": 35e3, "transformer.copper_w": 190e3, "converter.line_ratio": 0.05, "gear.churning_w": 20e3}
@@ -66,16 +65,11 @@ IGBT_START: Final[Mapping[str, float]] = MappingProxyType({"converter.conduction
 """Free parameters of the IGBT chain, with their start."""
 OWN_OF_IGBT: Final = ("converter.", "motors.brake_current_ratio")
 """What the refit changes: the converter, and how well the electric brake uses the motors."""
-CALIBRATED: Final[Mapping[str, Mapping[str, float]]] = MappingProxyType(
-    {
-        GTO: {**STAGE_1_START, **STAGE_2_START},
-        IGBT: {
-            **{n: x for n, x in {**STAGE_1_START, **STAGE_2_START}.items() if not n.startswith(OWN_OF_IGBT)},
-            **IGBT_START,
-        },
-    }
+_OF_GTO: Final = (*STAGE_1_START, *STAGE_2_START)
+CALIBRATED: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {GTO_VEHICLE: _OF_GTO, IGBT_VEHICLE: (*(name for name in _OF_GTO if not name.startswith(OWN_OF_IGBT)), *IGBT_START)}
 )
-"""Parameters that the command writes, by vehicle, with their start; all others are assumptions of the files."""
+"""Parameters that the command writes, by vehicle; all others are assumptions of the files."""
 DIGITS: Final = 4
 """Significant digits of a calibrated parameter in a file."""
 
@@ -132,7 +126,7 @@ def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
 def solve_igbt(vehicle: Vehicle, chain: LossChain, gto: Vehicle, runs: Runs) -> LossChain:
     """The IGBT chain whose free parameters meet Table 2's last column for the runs that do not depend on a map."""
     whole_j = consumed_j(runs["fastest"], gto, Level.L3)
-    column = paper.COLUMNS.index("l3-igbt")
+    column = TABLE2_LEVELS.index("l3-igbt")
 
     def residuals(trial: LossChain) -> list[float]:
         train = with_chain(vehicle, trial)
@@ -157,7 +151,7 @@ def _least_squares(
     def at(x: np.ndarray) -> LossChain:
         return with_values(chain, dict(zip(names, x * scale, strict=True)))
 
-    solved = _optimize().least_squares(
+    solved = optimize.least_squares(
         lambda x: residuals(at(x)), np.ones(len(names)), bounds=(0.0, np.inf), xtol=1e-12, ftol=1e-12, gtol=1e-12
     )
     if exact and np.abs(solved.fun).max() > 1e-6:
@@ -190,7 +184,7 @@ def search_stage_2(
         return value
 
     first = np.ones(len(names))
-    found = _optimize().minimize(
+    found = optimize.minimize(
         cost,
         first,
         method="Nelder-Mead",
@@ -215,7 +209,7 @@ def stage_2_cost(vehicle: Vehicle, runs: Runs) -> float:
 
 
 def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> Figures:
-    """Everything in `precompute.calibrate.targets.TARGETS`, as the two vehicles reach it."""
+    """Everything in `calibration_targets.TARGETS`, as the two vehicles reach it."""
     every = {
         **runs,
         **paper.l3_runs(gto, runs),
@@ -223,14 +217,6 @@ def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> F
         "l3-igbt": paper.trip_run(igbt, runs),
     }
     return paper.map_figures(gto_chain, gto) | paper.saving_figures(gto, every) | paper.trip_figures(gto, igbt, every)
-
-
-def _optimize() -> Any:
-    try:
-        from scipy import optimize
-    except ImportError:
-        raise DasError("calibrate needs scipy: install the extra, pip install '.[study]' in the checkout") from None
-    return optimize
 
 
 def refitted(gto: LossChain, igbt: LossChain) -> LossChain:

@@ -7,15 +7,22 @@ from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any
 
+import matplotlib
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator, PercentFormatter
 
 from das.domain.losses import LossMap
 from das.domain.trajectory import Trajectory
 from das.domain.units import KM, KMH, KN
 from das.domain.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
+from docs.studies.cases import Floats
+from precompute.loss_maps.drawing import draw_efficiency_map
 
 STYLE: dict[Any, Any] = {
     "font.size": 10,
@@ -61,8 +68,6 @@ PANEL_GAP_IN = 0.09
 @contextmanager
 def style() -> Iterator[None]:
     """Draw and save in the style of the study, whatever the user's own settings."""
-    import matplotlib
-
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(STYLE)
@@ -71,9 +76,6 @@ def style() -> Iterator[None]:
 
 def new_figure(width_in: float, height_in: float) -> Any:
     """An empty figure with constrained layout, outside pyplot's global state."""
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     return Figure(figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=PANEL_GAP_IN))
 
 
@@ -96,16 +98,12 @@ def draw_force(axes: Any, run: Trajectory, colour: str) -> None:
 
 def shades(colour: str, count: int) -> list[tuple[float, float, float]]:
     """Colours from bright to greyish."""
-    from matplotlib.colors import to_rgb
-
     bright, grey = np.array(to_rgb(colour)), np.array(to_rgb(GREYISH))
     mix = GREY_SHARE * np.linspace(0, 1, count)[:, np.newaxis]
     return [(float(r), float(g), float(b)) for r, g, b in (1 - mix) * bright + mix * grey]
 
 
 def _shaded(axes: Any, x: Floats, y: Floats, run: Trajectory, colour: str) -> None:
-    from matplotlib.collections import LineCollection
-
     along = (run.s_m[: len(x)] - run.s_m[0]) / (run.s_m[-1] - run.s_m[0])
     edges = np.searchsorted(along, np.linspace(0, 1, SHADES + 1)).clip(0, len(x) - 1)
     pieces = [np.column_stack((x[a : b + 1], y[a : b + 1])) for a, b in pairwise(edges)]
@@ -132,10 +130,6 @@ def _crosses(axes: Any, x: Floats, y: Floats, along: Floats, colour: str) -> Non
 
 def draw_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, highest_mps: float) -> Any:
     """The efficiency map in pale colours, bright = efficient, up to a speed; returns it for `efficiency_bar`."""
-    from matplotlib.colors import LinearSegmentedColormap
-
-    from precompute.loss_maps.drawing import draw_efficiency_map
-
     drawn = draw_efficiency_map(axes, loss_map, vehicle)
     drawn.set_cmap(LinearSegmentedColormap.from_list("pale", list(MAP_COLOURS)))
     axes.set_xlim(0, highest_mps / KMH)
@@ -145,10 +139,6 @@ def draw_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, highest_mps: float)
 
 def efficiency_bar(figure: Any, drawn: Sequence[Any], axes: Sequence[Any]) -> None:
     """Put maps on one scale, with a colour bar beside their axes."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.ticker import MultipleLocator, PercentFormatter
-
     scale = Normalize(min(item.levels[0] for item in drawn), max(item.levels[-1] for item in drawn))
     for item in drawn:
         item.set_norm(scale)
@@ -163,11 +153,9 @@ def efficiency_bar(figure: Any, drawn: Sequence[Any], axes: Sequence[Any]) -> No
     )
 
 
-def buffer_handles(labels: Sequence[str]) -> list[Any]:
-    """Legend handles of the buffers, in their colours."""
-    from matplotlib.lines import Line2D
-
+def crossed_handles(labels: dict[str, str]) -> list[Any]:
+    """Legend handles of runs with crosses: label by colour."""
     return [
         Line2D([], [], color=colour, linewidth=2, marker="x", markersize=5, label=label)
-        for colour, label in zip(BUFFER_COLOURS, labels, strict=True)
+        for colour, label in labels.items()
     ]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.loss_chain import LossChain
 from das.domain.losses import (
@@ -27,26 +26,30 @@ from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.refinement import refined
 from das.solver.solve import solve_front
+from docs.studies.cases import (
+    ACCELERATION,
+    COMPLETE,
+    DECELERATION,
+    TABLE2_BUFFER_PERCENT,
+    TABLE2_LEVELS,
+    TABLE2_ROWS,
+    StudyCase,
+)
 from precompute.baselines import strategies as baselines
 from precompute.loss_maps.figures import cruising_deviation_ratio
-from precompute.study.cases import ACCELERATION, COMPLETE, DECELERATION, StudyCase
-from precompute.study.printed import TABLE2_BUFFER_PERCENT, TABLE2_ROWS
 
-Floats = NDArray[np.float64]
 Figures = dict[str, float]
 """Name of a target → what a vehicle reaches."""
 
 BUFFER_RATIO: Final = TABLE2_BUFFER_PERCENT / 100
 """t+ of Table 2."""
 L0_TO_L2: Final = (Level.L0_NOREG, Level.L0_REG, Level.L1, Level.L2)
-COLUMNS: Final = (*L0_TO_L2, "l3-gto", "l3-igbt")
-"""Columns of Table 2: what the runs are evaluated at; the optimal runs of the same names are its rows."""
 
 NOT_PRINTED: Final = float("nan")
 TABLE_2: Final[Mapping[str, tuple[float, ...]]] = {
     row: tuple(NOT_PRINTED if value is None else value for value in values) for row, values in TABLE2_ROWS.items()
 }
-"""Table 2: 6 km, t+ = 7 %, % of what the fastest run consumes at L3 GTO; rows as printed, columns as `COLUMNS`."""
+"""Table 2: 6 km, t+ = 7 %, % of what the fastest run consumes at L3 GTO; rows as printed, columns `TABLE2_LEVELS`."""
 
 NORMALISER: Final = ("fastest", "l3-gto")
 """The cell that is 100 % by definition."""
@@ -146,7 +149,7 @@ def _cell_targets() -> tuple[PublishedFigure, ...]:
     cells = [
         (row, column, value)
         for row, values in TABLE_2.items()
-        for column, value in zip(COLUMNS, values, strict=True)
+        for column, value in zip(TABLE2_LEVELS, values, strict=True)
         if not np.isnan(value) and (row, column) != NORMALISER
     ]
     return tuple(
@@ -284,7 +287,7 @@ def table_2(gto: Vehicle, igbt: Vehicle, runs: Runs) -> dict[str, tuple[float, .
 def trip_figures(gto: Vehicle, igbt: Vehicle, runs: Runs) -> Figures:
     """What the two vehicles reach of `TRIP_TARGETS` and `CELL_TARGETS`; `runs` with all rows of Table 2."""
     table = table_2(gto, igbt, runs)
-    column = {row: values[COLUMNS.index("l3-gto")] for row, values in table.items()}
+    column = {row: values[TABLE2_LEVELS.index("l3-gto")] for row, values in table.items()}
     best = column["l3-gto"]
     second = min(column[level] for level in L0_TO_L2)
     ours, theirs = runs["l3-gto"], runs["l3-igbt"]
@@ -301,7 +304,7 @@ def trip_figures(gto: Vehicle, igbt: Vehicle, runs: Runs) -> Figures:
     )
     figures = dict(zip((target.name for target in TRIP_TARGETS), reached, strict=True))
     for row, values in table.items():
-        figures |= {cell_name(row, c): value for c, value in zip(COLUMNS, values, strict=True)}
+        figures |= {cell_name(row, c): value for c, value in zip(TABLE2_LEVELS, values, strict=True)}
     return {target.name: figures[target.name] for target in (*TRIP_TARGETS, *CELL_TARGETS)}
 
 
@@ -309,7 +312,7 @@ def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float
     """In how many columns the diagonal is best, the fastest run worst, RMS behind all optima but L0 REG's."""
 
     def count(holds: Callable[[dict[str, float], str], bool]) -> float:
-        columns = {c: {row: values[i] for row, values in table.items()} for i, c in enumerate(COLUMNS)}
+        columns = {c: {row: values[i] for row, values in table.items()} for i, c in enumerate(TABLE2_LEVELS)}
         return float(sum(holds(cells, c) for c, cells in columns.items()))
 
     def rms_behind(cells: dict[str, float], name: str) -> bool:
