@@ -17,7 +17,7 @@ from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind
-from sim.drivers.shown import EFFORT_STEP_RATIO
+from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 from sim.plant.plant import Command
 from sim.world.day import make_day
 from sim.world.in_process import InProcess

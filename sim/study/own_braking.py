@@ -19,6 +19,7 @@ from sim.drivers.cab import CabView, Driver, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.drivers.parameters import HumanParameters
+from sim.drivers.presentations.presenter import presenter_of
 from sim.experiment.setting import day_of
 from sim.plant.plant import Command
 from sim.world.day import Day, make_day
@@ -121,7 +122,7 @@ def figures(service: Service, seed: int, shown: Presentation, friction: Friction
 
 
 def _driven(day: Day, driver: Driver, shown: Presentation) -> DayOutcome:
-    link = InProcess(day.service, coach=shown is Presentation.COACH)
+    link = InProcess(day.service, coach=presenter_of(shown).needs_coach)
     return outcome(day, World(day, driver, shown, link).run())
 
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from das.advice.modes import Mode, mode_name
 from das.command_line.outputs import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, kwh
-from sim.drivers.cab import Presentation, present
+from sim.drivers.cab import Presentation
+from sim.drivers.presentations.presenter import present
 from sim.study.watching import WatchedRun, service_of, watched_run
 from sim.world.disturbances import SignalStop, TrainAhead
 from sim.world.outcome import outcome

@@ -15,6 +15,7 @@ from das.cab.cab import Cab
 from sim.drivers.cab import Presentation
 from sim.drivers.kinds import DriverKind
 from sim.drivers.parameters import HumanParameters
+from sim.drivers.presentations.presenter import presenter_of
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Tick
@@ -93,7 +94,7 @@ def watched_run(
     day = make_day(service, seed)
     if human is not None:
         day = replace(day, human=human)
-    link = WatchedLink(service, coach=presentation is Presentation.COACH, keeping=keeping)
+    link = WatchedLink(service, coach=presenter_of(presentation).needs_coach, keeping=keeping)
     run = World(day, day.driver(DriverKind.HUMAN), presentation, link).run()
     return WatchedRun(day=day, run=run, watched=tuple(link.watched))
 
