@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-from das.advice.modes import Mode, mode_name
+from das.advice.modes import Mode
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, PERCENT
 from sim.drivers.messages import recorded_view
-from sim.drivers.presentations.presenter import DEPART, known_mode, presenter_of, speed_words
+from sim.drivers.presentations.presenter import DEPART, mode_words, presenter_of, speed_words
 from sim.recording.course import DrivenCourse
 
 NOTHING: Final = "## No advice is shown"
@@ -73,12 +73,7 @@ def _of_advice(advice: Any) -> str:
     if advice.mode == Mode.DEPART:
         how = _departure(advice.next_mode, advice.departure_speed_mps, advice.departure_force_ratio)
         return _text(f"## {DEPART}", [("when cleared", how), *rows[2:]], NODE_ALONE)
-    return _text(f"## {_mode(advice.mode)}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
-
-
-def _mode(number: int) -> str:
-    mode = known_mode(number)
-    return "" if mode is Mode.NONE else mode_name(mode)
+    return _text(f"## {mode_words(advice.mode)}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
 
 
 def _share(ratio: float) -> str:
@@ -86,13 +81,13 @@ def _share(ratio: float) -> str:
 
 
 def _next(number: int, in_s: float) -> str:
-    name = _mode(number)
+    name = mode_words(number)
     return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
 
 
 def _departure(number: int, speed_mps: float, ratio: float) -> str:
     """How to depart: with which mode, to what speed, with what effort, as far as the display shows it."""
-    return ", ".join(filter(None, (_mode(number), speed_words(speed_mps), _share(ratio)))) if number else ""
+    return ", ".join(filter(None, (mode_words(number), speed_words(speed_mps), _share(ratio)))) if number else ""
 
 
 def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:

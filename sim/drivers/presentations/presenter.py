@@ -96,7 +96,7 @@ class Presenter(ABC):
     """
 
     number: ClassVar[int]
-    """The value of `Cab.Presentation` on the bus."""
+    """The value of `Cab.Presentation` on the bus, which no other presentation has; das/bus/das.proto may name it."""
     phrase: ClassVar[str]
     """What a driver was shown, as it stands in the sentences of a report."""
     meaning: ClassVar[str]
@@ -148,11 +148,10 @@ class Presenter(ABC):
 
     def headline(self, view: AdviceView) -> str:
         """The largest words of the display: mode and speed, or what it shows instead."""
-        mode = known_mode(view.mode)
-        if mode is Mode.DEPART:
+        if view.mode == Mode.DEPART:
             return DEPART
-        words = "" if mode is Mode.NONE else mode_name(mode)
-        return words if mode is Mode.STOP else ", ".join(filter(None, (words, speed_words(view.shown_speed_mps))))
+        speed = "" if view.mode == Mode.STOP else speed_words(view.shown_speed_mps)
+        return ", ".join(filter(None, (mode_words(view.mode), speed)))
 
 
 @cache
@@ -196,6 +195,11 @@ def present(
 def known_mode(number: int) -> Mode:
     """The mode of a number on the bus; NONE for one that is not known yet."""
     return Mode(number) if number in set(Mode) else Mode.NONE
+
+
+def mode_words(number: int) -> str:
+    """The mode of a number on the bus in words; nothing for one that is not known yet."""
+    return mode_name(Mode(number)) if number in set(Mode) else ""
 
 
 def speed_words(speed_mps: float) -> str:

@@ -10,6 +10,7 @@ from das.advice.modes import Mode
 from das.bus import das_pb2, topics
 from das.front_door import chosen
 from sim.drivers import presentations
+from sim.drivers.cab import AdviceView
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.messages import cab_view
@@ -67,12 +68,22 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert level_words("presentation", FactorLevel(text="traffic-light", value=traffic_light)) == "green, amber or red"
 
 
-def test_every_presentation_has_its_number_of_the_bus() -> None:
+def test_every_presentation_has_a_number_of_its_own_and_the_one_that_the_bus_names() -> None:
     numbers = {f"PRESENTATION_{one.name}": presenter_of(one).number for one in Presentation}
-    assert numbers == dict(das_pb2.Cab.Presentation.items())
+    named = dict(das_pb2.Cab.Presentation.items())
+    assert {name: numbers.get(name) for name in named} == named
+    assert len(set(numbers.values())) == len(numbers)
 
 
 def test_a_number_of_the_bus_is_a_presentation_or_nothing_is_shown() -> None:
     found = {number: shown_presentation(number) for number in (0, *das_pb2.Cab.Presentation.values(), 99)}
     assert {number for number, presentation in found.items() if presentation is None} == {0, 99}
     assert [one for number, one in found.items() if one is not None and presenter_of(one).number != number] == []
+
+
+@pytest.mark.parametrize(("late_s", "words"), [(12.4, "12 s late"), (-3.0, "3 s early"), (0.2, "on time")])
+def test_a_display_of_the_deviation_has_no_mode_in_its_headline(late_s: float, words: str) -> None:
+    view = AdviceView(
+        time_s=0.0, valid_until_s=3.0, presentation=Presentation.DEVIATION, mode=Mode.COAST, deviation_s=late_s
+    )
+    assert presenter_of(Presentation.DEVIATION).headline(view) == words
