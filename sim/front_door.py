@@ -17,6 +17,7 @@ from das.front_door import chosen
 from sim.drivers.cab import Presentation
 from sim.drivers.kinds import DriverKind, OwnClass, named_driver
 from sim.drivers.population import Participant, participant_of
+from sim.drivers.presentations.presenter import presenter_of
 from sim.plant.plant import PlantState
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
@@ -86,7 +87,7 @@ def run_day(
         raise InputError("run_day", "scenario", scenario, "the name of a bundled scenario, or a path")
     person = _person(kind, participant)
     day = make_day(prepare_service(load_scenario(str(scenario)), level=losses), seed, person)
-    run = World(day, day.driver(kind), shown, InProcess(day.service, coach=shown is Presentation.COACH)).run()
+    run = World(day, day.driver(kind), shown, InProcess(day.service, coach=presenter_of(shown).needs_coach)).run()
     states = {
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
     }

@@ -18,6 +18,7 @@ from sim.drivers.cab import Driver, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.drivers.parameters import HumanParameters
+from sim.drivers.presentations.presenter import presenter_of
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Tick
@@ -37,7 +38,7 @@ def human_of(day: Day, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) ->
 
 def driven(day: Day, driver: Driver, presentation: Presentation) -> Run:
     """A day driven by a driver who is shown a presentation."""
-    return World(day, driver, presentation, InProcess(day.service, coach=presentation is Presentation.COACH)).run()
+    return World(day, driver, presentation, InProcess(day.service, coach=presenter_of(presentation).needs_coach)).run()
 
 
 def with_interval(differences: np.ndarray) -> str:
@@ -112,6 +113,6 @@ def watched_run(
     day = make_day(service, seed)
     if human is not None:
         day = replace(day, human=human)
-    link = WatchedLink(service, coach=presentation is Presentation.COACH, keeping=keeping)
+    link = WatchedLink(service, coach=presenter_of(presentation).needs_coach, keeping=keeping)
     run = World(day, human_of(day), presentation, link).run()
     return WatchedRun(day=day, run=run, watched=tuple(link.watched))

@@ -18,6 +18,7 @@ from docs.studies.driving import driven, human_of
 from docs.studies.pages import DOCS, write_table
 from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
+from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.plant.plant import Command
 from sim.world.day import make_day
 from sim.world.loop import LOOK_S
@@ -38,7 +39,8 @@ BELOW_MPS: Final = 3.0
 MOVES_MPS: Final = 0.5
 """A train slower than this is at a stand."""
 TRACTION: Final = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
-WITH_MODES: Final = (Presentation.FOUR_MODE, Presentation.VECTOR, Presentation.COACH)
+
+WITH_MODES: Final = tuple(one for one in Presentation if presenter_of(one).says_mode)
 """The presentations that say how to drive."""
 
 
@@ -67,10 +69,10 @@ class WatchedHand:
     def command(self, cab: CabView) -> Command:
         """What the driver sets."""
         command = self.human.command(cab)
-        heeded, handling = self.human._display.heeded, self.human._handling
+        heeded, handling = self.human._display.heeded, self.human.handling
         view = heeded.view if heeded.by_effort else None
         may_mps = min(self.human._foresight.outlook(cab).allowed_mps(cab.s_m), cab.limit_mps)
-        if view is not None and view.presentation is Presentation.COACH:
+        if view is not None and presenter_of(view.presentation).speed_is(view.mode) is SpeedIs.TO_REACH:
             may_mps = min(may_mps, view.shown_speed_mps)
         mode, advised = (None, 0.0) if view is None else (view.mode, view.lever_ratio)
         below_mps = may_mps - cab.speed_mps
@@ -180,9 +182,9 @@ def habits_table(drive: Callable[[Presentation], Sequence[WatchedDay]]) -> Itera
 
 
 def _of_modes(days: Sequence[WatchedDay], presentation: Presentation) -> list[str]:
-    """The cells of a presentation that says how to drive; four modes know no effort but the full one."""
+    """The cells of a presentation that says how to drive, with or without an effort."""
     braked = braked_under_coast(days)
-    full = "" if presentation is Presentation.FOUR_MODE else f"{100.0 * np.mean(set_at_full(days)):.2f} %"
+    full = f"{100.0 * np.mean(set_at_full(days)):.2f} %" if presenter_of(presentation).says_effort else ""
     return [
         f"{100.0 * braked.unasked_s / braked.told_s:.2f} %",
         f"{100.0 * braked.all_s / braked.told_s:.1f} %",

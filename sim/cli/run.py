@@ -222,6 +222,7 @@ def _drive(day: Day, options: _Asked) -> DayResult:
 
 def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, RecordedFigures | None]:
     """The run, and figures of its recording."""
+    from sim.drivers.presentations.presenter import presenter_of
     from sim.world.in_process import InProcess
     from sim.world.loop import World
     from sim.world.outcome import RecordedFigures
@@ -232,9 +233,8 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
     else:
         driver = day.driver(options.driver, options.friction)
     if options.out is None:
-        return World(
-            day, driver, options.advice, InProcess(day.service, coach=options.advice is Presentation.COACH)
-        ).run(tick), None
+        link = InProcess(day.service, coach=presenter_of(options.advice).needs_coach)
+        return World(day, driver, options.advice, link).run(tick), None
     how = How(
         driver=options.driver,
         friction=options.friction,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from das.advice.modes import Mode
-from sim.drivers.shown import Shown
+from sim.drivers.presentations.presenter import Shown
 
 MOST_CHANGES_PER_MIN: Final = 2.0
 """Advice that changes more often than this, on average, is restless."""

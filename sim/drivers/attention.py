@@ -6,12 +6,12 @@ import math
 from typing import NamedTuple
 
 from das.advice.modes import Mode
-from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Presentation
+from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.chance import Chance, ReactionTimes
 from sim.drivers.diary import Diary
 from sim.drivers.human_settings import HEEDING
 from sim.drivers.parameters import HumanParameters
+from sim.drivers.presentations.presenter import presenter_of
 
 _KINDS: dict[int, str] = {
     Mode.FULL_TRACTION: "traction",
@@ -22,26 +22,22 @@ _KINDS: dict[int, str] = {
     Mode.FULL_BRAKE: "brake",
     Mode.FRICTION_BRAKE: "brake",
 }
-"""The kind of advice by its mode; a reduced maximum speed is a speed to hold."""
-EFFORT_STEP_RATIO = 0.2
-"""An effort that differs by this much of the controller's scale is another advice of the coach."""
-DEVIATION_STEP_S = 5.0
-"""A deviation that differs by this much is another one to the driver."""
-WITHOUT_MODE = (Presentation.RMS, Presentation.DEVIATION)
-"""Presentations that say nothing of how to drive but, at most, a highest speed."""
+"""The kind of advice by its mode."""
+
+
+def says_mode(view: AdviceView) -> bool:
+    """Whether the advice says how to drive, and not at most a highest speed."""
+    return presenter_of(view.presentation).says_mode
 
 
 def advice_kind(view: AdviceView) -> str | None:
-    """The kind of advice, to which a compliance belongs: traction, hold, coast or brake; None for no advice.
-
-    A deviation is heeded as a speed to hold is.
-    """
-    return "hold" if view.presentation in WITHOUT_MODE else _KINDS.get(view.mode)
+    """The kind of advice, to which a compliance belongs: traction, hold, coast or brake; None for no advice."""
+    return _KINDS.get(_shown_mode(view))
 
 
 def _shown_mode(view: AdviceView) -> int:
-    """The mode that an advice asks for: a reduced maximum speed, and a deviation, ask to hold another speed."""
-    return int(Mode.CRUISE) if view.presentation in WITHOUT_MODE else view.mode
+    """The mode that an advice asks for: without a mode (a highest speed, a deviation) it asks to hold another speed."""
+    return view.mode if says_mode(view) else int(Mode.CRUISE)
 
 
 class Lapses:
@@ -89,7 +85,7 @@ class Heeded(NamedTuple):
     @property
     def by_effort(self) -> bool:
         """Whether he follows advice that says more than a highest speed."""
-        return self.follows and self.view is not None and self.view.presentation not in WITHOUT_MODE
+        return self.follows and self.view is not None and says_mode(self.view)
 
 
 class Announced(NamedTuple):
@@ -145,7 +141,7 @@ class DisplayReading:
         self._seen = view = cab.shown
         self._diary.note(now_s, "glance", 0 if view is None else view.mode)
         read = None if view is None else view.departure  # He drives, so that he is cleared.
-        item = None if read is None else _item(read)
+        item = None if read is None else (read.presentation, *presenter_of(read.presentation).item(read))
         if item != self._judged:
             self._judged = item
             self.heeded = self.heeded._replace(reached=False)
@@ -189,18 +185,3 @@ class DisplayReading:
         if not view.reason or human.reason_refusal_ratio == 1.0:
             return followed
         return 1.0 - human.reason_refusal_ratio * (1.0 - followed)
-
-
-def _item(view: AdviceView) -> tuple[object, ...]:
-    """What makes advice new: another mode, another speed to hold (to 1 m/s); of the coach another speed or effort.
-
-    A deviation is new if it is another one by some seconds.
-    """
-    if view.presentation is Presentation.COACH:
-        effort = round(view.lever_ratio / EFFORT_STEP_RATIO) if view.mode != Mode.CRUISE else 0
-        return (view.presentation, view.mode, round(view.speed_mps / KMH), effort)
-    if view.presentation is Presentation.DEVIATION:
-        return (view.presentation, round(view.deviation_s / DEVIATION_STEP_S))
-    if view.presentation is Presentation.VECTOR or math.isnan(view.speed_mps):
-        return (view.presentation, view.mode)
-    return (view.presentation, advice_kind(view), round(view.speed_mps))

@@ -1,14 +1,13 @@
-"""What a driver sees: his cab, the advice as it is presented, and what every driver can do."""
+"""What a driver sees: his cab, and the advice as it is presented; and what every driver can do."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
-from das.advice.coach.coaching import Instruction
-from das.advice.modes import Mode, departure_mode
-from das.domain.units import KMH, NS
+from das.advice.modes import Mode
+from das.domain.units import KMH
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
@@ -22,7 +21,7 @@ __all__ = [
     "PostedRestriction",
     "Presentation",
     "lever_ratio",
-    "present",
+    "whole_kmh_mps",
 ]
 
 AT_STOP_M = 10.0
@@ -100,7 +99,7 @@ class AdviceView:
             self,
             mode=self.next_mode,
             speed_mps=self.next_speed_mps,
-            display_speed_mps=round(self.next_speed_mps / KMH) * KMH if known else math.nan,
+            display_speed_mps=whole_kmh_mps(self.next_speed_mps) if known else math.nan,
             lever_ratio=self.next_effort_ratio,
             force_n=math.nan,
             horizon_speed_mps=(),
@@ -171,109 +170,11 @@ class Driver(Protocol):
         """What the controller is set to until the next look."""
 
 
-def present(
-    advice: Any,
-    presentation: Presentation,
-    train: TrainNumbers,
-    *,
-    clock_zero_ns: int = 0,
-    deviation_s: float = math.nan,
-) -> AdviceView | None:
-    """What the display shows of an advice; None if it shows nothing.
-
-    `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment at which the
-    cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows this alone.
-    """
-    mode = int(advice.mode)
-    if presentation is Presentation.NONE or mode == Mode.NONE:
-        return None
-    view = AdviceView(
-        time_s=(advice.time_ns - clock_zero_ns) * NS,
-        valid_until_s=(advice.valid_until_ns - clock_zero_ns) * NS,
-        presentation=presentation,
-        mode=mode,
-    )
-    if presentation is Presentation.RMS:
-        top_mps = advice.reduced_max_speed_mps
-        # There is nothing to show where the train has arrived.
-        return None if math.isnan(top_mps) else replace(view, speed_mps=top_mps, display_speed_mps=top_mps)
-    if presentation is Presentation.DEVIATION:
-        return None if math.isnan(deviation_s) else replace(view, deviation_s=deviation_s)
-    if presentation is Presentation.COACH:
-        return _coached(view, advice, train)
-    if presentation is Presentation.FOUR_MODE:
-        mode = int(advice.four_mode)
-        holds = mode == Mode.CRUISE
-        departs_held = mode == Mode.DEPART and int(advice.next_four_mode) == Mode.CRUISE
-        return replace(
-            view,
-            mode=mode,
-            speed_mps=advice.advised_speed_mps if holds else math.nan,
-            display_speed_mps=advice.display_speed_mps if holds else math.nan,
-            next_mode=int(advice.next_four_mode),
-            next_change_s=advice.next_four_change_s,
-            next_speed_mps=advice.departure_speed_mps if departs_held else math.nan,
-        )
-    return _in_full(view, advice, train)
-
-
-def _in_full(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView:
-    """What the display shows of speed and effort."""
-    departs = view.mode == Mode.DEPART
-    return replace(
-        view,
-        speed_mps=advice.advised_speed_mps,
-        display_speed_mps=advice.display_speed_mps,
-        lever_ratio=lever_ratio(advice.advised_force_n, advice.advised_speed_mps, train),
-        force_n=advice.advised_force_n,
-        horizon_speed_mps=tuple(advice.horizon_speed_mps),
-        horizon_force_n=tuple(advice.horizon_force_n),
-        next_mode=int(advice.next_mode),
-        next_change_s=advice.next_change_s,
-        next_speed_mps=advice.departure_speed_mps if departs else math.nan,
-        next_effort_ratio=advice.departure_force_ratio if departs else math.nan,
-    )
-
-
-def _coached(view: AdviceView, advice: Any, train: TrainNumbers) -> AdviceView | None:
-    """What the display shows of the coach; None where there is no reference."""
-    coach = advice.coach
-    if coach is None or int(coach.now.mode) == Mode.NONE:
-        return None
-    mode = int(coach.now.mode)
-    departs = mode == Mode.DEPART
-    following = _departure(coach.now) if departs else coach.following[0] if coach.following else None
-    holds = mode == Mode.CRUISE  # Nobody is told with what effort to hold a speed.
-    return replace(
-        view,
-        mode=mode,
-        speed_mps=coach.now.speed_mps,
-        display_speed_mps=round(coach.now.speed_mps / KMH) * KMH,
-        lever_ratio=math.nan if holds else _coached_lever(coach, advice.speed_mps, train),
-        force_n=coach.reference_force_n,
-        next_mode=int(following.mode) if following is not None else Mode.NONE,
-        next_change_s=following.in_s if following is not None else math.nan,
-        next_speed_mps=following.speed_mps if following is not None else math.nan,
-        next_effort_ratio=following.effort_ratio if following is not None else math.nan,
-        due_s=coach.now.in_s,
-        target_way_m=coach.target_m,
-        reason=coach.reason,
-    )
-
-
-def _coached_lever(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
-    """The controller's setting of the coach's instruction: an acceleration keeps its share up to its speed."""
-    now = coach.now
-    accelerates = now.effort_ratio > 0.0 and now.mode != Mode.DEPART
-    return float(now.effort_ratio) if accelerates else lever_ratio(coach.force_n, speed_mps, train)
-
-
-def _departure(now: Any) -> Instruction:
-    """The instruction that is due when a train that the coach tells to depart is cleared, whenever that is."""
-    mode = departure_mode(now.effort_ratio)
-    return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
-
-
 def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
     """The controller's setting (−1 … 1) that gives a wheel force (N) at a speed."""
     return Efforts.at(speed_mps, train).lever_ratio(force_n)
+
+
+def whole_kmh_mps(speed_mps: float) -> float:
+    """A speed as a display writes it: the nearest speed in whole km/h."""
+    return round(speed_mps / KMH) * KMH

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from das.advice.modes import Mode
 from sim.drivers.attention import DisplayReading, Lapses, advice_kind
-from sim.drivers.cab import AdviceView, CabView, Efforts, Presentation
+from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.chance import Chance, Errors, ReactionTimes
 from sim.drivers.diary import Diary, DriverEvent
 from sim.drivers.hand import Hand
@@ -16,6 +15,7 @@ from sim.drivers.human_settings import HAND, HEEDING, HumanSettings
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
+from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.drivers.rule_settings import RULE
 from sim.drivers.rules import TimeRule
 from sim.plant.plant import COAST, Command, lever
@@ -97,7 +97,8 @@ class HumanDriver:
         self._lapses = Lapses(human, chance, diary)
         self._display = DisplayReading(human, chance, times, diary)
         mark = StopMark(human, settings, chance.marks)
-        self._handling = Handling(human, settings, self._errors, mark, line.train, friction)
+        self.handling = Handling(human, settings, self._errors, mark, line.train, friction)
+        """How he holds a speed and brakes."""
         self._hand = Hand(human, diary)
 
     @property
@@ -112,28 +113,28 @@ class HumanDriver:
             self._errors.over(span_s)
         if cab.speed_mps <= 0 and not self._departure.due(cab):
             self._hand.release()
-            self._handling.stand()
+            self.handling.stand()
             return COAST
         outlook = self._foresight.outlook(cab)
         if not self._lapses.away(cab, outlook.allowed_mps(cab.s_m)):
             if self._departure.begins(cab):
                 self._display.depart(cab)
             self._display.look(cab)
-            self._handling.efforts = Efforts.at(cab.speed_mps, outlook.train)
+            self.handling.efforts = Efforts.at(cab.speed_mps, outlook.train)
             wanted, heeded = self._wanted(cab, outlook), self._display.heeded
-            urgent = self._handling.brakes_hard or cab.speed_mps > cab.limit_mps
+            urgent = self.handling.brakes_hard or cab.speed_mps > cab.limit_mps
             self._hand.move(wanted, cab.time_s, span_s, task=heeded.task, urgent=urgent)
-        friction_ratio = self._handling.friction_ratio(follows_effort=self._display.heeded.by_effort)
+        friction_ratio = self.handling.friction_ratio(follows_effort=self._display.heeded.by_effort)
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
     def _wanted(self, cab: CabView, outlook: Outlook) -> float:
         """The setting that he wants now: by advice or habit, but never more than limits and stops let."""
-        handling, heeded, reach_s = self._handling, self._display.heeded, self._hand.reach_s
+        handling, heeded, reach_s = self.handling, self._display.heeded, self._hand.reach_s
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
         near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - HEEDING.watched_mps
         if heeded.view is not None and heeded.by_effort:
-            wanted = self._advised(cab, outlook, heeded.view, allowed)
+            wanted = presenter_of(heeded.view.presentation).set_by(self, cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming, ceiling=True)) if near else wanted
         else:
             top_mps, rolls = self._top_mps(cab, outlook), self._by_top_speed
@@ -144,77 +145,44 @@ class HumanDriver:
     @property
     def _by_top_speed(self) -> bool:
         """Whether he follows advice that says a highest speed."""
-        heeded = self._display.heeded
-        return heeded.follows and heeded.view is not None and heeded.view.presentation is Presentation.RMS
+        view, follows = self._display.heeded.view, self._display.heeded.follows
+        return follows and view is not None and presenter_of(view.presentation).speed_is(view.mode) is SpeedIs.HIGHEST
 
-    def _advised(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting that the advice asks for; until he looks again, a departure as he read it when he was cleared."""
-        handling, departs, view = self._handling, view.mode == Mode.DEPART, view.departure
-        if view.presentation is Presentation.VECTOR and departs:
-            return self._to_speed(cab, outlook, view, allowed_mps)
-        if view.presentation is Presentation.VECTOR:
-            return self._by_vector(cab, outlook, view, allowed_mps)
-        if view.presentation is Presentation.COACH:
-            return self._coached(cab, outlook, view, allowed_mps)
-        if view.mode == Mode.CRUISE:
-            return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))
-        if view.mode == Mode.FULL_TRACTION:
-            return 1.0
-        if view.mode == Mode.FULL_BRAKE:
-            return handling.efforts.lever_ratio(-handling.efforts.electric_n)
-        return 0.0
-
-    def _by_vector(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting for an effort and a speed: the effort, and more or less of it where the speed is another one.
-
-        Nobody corrects while he is told to let the train roll, and at the end of the scale there is no more or less.
-        """
-        if view.mode == Mode.COAST:
-            return 0.0
-        if math.isnan(view.lever_ratio):
-            return self._to_speed(cab, outlook, view, allowed_mps)
-        if abs(view.lever_ratio) > HAND.end_stop_ratio:
-            return self._set(view.lever_ratio)
-        more = self._handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
-        return min(max(self._set(view.lever_ratio) + more, -1.0), 1.0)
-
-    def _to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting for a speed to go for; where no effort is shown: all traction, or his own brake."""
-        if math.isnan(view.lever_ratio):
-            brakes = advice_kind(view) == "brake"
-            own = self._handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
-            view = replace(view, lever_ratio=own)
-        return self._coached(cab, outlook, view, allowed_mps)
-
-    def _set(self, lever_ratio: float) -> float:
+    def set_effort(self, lever_ratio: float) -> float:
         """An effort as he sets it (−1 … 1): with an error, but the ends of the scale are stops that the hand feels."""
         if abs(lever_ratio) > HAND.end_stop_ratio:
             return math.copysign(1.0, lever_ratio)
         return min(max(lever_ratio * self._errors.force_ratio, -1.0), 1.0)
 
-    def _coached(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting that the coach asks for; when the speed is reached, he sees it himself and holds it."""
-        target = min(view.shown_speed_mps, allowed_mps)
+    def to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        """The setting for the effort and the speed shown; when the speed is reached, he sees it himself and holds it.
+
+        Where no effort is shown, it is all traction, or his own brake.
+        """
+        target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
+        if math.isnan(effort):
+            brakes = advice_kind(view) == "brake"
+            effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
         if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
             away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s
-            if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, view, target):
-                return self._set(view.lever_ratio)
+            if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, effort, target):
+                return self.set_effort(effort)
             self._display.reach()
-            return self._handling.held(cab, outlook, target)
+            return self.handling.held(cab, outlook, target)
         if view.mode == Mode.CRUISE:
-            return self._handling.held(cab, outlook, target)
+            return self.handling.held(cab, outlook, target)
         if view.mode == Mode.COAST:
             return 0.0
         if cab.speed_mps <= target:
-            return min(self._handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
-        return 0.0 if self._soon_over(cab, outlook, view, target) else self._set(view.lever_ratio)
+            return min(self.handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
+        return 0.0 if self._soon_over(cab, outlook, effort, target) else self.set_effort(effort)
 
-    def _soon_over(self, cab: CabView, outlook: Outlook, view: AdviceView, target_mps: float) -> bool:
+    def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
         """Whether he has not begun to accelerate or brake to a speed, and would be done so soon that he does not."""
-        if self._hand.setting * math.copysign(1.0, view.lever_ratio) >= BEGUN_RATIO * abs(view.lever_ratio):
+        if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):
             return False
-        efforts = self._handling.efforts
-        effort_n = view.lever_ratio * (efforts.traction_n if view.lever_ratio > 0 else efforts.brakes_n)
+        efforts = self.handling.efforts
+        effort_n = effort * (efforts.traction_n if effort > 0 else efforts.brakes_n)
         rate_mps2 = (effort_n - outlook.resisting_n(cab.s_m, cab.speed_mps)) / outlook.train.inertial_mass_kg
         return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 

@@ -57,7 +57,10 @@ def named_driver(option: str, text: str) -> DriverName:
 
 
 class Presentation(StrEnum):
-    """How much of the same advice the display shows."""
+    """How much of the same advice the display shows: the list of the presentations.
+
+    A new one is a line here and a module of its name in `sim/drivers/presentations`, where everything else about it is.
+    """
 
     NONE = "none"
     DEVIATION = "deviation"
@@ -81,7 +84,3 @@ class FrictionPolicy(StrEnum):
     """Friction only where the motors cannot give what is asked."""
     BY_ADVICE = "by-advice"
     """As measured, but electric first while the driver follows advice on effort: advice changes the habit."""
-
-
-FOLLOWED_EXACTLY: Final = (Presentation.VECTOR, Presentation.COACH)
-"""What the perfect driver follows; under any other presentation it keeps time as it can."""

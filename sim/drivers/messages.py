@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.domain.errors import DasError
-from sim.drivers.cab import AdviceView, CabView, PostedRestriction, Presentation, lever_ratio
+from sim.drivers.cab import AdviceView, CabView, PostedRestriction, lever_ratio
 from sim.drivers.checked import checked
 from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.presentations.presenter import presenter_of, shown_presentation
 from sim.plant.kernels import FORCE, LEVER, Command, demanded
 from sim.plant.plant import force, lever, speed
 
-PRESENTATIONS: Final = {
-    Presentation.RMS: das_pb2.Cab.PRESENTATION_RMS,
-    Presentation.FOUR_MODE: das_pb2.Cab.PRESENTATION_FOUR_MODE,
-    Presentation.VECTOR: das_pb2.Cab.PRESENTATION_VECTOR,
-    Presentation.COACH: das_pb2.Cab.PRESENTATION_COACH,
-    Presentation.DEVIATION: das_pb2.Cab.PRESENTATION_DEVIATION,
+_FIELDS: Final = {
+    "time_s": "advice_s",
+    "speed_mps": "advised_speed_mps",
+    "lever_ratio": "advised_lever_ratio",
+    "force_n": "advised_force_n",
+    **{name: name for name in ("valid_until_s", "display_speed_mps", "next_change_s", "next_speed_mps")},
+    **{name: name for name in ("next_effort_ratio", "due_s", "target_way_m", "deviation_s")},
 }
-"""The presentations as the message names them."""
-SHOWN: Final = {number: presentation for presentation, number in PRESENTATIONS.items()}
-"""What the numbers in the message mean."""
-_HIDDEN: Final = (
-    *("advised_speed_mps", "advised_lever_ratio", "next_change_s", "display_speed_mps", "advice_s", "valid_until_s"),
-    *("advised_force_n", "due_s", "target_way_m", "deviation_s", "next_speed_mps", "next_effort_ratio"),
-)
-"""Fields that are NaN while nothing is shown."""
+"""The figures of advice as it is presented, with their names in the message; they are NaN while nothing is shown."""
+_WORDS: Final = ("mode", "next_mode", "reason")
+"""What the message has of advice beside figures, by the same names."""
 
 
 class CabLook(NamedTuple):
@@ -87,6 +85,14 @@ def cab_view(message: Any) -> CabView:
     )
 
 
+def recorded_view(message: Any) -> AdviceView | None:
+    """The advice that a recorded cab showed; None for nothing, or for a presentation that is not known."""
+    view = _advice_view(message)
+    # The shown speed is 0 in a recording that is older than the field, and than the stop in the same message.
+    older = view is not None and not view.display_speed_mps and not message.stop_m
+    return replace(view, display_speed_mps=math.nan) if view is not None and older else view
+
+
 def controls_message(look: int, command: Command) -> Message:
     """The message `Controls` that answers a look."""
     message = das_pb2.Controls(look=look, friction_ratio=command.friction_ratio)
@@ -125,52 +131,25 @@ def command_of(message: Any, time_s: float) -> Command:
 
 def _advice_fields(view: AdviceView | None, *, horizons: bool) -> dict[str, Any]:
     if view is None:
-        return dict.fromkeys(_HIDDEN, math.nan)
-    shown = {
-        "presentation": PRESENTATIONS[view.presentation],
-        "mode": view.mode,
-        "advised_speed_mps": view.speed_mps,
-        "advised_lever_ratio": view.lever_ratio,
-        "next_mode": view.next_mode,
-        "next_change_s": view.next_change_s,
-        "reason": view.reason,
-        "display_speed_mps": view.display_speed_mps,
-        "advice_s": view.time_s,
-        "valid_until_s": view.valid_until_s,
-        "advised_force_n": view.force_n,
-        "next_speed_mps": view.next_speed_mps,
-        "next_effort_ratio": view.next_effort_ratio,
-        "due_s": view.due_s,
-        "target_way_m": view.target_way_m,
-        "deviation_s": view.deviation_s,
+        return dict.fromkeys(_FIELDS.values(), math.nan)
+    ahead = ("horizon_speed_mps", "horizon_force_n") if horizons else ()
+    return {
+        "presentation": presenter_of(view.presentation).number,
+        **{field: getattr(view, name) for name, field in _FIELDS.items()},
+        **{name: getattr(view, name) for name in (*_WORDS, *ahead)},
     }
-    ahead = {"horizon_speed_mps": view.horizon_speed_mps, "horizon_force_n": view.horizon_force_n}
-    return {**shown, **ahead} if horizons else shown
 
 
 def _advice_view(message: Any) -> AdviceView | None:
-    presentation = SHOWN.get(message.presentation)
+    presentation = shown_presentation(message.presentation)
     if presentation is None:
         return None
     return AdviceView(
-        time_s=message.advice_s,
-        valid_until_s=message.valid_until_s,
         presentation=presentation,
-        mode=message.mode,
-        speed_mps=message.advised_speed_mps,
-        display_speed_mps=message.display_speed_mps,
-        lever_ratio=message.advised_lever_ratio,
-        force_n=message.advised_force_n,
+        **{name: getattr(message, field) for name, field in _FIELDS.items()},
+        **{name: getattr(message, name) for name in _WORDS},
         horizon_speed_mps=tuple(message.horizon_speed_mps),
         horizon_force_n=tuple(message.horizon_force_n),
-        next_mode=message.next_mode,
-        next_change_s=message.next_change_s,
-        next_speed_mps=message.next_speed_mps,
-        next_effort_ratio=message.next_effort_ratio,
-        due_s=message.due_s,
-        target_way_m=message.target_way_m,
-        deviation_s=message.deviation_s,
-        reason=message.reason,
     )
 
 

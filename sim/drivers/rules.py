@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from sim.drivers.cab import CabView, Presentation
+from sim.drivers.cab import CabView
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
+from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.drivers.rule_settings import RULE
 from sim.drivers.tracking import RollOff, hold, stand, stop_at, under_ceiling
 from sim.plant.plant import Command
@@ -93,5 +94,6 @@ class TimeRule:
 def shown_cap(cab: CabView) -> float | None:
     """The reduced maximum speed (m/s) on the display; None if it shows none."""
     view = cab.shown
-    shows = view is not None and view.presentation is Presentation.RMS and view.speed_mps > 0
-    return view.speed_mps if view is not None and shows else None
+    if view is None or presenter_of(view.presentation).speed_is(view.mode) is not SpeedIs.HIGHEST:
+        return None
+    return view.speed_mps if view.speed_mps > 0 else None

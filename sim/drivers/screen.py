@@ -9,7 +9,7 @@ from typing import Final
 from das.advice.modes import Mode
 from das.domain.errors import InputError
 from sim.drivers.cab import AdviceView
-from sim.drivers.shown import Shown
+from sim.drivers.presentations.presenter import Shown
 
 BRAKES: Final = frozenset({Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE})
 """Advice to brake, which is never held back."""

@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.drivers.kinds import Presentation
 from sim.drivers.population import Participant, Population, load_population
+from sim.drivers.presentations.presenter import presenter_of
 from sim.experiment.driven import Driven
 from sim.experiment.setting import Setting
 from sim.experiment.trace import WatchedDriver
@@ -92,7 +92,7 @@ def _day(trial: StudyTrial, who: Participant) -> Day:
 
 def _run(day: Day, driver: WatchedDriver, setting: Setting, record: TrialRecording | None) -> Run:
     if record is None:
-        link = InProcess(day.service, coach=setting.presentation is Presentation.COACH)
+        link = InProcess(day.service, coach=presenter_of(setting.presentation).needs_coach)
         return World(day, driver, setting.presentation, link, setting.screen).run()
     how = How(
         driver=setting.driver,

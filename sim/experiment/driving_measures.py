@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from das.advice.modes import Mode
 from das.domain.units import KMH
 from sim.drive.stability import REVERSAL_S
-from sim.drivers.cab import AdviceView, Presentation
+from sim.drivers.cab import AdviceView
 from sim.drivers.diary import DriverEvent
+from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.experiment.driven import Driven
 from sim.world.loop import TICK_S
 
@@ -124,12 +124,14 @@ def _speed_errors(driven: Driven) -> list[float]:
 
 
 def _speed_error(speed_mps: float, view: AdviceView) -> float:
-    error = speed_mps - view.shown_speed_mps
-    if view.presentation is Presentation.RMS:
-        return max(error, 0.0)
-    if view.presentation is Presentation.COACH and view.mode != Mode.CRUISE:
+    error, speed_is = speed_mps - view.shown_speed_mps, _speed_is(view)
+    if speed_is is SpeedIs.TO_REACH:
         return math.nan
-    return error
+    return max(error, 0.0) if speed_is is SpeedIs.HIGHEST else error
+
+
+def _speed_is(view: AdviceView) -> SpeedIs:
+    return presenter_of(view.presentation).speed_is(view.mode)
 
 
 def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]:
@@ -148,7 +150,7 @@ def _shown_since(driven: Driven) -> list[tuple[float, float]]:
     before, since_s = None, math.nan
     for state, look in driven.seconds:
         view = look.shown
-        now = None if view is None else round(view.speed_mps) if view.presentation is Presentation.RMS else view.mode
+        now = None if view is None else round(view.speed_mps) if _speed_is(view) is SpeedIs.HIGHEST else view.mode
         if now != before:
             before, since_s = now, state.time_s
         found.append((state.time_s, since_s))

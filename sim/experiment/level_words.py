@@ -7,18 +7,10 @@ from typing import Final
 
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.presentations.presenter import presenter_of
 from sim.experiment.factors import FactorLevel
 from sim.experiment.setting import day_of
 
-_PRESENTATIONS: Final = {
-    Presentation.NONE: "no advice",
-    Presentation.DEVIATION: "seconds early or late, renewed every 35 s, and nothing about how to drive",
-    Presentation.RMS: "one reduced maximum speed at which the train is just in time",
-    Presentation.FOUR_MODE: "full traction, a speed to hold, coasting or braking, and when the next of them begins",
-    Presentation.VECTOR: "speed and effort now and for the next seconds, renewed every second",
-    Presentation.COACH: "what to do now, up to which speed and with what effort, and the next two changes; it changes "
-    "seldom",
-}
 _FRICTION: Final = {
     FrictionPolicy.AS_MEASURED: "a share of each braking by friction brakes, as measured on real trains, whatever is "
     "advised",
@@ -41,7 +33,6 @@ _LEVELS: Final = {
     Level.OWN: "the losses that the train's file gives",
 }
 _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
-    "presentation": {str(level): text for level, text in _PRESENTATIONS.items()},
     "loss_level": {str(level): text for level, text in _LEVELS.items()},
     "friction": {str(level): text for level, text in _FRICTION.items()},
     "driver": {str(level): text for level, text in _DRIVERS.items()},
@@ -52,4 +43,6 @@ def level_words(factor: str, level: FactorLevel) -> str:
     """What a level means; empty where its name says it. Raises DasError for a scenario that cannot be read."""
     if factor == "scenario":
         return day_of(level.value).title
+    if factor == "presentation":
+        return presenter_of(Presentation(level.text)).meaning
     return _WORDS.get(factor, {}).get(level.text, "")

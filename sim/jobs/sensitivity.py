@@ -14,6 +14,7 @@ from das.domain.losses import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.population import Population, Spread
+from sim.drivers.presentations.presenter import presenter_of
 from sim.jobs.memory import ServiceMemory
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
@@ -161,7 +162,7 @@ class Study:
 def drive(job: SensitivityJob) -> SensitivityRun:
     """Make a run in this process; raises DasError where it cannot be made, or has no optimum to compare with."""
     day = replace(make_day(_services.of(read_scenario(job.scenario), job.level), job.seed), human=job.human)
-    link = InProcess(day.service, coach=job.advice is Presentation.COACH)
+    link = InProcess(day.service, coach=presenter_of(job.advice).needs_coach)
     run = World(day, day.driver(DriverKind.HUMAN, job.friction), job.advice, link).run()
     energies = outcome(day, run).energies
     if energies.beyond_hindsight_ratio is None:

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim.drivers.kinds import FOLLOWED_EXACTLY, DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.presentations.presenter import presenter_of
 
 Row = Mapping[str, Any]
 NORMAL_95 = 1.96
@@ -77,7 +78,8 @@ def _saving(
     saved = less("energy_kwh")
     spread = float(saved.std(ddof=1)) if len(pairs) > 1 else float("nan")
     profile, tracking = float(less("energy_profile_kwh").mean()), None
-    exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if advice in FOLLOWED_EXACTLY else {}
+    followable = presenter_of(Presentation(advice)).follower() is not None
+    exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if followable else {}
     followed = {pair.seed: row for pair, row in exact.items()}
     if driver != DriverKind.PERFECT and all(pair.seed in followed for pair in pairs):
         lost = [advised[pair]["energy_profile_kwh"] - followed[pair.seed]["energy_profile_kwh"] for pair in pairs]

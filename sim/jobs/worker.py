@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from das.domain.errors import DasError
 from sim.drivers.diary import DriverEvent
-from sim.drivers.kinds import Presentation
+from sim.drivers.presentations.presenter import presenter_of
 from sim.jobs.memory import ServiceMemory
 from sim.jobs.plan import BatchJob
 from sim.world.day import Day, make_day
@@ -69,7 +69,7 @@ STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
 def _driven(day: Day, job: BatchJob) -> Run:
     driver = day.driver(job.driver, job.friction)
     if job.record is None:
-        return World(day, driver, job.advice, InProcess(day.service, coach=job.advice is Presentation.COACH)).run()
+        return World(day, driver, job.advice, InProcess(day.service, coach=presenter_of(job.advice).needs_coach)).run()
     how = How(driver=job.driver, friction=job.friction, advice=job.advice, train="train-1", command=_command(job))
     run, traffic = run_over_bus(day, driver, job.advice, make_crew(day, how, job.record))
     if traffic.lost:

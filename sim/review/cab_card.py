@@ -6,16 +6,15 @@ import math
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-from das.advice.modes import Mode, mode_name
+from das.advice.modes import Mode
 from das.bus import topics
 from das.bus.recording import Recording
-from das.domain.units import KM, PERCENT, kmh
-from sim.drivers.cab import Presentation
-from sim.drivers.messages import SHOWN
+from das.domain.units import KM, PERCENT
+from sim.drivers.messages import recorded_view
+from sim.drivers.presentations.presenter import DEPART, mode_words, presenter_of, speed_words
 from sim.recording.course import DrivenCourse
 
 NOTHING: Final = "## No advice is shown"
-DEPART: Final = "depart when cleared"
 NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
 
 
@@ -46,18 +45,18 @@ def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
 
 
 def _of_cab(cab: Any) -> str:
-    presentation = SHOWN.get(cab.presentation)
-    head = NOTHING if presentation is None else f"## {_headline(cab, presentation)}"
-    rows = [("limit", _speed(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
-    if presentation is not None:
+    view = recorded_view(cab)
+    head = NOTHING if view is None else f"## {presenter_of(view.presentation).headline(view)}"
+    rows = [("limit", speed_words(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
+    if view is not None:
         rows[:0] = [
-            ("effort advised", _share(cab.advised_lever_ratio)),
-            ("next", _next(cab.next_mode, cab.next_change_s)),
-            ("why", cab.reason),
+            ("effort advised", _share(view.lever_ratio)),
+            ("next", _next(view.next_mode, view.next_change_s)),
+            ("why", view.reason),
         ]
-    if presentation is not None and cab.mode == Mode.DEPART:
-        rows[:2] = [("when cleared", _departure(cab.next_mode, cab.next_speed_mps, cab.next_effort_ratio))]
-        rows.append(("display", presentation.value))
+    if view is not None and view.mode == Mode.DEPART:
+        rows[:2] = [("when cleared", _departure(view.next_mode, view.next_speed_mps, view.next_effort_ratio))]
+        rows.append(("display", view.presentation.value))
     if math.isfinite(cab.signal_m) and cab.signal_m > 0:
         rows.append(("signal at danger", f"km {cab.signal_m / KM:.2f}"))
     return _text(head, rows)
@@ -69,34 +68,12 @@ def _of_advice(advice: Any) -> str:
     rows = [
         ("effort advised", _share(advice.advised_force_ratio)),
         ("next", _next(advice.next_mode, advice.next_change_s)),
-        ("limit", _speed(advice.limit_mps)),
+        ("limit", speed_words(advice.limit_mps)),
     ]
     if advice.mode == Mode.DEPART:
         how = _departure(advice.next_mode, advice.departure_speed_mps, advice.departure_force_ratio)
         return _text(f"## {DEPART}", [("when cleared", how), *rows[2:]], NODE_ALONE)
-    return _text(f"## {_mode(advice.mode)}, {_speed(advice.display_speed_mps)}", rows, NODE_ALONE)
-
-
-def _headline(cab: Any, presentation: Presentation) -> str:
-    """The largest words of the display: mode and speed, or the top speed alone."""
-    # 0 in a recording that is older than the field, and than the stop in the same message.
-    speed_mps = cab.display_speed_mps if cab.display_speed_mps or cab.stop_m else cab.advised_speed_mps
-    departs = [DEPART] if cab.mode == Mode.DEPART else []
-    if presentation is Presentation.RMS and cab.mode != Mode.STOP:
-        return ", ".join([*departs, f"top speed {_speed(speed_mps)}"])
-    if departs:
-        return DEPART
-    if cab.mode == Mode.STOP:
-        return _mode(cab.mode)
-    return ", ".join(filter(None, (_mode(cab.mode), _speed(speed_mps))))
-
-
-def _mode(number: int) -> str:
-    return mode_name(Mode(number)) if number in set(Mode) else ""
-
-
-def _speed(speed_mps: float) -> str:
-    return f"{kmh(speed_mps):.0f} km/h" if math.isfinite(speed_mps) else ""
+    return _text(f"## {mode_words(advice.mode)}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
 
 
 def _share(ratio: float) -> str:
@@ -104,13 +81,13 @@ def _share(ratio: float) -> str:
 
 
 def _next(number: int, in_s: float) -> str:
-    name = _mode(number)
+    name = mode_words(number)
     return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
 
 
 def _departure(number: int, speed_mps: float, ratio: float) -> str:
     """How to depart: with which mode, to what speed, with what effort, as far as the display shows it."""
-    return ", ".join(filter(None, (_mode(number), _speed(speed_mps), _share(ratio)))) if number else ""
+    return ", ".join(filter(None, (mode_words(number), speed_words(speed_mps), _share(ratio)))) if number else ""
 
 
 def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:

@@ -1,6 +1,7 @@
 """The colours of all pictures, pages and views: one meaning each, for dark and white backgrounds, and for the viewer.
 
-No other module of the review, the report and the comparison has colours of its own. tests/sim/review/test_colors.py
+No other module of the review, the report and the comparison has colours of its own; a display that shows no mode
+brings the colour of its lane along (`sim/drivers/presentations`). tests/sim/review/test_colors.py
 holds that people can tell them apart, also with the common kinds of colour blindness where lines share an axis.
 """
 
@@ -138,10 +139,6 @@ MODES: Final = {
     "depart": "#664d80",
 }
 """Colours of the advised modes, as patches in lanes; the same on either background."""
-TOP_SPEED_COLOR: Final = "#5f7d74"
-"""Colour of a lane where the display shows a top speed and no mode."""
-DEVIATION_COLOR: Final = "#9a8f6b"
-"""Colour of a lane where the display shows how early or late the train is, and no mode."""
 
 SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 """Colours of drives that are compared, or of groups, in their order: those of Okabe and Ito, which people with any

@@ -11,8 +11,10 @@ from das.bus.recording import Recording
 from das.domain.units import KM
 from sim.drive.happenings import NOT_HEARD, Span, signals, silences
 from sim.drive.stops import AtStop, at_stops
+from sim.drivers.kinds import Presentation
+from sim.drivers.presentations.presenter import presenter_of, shown_presentation
 from sim.recording.course import DrivenCourse
-from sim.review.colors import DEVIATION_COLOR, MODES, TOP_SPEED_COLOR, Meaning, Theme
+from sim.review.colors import MODES, Meaning, Theme
 
 STATES: Final = {
     "advising": Meaning.ADVISED,
@@ -24,12 +26,8 @@ WAY: Final = "way"
 """The lane of where the train was: at which stop, or on the way to which."""
 COST: Final = "driving cost"
 """The lane of what the driving cost above the optimum."""
-TOP_SPEED: Final = "a top speed"
-DEVIATION: Final = "early or late"
-WITHOUT_MODE: Final = {TOP_SPEED: TOP_SPEED_COLOR, DEVIATION: DEVIATION_COLOR}
-"""Colours of displays that show no mode."""
 STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
-"""The modes of a train that stands, which a display of a top speed shows as well."""
+"""The modes of a train that stands, which a display may show though it shows no other."""
 
 
 class Change(NamedTuple):
@@ -64,7 +62,7 @@ def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     found = (
         lane_of_stops(at_stops(recording, trip)),
         Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
-        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **WITHOUT_MODE}),
+        Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **_without_mode()}),
         Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),
         Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
         Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
@@ -130,11 +128,16 @@ def _state(status: Any) -> str:
 
 
 def _shown(cab: Any) -> str:
-    """What the display shows: a mode, or only the reduced maximum speed or the deviation where it shows that."""
+    """What the display shows: a mode, or the words of a display that shows none."""
     if cab.presentation == das_pb2.Cab.PRESENTATION_NONE:
         return ""
-    if cab.presentation == das_pb2.Cab.PRESENTATION_RMS and cab.mode not in STANDING:
-        return TOP_SPEED
-    if cab.presentation == das_pb2.Cab.PRESENTATION_DEVIATION:
-        return DEVIATION
+    lane = presenter_of(shown_presentation(cab.presentation) or Presentation.NONE).lane
+    if lane is not None and (lane.standing or cab.mode not in STANDING):
+        return lane.text
     return _name(das_pb2.Mode, cab.mode)
+
+
+def _without_mode() -> dict[str, str]:
+    """The colours of displays that show no mode, by what the lane says of them."""
+    found = (presenter_of(presentation).lane for presentation in Presentation)
+    return {lane.text: lane.color for lane in found if lane is not None}

@@ -9,10 +9,10 @@ from typing import Any
 from das.advice.modes import Mode
 from das.domain.errors import DasError
 from sim.drive.stability import Restlessness, ShownWatch
-from sim.drivers.cab import AdviceView, Driver, Presentation, present
+from sim.drivers.cab import AdviceView, Driver, Presentation
 from sim.drivers.diary import DriverEvent, kept_by
+from sim.drivers.presentations.presenter import Shown, present
 from sim.drivers.screen import Screen, ScreenSettings
-from sim.drivers.shown import Shown
 from sim.plant.plant import COAST, Command, PlantState
 from sim.world.calls import KeptCall
 from sim.world.day import Day

@@ -26,6 +26,7 @@ from sim.drivers.diary import KINDS, DriverEvent
 from sim.drivers.kinds import DriverName, FrictionPolicy
 from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
+from sim.drivers.presentations.presenter import presenter_of
 from sim.drivers.screen import ScreenSettings
 from sim.recording.inputs import sha256
 from sim.trips.saving import why_not_comparable
@@ -152,7 +153,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
     }
     return Crew(
         train=how.train,
-        node_arguments=(*_node_arguments(service), "--coach" if how.advice is Presentation.COACH else "--no-coach"),
+        node_arguments=(*_node_arguments(service), "--coach" if presenter_of(how.advice).needs_coach else "--no-coach"),
         out=out,
         metadata=metadata,
         start_ns=service.moment_ns(-BEFORE_S),

@@ -20,7 +20,7 @@ from sim.drive.stability import ShownWatch
 from sim.drivers.cab import Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.shown import Shown
+from sim.drivers.presentations.presenter import Shown
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Tick

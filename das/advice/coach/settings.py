@@ -66,7 +66,7 @@ class BrakeShowingSettings:
     """A train so slow that no reference brings it to its stop creeps there from so far away at most."""
     beyond_mark_m: float = 3.0
     """In the last metres before a stop the effort stands while a train that brakes on stands no further beyond it,"""
-    before_mark_m: float = 5.0
+    before_mark_m: float = 2.0
     """and no further before it;"""
     at_mark_ratio: float = 1.5
     """otherwise it grows at once to so many times what was shown, so that it need not grow again."""

@@ -13,6 +13,7 @@ from das.advice.advice import Source
 from das.advice.modes import Mode
 from das.bus import topics
 from das.bus.recording import Recording
+from sim.drivers.presentations.presenter import SpeedIs, presenter_of, shown_presentation
 from sim.recording.metadata import WHAT_IF, WhatIfKind
 
 Floats = NDArray[np.float64]
@@ -20,8 +21,6 @@ Times = NDArray[np.int64]
 
 VALID_NS = 3_000_000_000
 """A message about the cab counts for this long (ns)."""
-TOP_SPEED, VECTOR = 1, 3
-"""Presentations by their numbers on the bus: a top speed and nothing else; speed and effort of this moment."""
 
 
 class Seen(NamedTuple):
@@ -64,6 +63,7 @@ class ShownAdvice:
         fields = ("presentation", "mode", "advised_speed_mps", "advised_lever_ratio", "lever_ratio")
         cab = recording.columns(topics.CAB, "time_ns", *fields)
         if len(cab["time_ns"]) and not unseen:
+            speed_is = np.array([_speed_is(*one) for one in zip(cab["presentation"], cab["mode"], strict=True)])
             return cls(
                 time_ns=cab["time_ns"],
                 shown=cab["presentation"] > 0,
@@ -71,8 +71,8 @@ class ShownAdvice:
                 speed_mps=cab["advised_speed_mps"],
                 advised_ratio=cab["advised_lever_ratio"],
                 lever_ratio=cab["lever_ratio"],
-                top_only=cab["presentation"] == TOP_SPEED,
-                speed_now=(cab["presentation"] == VECTOR) | (cab["mode"] == Mode.CRUISE),
+                top_only=speed_is == SpeedIs.HIGHEST,
+                speed_now=speed_is == SpeedIs.TO_HAVE,
             )
         said = ("source", "mode", "advised_speed_mps", "advised_force_ratio")
         advice = recording.columns(topics.ADVICE, "time_ns", *said)
@@ -111,3 +111,11 @@ class ShownAdvice:
     def any_shown(self) -> bool:
         """Whether anything was shown at all."""
         return bool(self.shown.any())
+
+
+def _speed_is(number: int, mode: int) -> SpeedIs:
+    """What a speed on the display was; of a presentation that is not known, only a speed to hold is one to have."""
+    presentation = shown_presentation(number)
+    if presentation is None:
+        return SpeedIs.TO_HAVE if mode == Mode.CRUISE else SpeedIs.TO_REACH
+    return presenter_of(presentation).speed_is(mode)

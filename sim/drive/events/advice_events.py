@@ -17,10 +17,10 @@ from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Span
+from sim.drivers.kinds import Presentation
+from sim.drivers.presentations.presenter import Presenter, ShownMode, presenter_of, shown_presentation
 from sim.recording.course import DrivenCourse
 
-NOTHING_SHOWN, FOUR_MODES_SHOWN, COACH_SHOWN = 0, 2, 4
-"""Presentations that are told apart here, by the numbers of `Cab.Presentation` on the bus."""
 NEWS_NS: Final = 3_000_000_000
 """A plan made within this time (ns) after news counts as made because of them: the node solves anew first."""
 OFF_PLAN_MPS: Final = 0.3
@@ -102,7 +102,7 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
     before, since_ns, replanned_ns = Mode.NONE, 0, 0
     for entry in recording.of(topics.ADVICE):
         advice = entry.message
-        told = _told(advice, display)
+        told = display.shown_mode(advice)
         if told.mode is before or not trip.time_ns[0] <= advice.time_ns <= trip.time_ns[-1]:
             continue
         if told.mode is not Mode.NONE:
@@ -118,33 +118,14 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
         before, since_ns = told.mode, int(advice.time_ns)
 
 
-def _display(recording: Recording) -> int:
-    """The presentation that the cab showed first, as its number on the bus; 0 where nothing was shown or recorded."""
-    cab = (entry.message.presentation for entry in recording.of(topics.CAB))
-    return next((int(one) for one in cab if one != NOTHING_SHOWN), NOTHING_SHOWN)
+def _display(recording: Recording) -> Presenter:
+    """The presentation that the cab showed first; none where nothing was shown or recorded."""
+    numbers = (entry.message.presentation for entry in recording.of(topics.CAB))
+    first = next((int(one) for one in numbers if one), 0)
+    return presenter_of(shown_presentation(first) or Presentation.NONE)
 
 
-class _Told(NamedTuple):
-    """What a display shows of an advice: a mode, the speed to hold (m/s), and why in the coach's words."""
-
-    mode: Mode
-    speed_mps: float
-    reason: str
-
-
-def _told(advice: Any, display: int) -> _Told:
-    if display == COACH_SHOWN and advice.HasField("coach"):
-        now = advice.coach.now
-        return _Told(_mode(now.mode), float(now.speed_mps), str(advice.coach.reason))
-    mode = advice.four_mode if display == FOUR_MODES_SHOWN else advice.mode
-    return _Told(_mode(mode), float(advice.advised_speed_mps), "")
-
-
-def _mode(number: int) -> Mode:
-    return Mode(number) if number in set(Mode) else Mode.NONE
-
-
-def _changed(advice: Any, before: Mode, told: _Told, cause: str) -> DriveEvent:
+def _changed(advice: Any, before: Mode, told: ShownMode, cause: str) -> DriveEvent:
     held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Mode.CRUISE else ""
     why = f"{told.reason} ({cause})" if told.reason else cause
     return DriveEvent(

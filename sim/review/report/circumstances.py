@@ -13,6 +13,7 @@ from das.domain.levels import Level
 from das.domain.units import kmh
 from sim.drive.events.event import EventKind
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.metadata import WHAT_IF
 from sim.review.report.subject import ReviewedDrive
 from sim.runs.what_if.origin import CHANGED, OF
@@ -25,13 +26,6 @@ DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.TIMETABLE: "a driver who keeps the timetable",
     DriverKind.HUMAN: "a simulated human",
 }
-SHOWN: Final[Mapping[str, str]] = {
-    Presentation.NONE: "no advice",
-    Presentation.RMS: "one maximum speed",
-    Presentation.FOUR_MODE: "four modes",
-    Presentation.VECTOR: "speed and effort of the moment",
-    Presentation.COACH: "the coach in the cab (what to do now, up to which speed, and what comes next)",
-}
 
 
 def came_about(subject: ReviewedDrive) -> list[str]:
@@ -42,7 +36,7 @@ def came_about(subject: ReviewedDrive) -> list[str]:
         driver, shown = run.get("driver", ""), run.get("advice", "")
         told.append(
             f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): "
-            f"{DRIVERS.get(driver, driver)} drove and was shown {SHOWN.get(shown, shown)}."
+            f"{DRIVERS.get(driver, driver)} drove and was shown {_presentation(shown)}."
         )
         happens = run.get("happens", NOTHING)
         told.append("Nothing was to go wrong on this day." if happens == NOTHING else f"On this day: {happens}.")
@@ -52,6 +46,11 @@ def came_about(subject: ReviewedDrive) -> list[str]:
         of, changed = run.get(OF, "?"), run.get(CHANGED, "?")
         told.append(f"It is a what-if of {of}, {run[WHAT_IF]}; otherwise: {changed}.")
     return told
+
+
+def _presentation(name: str) -> str:
+    """A presentation in words; one that is not known by its name."""
+    return presenter_of(Presentation(name)).phrase if name in list(Presentation) else name
 
 
 def restrictions_told(subject: ReviewedDrive) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 from das.advice.modes import Mode
 from sim.drive.stability import Restlessness, ShownWatch
-from sim.drivers.shown import Shown
+from sim.drivers.presentations.presenter import Shown
 
 T, R, H, C, B, F, S = (
     *(Mode.FULL_TRACTION, Mode.REDUCED_TRACTION, Mode.CRUISE, Mode.COAST),

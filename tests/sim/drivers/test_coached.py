@@ -13,12 +13,12 @@ from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.modes import Mode
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Driver, Efforts, Presentation, present
+from sim.drivers.cab import AdviceView, CabView, Driver, Efforts, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.perfect import PerfectDriver
-from sim.drivers.shown import Shown
+from sim.drivers.presentations.presenter import Shown, present
 from sim.plant.kernels import electric_effort
 from sim.plant.plant import COAST
 

@@ -27,11 +27,12 @@ from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.cli.drivers import DRIVERS
-from sim.drivers.cab import AdviceView, CabView, Driver, PostedRestriction, Presentation, lever_ratio, present
+from sim.drivers.cab import AdviceView, CabView, Driver, PostedRestriction, Presentation, lever_ratio
 from sim.drivers.diary import DriverEvent
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
 from sim.drivers.parameters import HumanParameters, parameter_markdown
+from sim.drivers.presentations.presenter import present
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import LEVER
 from sim.plant.plant import Command, Plant, PlantState

@@ -10,7 +10,7 @@ import pytest
 from das.advice.modes import Mode
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, Presentation
-from sim.drivers.shown import Shown
+from sim.drivers.presentations.presenter import Shown
 
 
 def view(presentation: Presentation, mode: Mode = Mode.CRUISE, **fields: Any) -> AdviceView:

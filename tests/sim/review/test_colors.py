@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.review.colors import DARK, LIGHT, MODES, TOP_SPEED_COLOR, VIEWER, VIEWER_GROUNDS, Meaning, Theme, rgba
+from sim.drivers.kinds import Presentation
+from sim.drivers.presentations.presenter import presenter_of
+from sim.review.colors import DARK, LIGHT, MODES, VIEWER, VIEWER_GROUNDS, Meaning, Theme, rgba
 from sim.review.series import STYLES
 
 Floats = NDArray[np.float64]
@@ -51,7 +53,9 @@ def contrast(one: str, other: str) -> float:
 @pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
 def test_a_colour_means_one_thing(theme: Theme) -> None:
     assert set(theme.of) == set(Meaning)
-    named = {**theme.of, **MODES, "top speed": TOP_SPEED_COLOR}
+    lane = presenter_of(Presentation.RMS).lane
+    assert lane is not None
+    named = {**theme.of, **MODES, lane.text: lane.color}
     near = {(a, b): round(apart(named[a], named[b]), 1) for a, b in combinations(named, 2)}
     assert {pair: much for pair, much in near.items() if much < 12.0} == {}
 

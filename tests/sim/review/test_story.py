@@ -19,7 +19,7 @@ from sim.drive.happenings import NOT_HEARD, happenings, points, signals, silence
 from sim.drive.limits import limit_in_force, temporary_limits
 from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
-from sim.review.lanes import TOP_SPEED, lanes
+from sim.review.lanes import lanes
 from sim.review.series import series
 from sim.review.story import Story
 from tests.support.making import das_sim
@@ -195,7 +195,7 @@ def test_lanes() -> None:
         lane.name: [change.state for change in lane.changes] for lane in lanes(recording, DrivenCourse.of(recording))
     }
     assert found == {
-        "advised": ["cruise", "coast", ""], "shown": [TOP_SPEED, "coast", "", "stop", "99", ""],
+        "advised": ["cruise", "coast", ""], "shown": ["a top speed", "coast", "", "stop", "99", ""],
         "no advice": [NOT_HEARD, ""], "signal": ["at danger, km 1.5", ""],
     }  # fmt: skip
 

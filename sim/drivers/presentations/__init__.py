@@ -1,0 +1,1 @@
+"""The presentations of the advice, one module each, named as in `sim.drivers.kinds.Presentation`."""

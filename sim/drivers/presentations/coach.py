@@ -1,0 +1,133 @@
+"""The coach in the cab: what to do now, up to which speed, and what comes next."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from das.advice.coach.coaching import Instruction
+from das.advice.modes import Mode, departure_mode
+from das.domain.units import KMH
+from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh_mps
+from sim.drivers.knowledge import Outlook
+from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, ShownMode, SpeedIs, known_mode
+from sim.drivers.rule_settings import FOLLOWING, RULE
+from sim.drivers.tracking import hold, needed_braking_mps2
+from sim.plant.kernels import TrainNumbers, electric_effort
+from sim.plant.plant import COAST, Command, force
+
+TRACTION: Final = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+
+
+class CoachPresenter(Presenter):
+    """Shows the coach's instruction of now with its speed, effort and reason, and the change after it."""
+
+    number = 4
+    phrase = "the coach in the cab (what to do now, up to which speed, and what comes next)"
+    meaning = "what to do now, up to which speed and with what effort, and the next two changes; it changes seldom"
+    needs_coach = True
+
+    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+        coach = advice.coach
+        if coach is None or int(coach.now.mode) == Mode.NONE:
+            return None
+        mode = int(coach.now.mode)
+        departs = mode == Mode.DEPART
+        following = _departure(coach.now) if departs else coach.following[0] if coach.following else None
+        holds = mode == Mode.CRUISE  # Nobody is told with what effort to hold a speed.
+        return replace(
+            blank,
+            mode=mode,
+            speed_mps=coach.now.speed_mps,
+            display_speed_mps=whole_kmh_mps(coach.now.speed_mps),
+            lever_ratio=math.nan if holds else _lever_ratio(coach, advice.speed_mps, train),
+            force_n=coach.reference_force_n,
+            next_mode=int(following.mode) if following is not None else Mode.NONE,
+            next_change_s=following.in_s if following is not None else math.nan,
+            next_speed_mps=following.speed_mps if following is not None else math.nan,
+            next_effort_ratio=following.effort_ratio if following is not None else math.nan,
+            due_s=coach.now.in_s,
+            target_way_m=coach.target_m,
+            reason=coach.reason,
+        )
+
+    def shown_mode(self, advice: Any) -> ShownMode:
+        if not advice.HasField("coach"):
+            return super().shown_mode(advice)
+        now = advice.coach.now
+        return ShownMode(known_mode(now.mode), float(now.speed_mps), str(advice.coach.reason))
+
+    def speed_is(self, mode: int) -> SpeedIs:
+        return SpeedIs.TO_HAVE if mode == Mode.CRUISE else SpeedIs.TO_REACH
+
+    def item(self, view: AdviceView) -> tuple[int, ...]:
+        effort = round(view.lever_ratio / EFFORT_STEP_RATIO) if view.mode != Mode.CRUISE else 0
+        return (view.mode, round(view.speed_mps / KMH), effort)
+
+    def follower(self) -> CoachFollower:
+        return CoachFollower()
+
+
+def _lever_ratio(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
+    """The controller's setting of the coach's instruction: an acceleration keeps its share up to its speed."""
+    now = coach.now
+    accelerates = now.effort_ratio > 0.0 and now.mode != Mode.DEPART
+    return float(now.effort_ratio) if accelerates else lever_ratio(coach.force_n, speed_mps, train)
+
+
+def _departure(now: Any) -> Instruction:
+    """The instruction that is due when a train that the coach tells to depart is cleared, whenever that is."""
+    mode = departure_mode(now.effort_ratio)
+    return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
+
+
+class CoachFollower:
+    """Does what the coach says at the moment when it is due, and remembers what that was, and where."""
+
+    def __init__(self) -> None:
+        self._due: AdviceView | None = None
+        self._due_at_m = 0.0
+
+    def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
+        """The command for the change that is due now, or else for what was due last."""
+        if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
+            self._due, self._due_at_m = view, cab.s_m
+        after = self._accelerating(cab, view, outlook)
+        return after if after is not None else self._obeyed(cab, self._due, outlook)
+
+    def _accelerating(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
+        """The command where the next change is to accelerate and is due now; a limit is passed to its last metre."""
+        due_s = view.time_s + view.next_change_s - RULE.anticipation_s
+        if view.next_mode not in TRACTION or not cab.time_s >= due_s:
+            return None
+        most_n = view.next_effort_ratio * Efforts.at(cab.speed_mps, outlook.train).traction_n
+        return hold(cab, outlook, min(view.next_speed_mps, cab.limit_mps), high_n=most_n)
+
+    def _obeyed(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
+        """The command that does what was shown and is due."""
+        target = min(view.speed_mps, cab.limit_mps)
+        if view.mode in TRACTION:
+            return hold(cab, outlook, target, high_n=max(view.force_n, 0.0))
+        if view.mode == Mode.CRUISE:
+            return hold(cab, outlook, target)
+        if view.mode == Mode.COAST:
+            rolls = cab.speed_mps <= cab.limit_mps + FOLLOWING.rolling_mps
+            return COAST if rolls else hold(cab, outlook, cab.limit_mps)
+        way_m = view.target_way_m - (cab.s_m - self._due_at_m)
+        if view.speed_mps < FOLLOWING.creeping_mps:
+            needed = needed_braking_mps2(cab, cab.halt_m)
+        else:
+            needed = (cab.speed_mps**2 - view.speed_mps**2) / (2.0 * max(way_m, 1.0))
+        if needed <= 0:
+            return hold(cab, outlook, target)
+        braking_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed
+        if cab.speed_mps <= FOLLOWING.creeping_mps:
+            return force(braking_n)
+        # At high speeds the motors brake less than one deceleration asks for, and the advice knows by how much.
+        eased_n = max(braking_n, min(view.force_n, 0.0))
+        motors_n = electric_effort(cab.speed_mps, 1.0, outlook.train)
+        return force(max(eased_n, -motors_n) if -eased_n < FOLLOWING.motors_ratio * motors_n else eased_n)
+
+
+PRESENTER: Final = CoachPresenter()

@@ -1,0 +1,40 @@
+"""Only how early or late the train is; the driver makes of it what he likes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from sim.drivers.cab import AdviceView
+from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, whole
+from sim.plant.kernels import TrainNumbers
+
+DEVIATION_STEP_S: Final = 5.0
+"""A deviation that differs by this much is another one to the driver."""
+
+
+class DeviationPresenter(Presenter):
+    """Shows how many seconds late the train is (early < 0) against the planned run for its timetable."""
+
+    number = 5
+    phrase = "how early or late the train is, and nothing about how to drive"
+    meaning = "seconds early or late, renewed every 35 s, and nothing about how to drive"
+    says_mode = says_effort = False
+    lane = LaneState("early or late", "#9a8f6b", standing=True)
+
+    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+        return None if math.isnan(deviation_s) else replace(blank, deviation_s=deviation_s)
+
+    def read(self, view: AdviceView) -> Shown:
+        return Shown(deviation_s=whole(view.deviation_s))
+
+    def item(self, view: AdviceView) -> tuple[int, ...]:
+        return (round(view.deviation_s / DEVIATION_STEP_S),)
+
+    def headline(self, view: AdviceView) -> str:
+        late_s = whole(view.deviation_s) or 0
+        return f"{abs(late_s)} s {'late' if late_s > 0 else 'early'}" if late_s else "on time"
+
+
+PRESENTER: Final = DeviationPresenter()

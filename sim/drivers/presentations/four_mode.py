@@ -1,0 +1,58 @@
+"""The four modes of classical driving: full traction, a speed to hold, coasting, full brake."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from das.advice.modes import Mode
+from das.domain.units import KMH
+from sim.drivers.cab import AdviceView, CabView
+from sim.drivers.knowledge import Outlook
+from sim.drivers.presentations.presenter import Hands, Presenter, Shown, ShownMode, known_mode, whole
+from sim.plant.kernels import TrainNumbers
+
+
+class FourModePresenter(Presenter):
+    """Shows a mode, the speed where it is to be held, and when which mode begins next."""
+
+    number = 2
+    phrase = "four modes"
+    meaning = "full traction, a speed to hold, coasting or braking, and when the next of them begins"
+    says_effort = False
+
+    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+        mode = int(advice.four_mode)
+        holds = mode == Mode.CRUISE
+        departs_held = mode == Mode.DEPART and int(advice.next_four_mode) == Mode.CRUISE
+        return replace(
+            blank,
+            mode=mode,
+            speed_mps=advice.advised_speed_mps if holds else math.nan,
+            display_speed_mps=advice.display_speed_mps if holds else math.nan,
+            next_mode=int(advice.next_four_mode),
+            next_change_s=advice.next_four_change_s,
+            next_speed_mps=advice.departure_speed_mps if departs_held else math.nan,
+        )
+
+    def shown_mode(self, advice: Any) -> ShownMode:
+        return ShownMode(known_mode(advice.four_mode), float(advice.advised_speed_mps))
+
+    def read(self, view: AdviceView) -> Shown:
+        mode = Mode(view.mode)
+        return Shown(mode=mode, speed_kmh=whole(view.shown_speed_mps / KMH) if mode is Mode.CRUISE else None)
+
+    def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        """Everything, nothing, or what holds the speed; who is told to brake does so with the motors alone."""
+        view, handling = view.departure, hands.handling
+        if view.mode == Mode.CRUISE:
+            return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))
+        if view.mode == Mode.FULL_TRACTION:
+            return 1.0
+        if view.mode == Mode.FULL_BRAKE:
+            return handling.efforts.lever_ratio(-handling.efforts.electric_n)
+        return 0.0
+
+
+PRESENTER: Final = FourModePresenter()

@@ -1,0 +1,212 @@
+"""What belongs to a presentation of the advice, and the presentations by name and by number.
+
+A new presentation is a line in `sim.drivers.kinds.Presentation` and a module in this package, named as it is (with `_`
+for `-`), whose `PRESENTER` is a `Presenter`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from enum import Enum
+from functools import cache
+from importlib import import_module
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
+
+from das.advice.modes import Mode, mode_name
+from das.domain.units import KMH, NS, kmh
+from sim.drivers.cab import AdviceView, CabView
+from sim.drivers.handling import Handling
+from sim.drivers.kinds import Presentation
+from sim.drivers.knowledge import Outlook
+from sim.plant.kernels import Command, TrainNumbers
+
+EFFORT_STEP_RATIO: Final = 0.2
+"""Effort is read in steps of this share of the controller: nobody reads it, or sets it, more closely."""
+DEPART: Final = "depart when cleared"
+"""What a display says to a train that stands and may depart when it is cleared."""
+
+
+class SpeedIs(Enum):
+    """What the speed on a display is: one to have at this moment, the highest one, or one to reach later."""
+
+    TO_HAVE = "to have now"
+    HIGHEST = "not to be exceeded"
+    TO_REACH = "to be reached"
+
+
+class LaneState(NamedTuple):
+    """What the lane "shown" of the pictures says of a display that shows no mode: a text and its colour "#rrggbb".
+
+    `standing`: a train that stands has this text as well; otherwise it has the mode (stop, or depart).
+    """
+
+    text: str
+    color: str
+    standing: bool = False
+
+
+class ShownMode(NamedTuple):
+    """The mode, the speed (m/s) and the reason that a display shows of a recorded advice."""
+
+    mode: Mode
+    speed_mps: float
+    reason: str = ""
+
+
+class Shown(NamedTuple):
+    """What is read off a display; None for what it does not show. `effort` is a number of steps, braking < 0."""
+
+    mode: Mode | None = None
+    speed_kmh: int | None = None
+    effort: int | None = None
+    deviation_s: int | None = None
+
+    @classmethod
+    def of(cls, view: AdviceView) -> Shown:
+        """What is read off an advice as it is presented."""
+        return presenter_of(view.presentation).read(view)
+
+
+class Hands(Protocol):
+    """What a human driver can do about the advice that he follows; every result is a setting of the controller."""
+
+    @property
+    def handling(self) -> Handling:
+        """How he holds a speed and brakes."""
+
+    def set_effort(self, lever_ratio: float) -> float:
+        """An effort (−1 … 1) as he sets it: with an error, but exact at the ends of the scale."""
+
+    def to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        """Accelerate, brake or roll to the speed shown with the effort shown, and hold it when it is reached."""
+
+
+class Follower(Protocol):
+    """Does exactly what one presentation says, from departure to departure."""
+
+    def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
+        """The command for a moving train; None where the advice is best followed by driving as without it."""
+
+
+class Presenter(ABC):
+    """One presentation: what is shown of an advice, how it is read and driven by, and its number, words and lane.
+
+    The defaults are those of a display that shows a mode, a speed to have now, and an effort.
+    """
+
+    number: ClassVar[int]
+    """The value of `Cab.Presentation` on the bus, which no other presentation has; das/bus/das.proto may name it."""
+    phrase: ClassVar[str]
+    """What a driver was shown, as it stands in the sentences of a report."""
+    meaning: ClassVar[str]
+    """What the display shows, for readers of a study."""
+    needs_coach: ClassVar[bool] = False
+    """Whether the on-board system must have its coach enabled."""
+    says_mode: ClassVar[bool] = True
+    """Whether the display says how to drive; one that does not shows a highest speed at most, and is heeded as that."""
+    says_effort: ClassVar[bool] = True
+    """Whether the display says with what effort to drive."""
+    lane: ClassVar[LaneState | None] = None
+    """The lane of a display that shows no mode; None where the lane shows the modes."""
+
+    @abstractmethod
+    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+        """What the display shows of an advice (`Advice`, or its message); None for nothing.
+
+        `blank` has the times and the mode of the advice, and nothing else. `deviation_s` is how late the train is.
+        """
+
+    def shown_mode(self, advice: Any) -> ShownMode:
+        """The mode that the display shows of the message Advice; the speed profile's where it shows none."""
+        return ShownMode(known_mode(advice.mode), float(advice.advised_speed_mps))
+
+    def speed_is(self, mode: int) -> SpeedIs:
+        """What the speed on the display is, beside a mode."""
+        return SpeedIs.TO_HAVE
+
+    def read(self, view: AdviceView) -> Shown:
+        """What is read off the display; a speed that has no form of its own is rounded to km/h."""
+        effort = whole(view.lever_ratio / EFFORT_STEP_RATIO)
+        return Shown(mode=Mode(view.mode), speed_kmh=whole(view.shown_speed_mps / KMH), effort=effort)
+
+    def item(self, view: AdviceView) -> tuple[int, ...]:
+        """What makes advice new to a human driver: advice with the same figures is the same advice to him."""
+        return (view.mode, *(() if math.isnan(view.speed_mps) else (round(view.speed_mps),)))
+
+    def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        """The setting of the controller (−1 … 1) of a human driver who follows the advice on how to drive.
+
+        Until he looks again, he sees the advice to depart by which he departed. `allowed_mps` is the highest speed that
+        he would drive at here.
+        """
+        return hands.to_speed(cab, outlook, view.departure, allowed_mps)
+
+    def follower(self) -> Follower | None:
+        """Who does exactly what the display says; None where it does not say enough, as most displays do."""
+        return None
+
+    def headline(self, view: AdviceView) -> str:
+        """The largest words of the display: mode and speed, or what it shows instead."""
+        if view.mode == Mode.DEPART:
+            return DEPART
+        speed = "" if view.mode == Mode.STOP else speed_words(view.shown_speed_mps)
+        return ", ".join(filter(None, (mode_words(view.mode), speed)))
+
+
+@cache
+def presenter_of(presentation: Presentation) -> Presenter:
+    """All that belongs to a presentation, from the module of its name."""
+    module = import_module(f"sim.drivers.presentations.{presentation.replace('-', '_')}")
+    presenter: Presenter = module.PRESENTER
+    return presenter
+
+
+def shown_presentation(number: int) -> Presentation | None:
+    """The presentation of a number in the message Cab; None where nothing is shown, and for an unknown number."""
+    known = (one for one in Presentation if one is not Presentation.NONE)
+    return next((one for one in known if presenter_of(one).number == number), None)
+
+
+def present(
+    advice: Any,
+    presentation: Presentation,
+    train: TrainNumbers,
+    *,
+    clock_zero_ns: int = 0,
+    deviation_s: float = math.nan,
+) -> AdviceView | None:
+    """What the display shows of an advice; None if it shows nothing.
+
+    `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment at which the
+    cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows this alone.
+    """
+    if int(advice.mode) == Mode.NONE:
+        return None
+    blank = AdviceView(
+        time_s=(advice.time_ns - clock_zero_ns) * NS,
+        valid_until_s=(advice.valid_until_ns - clock_zero_ns) * NS,
+        presentation=presentation,
+        mode=int(advice.mode),
+    )
+    return presenter_of(presentation).show(blank, advice, train, deviation_s)
+
+
+def known_mode(number: int) -> Mode:
+    """The mode of a number on the bus; NONE for one that is not known yet."""
+    return Mode(number) if number in set(Mode) else Mode.NONE
+
+
+def mode_words(number: int) -> str:
+    """The mode of a number on the bus in words; nothing for one that is not known yet."""
+    return mode_name(Mode(number)) if number in set(Mode) else ""
+
+
+def speed_words(speed_mps: float) -> str:
+    """A speed in whole km/h; nothing for NaN."""
+    return f"{kmh(speed_mps):.0f} km/h" if math.isfinite(speed_mps) else ""
+
+
+def whole(value: float) -> int | None:
+    """The nearest whole number; None for NaN, which is a figure that is not shown."""
+    return None if math.isnan(value) else round(value)

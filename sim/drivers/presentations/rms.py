@@ -1,0 +1,46 @@
+"""One reduced maximum speed: under it the train is just in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from das.advice.modes import Mode
+from das.domain.units import KMH
+from sim.drivers.cab import AdviceView
+from sim.drivers.presentations.presenter import DEPART, LaneState, Presenter, Shown, SpeedIs, speed_words, whole
+from sim.plant.kernels import TrainNumbers
+
+
+class RmsPresenter(Presenter):
+    """Shows a top speed, and to a train that stands also that it may depart when it is cleared."""
+
+    number = 1
+    phrase = "one maximum speed"
+    meaning = "one reduced maximum speed at which the train is just in time"
+    says_mode = says_effort = False
+    lane = LaneState("a top speed", "#5f7d74")
+
+    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+        top_mps = advice.reduced_max_speed_mps
+        # There is nothing to show where the train has arrived.
+        return None if math.isnan(top_mps) else replace(blank, speed_mps=top_mps, display_speed_mps=top_mps)
+
+    def speed_is(self, mode: int) -> SpeedIs:
+        return SpeedIs.HIGHEST
+
+    def read(self, view: AdviceView) -> Shown:
+        return Shown(speed_kmh=whole(view.shown_speed_mps / KMH))
+
+    def item(self, view: AdviceView) -> tuple[int, ...]:
+        return (round(view.speed_mps),)
+
+    def headline(self, view: AdviceView) -> str:
+        if view.mode == Mode.STOP:
+            return super().headline(view)
+        departs = f"{DEPART}, " if view.mode == Mode.DEPART else ""
+        return f"{departs}top speed {speed_words(view.shown_speed_mps)}"
+
+
+PRESENTER: Final = RmsPresenter()

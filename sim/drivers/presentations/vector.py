@@ -1,0 +1,97 @@
+"""The full advice: speed and effort of this moment, and those of the next seconds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from das.advice.modes import Mode
+from sim.drivers.cab import AdviceView, CabView, lever_ratio
+from sim.drivers.human_settings import HAND
+from sim.drivers.knowledge import Outlook
+from sim.drivers.presentations.presenter import Hands, Presenter
+from sim.drivers.rule_settings import FOLLOWING, RULE, TRACKING
+from sim.drivers.tracking import hold, needed_braking_mps2
+from sim.plant.kernels import TrainNumbers, electric_effort
+from sim.plant.plant import Command, force, speed
+
+
+class VectorPresenter(Presenter):
+    """Shows speed and effort now and for the next seconds, and the next change of the mode."""
+
+    number = 3
+    phrase = "speed and effort of the moment"
+    meaning = "speed and effort now and for the next seconds, renewed every second"
+
+    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+        departs = blank.mode == Mode.DEPART
+        return replace(
+            blank,
+            speed_mps=advice.advised_speed_mps,
+            display_speed_mps=advice.display_speed_mps,
+            lever_ratio=lever_ratio(advice.advised_force_n, advice.advised_speed_mps, train),
+            force_n=advice.advised_force_n,
+            horizon_speed_mps=tuple(advice.horizon_speed_mps),
+            horizon_force_n=tuple(advice.horizon_force_n),
+            next_mode=int(advice.next_mode),
+            next_change_s=advice.next_change_s,
+            next_speed_mps=advice.departure_speed_mps if departs else math.nan,
+            next_effort_ratio=advice.departure_force_ratio if departs else math.nan,
+        )
+
+    def item(self, view: AdviceView) -> tuple[int, ...]:
+        return (view.mode,)
+
+    def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        """The effort, and more or less of it where the speed is another one.
+
+        Nobody corrects while he is told to let the train roll, and at the end of the scale there is no more or less.
+        """
+        if view.mode == Mode.COAST:
+            return 0.0
+        if view.mode == Mode.DEPART or math.isnan(view.lever_ratio):
+            return hands.to_speed(cab, outlook, view.departure, allowed_mps)
+        effort = hands.set_effort(view.lever_ratio)
+        if abs(view.lever_ratio) > HAND.end_stop_ratio:
+            return effort
+        more = hands.handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
+        return min(max(effort + more, -1.0), 1.0)
+
+    def follower(self) -> VectorFollower:
+        return VectorFollower()
+
+
+class VectorFollower:
+    """Feeds the advised force forward and corrects the speed."""
+
+    def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
+        """The command for this moment of the advice; None for a stop that is still too far away to brake for."""
+        since_s = cab.time_s - view.time_s
+        speeds = (view.speed_mps, *view.horizon_speed_mps)
+        forces = (view.force_n, *view.horizon_force_n)
+        train = outlook.train
+        if _between(speeds, since_s + FOLLOWING.stopping_s) <= 0:
+            needed = needed_braking_mps2(cab, cab.halt_m)
+            if needed < FOLLOWING.least_braking_mps2:
+                return None
+            return force(outlook.resisting_n(cab.s_m, cab.speed_mps) - train.inertial_mass_kg * needed)
+        now = _between(speeds, since_s)
+        if now > cab.limit_mps:
+            return hold(cab, outlook, cab.limit_mps)
+        rate = (_between(speeds, since_s + TRACKING.ahead_s) - now) / TRACKING.ahead_s
+        # Brakes early enough on and not too early off; traction the other way round.
+        ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (RULE.anticipation_s, FOLLOWING.release_s))
+        # No friction brake beyond the plan's own.
+        low_n = min(ahead_n, _between(forces, since_s), -electric_effort(cab.speed_mps, 1.0, train))
+        return speed(now, rate_mps2=rate, force_n=ahead_n, gain_per_s=TRACKING.gain_per_s, low_n=low_n)
+
+
+def _between(values: tuple[float, ...], at_s: float) -> float:
+    """A value of a horizon with steps of 1 s, linear between them; before and after it, the values of its ends."""
+    x = min(max(at_s, 0.0), len(values) - 1.0)
+    i = min(int(x), len(values) - 2)
+    return values[i] + (x - i) * (values[i + 1] - values[i])
+
+
+PRESENTER: Final = VectorPresenter()

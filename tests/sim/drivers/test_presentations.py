@@ -1,0 +1,89 @@
+"""Everything about a presentation is in its module: a made-up one takes a file and a line, and is there everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from das.advice.modes import Mode
+from das.bus import das_pb2, topics
+from das.front_door import chosen
+from sim.drivers import presentations
+from sim.drivers.cab import AdviceView
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.messages import cab_view
+from sim.drivers.presentations.presenter import presenter_of, shown_presentation
+from sim.experiment.factors import FactorLevel
+from sim.experiment.level_words import level_words
+from sim.recording.course import DrivenCourse
+from sim.review.cab_card import cards
+from sim.review.colors import DARK
+from sim.review.lanes import lanes
+from sim.world.day import make_day
+from sim.world.scenario import load_scenario
+from sim.world.service import prepare_service
+from tests.support import presentations as made_up
+from tests.support.recorded_days import recorded_day
+
+
+@pytest.fixture
+def traffic_light(monkeypatch: pytest.MonkeyPatch) -> Iterator[Presentation]:
+    """The made-up presentation, added as anybody adds one: the line of the enumeration, and the file in the package."""
+    added = str.__new__(Presentation, "traffic-light")
+    added._name_, added._value_ = "TRAFFIC_LIGHT", "traffic-light"
+    monkeypatch.setattr(Presentation, "_member_names_", [*Presentation._member_names_, added.name])
+    monkeypatch.setitem(Presentation._member_map_, added.name, added)
+    monkeypatch.setitem(Presentation._value2member_map_, added.value, added)
+    monkeypatch.setattr(presentations, "__path__", [*presentations.__path__, *made_up.__path__])
+    yield added
+    presenter_of.cache_clear()
+
+
+@pytest.mark.slow
+def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentation) -> None:
+    """A day is driven with it; the recording, the lane, the card and the words of a study know it."""
+    assert chosen(Presentation, "run_day", "advice", "traffic-light") is traffic_light
+    day = make_day(prepare_service(load_scenario("clear-day")), 3)
+    driver = day.driver(DriverKind.HUMAN)
+    assert isinstance(driver, HumanDriver)
+    recording = recorded_day(day, driver, traffic_light)
+
+    shown = [entry.message for entry in recording.of(topics.CAB) if entry.message.presentation]
+    views = [view for message in shown if (view := cab_view(message).advice) is not None]
+    assert len(views) == len(shown) > 100
+    assert {message.presentation for message in shown} == {17}
+    assert {view.presentation for view in views} == {traffic_light}
+    assert {Mode.FULL_TRACTION, Mode.COAST, Mode.FULL_BRAKE} <= {Mode(view.mode) for view in views}
+    assert any(event.what == "followed" and event.value == Mode.COAST for event in driver.events)
+
+    trip = DrivenCourse.of(recording)
+    lane = next(one for one in lanes(recording, trip) if one.name == "shown")
+    assert {change.state for change in lane.changes} == {"", "a light", "depart", "stop"}
+    assert lane.color("a light", DARK) == "#123456"
+    assert {"green", "amber", "red"} <= {
+        card.text.splitlines()[0].removeprefix("## ") for card in cards(recording, trip)
+    }
+    assert level_words("presentation", FactorLevel(text="traffic-light", value=traffic_light)) == "green, amber or red"
+
+
+def test_every_presentation_has_a_number_of_its_own_and_the_one_that_the_bus_names() -> None:
+    numbers = {f"PRESENTATION_{one.name}": presenter_of(one).number for one in Presentation}
+    named = dict(das_pb2.Cab.Presentation.items())
+    assert {name: numbers.get(name) for name in named} == named
+    assert len(set(numbers.values())) == len(numbers)
+
+
+def test_a_number_of_the_bus_is_a_presentation_or_nothing_is_shown() -> None:
+    found = {number: shown_presentation(number) for number in (0, *das_pb2.Cab.Presentation.values(), 99)}
+    assert {number for number, presentation in found.items() if presentation is None} == {0, 99}
+    assert [one for number, one in found.items() if one is not None and presenter_of(one).number != number] == []
+
+
+@pytest.mark.parametrize(("late_s", "words"), [(12.4, "12 s late"), (-3.0, "3 s early"), (0.2, "on time")])
+def test_a_display_of_the_deviation_has_no_mode_in_its_headline(late_s: float, words: str) -> None:
+    view = AdviceView(
+        time_s=0.0, valid_until_s=3.0, presentation=Presentation.DEVIATION, mode=Mode.COAST, deviation_s=late_s
+    )
+    assert presenter_of(Presentation.DEVIATION).headline(view) == words

@@ -1,0 +1,43 @@
+"""A made-up presentation: green to drive on, amber to let the train roll, red to brake; nothing else is shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+from das.advice.modes import Mode
+from sim.drivers.cab import AdviceView, CabView
+from sim.drivers.knowledge import Outlook
+from sim.drivers.presentations.presenter import Hands, LaneState, Presenter, Shown
+from sim.plant.kernels import TrainNumbers
+
+LIGHTS: Final = {Mode.COAST: "amber", Mode.FULL_BRAKE: "red"}
+
+
+class TrafficLightPresenter(Presenter):
+    """Shows one of three lights."""
+
+    number = 17
+    phrase = "a traffic light"
+    meaning = "green, amber or red"
+    says_effort = False
+    lane = LaneState("a light", "#123456")
+
+    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+        return replace(blank, mode=int(advice.four_mode))
+
+    def read(self, view: AdviceView) -> Shown:
+        return Shown(mode=Mode(view.mode))
+
+    def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
+        if view.mode == Mode.COAST:
+            return 0.0
+        if view.mode == Mode.FULL_BRAKE:
+            return hands.set_effort(-0.5)
+        return hands.handling.held(cab, outlook, allowed_mps)
+
+    def headline(self, view: AdviceView) -> str:
+        return LIGHTS.get(Mode(view.mode), "green")
+
+
+PRESENTER: Final = TrafficLightPresenter()
