@@ -9,7 +9,7 @@ from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.outputs import NodeState
-from das.cab.warm_up import warm_up
+from das.cab.warm_up import warm_up, warm_up_tables
 from das.command_line.compiling import loading_solver
 from das.command_line.printing import say
 from das.command_line.running import StopFlag, interrupt_on_termination
@@ -18,7 +18,6 @@ from das.node.clock import BusClock, Clock, WallClock
 from das.node.loop import prepare_process, run
 from das.node.node import Node
 from das.node.options import OWN_ENDPOINT, AdviceGiven, ClockKind, NodeOptions
-from das.table.warm_up import warm_up as warm_up_tables
 
 
 def serve(options: NodeOptions) -> None:
