@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.application import Entry
-from das.command_line.groups import with_options
+from das.command_line.application import Entry, with_options
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from precompute.cli.program import COMMANDS, NAME
 from tests.support.making import das_precompute, in_a_process
