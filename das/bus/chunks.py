@@ -64,59 +64,40 @@ class Budget:
             raise DasError(f"holds more than {MOST_MESSAGES} messages: cut it into shorter recordings")
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """A chunk as it stands in the file: where its record begins, its stated times (ns), size and checksum.
-
-    `length` is the length of the record's content by the chunk's own words (bytes).
-    """
-
-    at: int
-    first_ns: int
-    last_ns: int
-    plain_bytes: int
-    crc: int
-    compression: str
-    length: int
-    packed: bytes
-
-    @property
-    def end(self) -> int:
-        """Where the chunk's record ends in the file (byte)."""
-        return self.at + RECORD.size + self.length
-
-    def error(self, what: str) -> ChunkError:
-        """Something is wrong with this chunk."""
-        return ChunkError(what, self.first_ns, self.last_ns)
-
-
-def chunk_at(content: bytes, at: int, *, whole: bool = True) -> Chunk:
-    """The chunk whose record begins at byte `at` of the file; `content` is what follows the record's kind and length.
-
-    With `whole` false, `content` may hold the head alone. Raises ChunkError where it is no chunk.
-    """
-    if len(content) < HEAD.size:
-        raise ChunkError("a chunk that is too short")
-    first_ns, last_ns, plain_bytes, crc, letters = HEAD.unpack_from(content)
-    name, rest = content[HEAD.size : HEAD.size + letters], HEAD.size + letters
-    if letters > 4 or name.decode("ascii", errors="replace") not in COMPRESSIONS or len(content) < rest + 8:
+def chunk_of(content: bytes) -> records.Chunk:
+    """The chunk of a record's content; raises ChunkError where it is none, or another length than it says."""
+    length = stated_length(content)
+    if length is None:
         raise ChunkError("a chunk that cannot be read")
-    packed_bytes = int.from_bytes(content[rest : rest + 8], "little")
-    packed = content[rest + 8 : rest + 8 + packed_bytes]
-    if whole and len(packed) < packed_bytes:
-        raise ChunkError("a chunk that cannot be read")
-    length = rest + 8 + packed_bytes
-    return Chunk(at, first_ns, last_ns, plain_bytes, crc, name.decode("ascii"), length, packed)
+    if length != len(content):
+        raise ChunkError("wrong length of a chunk", *HEAD.unpack_from(content)[:2])
+    return records.Chunk.read(ReadDataStream(BytesIO(content)))  # type: ignore[no-any-return]
 
 
-def contents(chunk: Chunk, budget: Budget) -> list[records.McapRecord]:
+def stated_length(head: bytes) -> int | None:
+    """The length of a chunk's content by its own words (bytes), from its first bytes; None where it is no chunk."""
+    if len(head) < HEAD.size:
+        return None
+    rest: int = HEAD.size + HEAD.unpack_from(head)[4]
+    named = head[HEAD.size : rest].decode("ascii", errors="replace")
+    if named not in COMPRESSIONS or len(head) < rest + 8:
+        return None
+    return rest + 8 + int.from_bytes(head[rest : rest + 8], "little")
+
+
+def error_in(chunk: records.Chunk, what: str) -> ChunkError:
+    """Something is wrong with a chunk, whose messages are of these times as it states them."""
+    return ChunkError(what, chunk.message_start_time, chunk.message_end_time)
+
+
+def contents(chunk: records.Chunk, budget: Budget) -> list[records.McapRecord]:
     """The schemas, channels and messages of a chunk; raises ChunkError where they are not as written.
 
     Raises DasError where the file unpacks to more than its budget.
     """
     plain = _unpacked(chunk, budget)
-    if chunk.crc and zlib.crc32(plain) != chunk.crc:
-        raise chunk.error("wrong checksum in a chunk")
+    if chunk.uncompressed_crc and zlib.crc32(plain) != chunk.uncompressed_crc:
+        raise error_in(chunk, "wrong checksum in a chunk")
     found: list[records.McapRecord] = []
     at, size = 0, len(plain)
     try:
@@ -125,7 +106,7 @@ def contents(chunk: Chunk, budget: Budget) -> list[records.McapRecord]:
             start = at + RECORD.size
             at = start + length
             if at > size:
-                raise chunk.error("a record that is longer than its chunk")
+                raise error_in(chunk, "a record that is longer than its chunk")
             if kind == Opcode.MESSAGE:
                 budget.take_message()
                 found.append(message_of(plain[start:at]))
@@ -134,11 +115,11 @@ def contents(chunk: Chunk, budget: Budget) -> list[records.McapRecord]:
             elif kind == Opcode.SCHEMA:
                 found.append(records.Schema.read(ReadDataStream(BytesIO(plain[start:at]))))
             else:
-                raise chunk.error("a chunk with something other than messages in it")
+                raise error_in(chunk, "a chunk with something other than messages in it")
     except (ChunkError, DasError):
         raise
     except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
-        raise chunk.error("a chunk whose records cannot be read") from error
+        raise error_in(chunk, "a chunk whose records cannot be read") from error
     return found
 
 
@@ -152,25 +133,31 @@ def message_of(content: bytes) -> records.Message:
     )
 
 
-def _unpacked(chunk: Chunk, budget: Budget) -> bytes:
-    if chunk.plain_bytes > LARGEST_CHUNK_BYTES:
-        raise chunk.error(f"a chunk that claims to hold {chunk.plain_bytes >> 20} MiB")
-    budget.take(chunk.plain_bytes)
+def _unpacked(chunk: records.Chunk, budget: Budget) -> bytes:
+    if chunk.uncompressed_size > LARGEST_CHUNK_BYTES:
+        raise error_in(chunk, f"a chunk that claims to hold {chunk.uncompressed_size >> 20} MiB")
+    budget.take(chunk.uncompressed_size)
     try:
         plain = _decompressed(chunk)
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError, ValueError) as error:
-        raise chunk.error("a chunk that cannot be decompressed") from error
-    if len(plain) != chunk.plain_bytes:
-        raise chunk.error("a chunk of another size than it says")
+        raise error_in(chunk, "a chunk that cannot be decompressed") from error
+    if len(plain) != chunk.uncompressed_size:
+        raise error_in(chunk, "a chunk of another size than it says")
     return plain
 
 
-def _decompressed(chunk: Chunk) -> bytes:
+def _decompressed(chunk: records.Chunk) -> bytes:
     """The plain bytes, never more than the chunk says plus one."""
     if chunk.compression == "zstd":
-        if zstandard.frame_content_size(chunk.packed) not in (-1, chunk.plain_bytes):
+        if zstandard.frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
             raise ValueError("another size")
-        return zstandard.ZstdDecompressor().decompress(chunk.packed, max_output_size=max(chunk.plain_bytes, 1))
+        most = max(chunk.uncompressed_size, 1)
+        # Data behind the packed ones are another record's: the chunk's length is damaged.
+        return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=most, allow_extra_data=False)
     if chunk.compression == "lz4":
-        return bytes(LZ4FrameDecompressor().decompress(chunk.packed, max_length=chunk.plain_bytes + 1))
-    return chunk.packed
+        frame = LZ4FrameDecompressor()
+        plain = bytes(frame.decompress(chunk.data, max_length=chunk.uncompressed_size + 1))
+        if frame.unused_data:
+            raise ValueError("another length")
+        return plain
+    return chunk.data

@@ -6,6 +6,7 @@ is damaged, the walk goes on at the next chunk whose checksum is right.
 
 from __future__ import annotations
 
+import contextlib
 import zlib
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from das.bus.chunks import HEAD, Budget, Chunk, ChunkError, chunk_at, contents, message_of
+from das.bus.chunks import HEAD, Budget, ChunkError, chunk_of, contents, message_of, stated_length
 from das.bus.damage import Damage
 from das.domain.errors import DasError
 
@@ -138,10 +139,7 @@ class Scan:
             raise ChunkError("a record is longer than the file")
         content = self._read(at + HEAD_BYTES, end - at - HEAD_BYTES)
         if kind == Opcode.CHUNK:
-            chunk = chunk_at(content, at)
-            if chunk.end != end:
-                raise chunk.error("wrong length of a chunk")
-            return self._of_chunk(chunk)
+            return self._of_chunk(chunk_of(content), at, end)
         if content[SIGNATURE_AT - HEAD_BYTES :].startswith(SIGNATURES):
             raise ChunkError("wrong kind of a record")
         if kind == Opcode.ATTACHMENT:
@@ -176,16 +174,12 @@ class Scan:
             self._end_of_index(record, at)
         return FoundRecord(record, at, False)
 
-    def _of_chunk(self, chunk: Chunk) -> list[FoundRecord]:
+    def _of_chunk(self, chunk: records.Chunk, at: int, end: int) -> list[FoundRecord]:
         """The records of a chunk, each proven by the chunk's checksum."""
-        plain = contents(chunk, self.budget)
-        first_ns, last_ns, found = chunk.last_ns, chunk.first_ns, []
-        for record in plain:
-            if isinstance(record, records.Message):
-                first_ns, last_ns = min(first_ns, record.log_time), max(last_ns, record.log_time)
-            found.append(FoundRecord(record, chunk.at, chunk.crc != 0))
-        if (first_ns, last_ns) != (chunk.first_ns, chunk.last_ns):
-            self._note(chunk.at, chunk.end, "wrong times in the head of a chunk, whose messages are whole", lost=False)
+        found = [FoundRecord(record, at, chunk.uncompressed_crc != 0) for record in contents(chunk, self.budget)]
+        times = [one.record.log_time for one in found if isinstance(one.record, records.Message)]
+        if times and (min(times), max(times)) != (chunk.message_start_time, chunk.message_end_time):
+            self._note(at, end, "wrong times in the head of a chunk, whose messages are whole", lost=False)
         return found
 
     def _attachment(self, at: int, content: bytes) -> FoundRecord:
@@ -241,13 +235,14 @@ class Scan:
 
     def _sound_chunk(self, at: int, last: int) -> tuple[int, list[FoundRecord]] | None:
         """Where the chunk at a place ends by its own words, and its records; None where there is no sound one."""
-        try:
-            head = chunk_at(self._read(at + HEAD_BYTES, HEAD.size + 12), at, whole=False)
-            if not head.crc or head.end > last:
-                return None
-            return head.end, self._of_chunk(chunk_at(self._read(at + HEAD_BYTES, head.length), at))
-        except ChunkError:
+        length = stated_length(self._read(at + HEAD_BYTES, HEAD.size + 12))
+        if length is None or at + HEAD_BYTES + length > last:
             return None
+        end = at + HEAD_BYTES + length
+        with contextlib.suppress(ChunkError):
+            chunk = chunk_of(self._read(at + HEAD_BYTES, length))
+            return (end, self._of_chunk(chunk, at, end)) if chunk.uncompressed_crc else None
+        return None
 
     def _begins_a_record(self, at: int, last: int) -> bool:
         """Whether a place looks like the beginning of a record, or is the end of the data."""

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import re
 import socket
+import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
@@ -20,7 +22,6 @@ from google.protobuf.message import Message
 
 from das.bus.config import BusFile, locked_down, one_line
 from das.bus.inbox import CAPACITY, Inbox
-from das.bus.presence import TOKENS, Presence, Presences
 from das.bus.received import Received, decoded
 from das.bus.topics import TOPICS, Topic, check_train_name, topic_of
 from das.cab.heard import UNSTAMPED
@@ -29,6 +30,9 @@ from das.domain.errors import DasError
 HEARTBEAT_S = 1.0
 """So often a latched topic says which message was its last: one lost with a link that was closing is fetched again."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
+TOKENS = "/@adv/pub/"
+"""A token's key is `<topic key>/@adv/pub/<session>/<publisher>/…`; the session is named as in the time stamps it makes
+(`Received.source`). Zenoh takes the tokens of a session back when it is closed, killed, or not heard for its lease."""
 
 
 def free_ports(count: int) -> list[int]:
@@ -51,6 +55,49 @@ def check_endpoint(text: str) -> str:
     if not match or not 0 < int(match[1]) < 65536:
         raise DasError(f"endpoint {text!r}: expected tcp/127.0.0.1:PORT (the bus stays on this machine)")
     return text
+
+
+@dataclass(frozen=True)
+class Presence:
+    """A session has begun to publish a topic (`there`), or can do so no more."""
+
+    topic: Topic
+    source: str
+    there: bool
+
+
+class Presences:
+    """Collects the liveliness tokens of those who publish latched topics, from the threads of Zenoh.
+
+    `take` hands out for each session what it has come to since.
+    """
+
+    def __init__(self) -> None:
+        self._tokens: dict[tuple[str, str], set[str]] = {}
+        self._news: dict[tuple[str, str], Presence] = {}
+        self._lock = threading.Lock()
+
+    def note(self, topic: Topic, token: str, *, there: bool) -> None:
+        """Take note of a token that has appeared, or was taken back; a key that is no token's is ignored."""
+        source = token.partition(TOKENS)[2].partition("/")[0]
+        if not source:
+            return
+        place = topic.name, source
+        with self._lock:
+            tokens = self._tokens.setdefault(place, set())
+            if there:
+                tokens.add(token)
+            else:
+                tokens.discard(token)
+            if not tokens:
+                del self._tokens[place]
+            self._news[place] = Presence(topic, source, bool(tokens))
+
+    def take(self) -> list[Presence]:
+        """What is new since this was last asked, the newest of each session."""
+        with self._lock:
+            news, self._news = list(self._news.values()), {}
+        return news
 
 
 class Bus:

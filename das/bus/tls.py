@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import ipaddress
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+from trustme import CA
 
 from das.bus.acl import Role, access_control, common_name
 from das.domain.errors import DasError
@@ -27,59 +22,10 @@ MOST_LETTERS = 64
 """Of a common name (RFC 5280, ub-common-name-length)."""
 
 
-@dataclass(frozen=True)
-class Authority:
-    """A key nobody keeps: it signs the certificates made with it and is forgotten."""
-
-    key: ec.EllipticCurvePrivateKey
-    name: x509.Name
-    since: datetime
-    until: datetime
-
-    @staticmethod
-    def new(train: str, days: float) -> Authority:
-        """An authority for one train, valid for `days`."""
-        now = datetime.now(UTC).replace(microsecond=0)
-        name = _name(_authority_of(train))
-        return Authority(ec.generate_private_key(ec.SECP256R1()), name, now - CLOCK_SLACK, now + timedelta(days=days))
-
-    def certificate(self) -> bytes:
-        """Its own certificate (PEM)."""
-        usage = _usage(signs_certificates=True)
-        builder = self._builder(self.name, self.key).add_extension(x509.BasicConstraints(ca=True, path_length=0), True)
-        return _pem(builder.add_extension(usage, critical=True).sign(self.key, hashes.SHA256()))
-
-    def issue(self, common_name: str) -> tuple[bytes, bytes]:
-        """Certificate and private key (PEM) for a name, for both sides of a connection on this machine."""
-        key = ec.generate_private_key(ec.SECP256R1())
-        hosts = [x509.DNSName("localhost"), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
-        sides = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-        builder = (
-            self._builder(_name(common_name), key)
-            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-            .add_extension(_usage(signs_certificates=False), critical=True)
-            .add_extension(x509.SubjectAlternativeName(hosts), critical=False)
-            .add_extension(x509.ExtendedKeyUsage(sides), critical=False)
-        )
-        secret = key.private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        )
-        return _pem(builder.sign(self.key, hashes.SHA256())), secret
-
-    def _builder(self, subject: x509.Name, key: ec.EllipticCurvePrivateKey) -> x509.CertificateBuilder:
-        return x509.CertificateBuilder(
-            issuer_name=self.name,
-            subject_name=subject,
-            public_key=key.public_key(),
-            serial_number=x509.random_serial_number(),
-            not_valid_before=self.since,
-            not_valid_after=self.until,
-        )
-
-
 def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: float) -> datetime:
     """Make authority, certificates, keys (mode 0600) and one bus file per role; returns until when they are valid.
 
+    A certificate is for both sides of a connection on this machine. The key of the authority is kept nowhere.
     `ports` are those of the roles in `LISTENERS`. DasError where the folder exists or cannot be written.
     """
     if folder.exists():
@@ -90,14 +36,26 @@ def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: 
     if longest > MOST_LETTERS:
         most = len(train) - (longest - MOST_LETTERS)
         raise DasError(f"train name {train!r}: expected at most {most} letters, for the names in certificates")
-    authority = Authority.new(train, days)
-    files, secrets = {AUTHORITY: authority.certificate()}, set()
+    now = datetime.now(UTC).replace(microsecond=0)
+    until = now + timedelta(days=days)
+    authority = CA(path_length=0, organization_name="DAS", organization_unit_name=_authority_of(train))
+    files, secrets = {AUTHORITY: authority.cert_pem.bytes()}, set()
     for role in Role:
-        files[f"{role}.pem"], files[f"{role}.key"] = authority.issue(common_name(role, train))
-        files[f"{role}.json5"] = _bus_file(role, train, ports, authority.until).encode()
+        issued = authority.issue_cert(
+            "localhost",
+            "127.0.0.1",
+            common_name=common_name(role, train),
+            organization_name="DAS",
+            organization_unit_name=role,
+            not_before=now - CLOCK_SLACK,
+            not_after=until,
+        )
+        files[f"{role}.pem"] = issued.cert_chain_pems[0].bytes()
+        files[f"{role}.key"] = issued.private_key_pem.bytes()
+        files[f"{role}.json5"] = _bus_file(role, train, ports, until).encode()
         secrets.add(f"{role}.key")
     write_folder_whole(folder, files, private=secrets)
-    return authority.until
+    return until
 
 
 def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime) -> str:
@@ -134,25 +92,3 @@ def _endpoint(port: int) -> str:
 
 def _authority_of(train: str) -> str:
     return f"DAS test authority of {train}"
-
-
-def _name(text: str) -> x509.Name:
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
-
-
-def _pem(certificate: x509.Certificate) -> bytes:
-    return certificate.public_bytes(serialization.Encoding.PEM)
-
-
-def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
-    return x509.KeyUsage(
-        digital_signature=not signs_certificates,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
-        key_agreement=False,
-        key_cert_sign=signs_certificates,
-        crl_sign=signs_certificates,
-        encipher_only=False,
-        decipher_only=False,
-    )

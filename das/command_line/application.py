@@ -1,5 +1,9 @@
 """Command lines that are all alike, and start fast: a command's module is imported when the command is called.
 
+A command takes frozen dataclasses, and their fields are its options. Such a group is declared once, with the type,
+spelling and help of each option as the `Annotated` type of its field. Any command that takes the dataclass as a
+parameter has all of its options. Groups may hold groups.
+
 `application` makes a program of several commands, `single_command` a program that is one command. Both have `-h` and
 `--help`, `--version`, `--install-completion` and `--show-completion`, and print text without markup.
 """
@@ -7,10 +11,12 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from inspect import Parameter, Signature
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -18,7 +24,6 @@ from typer.main import get_command
 
 from das import __version__
 from das.command_line.entry import ended_by_signals
-from das.command_line.groups import with_options
 from das.domain.errors import DasError
 
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
@@ -193,3 +198,59 @@ def _only_version(
     ] = False,
 ) -> None:
     """Carry the option `--version`, which every program has."""
+
+
+def with_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function with the fields of its groups as parameters of their own, as typer reads them.
+
+    A function without groups comes back as an equal one. Two options of one name are a mistake of the programmer and
+    raise TypeError.
+    """
+    hints = get_type_hints(function, include_extras=True)
+    parameters: list[Parameter] = []
+    for parameter in inspect.signature(function).parameters.values():
+        if is_dataclass(hints[parameter.name]):
+            parameters += _options(hints[parameter.name])
+        else:
+            annotation = hints[parameter.name]
+            parameters.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation))
+    names = [parameter.name for parameter in parameters]
+    if len(set(names)) < len(names):
+        raise TypeError(f"{function.__name__}: two options of one name among {', '.join(names)}")
+
+    def flat(**given: Any) -> Any:
+        return function(
+            **{
+                name: _gathered(hints[name], given) if is_dataclass(hints[name]) else given[name]
+                for name in inspect.signature(function).parameters
+            }
+        )
+
+    flat.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    flat.__name__, flat.__doc__, flat.__module__ = function.__name__, function.__doc__, function.__module__
+    return flat
+
+
+def _options(group: type) -> Iterator[Parameter]:
+    """The options of a group and of the groups in it."""
+    hints = get_type_hints(group, include_extras=True)
+    for field in fields(group):
+        if is_dataclass(hints[field.name]):
+            yield from _options(hints[field.name])
+        else:
+            yield Parameter(field.name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=hints[field.name])
+
+
+def _default(field: Field[Any]) -> Any:
+    return Parameter.empty if field.default is MISSING else field.default
+
+
+def _gathered(group: Any, given: Mapping[str, Any]) -> Any:
+    """The group with the options that were given."""
+    hints = get_type_hints(group, include_extras=True)
+    return group(
+        **{
+            field.name: _gathered(hints[field.name], given) if is_dataclass(hints[field.name]) else given[field.name]
+            for field in fields(group)
+        }
+    )

@@ -13,17 +13,19 @@ import shutil
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from functools import cache, lru_cache
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from threading import Lock
-from typing import Any
+from typing import Any, ClassVar, Self
 
+import llvmlite
 import numba
+import numpy as np
 from numba import njit
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.runtime.nrt import rtsys
 from numba.misc.appdirs import AppDirs
 
-from das.compiling.cache import KeptKernels
 from das.compiling.sources import OUR_PACKAGES, SourcesMissingError, sources_of, text_sha256
 
 FOLDER = "das-kernels"
@@ -31,7 +33,9 @@ KEPT_VERSIONS = 4
 """Versions of a module's compiled code that are kept; older ones are removed when a new one is made."""
 HASH_DIGITS = 16
 _numba_settings: Any = numba.config
-_lock = Lock()
+_NumbaCache: Any = FunctionCache
+_NumbaForm: Any = CompileResultCacheImpl
+_NumbaPlace: Any = InTreeCacheLocator
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
@@ -41,21 +45,57 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     """
 
     def decorated(function: Any) -> Any:
-        folder = _folder(function.__module__)
-        if folder is not None:
-            with suppress(RuntimeError), _numba_keeps_code_in(folder):  # numba may find no way to keep it
-                dispatcher = njit(nogil=True, error_model="numpy", **options)(function)
-                dispatcher._cache = KeptKernels(function)
-                return dispatcher
-        return njit(nogil=True, error_model="numpy", **options)(function)
+        dispatcher = njit(nogil=True, error_model="numpy", **options)(function)
+        with suppress(RuntimeError):  # there is no folder that can keep the code
+            dispatcher._cache = _KeptKernels(function)
+        return dispatcher
 
     return decorated
+
+
+class _Place(_NumbaPlace):  # type: ignore[misc]
+    """Tells numba where the compiled code of a function is kept: in the folder of its module as it now is."""
+
+    def __init__(self, function: Any, source_path: str) -> None:
+        super().__init__(function, source_path)
+        self._cache_path = str(_folder(function.__module__))
+
+    @classmethod
+    def from_function(cls, function: Any, source_path: str) -> Self | None:
+        """The place for a function; None where nothing can be kept."""
+        return None if _folder(function.__module__) is None else cls(function, source_path)
+
+
+class _KeptForm(_NumbaForm):  # type: ignore[misc]
+    _locator_classes: ClassVar = [_Place]
+
+
+class _KeptKernels(_NumbaCache):  # type: ignore[misc]
+    """Numba's cache of one function, in our folder, which loads kept code without waking the compiler.
+
+    Before it loads a kept function, numba imports all that it would need to compile one: its library of functions,
+    random numbers, linear algebra, C declarations. None of this is used to run machine code, and it takes as long as
+    all our kernels take to load. Where nothing is found, numba imports by itself what it needs to compile.
+    """
+
+    _impl_class = _KeptForm
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function for the types `sig`; None where it was never compiled."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function; where the disk is full or taken away, the next start compiles it anew."""
+        with suppress(OSError):
+            super().save_overload(sig, data)
 
 
 kernel = compiled()
 
 
-@lru_cache(maxsize=1)
+@cache
 def cache_root() -> Path | None:
     """The folder in which compiled code is kept; None, with a warning, where none can be written to.
 
@@ -110,8 +150,9 @@ def _key(module: str) -> str | None:
         text = text_sha256(sources_of([module], packages=OUR_PACKAGES | {module.partition(".")[0]}))
     except (SourcesMissingError, ImportError, AttributeError, OSError):
         return None
-    # Numba's own key leaves these settings out.
-    settings = f"{text} {_numba_settings.BOUNDSCHECK} {_numba_settings.OPT}"
+    # Numba's own key has the processor and the versions of Python and numba, and leaves these out.
+    versions = f"{llvmlite.__version__} {np.__version__}"
+    settings = f"{text} {versions} {_numba_settings.BOUNDSCHECK} {_numba_settings.OPT}"
     return hashlib.sha256(settings.encode()).hexdigest()[:HASH_DIGITS]
 
 
@@ -120,15 +161,3 @@ def _remove_old_versions(folder: Path) -> None:
         versions = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns, reverse=True)
         for path in versions[KEPT_VERSIONS:]:
             shutil.rmtree(path, ignore_errors=True)
-
-
-@contextmanager
-def _numba_keeps_code_in(folder: Path) -> Iterator[None]:
-    """Let numba choose this folder for the functions decorated meanwhile; what else uses numba is left alone."""
-    with _lock:
-        before = _numba_settings.CACHE_DIR
-        _numba_settings.CACHE_DIR = str(folder)
-        try:
-            yield
-        finally:
-            _numba_settings.CACHE_DIR = before

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from das.cab.warm_up import warm_up_tables
 from das.domain.files.load import load_vehicle
 from das.domain.route import Route, Stop
 from das.solver.front import Front
@@ -19,7 +20,6 @@ from das.solver.kernels.landings import LANDINGS
 from das.solver.section import Section
 from das.table.hashes import Course
 from das.table.reading import Table
-from das.table.warm_up import warm_up
 from precompute.bench.figures import DIVISIONS_PER_LANDING_TRIED, MEGA, POLISHED_LANDINGS, VEHICLE, Reference
 from precompute.bench.measuring import Figure, Subject, Times, available_cores, in_turns, seconds_of
 from precompute.tables.job import Job
@@ -42,7 +42,7 @@ def look_up(reference: Reference) -> list[Figure]:
     """Advice looked up in a table from many states, against rolling it out from the front."""
     with tempfile.TemporaryDirectory(prefix="das-bench-") as folder:
         front = _written(reference.section, Path(folder) / "table").front(reference.section)
-    warm_up()
+    warm_up_tables()
     answer, states = LookUp(front), _states(front, reference.effort.look_ups)
     answer(*states[0])  # compiles
     own = [seconds_of(partial(answer, *state)) for state in states]

@@ -15,7 +15,6 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 import das.node.command
-import das.node.tls_command
 import das.recorder.command
 import precompute.cli.program
 import sim.cli.program
@@ -38,7 +37,7 @@ def commands() -> dict[str, TyperCommand]:
         else:
             found[f"das-sim {entry.name}"] = entry.load()
     found["das-node"] = single_command("das-node", das.node.command.advise, ())
-    (tls_init,) = get_command(das.node.tls_command.tls_app).commands.values()  # type: ignore[attr-defined]
+    (tls_init,) = get_command(das.node.command.tls_app).commands.values()  # type: ignore[attr-defined]
     assert isinstance(tls_init, TyperCommand)
     found["das-node tls-init"] = tls_init
     found["das-record"] = single_command("das-record", das.recorder.command.record, ())

@@ -20,7 +20,7 @@ from das.bus.received import Received
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Topic
 from das.domain.errors import DasError, InputError
-from das.node.tls_command import tls_app
+from das.node.command import tls_app
 
 S = 10**9
 NOW_NS = 1_800_000_000 * S

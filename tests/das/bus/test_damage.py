@@ -143,6 +143,20 @@ def test_what_comes_after_a_damaged_length_is_found_again(whole: Path, tmp_path:
     assert "the head of a chunk, whose messages are whole" in found.health.damage[0].what
 
 
+@pytest.mark.parametrize("end", [0.9, 1.0])
+def test_a_chunk_whose_own_length_is_damaged_is_lost_alone(whole: Path, tmp_path: Path, end: float) -> None:
+    """It claims the chunks behind it; its packed data end where they did, and those chunks are read."""
+    content = bytearray(cut(whole, end))
+    place = content.index(b"\x04\x00\x00\x00zstd", len(content) // 4) + 8
+    content[place + 1] ^= 0x08  # 2 kB more
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    (tmp_path / "sound.mcap").write_bytes(cut(whole, end))
+    found, sound = (read_recording(tmp_path / name, skip_damage=True) for name in ("damaged.mcap", "sound.mcap"))
+    assert len(told(sound)) - len(told(found)) == 2 == found.health.missing
+    assert found.health.damage[0].lost
+    assert found.health.damage[0].from_ns > START_NS
+
+
 @pytest.mark.parametrize("end", [0.7, 1.0])
 def test_the_first_chunk_is_lost_alone(whole: Path, tmp_path: Path, end: float) -> None:
     """It describes the channels; what they hold is told in metadata as well."""

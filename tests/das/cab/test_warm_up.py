@@ -10,9 +10,8 @@ import pytest
 
 WARMED = """
 import sys
-from das.cab.warm_up import warm_up
+from das.cab.warm_up import warm_up, warm_up_tables
 from das.command_line.compiling import loading_solver
-from das.table.warm_up import warm_up as warm_up_tables
 with loading_solver():
     warm_up()
     warm_up_tables()

@@ -8,8 +8,7 @@ import pytest
 
 from das.advice.cause import Cause
 from das.bus import das_pb2
-from das.bus.presence import Presence
-from das.bus.session import Bus, endpoint, free_ports
+from das.bus.session import Bus, Presence, endpoint, free_ports
 from das.bus.topics import STATUS
 from tests.support.driven_node import TRAIN, DrivenNode
 

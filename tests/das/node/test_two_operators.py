@@ -17,9 +17,8 @@ import pytest
 from das.advice.cause import Cause
 from das.bus import das_pb2
 from das.bus.config import BusFile
-from das.bus.presence import Presence, Presences
 from das.bus.received import Received, decoded
-from das.bus.session import Bus, endpoint, free_ports
+from das.bus.session import Bus, Presence, Presences, endpoint, free_ports
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
 from das.cab.heard import Kind, PublisherSeen, RestrictionsHeard

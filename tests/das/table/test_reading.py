@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from das.cab.warm_up import warm_up_tables
 from das.domain.losses import Level
 from das.domain.route import Stop
 from das.domain.vehicle import Vehicle
@@ -24,7 +25,6 @@ from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from das.table.format import INFEASIBLE_STEP, TableError
 from das.table.reading import Table, read_front
-from das.table.warm_up import warm_up
 from precompute.tables.writing import make_table, write_table
 from tests.support.making import make_route
 from tests.support.small_tables import BUFFERS, GRADES, LENGTH_M, LIMITS, SETTINGS, line, seal_anew, states, train
@@ -126,7 +126,7 @@ def test_table_answers_as_the_full_front_does(stored: Front, front: Front) -> No
 
 def test_nothing_is_compiled_after_the_warm_up(stored: Front) -> None:
     kernels = (roll_out, one_step_totals)
-    warm_up()
+    warm_up_tables()
     before = [list(kernel.signatures) for kernel in kernels]
     stored.trajectory(300.0)
     assert [list(kernel.signatures) for kernel in kernels] == before

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.application import Entry
-from das.command_line.groups import with_options
+from das.command_line.application import Entry, with_options
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from precompute.cli.program import COMMANDS, GONE, NAME
 from tests.support.making import REPOSITORY, das_precompute, in_a_process
