@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from das.domain.files.load import load_journey, load_route, load_vehicle
     from das.domain.journey import Journey
     from das.domain.losses import Level
-    from das.domain.route import Restriction, Route
+    from das.domain.restriction import Restriction
+    from das.domain.route import Route
     from das.domain.trajectory import Ledger, Trajectory
     from das.domain.vehicle import Vehicle
     from das.front_door import (
@@ -89,7 +90,8 @@ _HOMES = {
     "das.domain.files.load": ("load_journey", "load_route", "load_vehicle"),
     "das.domain.journey": ("Journey",),
     "das.domain.losses": ("Level",),
-    "das.domain.route": ("Restriction", "Route"),
+    "das.domain.restriction": ("Restriction",),
+    "das.domain.route": ("Route",),
     "das.domain.trajectory": ("Ledger", "Trajectory"),
     "das.domain.vehicle": ("Vehicle",),
     "das.front_door": (

@@ -18,7 +18,8 @@ from das.cab.situation import AS_PLANNED, Situation
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
-from das.domain.route import Restriction, Stop
+from das.domain.restriction import Restriction
+from das.domain.route import Stop
 from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
@@ -42,6 +43,7 @@ class Legs:
         self._targets: tuple[Target, ...] = ()
         self._agreed: tuple[Target, ...] = ()
         self._agreed_said: tuple[Target, ...] = ()
+        self._restrictions = situation.restrictions
         self._now_ns = 0
         self._told = False
 
@@ -126,9 +128,17 @@ class Legs:
         return Leg(start, end, section, self._settings, self.preparation.coach_worker)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
-        """Take over all restrictions in force."""
-        self.situation = replace(self.situation, restrictions=tuple(restrictions))
+        """Take over all restrictions known; those that count now are planned with, the others when they do."""
+        self._restrictions = tuple(restrictions)
+        self._count_restrictions()
         self._heed()
+
+    def _count_restrictions(self) -> None:
+        """Bring the situation to the restrictions that count now; before anybody has said what time it is, all do."""
+        now_ns = self._now_ns
+        counting = tuple(one.unlimited for one in self._restrictions if not now_ns or one.counts_at(now_ns))
+        if counting != self.situation.restrictions:
+            self.situation = replace(self.situation, restrictions=counting)
 
     def set_conditions(self, conditions: Conditions) -> None:
         """Take over what differs from the files; where the train could not drive then, say so and go on as before."""
@@ -164,6 +174,7 @@ class Legs:
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near to the situation of now."""
         self._now_ns = now_ns
+        self._count_restrictions()
         told, self._told = self._told, False
         self.preparation.prepare(self.legs, self.index, self.situation, now_ns, told=told)
 

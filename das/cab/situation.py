@@ -11,7 +11,8 @@ from das.domain.braking import USUAL, SiteBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
-from das.domain.route import Restriction, Route
+from das.domain.restriction import Restriction
+from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.fastest import capped
 from das.solver.section import Section, SectionOptions, build_section
@@ -40,8 +41,8 @@ class Situation:
         A restriction counts until the tail of the train has left it.
         """
         length_m = 0.0 if self.point_mass else self.vehicle.train_length_m
-        met = (x for x in self.restrictions if x.start_m < end_m and x.end_m > start_m - length_m)
-        return replace(self, restrictions=tuple(sorted(met, key=lambda x: (x.start_m, x.end_m, x.limit_mps))))
+        met = (one for one in self.restrictions if one.is_under(start_m, end_m, length_m))
+        return replace(self, restrictions=tuple(sorted(met)))
 
     def is_like(self, other: Situation) -> bool:
         """Whether both give the same sections."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 from das.advice.coach.coaching import Instruction
 from das.advice.modes import Mode, departure_mode
+from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
@@ -19,7 +20,6 @@ __all__ = [
     "CabView",
     "Driver",
     "Efforts",
-    "PostedRestriction",
     "Presentation",
     "lever_ratio",
     "present",
@@ -116,14 +116,6 @@ class AdviceView:
         return self.horizon_speed_mps[min(after, len(self.horizon_speed_mps)) - 1]
 
 
-class PostedRestriction(NamedTuple):
-    """A temporary speed limit (m/s) between two positions (m), for the whole train."""
-
-    start_m: float
-    end_m: float
-    limit_mps: float
-
-
 class CabView(NamedTuple):
     """What the driver sees and has been told at a moment.
 
@@ -141,7 +133,7 @@ class CabView(NamedTuple):
     arrival_s: float
     may_depart: bool = True
     signal_m: float = math.inf
-    restrictions: tuple[PostedRestriction, ...] = ()
+    restrictions: tuple[Restriction, ...] = ()
     advice: AdviceView | None = None
 
     @property

@@ -80,7 +80,7 @@ def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
         s_m = SPEED_MPS * t
         in_force = [v for since, (a, b, v) in ((5, one), (5, other), (60, late)) if since <= t < 65 and a <= s_m <= b]
         assert limit == min([LINE_MPS, *in_force]), t
-    found = {(x.start_m, x.told_ns, x.lifted_ns) for x in temporary_limits(recording, trip)}
+    found = {(x.restriction.start_m, x.told_ns, x.lifted_ns) for x in temporary_limits(recording, trip)}
     assert found == {(400.0, at_ns(5), at_ns(65)), (500.0, at_ns(5), at_ns(65)), (1000.0, at_ns(60), at_ns(65))}
     assert Story.of(recording).series["speed/limit"][1].min() == pytest.approx(36.0)
 

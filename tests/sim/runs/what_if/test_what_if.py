@@ -17,10 +17,10 @@ import pytest
 from das.bus.contents import read_contents
 from das.bus.recording import Recording, read_recording
 from das.bus.topics import ADVICE, JOURNEY, RESTRICTION
-from das.cab.heard import ToldRestriction
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
+from das.domain.restriction import Restriction
 from sim.cli.replay import bundled_recording
 from sim.drive.attribution.inputs import inputs_of
 from sim.drive.attribution.shown import ShownAdvice
@@ -63,7 +63,7 @@ kind = "node-restart"
 at_s = 100
 """
 REPLAY = FOLDER / "replay.mcap"
-ONE_MORE = ToldRestriction(1000.0, 2000.0, 25.0)
+ONE_MORE = Restriction(1000.0, 2000.0, 25.0)
 
 
 def quiet(_done: float, _all: float) -> None:
@@ -163,9 +163,9 @@ def test_another_train_and_restriction_are_in_the_new_recording(recorded: Path, 
     assert reproduce(found.path, quiet).same
 
 
-def told(recording: Recording, index: int) -> list[ToldRestriction]:
+def told(recording: Recording, index: int) -> list[Restriction]:
     listed = recording.of(RESTRICTION)[index].message.restrictions
-    return [ToldRestriction(one.start_m, one.end_m, one.limit_mps) for one in listed]
+    return [Restriction(one.start_m, one.end_m, one.limit_mps) for one in listed]
 
 
 @pytest.mark.slow
