@@ -188,5 +188,5 @@ def _window(one: Restriction, departure_ns: int) -> list[str] | None:
     from_s, until_s = (one.valid_from_ns - departure_ns) * NS, (one.valid_until_ns - departure_ns) * NS
     if (one.valid_from_ns and from_s > LONGEST_DWELL_S) or (one.valid_until_ns and until_s <= 0):
         return None
-    ends = [f"valid_from_s = {from_s:.3f}"] if one.valid_from_ns and from_s > 0 else []
-    return [*ends, f"valid_until_s = {until_s:.3f}"] if 0 < until_s <= LONGEST_DWELL_S else ends
+    ends = [f"valid_from_s = {from_s!r}"] if one.valid_from_ns and from_s > 0 else []
+    return [*ends, f"valid_until_s = {until_s!r}"] if 0 < until_s <= LONGEST_DWELL_S else ends

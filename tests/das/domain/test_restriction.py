@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from das.domain.errors import InputError
 from das.domain.files.load import catalogue, load_vehicle
@@ -56,6 +58,22 @@ def test_it_counts_whenever_it_holds_and_for_a_margin_around() -> None:
     assert ALWAYS.counting_ns == (0, LATEST_NS)
     assert Restriction(1.0, 2.0, 3.0, 5, LATEST_NS).counting_ns == (0, LATEST_NS)
     assert ALWAYS.counts_at(0)
+
+
+@given(
+    from_ns=st.integers(0, 10**19 // 2),
+    lasts_s=st.integers(0, 10**7),
+    at=st.floats(0.0, 1.0),
+    lag_s=st.floats(-900, 10),
+)
+def test_whoever_plans_up_to_15_min_before_or_10_s_after_it_holds_has_counted_it(
+    from_ns: int, lasts_s: int, at: float, lag_s: float
+) -> None:
+    one = Restriction(0.0, 1.0, 5.0, from_ns, min(from_ns + lasts_s * S, LATEST_NS) if lasts_s else 0)
+    holds_ns = from_ns + min(round(at * lasts_s * S), max(lasts_s * S - 1, 0))
+    assume(holds_ns < LATEST_NS - AFTER_NS)
+    assert one.holds_at(holds_ns)
+    assert one.counts_at(max(holds_ns + round(lag_s * S) - (lag_s > 0), 0))
 
 
 def test_no_train_needs_as_long_to_brake_as_a_restriction_counts_before_it_holds() -> None:

@@ -85,6 +85,21 @@ def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
     assert Story.of(recording).series["speed/limit"][1].min() == pytest.approx(36.0)
 
 
+def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open() -> None:
+    window = {"valid_from_ns": at_ns(30), "valid_until_ns": at_ns(40)}
+    one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=2_000.0, limit_mps=10.0, **window)
+    list_of_one = topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(5), restrictions=[one])
+    recording = recorded(list_of_one, told(90))
+    trip = DrivenCourse.of(recording)
+    at, limit_mps = limit_in_force(recording, trip)
+    slow = (at[limit_mps == 10.0] - START_NS) / 1e9
+    assert (slow.min(), slow.max()) == (30.0, 39.0)
+    (span,) = temporary_limits(recording, trip)
+    assert [(round((at_ns - START_NS) / 1e9), word) for at_ns, word in span.changes()] == [
+        (5, "told"), (30, "begins"), (40, "ends"), (90, "lifted"),
+    ]  # fmt: skip
+
+
 def test_behind_a_restriction_the_tail_counts_as_long_as_the_node_says() -> None:
     tail = [advice(t, limit_mps=10.0 if 20 <= t <= 38 else LINE_MPS) for t in range(SECONDS)]
     recording = recorded(told(5, (400.0, 600.0, 10.0)), *tail)

@@ -36,7 +36,7 @@ from sim.runs.what_if.difference import changed
 from sim.runs.what_if.open_loop import NodeSaid, advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
-from sim.runs.what_if.recorded_scenario import attached_scenario, scenario_of_drive
+from sim.runs.what_if.recorded_scenario import _window, attached_scenario, scenario_of_drive
 from sim.world.day import make_day
 from sim.world.disturbances import DepartureDelay
 from sim.world.over_bus import How, make_crew, run_over_bus
@@ -195,6 +195,19 @@ def test_the_day_of_a_drive_without_a_simulator_is_made_from_what_was_heard() ->
     assert delay.delay_s == pytest.approx(90.0, abs=2.0)
     (table,) = day.service.timetables
     assert (table.arrival_ns - table.departure_ns) * 1e-9 == pytest.approx(1248.0)
+
+
+def test_the_window_of_a_recorded_restriction_is_on_the_clock_of_the_day_driven_anew() -> None:
+    departure_ns, s = 1_800_000_000 * 10**9, 10**9
+
+    def lines(from_s: int | None, until_s: int | None) -> list[str] | None:
+        window = (0 if moment_s is None else departure_ns + moment_s * s for moment_s in (from_s, until_s))
+        return _window(Restriction(0.0, 1.0, 5.0, *window), departure_ns)
+
+    assert lines(None, None) == lines(-60, None) == lines(None, 90_000) == []
+    assert lines(60, 120) == ["valid_from_s = 60.0", "valid_until_s = 120.0"]
+    assert lines(-60, 120) == ["valid_until_s = 120.0"]
+    assert lines(-60, -1) is lines(90_000, None) is None
 
 
 def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_path: Path) -> None:
