@@ -43,7 +43,6 @@ class Legs:
         self._targets: tuple[Target, ...] = ()
         self._agreed: tuple[Target, ...] = ()
         self._agreed_said: tuple[Target, ...] = ()
-        self._restrictions = situation.restrictions
         self._now_ns = 0
         self._told = False
 
@@ -70,7 +69,8 @@ class Legs:
         leg = self.current
         if leg is None:
             return advice
-        return self.last_words.judged(advice, here, self.situation, (leg.start.position_m, leg.end.position_m))
+        situation = self.situation.at(self._now_ns)
+        return self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
 
     def check(self, stops_m: Sequence[float]) -> None:
         """Look at the sections between stops before there is a journey; raises DasError where one cannot be driven."""
@@ -129,24 +129,17 @@ class Legs:
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions known; those that count now are planned with, the others when they do."""
-        self._restrictions = tuple(restrictions)
-        self._count_restrictions()
+        self.situation = replace(self.situation, restrictions=tuple(restrictions))
         self._heed()
-
-    def _count_restrictions(self) -> None:
-        """Bring the situation to the restrictions that count now; before anybody has said what time it is, all do."""
-        now_ns = self._now_ns
-        counting = tuple(one.unlimited for one in self._restrictions if not now_ns or one.counts_at(now_ns))
-        if counting != self.situation.restrictions:
-            self.situation = replace(self.situation, restrictions=counting)
 
     def set_conditions(self, conditions: Conditions) -> None:
         """Take over what differs from the files; where the train could not drive then, say so and go on as before."""
         situation = replace(self.situation, conditions=conditions)
+        now = situation.at(self._now_ns)
         try:
             for leg in self.legs[self.index : self.index + 2]:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
-                situation.between(start_m, end_m).section(start_m, end_m)
+                now.between(start_m, end_m).section(start_m, end_m)
         except DasError as error:
             self.preparation.say(News(event_wording.calibration_ignored(error), True))
             return
@@ -174,9 +167,8 @@ class Legs:
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near to the situation of now."""
         self._now_ns = now_ns
-        self._count_restrictions()
         told, self._told = self._told, False
-        self.preparation.prepare(self.legs, self.index, self.situation, now_ns, told=told)
+        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, told=told)
 
     def _heed(self) -> None:
         """Something is new: look at once for what it needs; without a thread, when all is told and advice is due."""

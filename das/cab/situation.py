@@ -35,6 +35,14 @@ class Situation:
     braking: SiteBraking = USUAL
     """How the drivers of the site brake."""
 
+    def at(self, now_ns: int) -> Situation:
+        """This situation at a moment (ns since 1970; 0: not known): with the restrictions that count then, for good.
+
+        Where it is not known what time it is, all of them count.
+        """
+        counting = tuple(one.unlimited for one in self.restrictions if not now_ns or one.counts_at(now_ns))
+        return self if counting == self.restrictions else replace(self, restrictions=counting)
+
     def between(self, start_m: float, end_m: float) -> Situation:
         """This situation with only the restrictions that the train meets between two positions (m).
 

@@ -31,11 +31,6 @@ class DayNews:
         self._signals_ahead: tuple[SignalStop | TrainAhead, ...] = (*day.of(SignalStop), *day.of(TrainAhead))
         self._seen_s: dict[SignalStop | TrainAhead, float] = {}
         self._cleared: set[SignalStop | TrainAhead] = set()
-        self._announced = tuple(
-            (one.from_m - one.announced_m, one.restriction(day.service.moment_ns))
-            for one in day.of(AnnouncedRestriction)
-        )
-        self._slow = tuple(Restriction(one.from_m, one.to_m, one.speed_mps) for one in day.of(DelayOnTheWay))
         self._waiting_restarts = sorted(day.of(NodeRestart), key=lambda x: x.at_s)
         self._down_until_s = -math.inf
         self._faults_to_come: list[SensorOutage | BusOutage] = [*day.of(SensorOutage), *day.of(BusOutage)]
@@ -116,10 +111,15 @@ class DayNews:
     def _restrictions(self, state: PlantState) -> list[str]:
         """Update the restrictions: a restriction is over when the tail has left it. A sentence about each new one."""
         before, ahead = self.told, state.s_m - self._length_m
-        self.told = tuple(x for at_m, x in self._announced if at_m <= state.s_m and ahead <= x.end_m)
-        now_ns = self._day.service.moment_ns(state.time_s)
-        counting = (x for x in self.told if x.counts_at(now_ns))
-        self.shown = (*counting, *(x for x in self._slow if ahead <= x.end_m))
+        moment_ns = self._day.service.moment_ns
+        self.told = tuple(
+            x.restriction(moment_ns)
+            for x in self._day.of(AnnouncedRestriction)
+            if x.from_m - x.announced_m <= state.s_m and ahead <= x.to_m
+        )
+        counting = (x for x in self.told if x.counts_at(moment_ns(state.time_s)))
+        slow = (Restriction(x.from_m, x.to_m, x.speed_mps) for x in self._day.of(DelayOnTheWay) if ahead <= x.to_m)
+        self.shown = (*counting, *slow)
         return [
             f"restriction to {x.limit_mps / KMH:.0f} km/h, km {x.start_m / KM:.1f} to {x.end_m / KM:.1f}"
             f"{x.window_words()}"

@@ -185,7 +185,7 @@ def _restrictions(origin: Origin, trip: DrivenCourse) -> Iterator[str]:
 
 def _window(one: Restriction, departure_ns: int) -> list[str] | None:
     """The lines of a restriction's window on the run's clock; None where it does not hold on the day of the drive."""
-    from_s, until_s = (one.valid_from_ns - departure_ns) * NS, (one.valid_until_ns - departure_ns) * NS
+    from_s, until_s = (round((at_ns - departure_ns) * NS, 9) for at_ns in (one.valid_from_ns, one.valid_until_ns))
     if (one.valid_from_ns and from_s > LONGEST_DWELL_S) or (one.valid_until_ns and until_s <= 0):
         return None
     ends = [f"valid_from_s = {from_s!r}"] if one.valid_from_ns and from_s > 0 else []

@@ -53,14 +53,18 @@ def test_a_clock_that_is_set_back_brings_a_restriction_back() -> None:
     made = trip()
     made.set_restrictions([slow(until_s=70.0)])
     assert at(made, 90, 2000.0, 20.0).limit_mps == 30.0
+    assert made.legs.situation.at(ns(65)).restrictions == (slow(),)
+    assert at(made, 91, 2020.0, 20.0).limit_mps == 30.0
     made.legs.prepare(ns(65))
-    assert made.legs.situation.restrictions == (slow(),)
+    assert made.leg.planner.limit_mps(2020.0) == 10.0
 
 
 def test_before_anybody_has_said_what_time_it_is_every_restriction_counts() -> None:
     made = SmallTrip(Situation(route=LINE, vehicle=TRAIN), FRONTS)
     made.set_restrictions([slow(until_s=70.0), slow(from_s=86_400.0)])
-    assert made.legs.situation.restrictions == (slow(), slow())
+    assert made.legs.situation.at(0).restrictions == (slow(), slow())
+    assert made.legs.situation.at(ns(60)).restrictions == (slow(),)
+    assert made.legs.situation.at(ns(90)).restrictions == ()
 
 
 def test_a_node_keeps_to_windows_of_a_list_that_is_told_only_once() -> None:
