@@ -12,7 +12,7 @@ from .domain.files.load import load_route as load_route
 from .domain.files.load import load_vehicle as load_vehicle
 from .domain.journey import Journey as Journey
 from .domain.losses import Level as Level
-from .domain.route import Restriction as Restriction
+from .domain.restriction import Restriction as Restriction
 from .domain.route import Route as Route
 from .domain.trajectory import Ledger as Ledger
 from .domain.trajectory import Trajectory as Trajectory

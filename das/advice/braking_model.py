@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from das.advice import last_word_kernels as kernels
 from das.domain.conditions import Conditions
 from das.domain.formulary import curve_resistance_mps2
-from das.domain.route import Restriction, Route, Stretches
+from das.domain.restriction import Restriction
+from das.domain.route import Route, Stretches
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 

@@ -14,6 +14,7 @@ from das.advice.advice import Advice
 from das.advice.plan import Plan
 from das.bus import das_pb2
 from das.bus.received import Received
+from das.bus.restrictions import decoded, encoded
 from das.bus.topics import (
     ADVICE,
     CONTROL,
@@ -180,7 +181,7 @@ def _journey(message: Any, common: dict[str, Any]) -> JourneyHeard:
 
 
 def _restrictions(message: Any, common: dict[str, Any]) -> RestrictionsHeard:
-    restrictions = tuple(ToldRestriction(x.start_m, x.end_m, x.limit_mps) for x in message.restrictions)
+    restrictions = tuple(decoded(one, ToldRestriction) for one in message.restrictions)
     return RestrictionsHeard(time_ns=message.time_ns, restrictions=restrictions, **common)
 
 
@@ -228,8 +229,7 @@ def _journey_message(value: JourneyHeard) -> Message:
 
 
 def _restrictions_message(value: RestrictionsHeard) -> Message:
-    told = [das_pb2.Restrictions.Restriction(**one._asdict()) for one in value.restrictions]
-    return das_pb2.Restrictions(time_ns=value.time_ns, restrictions=told)
+    return das_pb2.Restrictions(time_ns=value.time_ns, restrictions=map(encoded, value.restrictions))
 
 
 def _targets_message(value: TargetsHeard) -> Message:

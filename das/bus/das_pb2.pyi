@@ -1015,7 +1015,7 @@ Global___RecorderStatus: _TypeAlias = RecorderStatus  # noqa: Y015
 
 @_typing.final
 class Restrictions(_message.Message):
-    """Temporary speed restrictions (das/<train>/restriction): all that are in force and told by now."""
+    """Temporary speed restrictions (das/<train>/restriction): all that are in force, or will be, and told by now."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1026,22 +1026,30 @@ class Restrictions(_message.Message):
         START_M_FIELD_NUMBER: _builtins.int
         END_M_FIELD_NUMBER: _builtins.int
         LIMIT_MPS_FIELD_NUMBER: _builtins.int
+        VALID_FROM_NS_FIELD_NUMBER: _builtins.int
+        VALID_UNTIL_NS_FIELD_NUMBER: _builtins.int
         start_m: _builtins.float
         """[m]"""
         end_m: _builtins.float
         """[m] for the whole train: until its tail has left"""
         limit_mps: _builtins.float
         """[m/s]"""
+        valid_from_ns: _builtins.int
+        """[ns since 1970, UTC] when it begins to hold (0: it holds already)"""
+        valid_until_ns: _builtins.int
+        """[ns since 1970, UTC] when it ends (0: until it is told no more)"""
         def __init__(
             self,
             *,
             start_m: _builtins.float = ...,
             end_m: _builtins.float = ...,
             limit_mps: _builtins.float = ...,
+            valid_from_ns: _builtins.int = ...,
+            valid_until_ns: _builtins.int = ...,
         ) -> None: ...
         _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
         def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-        _ClearFieldArgType: _TypeAlias = _typing.Literal["end_m", b"end_m", "limit_mps", b"limit_mps", "start_m", b"start_m"]  # noqa: Y015
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["end_m", b"end_m", "limit_mps", b"limit_mps", "start_m", b"start_m", "valid_from_ns", b"valid_from_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
         def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
         def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1209,7 +1217,7 @@ class Cab(_message.Message):
     """[ratio] of the coach: the share of the largest effort after it; NaN: not shown"""
     @_builtins.property
     def restrictions(self) -> _containers.RepeatedCompositeFieldContainer[Global___Restrictions.Restriction]:
-        """temporary ones that the driver knows of"""
+        """temporary ones that the driver keeps to"""
 
     @_builtins.property
     def horizon_speed_mps(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:

@@ -27,6 +27,7 @@ from das.cab.heard import (
     PublisherSeen,
     RestrictionsHeard,
     TargetsHeard,
+    judged,
     kind_of,
 )
 from das.cab.learning import Learning
@@ -39,7 +40,6 @@ from das.cab.reporting import Reporting
 from das.cab.situation import Situation
 from das.cab.withdrawal import Trust, decide
 from das.domain.errors import DasError
-from das.domain.route import Restriction
 from das.domain.units import NS
 from das.estimate.calibration import Calibrator
 from das.estimate.estimate import Estimate
@@ -199,7 +199,7 @@ class Cab:
         elif isinstance(heard, DelayHeard):
             self.legs.set_delay(heard.delay_s)
         elif isinstance(heard, RestrictionsHeard):
-            self.legs.set_restrictions([Restriction(**one._asdict()) for one in heard.restrictions])
+            self.legs.set_restrictions([judged(one) for one in heard.restrictions])
             if astray := event_wording.off_route(heard.restrictions, self._post.route.length_m):
                 self._reporting.complain(self._now.clock_ns, astray)
             self._trust = dataclasses.replace(self._trust, restrictions_told=True)

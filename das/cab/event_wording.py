@@ -13,9 +13,10 @@ from das.advice import wording
 from das.advice.advice import Source
 from das.advice.cause import Cause, Withdrawal
 from das.advice.modes import Mode, mode_name
-from das.cab.heard import Kind, Target, ToldRestriction
+from das.cab.heard import Kind, Target
 from das.domain.conditions import Conditions
 from das.domain.losses import Level
+from das.domain.restriction import Restriction
 from das.domain.units import KM, NS
 from das.estimate.problems import Problem
 from das.estimate.ratios import ForceDoubt
@@ -101,12 +102,13 @@ def name_too_long(letters: int) -> str:
     return f"one with a name of {letters} letters"
 
 
-def impossible_restriction(one: ToldRestriction) -> str:
-    """A restriction whose ends or limit cannot be."""
-    return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m"
+def impossible_restriction(one: Restriction) -> str:
+    """A restriction whose ends, limit or window cannot be."""
+    window = f", valid from {one.valid_from_ns} to {one.valid_until_ns} ns" if one.has_window else ""
+    return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m{window}"
 
 
-def off_route(told: Sequence[ToldRestriction], length_m: float) -> str:
+def off_route(told: Sequence[Restriction], length_m: float) -> str:
     """Restrictions wholly beside a route of this length, which bind nowhere: somebody may count from elsewhere."""
     astray = [one for one in told if one.end_m <= 0 or one.start_m >= length_m]
     if not astray:

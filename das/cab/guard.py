@@ -16,13 +16,13 @@ from das.cab.heard import (
     RestrictionsHeard,
     StateHeard,
     TargetsHeard,
-    ToldRestriction,
     Unreadable,
+    judged,
     kind_of,
 )
 from das.cab.operators import MOST_RIVALS, Operators
 from das.domain.errors import DasError
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.estimate.localisation_settings import STALE_AFTER_S
 
@@ -57,7 +57,7 @@ class Guard:
         self._newest_ns: dict[Kind, int] = {}
         self._operators = Operators()
         self._publishers = {kind: Publishers(settings.silent_s) for kind in (Kind.POSITION, Kind.EFFORT)}
-        self._in_force: list[ToldRestriction] = []
+        self._in_force: list[Restriction] = []
         self._early: dict[Kind, Heard] = {}
         self._news: list[str] = []
         self._nodes: list[str] = []
@@ -265,9 +265,9 @@ def _ahead_s(heard: StateHeard, now_ns: int) -> float:
     return float((heard.time_ns - now_ns) * NS)
 
 
-def _is_restriction(one: ToldRestriction) -> bool:
+def _is_restriction(told: Restriction) -> bool:
     try:
-        Restriction(start_m=one.start_m, end_m=one.end_m, limit_mps=one.limit_mps)
+        judged(told)
     except DasError:
         return False
     return True

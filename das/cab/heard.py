@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import ClassVar, Final, NamedTuple
 
+from das.domain.restriction import Restriction
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
 
@@ -41,12 +42,16 @@ class OrderedStop(NamedTuple):
     departure_ns: int = 0
 
 
-class ToldRestriction(NamedTuple):
-    """A temporary speed restriction as told, not yet judged: from where to where (m), and the limit (m/s)."""
+class ToldRestriction(Restriction):
+    """A restriction as told, not yet judged: its figures may be anything."""
 
-    start_m: float
-    end_m: float
-    limit_mps: float
+    def __post_init__(self) -> None:
+        """The guard judges the figures, not the value itself."""
+
+
+def judged(told: Restriction) -> Restriction:
+    """The restriction that is meant by one that was told; raises InputError where nobody can mean it."""
+    return Restriction(*told.figures)
 
 
 class Target(NamedTuple):
@@ -117,10 +122,10 @@ class JourneyHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class RestrictionsHeard(StateHeard):
-    """All temporary restrictions in force; none of those told before holds any more."""
+    """All temporary restrictions known; none of those told before holds any more."""
 
     kind: ClassVar[Kind] = Kind.RESTRICTION
-    restrictions: tuple[ToldRestriction, ...]
+    restrictions: tuple[Restriction, ...]
 
     def is_same(self, other: Heard | None) -> bool:
         """Whether another message is this one, whenever it was heard."""

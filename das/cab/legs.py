@@ -18,7 +18,8 @@ from das.cab.situation import AS_PLANNED, Situation
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
-from das.domain.route import Restriction, Stop
+from das.domain.restriction import Restriction
+from das.domain.route import Stop
 from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
@@ -68,7 +69,8 @@ class Legs:
         leg = self.current
         if leg is None:
             return advice
-        return self.last_words.judged(advice, here, self.situation, (leg.start.position_m, leg.end.position_m))
+        situation = self.situation.at(self._now_ns)
+        return self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
 
     def check(self, stops_m: Sequence[float]) -> None:
         """Look at the sections between stops before there is a journey; raises DasError where one cannot be driven."""
@@ -126,17 +128,18 @@ class Legs:
         return Leg(start, end, section, self._settings, self.preparation.coach_worker)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
-        """Take over all restrictions in force."""
+        """Take over all restrictions known; those that count now are planned with, the others when they do."""
         self.situation = replace(self.situation, restrictions=tuple(restrictions))
         self._heed()
 
     def set_conditions(self, conditions: Conditions) -> None:
         """Take over what differs from the files; where the train could not drive then, say so and go on as before."""
         situation = replace(self.situation, conditions=conditions)
+        now = situation.at(self._now_ns)
         try:
             for leg in self.legs[self.index : self.index + 2]:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
-                situation.between(start_m, end_m).section(start_m, end_m)
+                now.between(start_m, end_m).section(start_m, end_m)
         except DasError as error:
             self.preparation.say(News(event_wording.calibration_ignored(error), True))
             return
@@ -165,7 +168,7 @@ class Legs:
         """Bring the legs that are near to the situation of now."""
         self._now_ns = now_ns
         told, self._told = self._told, False
-        self.preparation.prepare(self.legs, self.index, self.situation, now_ns, told=told)
+        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, told=told)
 
     def _heed(self) -> None:
         """Something is new: look at once for what it needs; without a thread, when all is told and advice is due."""

@@ -168,8 +168,6 @@ class Operators:
         return news
 
 
-def _places(heard: Heard | None) -> list[tuple[float, float, float]] | None:
-    """The restrictions of a message in an order of their own; None where it cannot be read."""
-    if not isinstance(heard, RestrictionsHeard):
-        return None
-    return sorted((one.start_m, one.end_m, one.limit_mps) for one in heard.restrictions)
+def _places(heard: Heard | None) -> list[tuple[float, ...]] | None:
+    """The figures of a message's restrictions in an order of their own; None where it cannot be read."""
+    return sorted(one.figures for one in heard.restrictions) if isinstance(heard, RestrictionsHeard) else None

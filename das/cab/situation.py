@@ -11,7 +11,8 @@ from das.domain.braking import USUAL, SiteBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
-from das.domain.route import Restriction, Route
+from das.domain.restriction import Restriction
+from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.fastest import capped
 from das.solver.section import Section, SectionOptions, build_section
@@ -34,14 +35,22 @@ class Situation:
     braking: SiteBraking = USUAL
     """How the drivers of the site brake."""
 
+    def at(self, now_ns: int) -> Situation:
+        """This situation at a moment (ns since 1970; 0: not known): with the restrictions that count then, for good.
+
+        Where it is not known what time it is, all of them count.
+        """
+        counting = tuple(one.unlimited for one in self.restrictions if not now_ns or one.counts_at(now_ns))
+        return self if counting == self.restrictions else replace(self, restrictions=counting)
+
     def between(self, start_m: float, end_m: float) -> Situation:
         """This situation with only the restrictions that the train meets between two positions (m).
 
         A restriction counts until the tail of the train has left it.
         """
         length_m = 0.0 if self.point_mass else self.vehicle.train_length_m
-        met = (x for x in self.restrictions if x.start_m < end_m and x.end_m > start_m - length_m)
-        return replace(self, restrictions=tuple(sorted(met, key=lambda x: (x.start_m, x.end_m, x.limit_mps))))
+        met = (one for one in self.restrictions if one.is_under(start_m, end_m, length_m))
+        return replace(self, restrictions=tuple(sorted(met)))
 
     def is_like(self, other: Situation) -> bool:
         """Whether both give the same sections."""

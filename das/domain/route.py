@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
+from das.domain.restriction import Restriction
 from das.domain.units import KMH
 
 Floats = NDArray[np.float64]
@@ -20,9 +21,6 @@ NO_REGENERATION = -1.0
 """Supply of a stretch on which the electric brake must not be used."""
 NEUTRAL = -2.0
 """Supply of a neutral section: neither traction nor electric brake."""
-
-LEAST_RESTRICTION_MPS = 0.5
-"""A speed restriction below this (m/s) is refused, because a train could not get through."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,23 +73,6 @@ class Stretches:
         start, value = self.start_m[inside], self.value[inside]
         ends = np.append(start[1:], length_m)
         return Stretches(start_m=(length_m - ends)[::-1].copy(), value=sign * value[::-1])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Restriction:
-    """A temporary speed limit between two positions. It holds for the whole train, until its tail has left."""
-
-    start_m: float
-    end_m: float
-    limit_mps: float
-
-    def __post_init__(self) -> None:
-        # Written so that NaN is refused as well.
-        if not -np.inf < self.start_m < self.end_m < np.inf:
-            shown = f"{self.start_m:g} … {self.end_m:g} m"
-            raise InputError("restriction", "positions", shown, "a start before the end")
-        if not LEAST_RESTRICTION_MPS <= self.limit_mps < np.inf:
-            raise InputError("restriction", "limit_mps", self.limit_mps, f"at least {LEAST_RESTRICTION_MPS:g} m/s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +213,7 @@ class Route:
         )
 
     def with_restrictions(self, restrictions: Sequence[Restriction]) -> Route:
-        """The same line with temporary limits; the lowest of all limits at a position holds there."""
+        """The same line with temporary limits, whatever their windows; the lowest limit at a position holds there."""
         limits = self.limits_mps
         edges = np.array([edge for one in restrictions for edge in (one.start_m, one.end_m)])
         inside = edges[(edges > 0) & (edges < self.length_m)]

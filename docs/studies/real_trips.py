@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from das.bus.recording import read_recording
 from das.command_line.outputs import save_figure
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.domain.units import KM, KWH, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front

@@ -5,31 +5,40 @@ The train's own top speed is no limit: a train that is faster than its file says
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.advice.advice import Source
 from das.bus import topics
 from das.bus.recording import Recording
+from das.bus.restrictions import meant
 from das.domain.errors import DasError
+from das.domain.restriction import Restriction
 from sim.drive.attribution.inputs import DriveInputs, inputs_of
 from sim.recording.course import DrivenCourse, Floats, Times
 
-Place = tuple[float, float, float]
 
+class TemporaryLimit(NamedTuple):
+    """A restriction, and from when to when the node was told about it (ns)."""
 
-@dataclass(frozen=True, kw_only=True)
-class TemporaryLimit:
-    """A restriction: where it holds (m), its speed (m/s), and from when to when the node was told about it (ns)."""
-
-    start_m: float
-    end_m: float
-    limit_mps: float
+    restriction: Restriction
     told_ns: int
     lifted_ns: int
+
+    def holds_at(self, time_ns: Times) -> NDArray[np.bool_]:
+        """Whether the node was told about it at each moment (ns), and its window was open."""
+        told = (time_ns >= self.told_ns) & (time_ns < self.lifted_ns)
+        return np.asarray(told & self.restriction.holds_at(time_ns))
+
+    def changes(self) -> list[tuple[int, str]]:
+        """The moments (ns) at which it was told, began to hold, ended and was lifted, each with that word."""
+        one = self.restriction
+        window = ((one.valid_from_ns, "begins"), (one.valid_until_ns, "ends"))
+        inside = [(at_ns, word) for at_ns, word in window if self.told_ns < at_ns < self.lifted_ns]
+        return [(self.told_ns, "told"), *inside, (self.lifted_ns, "lifted")]
 
 
 def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[TemporaryLimit, ...]:
@@ -37,18 +46,19 @@ def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[Temporar
 
     Every message holds all restrictions that are in force.
     """
-    since_ns: dict[Place, int] = {}
+    since_ns: dict[Restriction, int] = {}
     found = []
-    for time_ns, places in [*_told(recording), (int(trip.time_ns[-1]) + 1, set[Place]())]:
-        for place in sorted(since_ns.keys() - places):
-            start_m, end_m, limit_mps = place
-            found.append(
-                TemporaryLimit(
-                    start_m=start_m, end_m=end_m, limit_mps=limit_mps, told_ns=since_ns[place], lifted_ns=time_ns
-                )
-            )
-        since_ns = {place: since_ns.get(place, time_ns) for place in places}
+    for time_ns, told in [*told_lists(recording), (int(trip.time_ns[-1]) + 1, ())]:
+        found += [TemporaryLimit(one, since_ns[one], time_ns) for one in sorted(since_ns.keys() - set(told))]
+        since_ns = {one: since_ns.get(one, time_ns) for one in told}
     return tuple(found)
+
+
+def told_lists(recording: Recording) -> Iterator[tuple[int, tuple[Restriction, ...]]]:
+    """The time (ns) and the restrictions of each message, in order of time."""
+    messages = [entry.message for entry in recording.of(topics.RESTRICTION)]
+    for message in sorted(messages, key=lambda message: message.time_ns):
+        yield int(message.time_ns), meant(message.restrictions)
 
 
 def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Floats]:
@@ -67,9 +77,10 @@ def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Flo
         advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
         said_mps = np.where(advice["source"] == Source.NONE, np.nan, advice["limit_mps"])
         said_mps, limit_mps = _held(advice["time_ns"], said_mps, at), _held(truth["time_ns"], truth["limit_mps"], at)
-    for one in temporary_limits(recording, trip):
+    for span in temporary_limits(recording, trip):
+        one = span.restriction
         over = (trip.s_m >= one.start_m) & ((trip.s_m - length_m <= one.end_m) | (said_mps <= one.limit_mps))
-        over &= (at >= one.told_ns) & (at < one.lifted_ns)
+        over &= span.holds_at(at)
         limit_mps[over] = np.fmin(limit_mps[over], one.limit_mps)
     return at, limit_mps
 
@@ -80,14 +91,6 @@ def known_inputs(recording: Recording) -> DriveInputs | None:
         return inputs_of(recording)
     except DasError:
         return None
-
-
-def _told(recording: Recording) -> Iterator[tuple[int, set[Place]]]:
-    """Time and places of each message; entries that no node accepts as a restriction are left out."""
-    messages = [entry.message for entry in recording.of(topics.RESTRICTION)]
-    for message in sorted(messages, key=lambda message: message.time_ns):
-        places = {(x.start_m, x.end_m, x.limit_mps) for x in message.restrictions}
-        yield message.time_ns, {x for x in places if all(map(math.isfinite, x)) and x[0] < x[1] and x[2] > 0}
 
 
 def _held(time_ns: Times, values: Floats, at: Times) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 from das.advice.modes import Mode
+from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
@@ -18,7 +19,6 @@ __all__ = [
     "CabView",
     "Driver",
     "Efforts",
-    "PostedRestriction",
     "Presentation",
     "lever_ratio",
     "whole_kmh_mps",
@@ -115,14 +115,6 @@ class AdviceView:
         return self.horizon_speed_mps[min(after, len(self.horizon_speed_mps)) - 1]
 
 
-class PostedRestriction(NamedTuple):
-    """A temporary speed limit (m/s) between two positions (m), for the whole train."""
-
-    start_m: float
-    end_m: float
-    limit_mps: float
-
-
 class CabView(NamedTuple):
     """What the driver sees and has been told at a moment.
 
@@ -140,7 +132,7 @@ class CabView(NamedTuple):
     arrival_s: float
     may_depart: bool = True
     signal_m: float = math.inf
-    restrictions: tuple[PostedRestriction, ...] = ()
+    restrictions: tuple[Restriction, ...] = ()
     advice: AdviceView | None = None
 
     @property

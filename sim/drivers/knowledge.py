@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from das.domain.formulary import curve_resistance_mps2
+from das.domain.restriction import Restriction
 from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from sim.drivers import knowledge_kernels as kernels
-from sim.drivers.cab import CabView, PostedRestriction
+from sim.drivers.cab import CabView
 from sim.plant.kernels import TrainNumbers
 from sim.plant.plant import train_numbers
 
@@ -135,7 +136,7 @@ class Foresight:
 
     def __init__(self, line: LineKnowledge, habit: Habit) -> None:
         self.line, self.habit = line, habit
-        self._key: tuple[float, tuple[PostedRestriction, ...]] | None = None
+        self._key: tuple[float, tuple[Restriction, ...]] | None = None
         self._outlook: Outlook | None = None
 
     def outlook(self, cab: CabView) -> Outlook:
@@ -146,12 +147,12 @@ class Foresight:
         return self._outlook
 
 
-def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[PostedRestriction, ...]) -> Floats:
+def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[Restriction, ...]) -> Floats:
     """The limit over the train in each cell (m/s), temporary ones included."""
     length_m = line.vehicle.train_length_m
     limit = _least(line.limits_mps, node_m)
     for one in restrictions:
-        inside = (node_m[1:] > one.start_m) & (node_m[:-1] < one.end_m + length_m)
+        inside = one.is_under(node_m[:-1], node_m[1:], length_m)
         limit = np.where(inside, np.minimum(limit, one.limit_mps), limit)
     return limit
 

@@ -9,8 +9,10 @@ from typing import Any, Final, NamedTuple
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
+from das.bus.restrictions import decoded, encoded
 from das.domain.errors import DasError
-from sim.drivers.cab import AdviceView, CabView, PostedRestriction, lever_ratio
+from das.domain.restriction import Restriction
+from sim.drivers.cab import AdviceView, CabView, lever_ratio
 from sim.drivers.checked import checked
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation
@@ -60,7 +62,7 @@ def cab_message(look: CabLook, line: LineKnowledge) -> Message:
         departure_s=cab.departure_s,
         arrival_s=cab.arrival_s,
         may_depart=cab.may_depart,
-        restrictions=[das_pb2.Restrictions.Restriction(**one._asdict()) for one in cab.restrictions],
+        restrictions=map(encoded, cab.restrictions),
         **_advice_fields(cab.shown, horizons=asked),
     )
     if asked:
@@ -80,7 +82,7 @@ def cab_view(message: Any) -> CabView:
         arrival_s=message.arrival_s,
         may_depart=message.may_depart,
         signal_m=math.inf if math.isnan(message.signal_m) else message.signal_m,
-        restrictions=tuple(PostedRestriction(x.start_m, x.end_m, x.limit_mps) for x in message.restrictions),
+        restrictions=tuple(decoded(one, Restriction) for one in message.restrictions),
         advice=_advice_view(message),
     )
 

@@ -78,8 +78,8 @@ def _places(axis: Any, story: Story, theme: Theme) -> None:
     """Draw what has a place of its own: restrictions, signals, targets and stops."""
     top = axis.get_ylim()[1]
     for limit in story.limits:
-        start, end, speed = limit.start_m / KM, limit.end_m / KM, limit.limit_mps / KMH
-        restricted(axis, (start, end), speed, top, theme)
+        one = limit.restriction
+        restricted(axis, (one.start_m / KM, one.end_m / KM), one.limit_mps / KMH, top, theme)
     red = theme.of[Meaning.DANGER]
     for signal in story.signals:
         axis.plot([signal.s_m / KM] * 2, [0.0, 0.12 * top], color=red, linewidth=1.6)

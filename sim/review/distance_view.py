@@ -207,13 +207,14 @@ def _places(out: rr.RecordingStream, plane: Plane, story: Story) -> None:
     """Send what has a place of its own: restrictions, signals at danger and targets."""
     strip, (_, top) = STRIPS[0], plane.ranges["speed"]
     limit, danger = rgba(VIEWER.of[Meaning.LIMIT]), rgba(VIEWER.of[Meaning.DANGER])
-    if story.limits:
+    limits = [limit.restriction for limit in story.limits]
+    if limits:
         boxes = [
             (float(plane.x(one.start_m)), strip.top, float(plane.x(one.end_m)), float(plane.y("speed", kmh)))
-            for one in story.limits
+            for one in limits
             if (kmh := min(one.limit_mps / KMH, top)) > 0
         ]
-        labels = [f"{one.limit_mps / KMH:.0f} km/h" for one in story.limits]
+        labels = [f"{one.limit_mps / KMH:.0f} km/h" for one in limits]
         minima, sizes = [(a, b) for a, b, _, _ in boxes], [(c - a, d - b) for a, b, c, d in boxes]
         restricted = rr.Boxes2D(mins=minima, sizes=sizes, colors=limit, labels=labels, show_labels=True)
         out.log("distance/restrictions", restricted, static=True)

@@ -140,11 +140,11 @@ def _restricted(axis: Any, story: Story, along: Along, theme: Theme) -> None:
     """The restrictions, while the train's head is on them."""
     trip, top = story.trip, axis.get_ylim()[1]
     for limit in story.limits:
-        over = (trip.s_m >= limit.start_m) & (trip.s_m <= limit.end_m)
-        over &= (trip.time_ns >= limit.told_ns) & (trip.time_ns < limit.lifted_ns)
+        one = limit.restriction
+        over = (trip.s_m >= one.start_m) & (trip.s_m <= one.end_m) & limit.holds_at(trip.time_ns)
         if over.any():
             ends = along(trip.time_ns[over][[0, -1]])
-            restricted(axis, (float(ends[0]), float(ends[1])), limit.limit_mps / KMH, top, theme)
+            restricted(axis, (float(ends[0]), float(ends[1])), one.limit_mps / KMH, top, theme)
 
 
 def _spread(axis: Any, x: Floats, middle: Floats, sd: Floats, color: str) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+from das.domain.restriction import Restriction
 from das.domain.units import KM, kmh
 
 
@@ -46,12 +47,22 @@ class DelayOnTheWay:
 
 @dataclass(frozen=True, kw_only=True)
 class AnnouncedRestriction:
-    """A temporary speed restriction; driver and node are told when the train's head is `announced_m` before it."""
+    """A temporary speed restriction; driver and node are told when the train's head is `announced_m` before it.
+
+    It holds from `valid_from_s` to `valid_until_s` on the run's clock (None: open).
+    """
 
     from_m: float
     to_m: float
     speed_mps: float
     announced_m: float
+    valid_from_s: float | None = None
+    valid_until_s: float | None = None
+
+    def restriction(self, moment_ns: Callable[[float], int]) -> Restriction:
+        """The restriction that is told; `moment_ns` gives the moment (ns since 1970) of a time of the run's clock."""
+        window = (0 if clock_s is None else moment_ns(clock_s) for clock_s in (self.valid_from_s, self.valid_until_s))
+        return Restriction(self.from_m, self.to_m, self.speed_mps, *window)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,8 +167,9 @@ NOTHING = "nothing"
 
 
 def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
-    """The kind and the figures (SI) of each disturbance, for programs."""
-    return [{"kind": _KIND_OF[type(one)], **asdict(one)} for one in disturbances]
+    """The kind and the figures (SI) of each disturbance, for programs; an open end of a window is no figure."""
+    figures = ((_KIND_OF[type(one)], asdict(one)) for one in disturbances)
+    return [{"kind": kind, **{k: v for k, v in found.items() if v is not None}} for kind, found in figures]
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:
@@ -175,7 +187,7 @@ def _described(one: Disturbance) -> str:
             return f"no faster than {kmh(one.speed_mps):.0f} km/h {_stretch(one)}"
         case AnnouncedRestriction():
             said = f"restriction to {kmh(one.speed_mps):.0f} km/h {_stretch(one)}"
-            return f"{said}, told {one.announced_m:.0f} m ahead"
+            return f"{said}{_window(one)}, told {one.announced_m:.0f} m ahead"
         case SignalStop():
             return f"{_signal(one)}, clear {one.clears_after_s:.0f} s later"
         case TrainAhead():
@@ -195,6 +207,12 @@ def _described(one: Disturbance) -> str:
 
 def _stretch(one: DelayOnTheWay | AnnouncedRestriction | SlipperyRail | HeadWind) -> str:
     return f"from km {one.from_m / KM:.1f} to {one.to_m / KM:.1f}"
+
+
+def _window(one: AnnouncedRestriction) -> str:
+    ends = (("from", one.valid_from_s), ("until", one.valid_until_s))
+    said = [f" {word} {clock_s:.0f} s" for word, clock_s in ends if clock_s is not None]
+    return f", valid{''.join(said)}" if said else ""
 
 
 def _signal(one: SignalStop | TrainAhead) -> str:

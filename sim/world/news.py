@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from das.cab.heard import Target
+from das.domain.restriction import Restriction
 from das.domain.units import KM, KMH
-from sim.drivers.cab import PostedRestriction
 from sim.plant.plant import PlantState
 from sim.world.day import Day
 from sim.world.disturbances import (
@@ -38,10 +38,11 @@ class DayNews:
         """Position (m) of the next signal at danger that the driver sees; inf if there is none."""
         self.targets: tuple[Target, ...] = ()
         """Targets of traffic management that are in force."""
-        self.told: tuple[PostedRestriction, ...] = ()
-        """Restrictions in force of which driver and node are told."""
-        self.shown: tuple[PostedRestriction, ...] = ()
-        """Restrictions in force that the driver knows: those of `told`, and stretches on which only he must be slow."""
+        self.told: tuple[Restriction, ...] = ()
+        """Restrictions of which driver and node are told, until the tail has left them; `holding` says which hold."""
+        self.shown: tuple[Restriction, ...] = ()
+        """Restrictions that the driver keeps to: those of `told` that count now, and stretches on which only he must be
+        slow."""
 
     def update(self, state: PlantState) -> list[str]:
         """Take note of a state; a sentence about each thing that is new."""
@@ -51,6 +52,11 @@ class DayNews:
             *self._restrictions(state),
             *self._outages(state.time_s),
         ]
+
+    def holding(self, now_s: float) -> list[Restriction]:
+        """The restrictions that hold at a time of the run's clock (s), of those that are told."""
+        now_ns = self._day.service.moment_ns(now_s)
+        return [one for one in self.told if one.holds_at(now_ns)]
 
     def restart_due(self, now_s: float) -> bool:
         """Whether the node is to be killed now; True once for each restart."""
@@ -105,17 +111,18 @@ class DayNews:
     def _restrictions(self, state: PlantState) -> list[str]:
         """Update the restrictions: a restriction is over when the tail has left it. A sentence about each new one."""
         before, ahead = self.told, state.s_m - self._length_m
+        moment_ns = self._day.service.moment_ns
         self.told = tuple(
-            PostedRestriction(x.from_m, x.to_m, x.speed_mps)
+            x.restriction(moment_ns)
             for x in self._day.of(AnnouncedRestriction)
             if x.from_m - x.announced_m <= state.s_m and ahead <= x.to_m
         )
-        slow = (
-            PostedRestriction(x.from_m, x.to_m, x.speed_mps) for x in self._day.of(DelayOnTheWay) if ahead <= x.to_m
-        )
-        self.shown = (*self.told, *slow)
+        counting = (x for x in self.told if x.counts_at(moment_ns(state.time_s)))
+        slow = (Restriction(x.from_m, x.to_m, x.speed_mps) for x in self._day.of(DelayOnTheWay) if ahead <= x.to_m)
+        self.shown = (*counting, *slow)
         return [
             f"restriction to {x.limit_mps / KMH:.0f} km/h, km {x.start_m / KM:.1f} to {x.end_m / KM:.1f}"
+            f"{x.window_words()}"
             for x in self.told
             if x not in before
         ]

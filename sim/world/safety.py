@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from das.domain.restriction import Restriction
 from das.domain.units import KM, KMH, kmh
-from sim.drivers.cab import PostedRestriction
 from sim.plant.plant import PlantState
 
 BEYOND_M = 0.5
@@ -55,7 +55,7 @@ class Watch:
         *,
         signal_m: float,
         limit_mps: float,
-        temporary: Sequence[PostedRestriction],
+        temporary: Sequence[Restriction],
     ) -> list[str]:
         """Note a state that lasted for a time, under a signal at danger, the line's limit and temporary limits.
 
@@ -73,11 +73,8 @@ class Watch:
         self._passed.add(signal_m)
         return [f"signal at km {signal_m / KM:.1f} passed at danger"]
 
-    def _speed(
-        self, state: PlantState, span_s: float, limit_mps: float, temporary: Sequence[PostedRestriction]
-    ) -> list[str]:
-        tail_m = state.s_m - self._length_m
-        here = [x.limit_mps for x in temporary if x.start_m < state.s_m and tail_m < x.end_m]
+    def _speed(self, state: PlantState, span_s: float, limit_mps: float, temporary: Sequence[Restriction]) -> list[str]:
+        here = [x.limit_mps for x in temporary if x.is_under(state.s_m, state.s_m, self._length_m)]
         allowed_mps = min([limit_mps, *here])
         was_over, over_mps = self._is_over, state.speed_mps - allowed_mps
         self._is_over = over_mps > OVER_MPS

@@ -58,6 +58,10 @@ _QUANTITIES: dict[str, dict[str, str]] = {
     "node-restart": {"at": "time"},
 }
 """The quantities of each kind of disturbance (name → dimension)."""
+_OPTIONAL: dict[str, dict[str, str]] = {"restriction": {"valid_from": "time", "valid_until": "time"}}
+"""The quantities that a kind of disturbance may have besides."""
+_RISING = (("from", "to"), ("valid_from", "valid_until"), ("seen", "told"))
+"""Pairs of quantities of one disturbance of which the second must be the greater one."""
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
 _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
 """Faults of localisation that have a size."""
@@ -258,17 +262,18 @@ def _planned(table: Fields) -> PlannedDisturbance:
         if fault not in _SIZED:
             fixed["size_m"] = 0.0
             quantities = {name: dimension for name, dimension in quantities.items() if name != "size"}
-    table.check_keys(["kind", *others, *table.quantity_keys(quantities)])
+    optional = _OPTIONAL.get(kind, {})
+    table.check_keys(["kind", *others, *table.quantity_keys({**quantities, **optional})])
+    given = {name: unit for name, unit in optional.items() if key_of(table, name, unit) in table.data}
+    quantities = {**quantities, **given}
     drawn = {
         name: _checked(table, name, dimension, read_quantity(table, name, dimension))
         for name, dimension in quantities.items()
     }
-    if "to" in drawn and not drawn["from"].high < drawn["to"].low:
-        key = key_of(table, "to", "length")
-        raise table.error(key, table.data[key], f"more than from = {drawn['from'].high:g} m")
-    if kind == "train-ahead" and not drawn["told"].low > drawn["seen"].high:
-        key = key_of(table, "told", "length")
-        raise table.error(key, table.data[key], f"more than seen = {drawn['seen'].high:g} m")
+    for lower, higher in _RISING:
+        if {lower, higher} <= drawn.keys() and not drawn[lower].high < drawn[higher].low:
+            key, unit = key_of(table, higher, quantities[higher]), _SI_SUFFIX[quantities[higher]]
+            raise table.error(key, table.data[key], f"more than {lower} = {drawn[lower].high:g} {unit}")
     figures = {f"{name}_{_SI_SUFFIX[dimension]}": drawn[name] for name, dimension in quantities.items()}
     return PlannedDisturbance(kind=kind, figures=figures, fixed=fixed)
 

@@ -16,7 +16,6 @@ from das.cab.heard import (
     PositionHeard,
     RestrictionsHeard,
     TargetsHeard,
-    ToldRestriction,
 )
 from das.domain.route import Stretches
 from sim.drivers.cab import AdviceView, CabView
@@ -63,8 +62,7 @@ class Surroundings:
             yield DelayHeard(time_ns=now_ns, delay_s=self._delay_s(state))
         before, self._sent = self._sent, (self.news.told, self.news.targets)
         if self.news.told != before[0]:
-            restrictions = tuple(ToldRestriction(*one) for one in self.news.told)
-            yield RestrictionsHeard(time_ns=now_ns, restrictions=restrictions)
+            yield RestrictionsHeard(time_ns=now_ns, restrictions=self.news.told)
         if self.news.targets != before[1]:
             yield TargetsHeard(time_ns=now_ns, targets=self.news.targets)
 
@@ -112,7 +110,7 @@ class Surroundings:
             span_s,
             signal_m=self.news.signal_m,
             limit_mps=self._line_limits.at(after.s_m),
-            temporary=self.news.told,
+            temporary=self.news.holding(after.time_s),
         )
         return violated if called is None else [called, *violated]
 

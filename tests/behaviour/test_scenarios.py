@@ -15,6 +15,7 @@ from das.advice.modes import Mode
 from das.advice.settings import DEFAULT
 from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
+from das.domain.restriction import Restriction
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2, kwh
 from das.estimate.localisation_settings import STALE_AFTER_S
 from sim.drivers.cab import Presentation
@@ -190,7 +191,7 @@ def test_restriction_is_kept_by_the_driver_and_told_in_time() -> None:
         (heard.restrictions, driven.run.states[tick.number - 1].s_m) for tick, heard in told
     ]
     assert none == ((), 0.0)
-    assert [tuple(x) for x in first] == [(one.from_m, one.to_m, one.speed_mps)]
+    assert first == (Restriction(one.from_m, one.to_m, one.speed_mps),)
     assert last == ()
     way_m = 60.0  # in a second
     assert one.from_m - one.announced_m <= begun_m <= one.from_m - one.announced_m + way_m

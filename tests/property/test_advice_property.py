@@ -20,7 +20,7 @@ from das.advice.settings import DEFAULT
 from das.cab.fronts import onboard_ladder
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.estimate.fix import PositionFix
 from das.solver.fastest import fastest, least_time_s

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Source
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from tests.property.test_advice_property import END_M, Allowed, asked, front_of, ns, section_of
 
 SLACK_MPS = 0.1

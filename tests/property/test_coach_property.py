@@ -25,7 +25,7 @@ from das.cab.fronts import onboard_ladder
 from das.cab.leg import Leg
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.solve import solve_front

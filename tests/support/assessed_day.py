@@ -33,9 +33,10 @@ from das.cab.outputs import Estimated, Event
 from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.files.load import load_route, load_vehicle
+from das.domain.restriction import Restriction
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
-from sim.drivers.cab import CabView, PostedRestriction, Presentation
+from sim.drivers.cab import CabView, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.plant import Plant, PlantState
 from tests.support.drawn_day import Change, Drawn, Operators, Style, Upset
@@ -176,7 +177,7 @@ class AssessedDay:
         return CabView(
             state.time_s, state.s_m, state.speed_mps, float(self._line.limits_mps.at(state.s_m)), stop.s_m,
             departure_s, stop.arrival_s, state.time_s >= departure_s,
-            restrictions=tuple(PostedRestriction(*one) for one in self._operators.in_force),
+            restrictions=tuple(Restriction(*one) for one in self._operators.in_force),
         )  # fmt: skip
 
     def _timetable(self) -> list[DayStop]:

@@ -5,29 +5,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError, InfeasibleError
-from das.domain.route import Restriction
+from das.domain.restriction import LATEST_NS, Restriction
 from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.attribution.motion import DrivenLeg
+from sim.drive.limits import told_lists
 
 LATE_S = 0.1
 """A best run that arrives later than this (s) is none for the time wanted."""
 
-Told = frozenset[tuple[float, float, float]]
+Told = frozenset[Restriction]
 
 
 class Epoch(NamedTuple):
-    """From when on (ns) which restrictions were known: start (m), end (m), limit (m/s)."""
+    """From when on (ns) which restrictions were known and counted; none of them has a window any more."""
 
     since_ns: int
     told: Told
@@ -45,18 +46,18 @@ NOTHING = Remaining(energy_j=math.nan, run=None)
 
 
 def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
-    """The lists of restrictions as they were told, each with what can be meant in it; first nothing is known."""
+    """What was known and counted, from each moment on at which that changed; first nothing is known.
+
+    It changes when a list is told, and when a restriction of it begins or ceases to count.
+    """
     found = [Epoch(-(2**63), frozenset())]
-    for entry in sorted(recording.of(topics.RESTRICTION), key=lambda one: one.message.time_ns):
-        told = []
-        for one in entry.message.restrictions:
-            try:
-                Restriction(start_m=one.start_m, end_m=one.end_m, limit_mps=one.limit_mps)
-            except DasError:
-                continue
-            told.append((one.start_m, one.end_m, one.limit_mps))
-        if frozenset(told) != found[-1].told:
-            found.append(Epoch(int(entry.message.time_ns), frozenset(told)))
+    lists = [*told_lists(recording)]
+    for (since_ns, told), (until_ns, _) in pairwise([*lists, (LATEST_NS, ())]):
+        edges = {edge_ns for one in told if one.has_window for edge_ns in one.counting_ns}
+        for at_ns in sorted({since_ns, *(edge_ns for edge_ns in edges if since_ns < edge_ns < until_ns)}):
+            counting = frozenset(one.unlimited for one in told if one.counts_at(at_ns))
+            if counting != found[-1].told:
+                found.append(Epoch(at_ns, counting))
     return tuple(found)
 
 
@@ -79,7 +80,7 @@ class Knowledge:
         first_m, last_m = float(self.leg.motion.s_m[0]), float(self.leg.motion.s_m[-1])
         route = self.inputs.route
         if told:
-            route = route.with_restrictions([Restriction(start_m=a, end_m=b, limit_mps=v) for a, b, v in sorted(told)])
+            route = route.with_restrictions(sorted(told))
         return build_section(
             route,
             self.inputs.vehicle,
@@ -108,5 +109,5 @@ class Knowledge:
     def _here(self, told: Told) -> Told:
         """Of restrictions, those that the train meets on this leg."""
         first_m, last_m = float(self.leg.motion.s_m[0]), float(self.leg.motion.s_m[-1])
-        behind_m = self.inputs.vehicle.train_length_m
-        return frozenset(one for one in told if one[1] + behind_m > first_m and one[0] < last_m)
+        length_m = self.inputs.vehicle.train_length_m
+        return frozenset(one for one in told if one.is_under(first_m, last_m, length_m))

@@ -53,18 +53,16 @@ def _where(trip: DrivenCourse, time_ns: int) -> float:
 
 
 def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    for one in temporary_limits(recording, trip):
-        place = f"km {one.start_m / KM:.2f} to {one.end_m / KM:.2f}"
+    for span in temporary_limits(recording, trip):
+        one = span.restriction
+        place = f"{kmh(one.limit_mps):.0f} km/h, km {one.start_m / KM:.2f} to {one.end_m / KM:.2f}{one.window_words()}"
         facts = {"start_m": one.start_m, "end_m": one.end_m, "limit_mps": one.limit_mps}
-        yield DriveEvent(
-            time_ns=one.told_ns, kind=EventKind.RESTRICTION, s_m=_where(trip, one.told_ns), facts=facts,
-            text=f"restriction told: {kmh(one.limit_mps):.0f} km/h, {place}",
-        )  # fmt: skip
-        if one.lifted_ns <= trip.time_ns[-1]:
-            yield DriveEvent(
-                time_ns=one.lifted_ns, kind=EventKind.RESTRICTION, s_m=_where(trip, one.lifted_ns), facts=facts,
-                text=f"restriction lifted: {kmh(one.limit_mps):.0f} km/h, {place}",
-            )  # fmt: skip
+        for at, word in span.changes():
+            if word == "told" or at <= trip.time_ns[-1]:
+                yield DriveEvent(
+                    time_ns=at, kind=EventKind.RESTRICTION, s_m=_where(trip, at), facts=facts,
+                    text=f"restriction {word}: {place}",
+                )  # fmt: skip
 
 
 def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:

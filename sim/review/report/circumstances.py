@@ -9,6 +9,7 @@ import numpy as np
 
 from das.advice.modes import mode_name
 from das.bus import topics
+from das.bus.restrictions import meant
 from das.domain.levels import Level
 from das.domain.units import kmh
 from sim.drive.events.event import EventKind
@@ -26,6 +27,7 @@ DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.TIMETABLE: "a driver who keeps the timetable",
     DriverKind.HUMAN: "a simulated human",
 }
+NONE_TOLD: Final = "none (an empty list was told)"
 
 
 def came_about(subject: ReviewedDrive) -> list[str]:
@@ -58,13 +60,13 @@ def restrictions_told(subject: ReviewedDrive) -> str:
     lists = subject.recording.of(topics.RESTRICTION)
     if not lists:
         return ""
-    told = {
-        (one.start_m, one.end_m, one.limit_mps): f"{kmh(one.limit_mps):.0f} km/h from km {one.start_m / 1000:.2f} to "
-        f"{one.end_m / 1000:.2f}"
-        for entry in lists
-        for one in entry.message.restrictions
-    }
-    return "; ".join(told.values()) or "none (an empty list was told)"
+    told = dict.fromkeys(one for entry in lists for one in meant(entry.message.restrictions))
+    words = (
+        f"{kmh(one.limit_mps):.0f} km/h from km {one.start_m / 1000:.2f} to {one.end_m / 1000:.2f}{one.window_words()}"
+        for one in told
+    )
+    nothing = "none that anybody can mean" if any(x.message.restrictions for x in lists) else NONE_TOLD
+    return "; ".join(words) or nothing
 
 
 def at_signals(subject: ReviewedDrive) -> list[str]:

@@ -174,7 +174,12 @@ def _restricted(day: Day, whole: Otherwise) -> Day:
     ]
     added = [
         AnnouncedRestriction(
-            from_m=one.start_m, to_m=one.end_m, speed_mps=one.limit_mps, announced_m=day.service.route.length_m
+            from_m=one.start_m,
+            to_m=one.end_m,
+            speed_mps=one.limit_mps,
+            announced_m=day.service.route.length_m,
+            valid_from_s=day.service.clock_s(one.valid_from_ns) if one.valid_from_ns else None,
+            valid_until_s=day.service.clock_s(one.valid_until_ns) if one.valid_until_ns else None,
         )
         for one in whole.restrictions
     ]

@@ -12,9 +12,10 @@ from das import __version__
 from das.bus import codec
 from das.bus.contents import RecordedMessage
 from das.bus.recorder import RecordingFile, message_time_ns
+from das.bus.restrictions import encoded
 from das.bus.sealing import UNCHECKED
 from das.bus.topics import JOURNEY, RESTRICTION, STATUS
-from das.cab.heard import RestrictionsHeard, ToldRestriction
+from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.node.building import CabPlan, plan_cab
@@ -126,9 +127,7 @@ def _heard_otherwise(messages: Sequence[RecordedMessage], new: Otherwise, plan: 
 
 def _restrictions(message: Any, new: Otherwise) -> Any:
     recorded = () if new.without_restrictions else message.restrictions
-    listed = [ToldRestriction(one.start_m, one.end_m, one.limit_mps) for one in recorded]
-    told = RestrictionsHeard(time_ns=message.time_ns, restrictions=(*listed, *new.restrictions))
-    return codec.told(told).message
+    return type(message)(time_ns=message.time_ns, restrictions=[*recorded, *map(encoded, new.restrictions)])
 
 
 def _journey(message: Any, cab: CabOtherwise, plan: CabPlan) -> Any:

@@ -96,7 +96,7 @@ class Origin:
         """Raise DasError for a restriction that the train does not meet."""
         first_m, last_m = self.journey.stops[0].s_m, self.journey.stops[-1].s_m
         for one in otherwise.restrictions:
-            if not (one.start_m < last_m and one.end_m > first_m):
+            if not one.is_under(first_m, last_m):
                 way = f"expected on the way, km {first_m / 1000:g} to {last_m / 1000:g}"
                 raise DasError(f"--restriction from km {one.start_m / 1000:g} to {one.end_m / 1000:g}: {way}")
 

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from das.cab.heard import ToldRestriction
 from das.command_line.options import LoadOption
-from das.domain.errors import DasError
+from das.domain.errors import DasError, InputError
 from das.domain.levels import Level
+from das.domain.restriction import Restriction
 from das.domain.units import KM, KMH, kmh
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.options import ParticipantOption, PopulationOption
@@ -105,7 +105,7 @@ class Otherwise:
 
     cab: CabOtherwise = field(default_factory=CabOtherwise)
     driven: DrivenOtherwise = field(default_factory=DrivenOtherwise)
-    restrictions: tuple[ToldRestriction, ...] = ()
+    restrictions: tuple[Restriction, ...] = ()
     without_restrictions: bool = False
 
     def over(self, earlier: Otherwise) -> Otherwise:
@@ -139,7 +139,7 @@ class Otherwise:
     def kept(self) -> str:
         """What another what-if of this day has to make again, as JSON; the train is attached to the recording."""
         cab = {name: value for name, value in asdict(self.cab).items() if name in KEPT_OF_CAB}
-        restrictions = [list(one) for one in self.restrictions]
+        restrictions = [one.figures[: 5 if one.has_window else 3] for one in self.restrictions]
         return json.dumps({**cab, "restrictions": restrictions, "without_restrictions": self.without_restrictions})
 
     @classmethod
@@ -149,20 +149,20 @@ class Otherwise:
             return cls()
         try:
             kept: dict[str, Any] = json.loads(run[KEPT])
-            restrictions = tuple(ToldRestriction(*map(float, one)) for one in kept.pop("restrictions"))
+            restrictions = tuple(Restriction(*one) for one in kept.pop("restrictions"))
             without = bool(kept.pop("without_restrictions"))
             if not kept.keys() <= KEPT_OF_CAB:
                 raise ValueError(f"expected no more than {', '.join(sorted(KEPT_OF_CAB))}")
             return cls(cab=CabOtherwise(**kept), restrictions=restrictions, without_restrictions=without)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError, InputError) as error:
             raise DasError(f"metadata run.{KEPT}: cannot be read ({error})") from None
 
 
-def _described(one: ToldRestriction) -> str:
+def _described(one: Restriction) -> str:
     return f"restriction to {kmh(one.limit_mps):g} km/h, km {one.start_m / KM:g} to {one.end_m / KM:g}"
 
 
-def read_restriction(text: str) -> ToldRestriction:
+def read_restriction(text: str) -> Restriction:
     """The restriction that a text like "12.5-14:80" names: from km to km, and km/h; DasError for any other text."""
     found = _RESTRICTION.fullmatch(text.strip())
     if found is None:
@@ -172,4 +172,4 @@ def read_restriction(text: str) -> ToldRestriction:
         raise DasError(f"--restriction {text}: expected an end behind the start")
     if not SLOWEST_KMH <= limit_kmh <= FASTEST_KMH:
         raise DasError(f"--restriction {text}: expected a limit of {SLOWEST_KMH:g} to {FASTEST_KMH:g} km/h")
-    return ToldRestriction(start_km * KM, end_km * KM, limit_kmh * KMH)
+    return Restriction(start_km * KM, end_km * KM, limit_kmh * KMH)

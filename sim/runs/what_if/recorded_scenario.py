@@ -11,18 +11,19 @@ from typing import Any, Final
 
 import numpy as np
 
-from das.bus import topics
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
+from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.node.options import NodeOptions
 from sim.drive.events.calls import RecordedCall, calls
+from sim.drive.limits import told_lists
 from sim.recording.attached import put
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import sha256, vehicle_files
 from sim.runs.reproduce.inputs import node_given
 from sim.runs.what_if.origin import Origin
-from sim.world.scenario import SCHEMA_VERSION, Scenario, read_scenario
+from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario
 from sim.world.truth import Truth
 
 LEAST_DELAY_S: Final = 1.0
@@ -162,18 +163,30 @@ def _delay(call: RecordedCall, dwell_s: float) -> Iterator[str]:
 def _restrictions(origin: Origin, trip: DrivenCourse) -> Iterator[str]:
     """Each restriction that was told, from where the train was when it was first told."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
-    known: set[tuple[float, float, float]] = set()
-    for entry in sorted(origin.recording.of(topics.RESTRICTION), key=lambda one: one.message.time_ns):
-        told_m = float(trip.at(np.array([entry.message.time_ns]), trip.s_m)[0])
-        for one in entry.message.restrictions:
-            start_m = max(one.start_m, first_m)
-            told = (start_m, one.end_m, one.limit_mps)
-            if told in known or not start_m < min(one.end_m, last_m) or one.limit_mps < 1.0:
+    known: set[Restriction] = set()
+    for time_ns, told in told_lists(origin.recording):
+        told_m = float(trip.at(np.array([time_ns]), trip.s_m)[0])
+        for whole in told:
+            start_m = max(whole.start_m, first_m)
+            if not start_m < min(whole.end_m, last_m) or whole.limit_mps < 1.0:
                 continue
-            known.add(told)
+            one, window = replace(whole, start_m=start_m), _window(whole, origin.journey.stops[0].departure_ns)
+            if one in known or window is None:
+                continue
+            known.add(one)
             yield "[[disturbances]]"
             yield 'kind = "restriction"'
             yield f"from_m = {start_m!r}"
             yield f"to_m = {one.end_m!r}"
             yield f"speed_mps = {one.limit_mps!r}"
             yield f"announced_m = {max(start_m - told_m, 0.0) + 1.0:.1f}"
+            yield from window
+
+
+def _window(one: Restriction, departure_ns: int) -> list[str] | None:
+    """The lines of a restriction's window on the run's clock; None where it does not hold on the day of the drive."""
+    from_s, until_s = (round((at_ns - departure_ns) * NS, 9) for at_ns in (one.valid_from_ns, one.valid_until_ns))
+    if (one.valid_from_ns and from_s > LONGEST_DWELL_S) or (one.valid_until_ns and until_s <= 0):
+        return None
+    ends = [f"valid_from_s = {from_s!r}"] if one.valid_from_ns and from_s > 0 else []
+    return [*ends, f"valid_until_s = {until_s!r}"] if 0 < until_s <= LONGEST_DWELL_S else ends

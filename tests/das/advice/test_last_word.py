@@ -26,7 +26,8 @@ from das.cab.leg import Leg
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.route import Restriction, Zone
+from das.domain.restriction import Restriction
+from das.domain.route import Zone
 from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.estimate.estimate import Estimate

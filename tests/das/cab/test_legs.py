@@ -24,7 +24,8 @@ from das.cab.trains import Trains
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
-from das.domain.route import Restriction, Route, Stop, Stretches
+from das.domain.restriction import Restriction
+from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS
 from das.domain.vehicle import Load
 from das.estimate.fix import PositionFix

@@ -15,7 +15,7 @@ from das.cab.heard import Target
 from das.cab.preparation import TRY_AGAIN_S
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.solver.section import Section
 from tests.support.small_trips import DUE, LINE, SmallTrip, at, broken, highest, ns, trip
 

@@ -14,7 +14,7 @@ from das.advice.advice import Source
 from das.cab.fronts import Fronts
 from das.domain.braking import SiteBraking
 from das.domain.errors import DasError
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.solver.section import build_section
 from das.table.reading import read_front
 from precompute.tables.writing import TableSettings, make_table, write_table

@@ -19,6 +19,7 @@ from das.advice.modes import Mode
 from das.bus import das_pb2
 from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
+from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.trajectory import Trajectory
 from das.domain.units import KMH
@@ -27,7 +28,7 @@ from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.cli.drivers import DRIVERS
-from sim.drivers.cab import AdviceView, CabView, Driver, PostedRestriction, Presentation, lever_ratio
+from sim.drivers.cab import AdviceView, CabView, Driver, Presentation, lever_ratio
 from sim.drivers.diary import DriverEvent
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
@@ -224,7 +225,7 @@ def test_nobody_leaves_early_and_everyone_minds_restrictions_and_signals(kind: D
     route, train = flat(7000.0, 40.0), RE460
     line, plant = LineKnowledge(route=route, vehicle=train), Plant(route, train)
     driver = make_driver(kind, line, parameters=STEADY)
-    restriction = PostedRestriction(start_m=1500.0, end_m=1800.0, limit_mps=14.0)
+    restriction = Restriction(start_m=1500.0, end_m=1800.0, limit_mps=14.0)
     state, signal_m, stood_s = plant.at(0.0), 4500.0, math.inf
     while state.time_s < 700.0:
         view = fastest_view(state) if kind in (DriverKind.PERFECT, DriverKind.HUMAN) else None
@@ -279,7 +280,7 @@ def cab_of(
     stop_m: float,
     arrival_s: float = 600.0,
     signal_m: float = math.inf,
-    restrictions: tuple[PostedRestriction, ...] = (),
+    restrictions: tuple[Restriction, ...] = (),
     advice: AdviceView | None = None,
 ) -> CabView:
     return CabView(

@@ -80,9 +80,24 @@ def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
         s_m = SPEED_MPS * t
         in_force = [v for since, (a, b, v) in ((5, one), (5, other), (60, late)) if since <= t < 65 and a <= s_m <= b]
         assert limit == min([LINE_MPS, *in_force]), t
-    found = {(x.start_m, x.told_ns, x.lifted_ns) for x in temporary_limits(recording, trip)}
+    found = {(x.restriction.start_m, x.told_ns, x.lifted_ns) for x in temporary_limits(recording, trip)}
     assert found == {(400.0, at_ns(5), at_ns(65)), (500.0, at_ns(5), at_ns(65)), (1000.0, at_ns(60), at_ns(65))}
     assert Story.of(recording).series["speed/limit"][1].min() == pytest.approx(36.0)
+
+
+def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open() -> None:
+    window = {"valid_from_ns": at_ns(30), "valid_until_ns": at_ns(40)}
+    one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=2_000.0, limit_mps=10.0, **window)
+    list_of_one = topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(5), restrictions=[one])
+    recording = recorded(list_of_one, told(90))
+    trip = DrivenCourse.of(recording)
+    at, limit_mps = limit_in_force(recording, trip)
+    slow = (at[limit_mps == 10.0] - START_NS) / 1e9
+    assert (slow.min(), slow.max()) == (30.0, 39.0)
+    (span,) = temporary_limits(recording, trip)
+    assert [(round((at_ns - START_NS) / 1e9), word) for at_ns, word in span.changes()] == [
+        (5, "told"), (30, "begins"), (40, "ends"), (90, "lifted"),
+    ]  # fmt: skip
 
 
 def test_behind_a_restriction_the_tail_counts_as_long_as_the_node_says() -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from das.domain.restriction import Restriction
 from das.domain.units import KMH
-from sim.drivers.cab import PostedRestriction
 from sim.plant.kernels import PlantState
 from sim.world.safety import Violations, Watch
 from tests.support.flat_days import run_of, signal_at
@@ -33,7 +33,7 @@ def test_a_signal_passed_is_counted_once_and_measured() -> None:
 
 
 def test_the_lowest_limit_over_the_whole_train_counts() -> None:
-    watch, slow = Watch(200.0), (PostedRestriction(500.0, 600.0, 10.0),)
+    watch, slow = Watch(200.0), (Restriction(500.0, 600.0, 10.0),)
     spans = {490.0: 12.0, 510.0: 12.0, 799.0: 10.2, 799.9: 11.0, 801.0: 12.0}
     said = [watch.take(at(s, v), 0.2, signal_m=1e9, limit_mps=20.0, temporary=slow) for s, v in spans.items()]
     assert said == [[], ["43 km/h where 36 are allowed"], [], ["40 km/h where 36 are allowed"], []]

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
+from das.domain.restriction import Restriction
+from das.domain.units import KMH
 from sim.world.day import make_day
 from sim.world.disturbances import (
     AnnouncedRestriction,
+    as_figures,
     described,
 )
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
@@ -74,6 +77,12 @@ BAD = [
         RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
         "from is at km 7: expected on the way, km 0 to 6",
     ),
+    (
+        RESTRICTED + "valid_from_s = 60\nvalid_until_min = 1",
+        r"disturbances\[0\].valid_until_min = 1: expected more than valid_from = 60 s",
+    ),
+    (RESTRICTED + "valid_until_s = -1", r"disturbances\[0\].valid_until_s = -1: expected a number from 0 to 86400"),
+    (RESTRICTED + "valid_from = 1", r"disturbances\[0\].valid_from = 1: expected one of the keys"),
     (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a number from 3.6 to 720"),
     (RESTRICTED.replace("speed_kmh", "speed_t"), r"disturbances\[0\].speed_t"),
     (RESTRICTED + "speed_mps = 9", "only one of"),
@@ -139,6 +148,25 @@ def test_units_defaults_and_files_beside_the_scenario(flat: Callable[..., Path])
     beside = read_scenario(flat(base=FLAT.replace('"flat-6km"', '"lines/here.toml"')))
     assert beside.route == str(path.parent / "lines" / "here.toml")
     assert load_scenario("clear-day").departure_ns == scenario.departure_ns
+
+
+def test_a_restriction_may_have_a_window_on_the_runs_clock(flat: Callable[..., Path]) -> None:
+    window = "valid_from_s = {min = 30, max = 40}\nvalid_until_min = 2\n"
+    days = [read_scenario(flat(RESTRICTED + more)).day(4) for more in ("", window)]
+    (always,), (drawn,) = days
+    assert isinstance(always, AnnouncedRestriction)
+    assert isinstance(drawn, AnnouncedRestriction)
+    assert drawn.valid_from_s is not None
+    assert 30 <= drawn.valid_from_s <= 40
+    assert drawn.valid_until_s == 120
+    assert "valid_until_s" not in as_figures(days[0])[0]
+    assert as_figures(days[1])[0]["valid_until_s"] == 120
+    assert described(days[0]) == "restriction to 60 km/h from km 1.0 to 2.0, told 500 m ahead"
+    said = f"valid from {drawn.valid_from_s:.0f} s until 120 s, told 500 m ahead"
+    assert described(days[1]) == f"restriction to 60 km/h from km 1.0 to 2.0, {said}"
+    told = drawn.restriction(lambda clock_s: round(clock_s * 10**9) + 1)
+    assert told.valid_until_ns == 120 * 10**9 + 1
+    assert always.restriction(round) == Restriction(1000.0, 2000.0, 60 * KMH)
 
 
 def test_a_seed_is_a_day() -> None:

@@ -21,7 +21,7 @@ from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.preparation import Preparation
 from das.cab.situation import Situation
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from das.estimate.estimate import Estimate
 from tests.support.calm import BUNDLED, asked_s, section_of

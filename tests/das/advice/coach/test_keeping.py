@@ -17,7 +17,7 @@ from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, TrainState
 from das.advice.worker import Worker
 from das.domain.errors import DasError
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.solver.section import build_section
 from tests.support.calm import BUNDLED, Which, section_of

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.domain.route import Restriction
+from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from das.solver.calm.calm import solve_calm
 from das.solver.calm.notches import NotchKind

@@ -16,8 +16,10 @@ from mcap import records
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped
+from das.bus.restrictions import decoded
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
+from das.domain.restriction import Restriction
 from das.domain.units import NS
 from sim.drive.attribution.inputs import inputs_of
 from sim.drive.events.calls import calls, stands
@@ -180,6 +182,18 @@ def test_a_change_of_the_advice_tells_whether_the_plan_went_on_or_why_it_is_new(
     assert [one.text for one in of_kind(recording, EventKind.RESTRICTION)] == [
         "restriction told: 18 km/h, km 0.90 to 0.95"
     ]
+
+
+def test_the_window_of_a_restriction_is_told_with_its_begin_and_end() -> None:
+    window = {"valid_from_ns": at_ns(60), "valid_until_ns": at_ns(100)}
+    one = das_pb2.Restrictions.Restriction(start_m=900.0, end_m=950.0, limit_mps=5.0, **window)
+    told = (topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(20), restrictions=[one]))
+    events = of_kind(drive(told), EventKind.RESTRICTION)
+    assert [(one.text.split(":")[0], one.time_ns) for one in events] == [
+        ("restriction told", at_ns(20)), ("restriction begins", at_ns(60)), ("restriction ends", at_ns(100)),
+    ]  # fmt: skip
+    place = "18 km/h, km 0.90 to 0.95" + decoded(one, Restriction).window_words()
+    assert all(event.text.endswith(place) for event in events)
 
 
 def test_withdrawn_advice_has_its_cause_and_its_length() -> None:

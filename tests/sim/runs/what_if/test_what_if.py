@@ -17,10 +17,10 @@ import pytest
 from das.bus.contents import read_contents
 from das.bus.recording import Recording, read_recording
 from das.bus.topics import ADVICE, JOURNEY, RESTRICTION
-from das.cab.heard import ToldRestriction
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
+from das.domain.restriction import Restriction
 from sim.cli.replay import bundled_recording
 from sim.drive.attribution.inputs import inputs_of
 from sim.drive.attribution.shown import ShownAdvice
@@ -36,7 +36,7 @@ from sim.runs.what_if.difference import changed
 from sim.runs.what_if.open_loop import NodeSaid, advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
-from sim.runs.what_if.recorded_scenario import attached_scenario, scenario_of_drive
+from sim.runs.what_if.recorded_scenario import _window, attached_scenario, scenario_of_drive
 from sim.world.day import make_day
 from sim.world.disturbances import DepartureDelay
 from sim.world.over_bus import How, make_crew, run_over_bus
@@ -63,7 +63,7 @@ kind = "node-restart"
 at_s = 100
 """
 REPLAY = FOLDER / "replay.mcap"
-ONE_MORE = ToldRestriction(1000.0, 2000.0, 25.0)
+ONE_MORE = Restriction(1000.0, 2000.0, 25.0)
 
 
 def quiet(_done: float, _all: float) -> None:
@@ -163,9 +163,9 @@ def test_another_train_and_restriction_are_in_the_new_recording(recorded: Path, 
     assert reproduce(found.path, quiet).same
 
 
-def told(recording: Recording, index: int) -> list[ToldRestriction]:
+def told(recording: Recording, index: int) -> list[Restriction]:
     listed = recording.of(RESTRICTION)[index].message.restrictions
-    return [ToldRestriction(one.start_m, one.end_m, one.limit_mps) for one in listed]
+    return [Restriction(one.start_m, one.end_m, one.limit_mps) for one in listed]
 
 
 @pytest.mark.slow
@@ -195,6 +195,19 @@ def test_the_day_of_a_drive_without_a_simulator_is_made_from_what_was_heard() ->
     assert delay.delay_s == pytest.approx(90.0, abs=2.0)
     (table,) = day.service.timetables
     assert (table.arrival_ns - table.departure_ns) * 1e-9 == pytest.approx(1248.0)
+
+
+def test_the_window_of_a_recorded_restriction_is_on_the_clock_of_the_day_driven_anew() -> None:
+    departure_ns, s = 1_800_000_000 * 10**9, 10**9
+
+    def lines(from_s: int | None, until_s: int | None) -> list[str] | None:
+        window = (0 if moment_s is None else departure_ns + moment_s * s for moment_s in (from_s, until_s))
+        return _window(Restriction(0.0, 1.0, 5.0, *window), departure_ns)
+
+    assert lines(None, None) == lines(-60, None) == lines(None, 90_000) == []
+    assert lines(60, 120) == ["valid_from_s = 60.0", "valid_until_s = 120.0"]
+    assert lines(-60, 120) == ["valid_until_s = 120.0"]
+    assert lines(-60, -1) is lines(90_000, None) is None
 
 
 def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_path: Path) -> None:

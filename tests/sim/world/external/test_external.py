@@ -18,8 +18,9 @@ from das.bus.recording import read_recording
 from das.bus.session import endpoint, free_ports
 from das.bus.topics import CAB, CONTROLS, LOG, Topic
 from das.domain.errors import DasError
+from das.domain.restriction import Restriction
 from sim.drive.recorded_stability import recorded_restlessness
-from sim.drivers.cab import AdviceView, CabView, PostedRestriction, Presentation
+from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.kinds import EXTERNAL, DriverKind
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.plant import COAST, force, lever, speed
@@ -283,7 +284,7 @@ ADVICE = AdviceView(
 def test_a_cab_comes_back_from_the_bus_as_it_was_sent(folder: Path, advice: AdviceView | None, signal_m: float) -> None:
     line = day_of(folder, "flat.toml").service.line
     cab = CabView(
-        0.1 + 0.2, 1 / 3, 2 / 3, 38.8, 6000.0, -0.1, 234.5, False, signal_m, (PostedRestriction(1.1, 2.2, 3.3),), advice
+        0.1 + 0.2, 1 / 3, 2 / 3, 38.8, 6000.0, -0.1, 234.5, False, signal_m, (Restriction(1.1, 2.2, 3.3),), advice
     )
     sent = cab_message(CabLook(1, cab, COAST, 5), line)
     assert cab_view(das_pb2.Cab.FromString(sent.SerializeToString())) == cab

@@ -1,0 +1,109 @@
+"""A temporary speed restriction: where it holds, how fast a train may be there, and in which window of time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import InputError
+from das.domain.units import NS
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+LEAST_RESTRICTION_MPS = 0.5
+"""A speed restriction below this (m/s) is refused, because a train could not get through."""
+COUNTS_BEFORE_S = 900.0
+"""A restriction counts from so long (s) before its window opens. No train needs as long to brake: 500 km/h and 0.2 m/s²
+are 700 s. So a train that learns of it only now is below the limit, or past it, before the limit holds."""
+COUNTS_AFTER_S = 10.0
+"""A restriction counts until so long (s) after its window has closed. The node goes on advising when its clock is set
+by up to 5 s, and this is twice as much."""
+LATEST_NS = 2**63 - 1
+"""The last moment (ns since 1970) that a message can carry."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True, order=True)
+class Restriction:
+    """A temporary speed limit between two positions. It holds for the whole train, until its tail has left.
+
+    It holds from `valid_from_ns` to `valid_until_ns` (ns since 1970; 0: the window is open at that end). Raises
+    InputError for what nobody can mean.
+    """
+
+    start_m: float
+    end_m: float
+    limit_mps: float
+    valid_from_ns: int = 0
+    valid_until_ns: int = 0
+
+    def __post_init__(self) -> None:
+        # Written so that NaN is refused as well.
+        if not -math.inf < self.start_m < self.end_m < math.inf:
+            shown = f"{self.start_m:g} … {self.end_m:g} m"
+            raise InputError("restriction", "positions", shown, "a start before the end")
+        if not LEAST_RESTRICTION_MPS <= self.limit_mps < math.inf:
+            raise InputError("restriction", "limit_mps", self.limit_mps, f"at least {LEAST_RESTRICTION_MPS:g} m/s")
+        for key, moment_ns in (("valid_from_ns", self.valid_from_ns), ("valid_until_ns", self.valid_until_ns)):
+            if not 0 <= moment_ns <= LATEST_NS:
+                raise InputError("restriction", key, moment_ns, "nanoseconds since 1970, or 0 for open")
+        if not (self.valid_until_ns == 0 or self.valid_from_ns < self.valid_until_ns):
+            raise InputError("restriction", "valid_until_ns", self.valid_until_ns, f"more than {self.valid_from_ns}")
+
+    @property
+    def figures(self) -> tuple[float, float, float, int, int]:
+        """Start (m), end (m), limit (m/s), and the window (ns)."""
+        return self.start_m, self.end_m, self.limit_mps, self.valid_from_ns, self.valid_until_ns
+
+    @property
+    def has_window(self) -> bool:
+        """Whether the restriction begins or ends at a moment."""
+        return bool(self.valid_from_ns or self.valid_until_ns)
+
+    @property
+    def unlimited(self) -> Restriction:
+        """The same restriction without its window, for who has decided that it counts."""
+        return replace(self, valid_from_ns=0, valid_until_ns=0) if self.has_window else self
+
+    def holds_at(self, time_ns: int | Times) -> Any:
+        """Whether the restriction holds at each moment (ns since 1970), by its window: `from ≤ time < until`."""
+        return (time_ns >= self.valid_from_ns) & (time_ns < (self.valid_until_ns or LATEST_NS))
+
+    def counts_at(self, now_ns: int) -> bool:
+        """Whether who plans now (ns since 1970) has to keep to the restriction, wherever the train is on its way.
+
+        That is from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
+        """
+        from_ns, until_ns = self.counting_ns
+        return from_ns <= now_ns < until_ns
+
+    @property
+    def counting_ns(self) -> tuple[int, int]:
+        """From when to when (ns since 1970) the restriction counts: 0 and `LATEST_NS` at an open end."""
+        from_ns = self.valid_from_ns and max(self.valid_from_ns - round(COUNTS_BEFORE_S / NS), 0)
+        until_ns = self.valid_until_ns and min(self.valid_until_ns + round(COUNTS_AFTER_S / NS), LATEST_NS)
+        return from_ns, until_ns or LATEST_NS
+
+    def is_under(self, from_m: float | Floats, to_m: float | Floats, length_m: float = 0.0) -> Any:
+        """Whether the restriction is under a train of a length (m) with its head anywhere between two positions (m)."""
+        return (to_m > self.start_m) & (from_m < self.end_m + length_m)
+
+    def mirrored(self, line_length_m: float) -> Restriction:
+        """The same restriction for a line that is driven the other way, where positions count from its other end."""
+        return replace(self, start_m=line_length_m - self.end_m, end_m=line_length_m - self.start_m)
+
+    def window_words(self) -> str:
+        """The window in words, for example " from 08:10:00 until 08:20:00 UTC"; nothing where both ends are open."""
+        ends = (("from", self.valid_from_ns), ("until", self.valid_until_ns))
+        said = [f" {word} {_clock(moment_ns)}" for word, moment_ns in ends if moment_ns]
+        return "".join(said) + " UTC" if said else ""
+
+
+def _clock(moment_ns: int) -> str:
+    return (_EPOCH + timedelta(microseconds=moment_ns // 1000)).strftime("%H:%M:%S")

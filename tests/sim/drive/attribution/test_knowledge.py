@@ -1,0 +1,50 @@
+"""What was known of restrictions, and when: lists as they were told, and the windows in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from das.bus import das_pb2, topics
+from das.bus.recording import Recording, Stamped
+from das.bus.restrictions import encoded
+from das.cab.heard import ToldRestriction
+from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
+from sim.drive.attribution.knowledge import Epoch, epochs_of
+from tests.support.recordings import at_ns
+
+NOTHING = Epoch(-(2**63), frozenset())
+HERE, THERE = Restriction(100.0, 200.0, 10.0), Restriction(300.0, 400.0, 10.0)
+
+
+def told(*lists: tuple[float, tuple[Restriction, ...]]) -> Recording:
+    """A recording of lists of restrictions, each with its time (s)."""
+    messages = [
+        das_pb2.Restrictions(time_ns=at_ns(t_s), restrictions=map(encoded, restrictions)) for t_s, restrictions in lists
+    ]
+    return Recording(
+        path=Path("day.mcap"), train="t1", trains=("t1",), metadata={}, attachments=(), complete=True,
+        messages={topics.RESTRICTION.name: tuple(Stamped(0, one) for one in messages)},
+    )  # fmt: skip
+
+
+def test_every_list_that_says_something_new_is_an_epoch() -> None:
+    nonsense = ToldRestriction(5.0, 1.0, -3.0)
+    recording = told((9, (HERE, THERE)), (5, ()), (7, (HERE,)), (8, (HERE, nonsense)), (12, ()))
+    assert epochs_of(recording) == (
+        NOTHING,
+        Epoch(at_ns(7), frozenset({HERE})),
+        Epoch(at_ns(9), frozenset({HERE, THERE})),
+        Epoch(at_ns(12), frozenset()),
+    )
+
+
+def test_a_window_begins_and_ends_an_epoch_while_its_list_stands() -> None:
+    begins_s, ends_s = 1000.0, 1100.0
+    windowed = Restriction(*THERE.figures[:3], at_ns(begins_s), at_ns(ends_s))
+    assert epochs_of(told((5, (HERE, windowed)))) == (
+        NOTHING,
+        Epoch(at_ns(5), frozenset({HERE})),
+        Epoch(at_ns(begins_s - COUNTS_BEFORE_S), frozenset({HERE, THERE})),
+        Epoch(at_ns(ends_s + COUNTS_AFTER_S), frozenset({HERE})),
+    )
+    assert epochs_of(told((5, (windowed,)), (50, ()))) == (NOTHING,)  # lifted before it counted
