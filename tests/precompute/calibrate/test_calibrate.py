@@ -205,6 +205,7 @@ def test_nonsense_is_refused_in_one_line(tmp_path: Path, args: list[str], expect
     assert len(done.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_map_goes_to_csv_and_back_with_the_same_figures(tmp_path: Path) -> None:
