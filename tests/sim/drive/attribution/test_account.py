@@ -91,9 +91,9 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
-        (lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
-        (BrakesByFriction, EnergyCause.FRICTION),
-        (lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE),
+        pytest.param(lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
+        pytest.param(BrakesByFriction, EnergyCause.FRICTION, marks=pytest.mark.more),
+        pytest.param(lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE, marks=pytest.mark.more),
     ],
     ids=["coasts-late", "friction", "faster"],
 )
