@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from itertools import combinations, product
 from pathlib import Path
 
 import pytest
 
+from tests.support.crossing import crossed
 from tests.support.mutants import MUTANTS, changed
 
 ROOT = Path(__file__).parents[1]
@@ -214,3 +216,15 @@ def test_locals_are_not_passed_on(trees: dict[str, ast.Module]) -> None:
 
 def test_every_mutant_changes_the_product_in_one_place() -> None:
     assert [one.name for one in MUTANTS if changed(one) == (ROOT / one.file).read_text(encoding="utf-8")] == []
+
+
+def test_what_is_crossed_is_whole_and_has_every_pair_of_values_in_the_default_run() -> None:
+    lists = (range(3), range(9), range(2), range(2))
+    assert [one.values for one in crossed(*lists)] == list(product(*lists))
+    kept = [one.values for one in crossed(*lists) if not one.marks]
+    assert len(kept) == 27
+    for i, j in combinations(range(len(lists)), 2):
+        assert {(one[i], one[j]) for one in kept} == set(product(lists[i], lists[j]))
+    of_two = [one.values for one in crossed(range(16), range(4)) if not one.marks]
+    assert len(of_two) == 16
+    assert {one[1] for one in of_two} == set(range(4))

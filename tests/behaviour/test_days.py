@@ -18,9 +18,8 @@ from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Tick
 from sim.world.loop import World
-from sim.world.scenario import read_scenario
-from sim.world.service import Service, prepare_service
-from tests.support.flat_days import FLAT, run_of, signal_at, standing_m, states_of
+from sim.world.service import Service
+from tests.support.flat_days import FLAT, run_of, service_of, signal_at, standing_m, states_of
 
 
 @pytest.mark.parametrize("advice", list(Presentation))
@@ -62,7 +61,7 @@ def test_a_signal_seen_too_late_stops_the_train_beyond_it(flat: Callable[[str], 
 
 def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) -> None:
     """Four days: the driver stands at most 15 m before the signal and never more than half a metre beyond it."""
-    service = prepare_service(read_scenario(flat(signal_at(3000, 1500))))
+    service = service_of(flat(signal_at(3000, 1500)))
     for seed in range(4):
         driver = make_day(service, seed).driver(DriverKind.HUMAN)
         run = World(make_day(service, seed), driver, Presentation.VECTOR, InProcess(service)).run()
@@ -71,7 +70,7 @@ def test_a_human_stands_before_a_signal_not_beyond(flat: Callable[[str], Path]) 
 
 def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str], Path]) -> None:
     """At the greatest error he may have, every other mark would be more than 5 m off: he takes none to be further."""
-    service = prepare_service(read_scenario(flat("[human]\nstop_error_m = 8\n")))
+    service = service_of(flat("[human]\nstop_error_m = 8\n"))
     missed = []
     for seed in (0, 10, 19, 23):
         day = make_day(service, seed)
@@ -84,7 +83,7 @@ def test_who_misses_his_marks_by_far_still_keeps_his_stops(flat: Callable[[str],
 def test_a_human_does_not_brake_every_few_seconds_downhill(flat: Callable[..., Path]) -> None:
     """On 12 permille down to Zug (3.5 min) he brakes as often as the speed has risen again, not 30 to 50 times."""
     down = 'route = "zurich-luzern"\nfrom = "Thalwil"\nto = "Zug"'
-    service = prepare_service(read_scenario(flat(base=FLAT.replace('route = "flat-6km"', down))))
+    service = service_of(flat(base=FLAT.replace('route = "flat-6km"', down)))
     for shown in (Presentation.NONE, Presentation.RMS):
         day = make_day(service, 0)
         states = World(day, day.driver(DriverKind.HUMAN), shown, InProcess(service)).run().states
@@ -106,9 +105,7 @@ class Hears(InProcess):
 
 def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Path]) -> None:
     """The last delay that the node is told is the delay of the arrival."""
-    service = prepare_service(
-        read_scenario(flat("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 60"))
-    )
+    service = service_of(flat("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 60"))
     for seed in range(3):
         day, link = make_day(service, seed), Hears(service)
         run = World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, link).run()

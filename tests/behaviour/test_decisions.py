@@ -20,8 +20,7 @@ from sim.jobs.plan import Batch
 from sim.jobs.worker import work
 from sim.world.day import make_day
 from sim.world.over_bus import How, make_crew, run_over_bus
-from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
+from tests.support.flat_days import service_of
 
 LOOK_S = 0.2
 """A driver looks five times a second; what he notes at a look is exact to the clock of the run."""
@@ -29,7 +28,7 @@ LOOK_S = 0.2
 
 @pytest.mark.processes
 def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path], tmp_path: Path) -> None:
-    service = prepare_service(read_scenario(flat("[human]\nlapses_per_h = 20")))
+    service = service_of(flat("[human]\nlapses_per_h = 20"))
     day, out = make_day(service, 3), tmp_path / "run.mcap"
     driver = day.driver(DriverKind.HUMAN)
     assert isinstance(driver, HumanDriver)

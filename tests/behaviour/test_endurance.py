@@ -35,6 +35,7 @@ EARLY_RATIO = 0.2
 """Memory is compared with that after this share of the time, when everything has been used once."""
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_node_drives_for_hours_without_growing(capsys: pytest.CaptureFixture[str]) -> None:

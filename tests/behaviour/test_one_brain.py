@@ -143,7 +143,7 @@ def same_advices(scenario: Path, hostile: bool, out: Path) -> list[das_pb2.Advic
     return [das_pb2.Advice.FromString(one) for one in here]
 
 
-@pytest.mark.parametrize("hostile", [False, True])
+@pytest.mark.parametrize("hostile", [pytest.param(False, marks=pytest.mark.more), True])
 def test_on_an_eventful_day_the_advice_is_the_same_byte_for_byte(hostile: bool, tmp_path: Path) -> None:
     scenario = tmp_path / "eventful.toml"
     scenario.write_text(eventful_scenario())

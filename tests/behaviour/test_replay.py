@@ -92,6 +92,7 @@ def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "made.mcap"
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(short_trip: Path, tmp_path: Path) -> None:
@@ -118,6 +119,7 @@ def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(sh
     assert advice.reason.endswith(" s late")
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_speed_is_kept_in_real_time(short_trip: Path, tmp_path: Path) -> None:
@@ -155,6 +157,7 @@ def test_ctrl_c_ends_cleanly_with_a_whole_recording(short_trip: Path, tmp_path: 
     assert len(recording.of(ADVICE)) >= 20
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_terminated_das_sim_leaves_no_process_behind(short_trip: Path, tmp_path: Path) -> None:
@@ -297,6 +300,7 @@ def test_plant_runs_down_to_a_standstill_by_resistance_alone() -> None:
     assert state.s_m == pytest.approx(way, rel=2e-3)
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_make_trip_makes_the_bundled_recording_again(tmp_path: Path) -> None:

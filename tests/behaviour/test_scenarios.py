@@ -40,8 +40,8 @@ from sim.world.link import Tick, Told
 from sim.world.loop import Run, World
 from sim.world.outcome import outcome
 from sim.world.scenario import Drawn, bundled_scenarios, load_scenario
-from sim.world.service import Service, prepare_service
-from tests.support.flat_days import service_of
+from sim.world.service import Service
+from tests.support.flat_days import service_for, service_of
 
 SEED = 1
 TRACKING_MPS = 0.4
@@ -98,7 +98,7 @@ class Driven:
 @cache
 def planned() -> Service:
     """All bundled scenarios have the same line, train and timetable."""
-    return prepare_service(load_scenario("clear-day"))
+    return service_for(load_scenario("clear-day"))
 
 
 @cache

@@ -254,6 +254,7 @@ def test_a_restarted_node_takes_the_journey_again(recording: Recording) -> None:
     assert all(m.message.solve_s == m.message.last_advice_s == 0 for m in recording.of(STATUS))
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_recording_byte_for_byte(folder: Path, found: dict[str, Any]) -> None:
@@ -315,6 +316,7 @@ def test_the_run_can_be_looked_at(folder: Path, recording: Recording) -> None:
     assert (folder / "a.rrd").stat().st_size > 50_000
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_ctrl_c_ends_a_run_cleanly_with_a_whole_recording(folder: Path) -> None:
@@ -334,6 +336,7 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_whole_recording(folder: Path) -> None:
     assert read_recording(folder / "cut.mcap").complete
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_full_disk_ends_the_run_in_one_line_and_what_was_recorded_can_be_read(
@@ -409,6 +412,7 @@ def test_lost_messages_are_counted() -> None:
     assert replace(traffic, ticks=5).lost == 3
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_child_whose_parent_ended_before_it_began_ends_as_well(tmp_path: Path) -> None:
     """Or a run killed while its recorder starts would leave it behind: its parent is not the one it is told of."""

@@ -297,6 +297,7 @@ def test_only_takes_known_items() -> None:
             chosen(wrong)
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_an_item_end_to_end_and_again_with_the_same_bytes(tmp_path: Path) -> None:

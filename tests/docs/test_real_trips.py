@@ -13,6 +13,7 @@ from tests.support.benchmark import shared_data
 pytestmark = [pytest.mark.reference, pytest.mark.slow, pytest.mark.processes]
 
 
+@pytest.mark.more
 def test_a_real_trip_is_accounted_for_and_the_page_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     trip = next(iter(TRIPS))
     monkeypatch.setattr(real_trips, "TRIPS", {trip: TRIPS[trip]})

@@ -27,7 +27,8 @@ from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import Presentation
 from sim.world.loop import LOOK_S
 from sim.world.scenario import load_scenario
-from sim.world.service import Service, prepare_service
+from sim.world.service import Service
+from tests.support.flat_days import service_for
 
 pytestmark = pytest.mark.slow
 SEEDS = int(os.environ.get("DAS_PROPERTY_SEEDS", "1"))
@@ -39,7 +40,7 @@ OF_FOUR_MODES = 0.13
 
 @cache
 def service() -> Service:
-    return prepare_service(load_scenario("clear-day"))
+    return service_for(load_scenario("clear-day"))
 
 
 @cache

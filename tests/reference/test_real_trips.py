@@ -146,6 +146,7 @@ def dirtied(rows: list[list[str]]) -> Iterator[list[str]]:
             yield [latitude, longitude, speed, ms]
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_dirty_track_becomes_a_reviewed_recording(tmp_path: Path) -> None:
@@ -184,6 +185,7 @@ def real_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[dict[
     return runs
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["clean", "dropouts"])
@@ -206,6 +208,7 @@ def test_real_trips_replay_without_loss(real_runs: dict[str, tuple[dict[str, Any
     assert (folder / "run.rrd").stat().st_size > 100_000
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_quality_of_positions_survives_a_replay_of_a_replay(

@@ -23,6 +23,7 @@ from das.solver.section import Section, build_section
 from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.support.benchmark import TRACKS, TRAINS, track_path, tracks_here, train_path
+from tests.support.crossing import crossed
 from tests.support.making import REPOSITORY, csv_rows
 from tests.support.raw_data import Floats, G, Line, Train
 from tests.support.verifier import Finding, verify
@@ -111,8 +112,7 @@ def published() -> dict[str, list[str]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("train", TRAINS)
-@pytest.mark.parametrize("track", tracks_here())
+@pytest.mark.parametrize(("track", "train"), crossed(tracks_here(), TRAINS))
 def test_every_track_and_train_is_solved_and_verified(track: str, train: str) -> None:
     """Every run against the independent verifier; times and energies against the table of docs/reference/results.md."""
     answer = solve_and_verify(Case.read(track, train))
@@ -186,8 +186,7 @@ def build(case: Case, ends_m: tuple[float, float]) -> Section | tuple[str, float
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("train", TRAINS)
-@pytest.mark.parametrize("track", HILLY)
+@pytest.mark.parametrize(("track", "train"), crossed(HILLY, TRAINS))
 def test_an_overloaded_train_is_refused_for_the_true_reason(track: str, train: str) -> None:
     """Up to 15 times the mass, with and without friction brake: refused where it is impossible, else verified."""
     for factor, motors_only in OVERLOADS:

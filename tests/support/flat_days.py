@@ -11,7 +11,7 @@ from sim.plant.plant import PlantState
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
-from sim.world.scenario import read_scenario
+from sim.world.scenario import Scenario, read_scenario
 from sim.world.service import Service, prepare_service
 
 FLAT = """
@@ -26,15 +26,23 @@ buffer_percent = 10
 """
 
 
+KEPT_SERVICES = 3
 solved: list[Service] = []
 
 
+def service_for(scenario: Scenario) -> Service:
+    """The service of a scenario; its line is solved only if none of the last services was planned in the same way."""
+    found = next((one for one in solved if one.plans(scenario)), None)
+    if found is None:
+        found = prepare_service(scenario)
+        solved.append(found)
+        del solved[:-KEPT_SERVICES]
+    return found.on(scenario)
+
+
 def service_of(path: Path) -> Service:
-    """The service of a scenario; the line is solved again only if it is planned differently from the last one."""
-    scenario = read_scenario(path)
-    if not solved or not solved[-1].plans(scenario):
-        solved.append(prepare_service(scenario))
-    return solved[-1].on(scenario)
+    """The service of a scenario file, solved as `service_for` does."""
+    return service_for(read_scenario(path))
 
 
 def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:

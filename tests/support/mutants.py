@@ -222,7 +222,8 @@ def noticed(mutant: Mutant, tree: Path) -> str:
     environment = {**os.environ, "DAS_ASSESSMENT_DAYS": DAYS, "PYTHONPATH": str(tree)}
     try:
         for tests in (mutant.tests, ASSESSED):
-            command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests.split()]
+            words = ["-x", "-q", "-n", "0", "-m", "", "-p", "no:cacheprovider", *tests.split()]
+            command = [sys.executable, "-m", "pytest", *words]
             done = subprocess.run(
                 command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
             )

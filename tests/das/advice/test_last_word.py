@@ -38,9 +38,9 @@ from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import World as ClosedLoop
 from sim.world.scenario import load_scenario
-from sim.world.service import prepare_service
 from tests.support.drawn_day import write_files
 from tests.support.driven_node import DrivenNode, S
+from tests.support.flat_days import service_for
 from tests.support.making import make_route, make_train
 from tests.support.raw_witness import RawLine, RawTrain
 
@@ -444,7 +444,7 @@ def test_a_force_that_is_no_number_does_not_leave_the_cab(monkeypatch: pytest.Mo
 @pytest.mark.slow
 def test_the_full_advice_of_an_ordinary_day_passes_as_it_is() -> None:
     """The clear day of the perfect driver: nothing is replaced but coasting that a weak brake is shown as."""
-    day = make_day(prepare_service(load_scenario("clear-day")), 0)
+    day = make_day(service_for(load_scenario("clear-day")), 0)
     link = InProcess(day.service)
     ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, link).run()
     assert set(link.cab.legs.last_words.acts) <= {Part.FOUR_MODES}

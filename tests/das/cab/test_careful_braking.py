@@ -12,12 +12,12 @@ from das.cab.situation import Situation
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.fastest import fastest
+from tests.support.crossing import crossed
 
 PLANNED = Situation(route=load_route("zurich-luzern"), vehicle=load_vehicle("re460-ic"))
 
 
-@pytest.mark.parametrize("mass", [0.5, 0.8, 1.0, 1.3, 1.6])
-@pytest.mark.parametrize("resistance", [0.4, 1.0, 1.7, 2.5])
+@pytest.mark.parametrize(("mass", "resistance"), crossed([0.5, 0.8, 1.0, 1.3, 1.6], [0.4, 1.0, 1.7, 2.5]))
 def test_the_braking_curve_never_rises(mass: float, resistance: float) -> None:
     found = replace(PLANNED, conditions=Conditions(mass_ratio=mass, resistance_ratio=resistance))
     planned, calibrated = PLANNED.section(0.0, 12e3), found.section(0.0, 12e3)

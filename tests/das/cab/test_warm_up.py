@@ -62,6 +62,7 @@ def test_no_kernel_is_compiled_once_a_node_is_ready() -> None:
     assert run(DRIVEN).split() == []
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_kept_kernels_bring_neither_linear_algebra_nor_scipy_along() -> None:
     # The first start may have to compile the kernels, and the compiler needs it all.

@@ -160,6 +160,7 @@ def complete(words: str) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_shell_completes_commands_options_and_values() -> None:
     assert complete("das-precompute so") == ["solve"]
@@ -186,6 +187,7 @@ def imported(module: str, commands: list[list[str]]) -> set[str]:
     return set(done.stdout.rsplit("IMPORTED", 1)[1].split())
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.parametrize("module", PROGRAMS)
 def test_a_program_prints_its_help_without_anything_heavy(module: str) -> None:

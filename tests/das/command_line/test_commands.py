@@ -125,6 +125,7 @@ def started(folder: Path, **env: str) -> tuple[str, list[Path]]:
     return done.stdout.strip(), [path.relative_to(folder) for path in folder.rglob("units.*.pyc")]
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_bytecode_is_kept_apart_where_none_may_be_written_beside_the_sources(tmp_path: Path) -> None:
     heeds, (kept,) = started(copy_of(tmp_path, "das"))
@@ -132,11 +133,13 @@ def test_bytecode_is_kept_apart_where_none_may_be_written_beside_the_sources(tmp
     assert kept.is_relative_to(PLACE)
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_python_does_as_told_where_the_user_says_where_bytecode_belongs(tmp_path: Path) -> None:
     assert started(copy_of(tmp_path, "das"), PYTHONPYCACHEPREFIX=str(tmp_path / "mine")) == ("True", [])
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_python_does_as_told_where_bytecode_was_installed_or_cannot_be_kept(tmp_path: Path) -> None:
     copy_of(tmp_path, "das")

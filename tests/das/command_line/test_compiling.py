@@ -67,6 +67,7 @@ def test_compiling_is_said_only_when_something_is_compiled(tmp_path: Path) -> No
     assert "compiling" not in again
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_elsewhere_nothing_is_printed_and_scipy_is_not_loaded(tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(KERNEL)
@@ -80,6 +81,7 @@ def test_elsewhere_nothing_is_printed_and_scipy_is_not_loaded(tmp_path: Path) ->
 SOLVE = ("solve", "flat-6km", "re460-ic", "--buffer", "7")
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("after_s", [0.3, 1.5, 4.0, 8.0])

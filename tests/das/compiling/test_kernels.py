@@ -69,6 +69,7 @@ def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels:
     assert answered(kernels) == (31, 1, "")
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_module_that_the_kernel_does_not_use_changes_nothing(kernels: Path) -> None:
     assert answered(kernels)[:2] == (21, 0)
@@ -76,6 +77,7 @@ def test_a_module_that_the_kernel_does_not_use_changes_nothing(kernels: Path) ->
     assert answered(kernels)[:2] == (21, 1)
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_few_old_versions_are_kept(kernels: Path) -> None:
     folder = kernels / "das/__pycache__" / FOLDER / "das.caller"
@@ -85,6 +87,7 @@ def test_few_old_versions_are_kept(kernels: Path) -> None:
     assert len(list(folder.iterdir())) == KEPT_VERSIONS
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_the_users_folder_is_used(kernels: Path) -> None:
     place = kernels / "mine"
@@ -96,6 +99,7 @@ def test_the_users_folder_is_used(kernels: Path) -> None:
     assert not (kernels / "das/__pycache__").exists()
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_an_installation_that_cannot_be_written_to_uses_the_users_folder_of_caches(kernels: Path) -> None:
     (kernels / "das/__pycache__").write_text("a file: no folder can be made here, whoever we are")
@@ -105,6 +109,7 @@ def test_an_installation_that_cannot_be_written_to_uses_the_users_folder_of_cach
     assert list((kernels / "home").rglob(f"{FOLDER}/das.caller"))
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_where_nothing_can_be_kept_the_user_is_told_how_to_help(kernels: Path) -> None:
     (kernels / "das/__pycache__").write_text("a file")
@@ -114,6 +119,7 @@ def test_where_nothing_can_be_kept_the_user_is_told_how_to_help(kernels: Path) -
     assert said.count("set NUMBA_CACHE_DIR to a folder that can be written to") == 1
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_bounds_checks_have_their_own_compiled_code(kernels: Path) -> None:
     assert answered(kernels)[:2] == (21, 0)
@@ -141,6 +147,7 @@ print(twice(4), answer(10), *(sum(one.stats.cache_hits.values()) for one in (twi
 """
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_kernel_is_compiled_around_one_that_was_kept(kernels: Path) -> None:
     assert run_copy(kernels, "-c", MIXED.format(package="das")).stdout == "8 21 0 0\n"

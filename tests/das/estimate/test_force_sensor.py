@@ -13,6 +13,7 @@ from das.estimate.ratios import ForceDoubt
 from das.estimate.recalibration import Recalibration
 from sim.plant.plant import COAST, Plant, lever
 from tests.das.estimate.test_calibration import ROUTE, SEEDS, THALWIL, VEHICLE, ZUG, States, driven, feed, fresh, ns
+from tests.support.crossing import crossed
 
 
 def with_gain(states: States, traction: float, braking: float | None = None) -> States:
@@ -37,8 +38,7 @@ def planned(calibrator: Calibrator, states: States, seed: int) -> list[Condition
     return found
 
 
-@pytest.mark.parametrize("leg", [THALWIL, ZUG])
-@pytest.mark.parametrize("gain", [0.5, 0.65, 0.75, 0.9, 1.1, 1.25, 1.5])
+@pytest.mark.parametrize(("gain", "leg"), crossed([0.5, 0.65, 0.75, 0.9, 1.1, 1.25, 1.5], [THALWIL, ZUG]))
 def test_a_gain_is_told_and_nothing_is_planned_with_it(gain: float, leg: tuple[float, float, float]) -> None:
     for seed in SEEDS:
         calibrator = fresh()

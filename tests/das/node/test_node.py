@@ -139,6 +139,7 @@ def test_node_takes_a_journey_advises_at_ticks_and_stops_on_sigterm() -> None:
         assert child.wait(20) == 0
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_node_says_that_positions_are_rejected_and_taken_up_anew() -> None:
@@ -162,6 +163,7 @@ def test_node_says_that_positions_are_rejected_and_taken_up_anew() -> None:
         ]
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_node_publishes_its_plan_and_events() -> None:
@@ -178,6 +180,7 @@ def test_node_publishes_its_plan_and_events() -> None:
         assert child.wait(20) == 0
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_node_advises_once_a_second_by_the_wall_clock() -> None:
@@ -192,6 +195,7 @@ def test_node_advises_once_a_second_by_the_wall_clock() -> None:
         assert (second.time_ns - first.time_ns) * 1e-9 == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_node_refuses_a_foreign_journey_with_the_reason() -> None:
@@ -206,6 +210,7 @@ def test_node_refuses_a_foreign_journey_with_the_reason() -> None:
         until(bus, status(das_pb2.Status.STATE_READY), child)
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_node_refuses_journeys_it_cannot_drive() -> None:
@@ -242,6 +247,7 @@ def test_node_refuses_journeys_it_cannot_drive() -> None:
             assert reason in said.reason
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_node_with_the_wall_clock_does_not_obey_control() -> None:
@@ -315,6 +321,7 @@ def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
                 child.wait()
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_node_survives_times_at_the_ends_of_the_clock() -> None:
@@ -346,6 +353,7 @@ def test_docs_list_every_topic() -> None:
         assert f"| `{topic.key('<train>')}` | `{name}` |" in page
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
     with node("--clock", "bus") as (bus, child):
@@ -355,6 +363,7 @@ def test_node_ignores_what_it_cannot_read_and_says_so() -> None:
         assert child.poll() is None
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.parametrize(
     ("arguments", "message"),
@@ -378,6 +387,7 @@ def test_node_refuses_bad_arguments_in_one_line(arguments: list[str], message: s
     assert len(said.strip().splitlines()) == 1
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_node_says_when_its_port_is_taken() -> None:
     taken = endpoint(free_ports(1)[0])
@@ -406,6 +416,7 @@ def send_and_record(out: Path, ticks: int) -> tuple[subprocess.Popen[str], Any]:
     return child, None
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_recorder_writes_everything_in_order_and_finishes_on_sigterm(tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
@@ -431,6 +442,7 @@ def test_a_killed_recorder_loses_nothing_older_than_a_second(tmp_path: Path) -> 
     assert len(recording.of(POSITION)) == 300
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_recorder_started_anew_keeps_what_was_recorded(tmp_path: Path) -> None:
     for name, ticks in (("run.mcap", 20), ("run-2.mcap", 30)):
@@ -441,6 +453,7 @@ def test_a_recorder_started_anew_keeps_what_was_recorded(tmp_path: Path) -> None
     assert len(read_recording(tmp_path / "run.mcap").of(POSITION)) == 20
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_recorder_names_a_file_it_cannot_write() -> None:
     with process(
@@ -515,6 +528,7 @@ def test_zenoh_default_session_is_never_opened() -> None:
     assert users == ["das/bus/session.py"]
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_the_example_of_the_documentation_is_advised() -> None:
     text = (REPOSITORY / "docs" / "how-to" / "connect-to-the-bus.md").read_text(encoding="utf-8")

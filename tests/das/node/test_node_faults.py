@@ -260,6 +260,7 @@ def test_the_recorder_survives_times_that_its_file_cannot_hold(tmp_path: Path) -
     assert len(recording.of(EVENT)) == len(recording.of(CONTROL)) == 1
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_zenohs_log_is_read_on_when_nobody_reads_what_we_say() -> None:
     """A full pipe would stop Zenoh, and with it the node."""

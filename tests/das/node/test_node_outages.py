@@ -114,6 +114,7 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
         assert node.wait(20) == 0
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: Path) -> None:
     """The recorder may write as many bytes as one message takes, but not what makes the file whole."""
@@ -144,6 +145,7 @@ def test_a_disk_that_is_full_when_only_the_summary_is_missing_is_said(tmp_path: 
             recorder.finish()
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_node_that_is_stopped_while_it_compiles_ends_at_once(tmp_path: Path) -> None:
     ours, theirs = (endpoint(port) for port in free_ports(2))

@@ -287,6 +287,7 @@ def operator(at: str, node_at: str, *limits: str) -> Iterator[subprocess.Popen[b
         child.wait()
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_operators_that_are_killed_and_come_back_over_the_bus() -> None:
     node_at, simulator_at, first_at, second_at = (endpoint(port) for port in free_ports(4))

@@ -46,6 +46,7 @@ def sources(bus: Bus, senders: list[zenoh.Session]) -> set[str]:
     return set(found.values())
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_the_bus_tells_senders_without_time_stamps_from_those_that_stamp() -> None:
     place = endpoint(*free_ports(1))
@@ -58,6 +59,7 @@ def test_the_bus_tells_senders_without_time_stamps_from_those_that_stamp() -> No
         assert sources(bus, [stamping]) == {str(stamping.zid())}
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.parametrize("topic", [JOURNEY, RESTRICTION, TARGET], ids=lambda topic: topic.name)
 def test_the_bus_tells_operators_without_time_stamps_as_well(topic: Topic) -> None:

@@ -102,6 +102,7 @@ def test_a_kill_costs_at_most_a_second(kill: int, tmp_path: Path) -> None:
         assert len(after.of(POSITION)) == saved
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 @pytest.mark.parametrize("kill", range(KILLS))

@@ -19,6 +19,7 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import EfficiencyLoss, Level, LossMap
+from das.domain.route import Route
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.solver import tolerances as tol
 from das.solver.front import Front
@@ -28,6 +29,7 @@ from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.support import raw_data
 from tests.support.benchmark import ReferenceResult, least_times, reference_results, track_path, train_path
+from tests.support.crossing import crossed
 from tests.support.making import csv_rows, flat, make_route, make_train
 from tests.support.raw_data import Effort, Line, Loss, Train, constant_efficiencies
 from tests.support.verifier import verify
@@ -343,11 +345,15 @@ def test_cruising_minimum_of_the_re460_at_l2() -> None:
     assert 3.6 * middle.mean() == pytest.approx(63.0, abs=1.0)
 
 
-@pytest.mark.parametrize("level", [Level.L0_NOREG, Level.L0_REG, Level.L1, Level.L2, Level.L3])
-@pytest.mark.parametrize(("route", "reverse"), [("flat-6km", False), ("zurich-luzern", False), ("zurich-luzern", True)])
-def test_bundled_routes_at_every_level(route: str, reverse: bool, level: Level) -> None:
-    line = load_route(route)
-    section = build_section(line.reversed() if reverse else line, load_vehicle("re460-ic"), level=level)
+@pytest.mark.parametrize(
+    ("route", "level"),
+    crossed(
+        [load_route("flat-6km"), load_route("zurich-luzern"), load_route("zurich-luzern").reversed()],
+        [Level.L0_NOREG, Level.L0_REG, Level.L1, Level.L2, Level.L3],
+    ),
+)
+def test_bundled_routes_at_every_level(route: Route, level: Level) -> None:
+    section = build_section(route, load_vehicle("re460-ic"), level=level)
     front = solve_front(section)
     for buffer_ratio in (0.0, 0.07, 0.2):
         solution = front.trajectory(front.fastest().time_s * (1 + buffer_ratio))

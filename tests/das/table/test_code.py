@@ -79,6 +79,7 @@ def command(folder: Path, *words: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_table_of_other_code_is_not_used_and_built_again(built: Path, tmp_path: Path) -> None:
     copy_of(tmp_path, "das", "precompute", "tests")
@@ -144,6 +145,7 @@ def test_comments_and_docstrings_do_not_matter_and_the_domain_does(tmp_path: Pat
     assert found() != solver_code_sha256()
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_without_source_files_no_table_is_trusted(built: Path, tmp_path: Path) -> None:
     copy_of(tmp_path, "das", "precompute")

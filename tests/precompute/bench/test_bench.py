@@ -156,6 +156,7 @@ def test_the_plain_front_is_the_front() -> None:
 # --- the command ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_every_figure_has_a_baseline_and_a_roofline() -> None:
@@ -177,6 +178,7 @@ def test_every_figure_has_a_baseline_and_a_roofline() -> None:
     assert [roofline["threads"] for roofline in result["rooflines"]] == [1, 2]
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_the_command_prints_json(tmp_path: Path) -> None:

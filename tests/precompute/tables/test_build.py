@@ -204,6 +204,7 @@ def solve_all(
     return outcomes
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path: Path) -> None:
@@ -360,6 +361,7 @@ def tables_of(folder: Path) -> dict[str, int]:
     return {path.name: path.stat().st_mtime_ns for path in table_folders(folder)}
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> None:
@@ -410,6 +412,7 @@ def killed_a_worker(client: Client) -> bool:
     return False
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_path: Path) -> None:
@@ -435,6 +438,7 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
             assert path.read_bytes() == (far / path.name).read_bytes()
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_cluster_that_differs_is_refused(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Client(address, set_as_default=False) as client:

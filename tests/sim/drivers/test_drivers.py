@@ -597,6 +597,7 @@ for seed, stream in ((11, 0), (12, 0), (11, 1)):
 """
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_seed_and_a_stream_drive_the_same_to_the_last_bit_in_two_processes() -> None:

@@ -191,6 +191,7 @@ def test_names_of_drivers() -> None:
             named_driver("--driver", text)
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_batch_takes_a_class_and_names_the_hash_of_its_file(folder: Path) -> None:

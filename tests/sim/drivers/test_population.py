@@ -25,8 +25,8 @@ from sim.drivers.population import (
 )
 from sim.world.day import make_day
 from sim.world.scenario import read_scenario
-from sim.world.service import Service, prepare_service
-from tests.support.flat_days import FLAT
+from sim.world.service import Service
+from tests.support.flat_days import FLAT, service_of
 from tests.support.making import REPOSITORY, das_sim
 
 HEAD = 'schema_version = 1\n[population]\nid = "few"\ntitle = "Few"\n'
@@ -139,7 +139,7 @@ def test_a_file_that_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, text
 def service(tmp_path_factory: pytest.TempPathFactory) -> Service:
     path = tmp_path_factory.mktemp("people") / "late.toml"
     path.write_text(FLAT + "[human]\nnotches = 8\n" + LATE)
-    return prepare_service(read_scenario(path))
+    return service_of(path)
 
 
 def test_a_participant_is_the_same_on_every_day_and_changes_no_day(service: Service, default: Population) -> None:
@@ -216,6 +216,7 @@ def test_options_that_cannot_be_meant_are_refused_in_one_line(
     assert (done.returncode, said in done.stderr) == (2, True), done.stderr
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_batch_has_a_row_for_every_participant(tmp_path: Path) -> None:

@@ -104,6 +104,7 @@ def test_what_is_finished_is_not_driven_again_and_the_bytes_are_the_same(place: 
     assert (study / TRIALS_TABLE).read_bytes() == before
 
 
+@pytest.mark.more
 def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: Path) -> None:
     folder = place / "killed"
     words = ["experiment", "run", "small.toml", "-o", "killed", "--workers", "1"]
@@ -124,6 +125,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: P
     assert (folder / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
 
 
+@pytest.mark.more
 def test_another_design_is_refused_in_the_folder(place: Path, study: Path) -> None:
     (place / "other.toml").write_text(DESIGN.replace("count = 2", "count = 3"))
     done = das_sim("experiment", "run", "other.toml", "-o", "whole", cwd=place)
@@ -132,6 +134,7 @@ def test_another_design_is_refused_in_the_folder(place: Path, study: Path) -> No
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.more
 def test_a_factor_that_is_not_sensed_is_refused_before_anything_is_driven(place: Path) -> None:
     (place / "idle.toml").write_text(
         DESIGN.replace('"presentation"', '"reason"').replace('["none", "vector"]', "[true, false]")
@@ -178,6 +181,7 @@ def test_the_folder_is_named_as_bids_names_it_or_says_what_is_not(study: Path) -
     assert [path for path in left if not any(fnmatch(path.name, one) for one in ignored)] == []
 
 
+@pytest.mark.more
 def test_the_folder_opens_in_one_line_a_table(study: Path) -> None:
     people = pandas.read_csv(study / "participants.tsv", sep="\t")
     assert list(people.participant_id) == ["sub-01", "sub-02"]
@@ -191,6 +195,7 @@ def test_the_folder_opens_in_one_line_a_table(study: Path) -> None:
     assert description["Name"] == "A small study"
 
 
+@pytest.mark.more
 @pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
 def test_the_tables_open_in_one_line_of_r(study: Path) -> None:
     """The lines are those of the page; a table of Parquet needs a package that is rarely there."""
@@ -223,6 +228,7 @@ def test_provenance_and_design_are_kept(study: Path) -> None:
     assert json.loads((study / "check.json").read_text())["refused"] == []
 
 
+@pytest.mark.more
 def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp_path: Path) -> None:
     design = designed(place)
     jobs = jobs_of(design, Keep.MEASURES, tmp_path)
@@ -248,6 +254,7 @@ def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp
     assert not list(tmp_path.rglob("*_series.parquet"))
 
 
+@pytest.mark.more
 def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> None:
     with running_cluster(tmp_path, 1) as address:
         done = das_sim(
@@ -258,6 +265,7 @@ def test_a_cluster_drives_the_same(place: Path, study: Path, tmp_path: Path) -> 
     assert len(list((place / "far").rglob("*_series.parquet"))) == 6
 
 
+@pytest.mark.more
 def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: Path, tmp_path: Path) -> None:
     jobs = jobs_of(designed(place), Keep.RECORDINGS, tmp_path)
     some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("vector",)][:1]

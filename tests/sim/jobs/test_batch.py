@@ -163,6 +163,7 @@ def finished(folder: Path) -> int:
     return len(path.read_bytes().splitlines()) if path.exists() else 0
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
@@ -194,6 +195,7 @@ def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number
     assert all(theirs[seed] == first.row("vector", seed) for seed in range(4))
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
@@ -314,6 +316,7 @@ def test_an_altered_line_is_no_result(tmp_path: Path) -> None:
     assert path.read_bytes() == lines[2] + b"\n"
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_a_run_that_failed_is_made_again(folder: Path, first: First) -> None:
     asked = ("late.toml", "--seeds", "0", "--drivers", "perfect", "-o", "again")
@@ -325,6 +328,7 @@ def test_a_run_that_failed_is_made_again(folder: Path, first: First) -> None:
     assert rows(folder / "again" / "runs.parquet") == [first.row("vector", 0)]
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_ctrl_c_at_a_terminal_spares_workers_that_are_being_started(folder: Path) -> None:

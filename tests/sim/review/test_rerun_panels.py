@@ -86,6 +86,7 @@ def test_notes_are_bookmarks(tmp_path: Path) -> None:
     assert EventKind.ADVICE not in {one.kind for one in found}
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_the_account_in_the_viewer_sums_to_the_account(tmp_path: Path) -> None:

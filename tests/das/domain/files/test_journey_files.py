@@ -295,6 +295,7 @@ def test_the_bundled_journey_keeps_its_windows(planned: tuple[dict[str, Any], Pa
     assert 0.05 < sum(hop["time_s"] for hop in hops) / sum(hop["min_time_s"] for hop in hops) - 1 < 0.08
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_the_csv_is_the_whole_journey_on_its_clock(planned: tuple[dict[str, Any], Path]) -> None:
     with (planned[1] / "run.csv").open() as file:

@@ -84,6 +84,7 @@ def test_the_build_refuses_a_link_as_a_lock(tmp_path: Path) -> None:
     assert (tmp_path / "victim").read_text() == VICTIM
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_the_other_process_is_named_and_its_end_frees_the_folder(tmp_path: Path) -> None:
     code = (

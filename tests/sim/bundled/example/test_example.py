@@ -244,6 +244,7 @@ def test_tables_are_built_shown_and_verified_and_a_node_starts_with_them(folder:
     assert "Traceback" not in said
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_a_day_is_driven_drawn_and_batched(folder: Path) -> None:
@@ -253,6 +254,7 @@ def test_a_day_is_driven_drawn_and_batched(folder: Path) -> None:
     assert (folder / "runs" / "runs.parquet").is_file()
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_the_recorded_trip_is_replayed_and_drawn(folder: Path) -> None:

@@ -22,8 +22,8 @@ from sim.drivers.perfect import PerfectDriver
 from sim.trips.saving import why_not_comparable
 from sim.world.day import Day, make_day
 from sim.world.hindsight import fronts_of_braking
-from sim.world.scenario import load_scenario, read_scenario
-from sim.world.service import prepare_service
+from sim.world.scenario import load_scenario
+from tests.support.flat_days import service_for, service_of
 from tests.support.recorded_days import BrakesByFriction, CoastsLate, DrivesFaster, inputs_of_day, recorded_day
 
 FIVE_KMH = 5.0 / 3.6
@@ -42,7 +42,7 @@ buffer_percent = 10
 
 @cache
 def clear_day() -> Day:
-    return make_day(prepare_service(load_scenario("clear-day")), 1)
+    return make_day(service_for(load_scenario("clear-day")), 1)
 
 
 @cache
@@ -57,7 +57,7 @@ def account(day: Day, driver: Driver) -> Account:
 def short_day(folder: Path, more: str = "") -> Day:
     path = folder / "short.toml"
     path.write_text(SCENARIO.format(more=more), encoding="utf-8")
-    return make_day(prepare_service(read_scenario(path)), 1)
+    return make_day(service_of(path), 1)
 
 
 def check_sums(found: Account) -> None:
@@ -91,9 +91,9 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
-        (lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
-        (BrakesByFriction, EnergyCause.FRICTION),
-        (lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE),
+        pytest.param(lambda driver: CoastsLate(driver, 20.0), EnergyCause.LATE_COASTING),
+        pytest.param(BrakesByFriction, EnergyCause.FRICTION, marks=pytest.mark.more),
+        pytest.param(lambda driver: DrivesFaster(driver, FIVE_KMH), EnergyCause.AGAINST_ADVICE, marks=pytest.mark.more),
     ],
     ids=["coasts-late", "friction", "faster"],
 )

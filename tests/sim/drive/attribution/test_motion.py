@@ -14,9 +14,7 @@ from sim.drivers.perfect import PerfectDriver
 from sim.recording.course import DrivenCourse
 from sim.review.series import series
 from sim.world.day import make_day
-from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
-from tests.support.flat_days import FLAT
+from tests.support.flat_days import FLAT, service_of
 from tests.support.recorded_days import recorded_day
 from tests.support.recordings import at_ns
 
@@ -57,7 +55,7 @@ def test_pictures_show_measured_forces_where_no_simulator_tells_the_truth() -> N
 def test_a_leg_goes_from_stand_to_stand_and_its_times_are_those_of_the_run(tmp_path: Path) -> None:
     path = tmp_path / "flat.toml"
     path.write_text(FLAT, encoding="utf-8")
-    day = make_day(prepare_service(read_scenario(path)), 1)
+    day = make_day(service_of(path), 1)
     recording = recorded_day(day, PerfectDriver(day.service.line))
     (leg,) = legs_of(recording, motion_of(recording))
     assert (leg.start.name, leg.end.name) == ("A", "B")

@@ -18,9 +18,7 @@ from sim.drive.comparison.rows import as_csv, as_dict, sentences
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
 from sim.world.day import Day, make_day
-from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
-from tests.support.flat_days import FLAT
+from tests.support.flat_days import FLAT, service_of
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 
 
@@ -28,7 +26,7 @@ from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_da
 def day() -> Day:
     path = Path(mkdtemp()) / "flat.toml"
     path.write_text(FLAT, encoding="utf-8")
-    return make_day(prepare_service(read_scenario(path)), 1)
+    return make_day(service_of(path), 1)
 
 
 def drive(driver: Driver, label: str) -> DriveOnTrack:

@@ -146,6 +146,7 @@ def test_names_of_a_design_cannot_become_markup() -> None:
     assert "&lt;script&gt;" in said
 
 
+@pytest.mark.more
 @pytest.mark.processes
 def test_the_commands_analyse_a_folder_and_plan_the_next_study(tmp_path: Path) -> None:
     write_study(made_up_study(Truth(drivers=12), 1, COMPARISONS), tmp_path / "study")

@@ -48,6 +48,7 @@ said("spreads", as.numeric(VarCorr(model)[1:2, "StdDev"]))
 """
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
 def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) -> None:

@@ -30,9 +30,7 @@ from sim.review.report.printing import write_pdf
 from sim.review.report.subject import ReviewedDrive, subject_of
 from sim.review.report.words import title
 from sim.world.day import Day, make_day
-from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
-from tests.support.flat_days import FLAT, signal_at
+from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import das_sim
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 from tests.support.recordings import write_recording
@@ -44,7 +42,7 @@ BUNDLED = Path(__file__).parents[3] / "recordings" / "zurich-zug-late.mcap"
 def day() -> Day:
     path = Path(mkdtemp()) / "flat.toml"
     path.write_text(FLAT, encoding="utf-8")
-    return make_day(prepare_service(read_scenario(path)), 1)
+    return make_day(service_of(path), 1)
 
 
 def subject(driver: Driver, name: str) -> ReviewedDrive:
@@ -141,7 +139,7 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
 def test_the_page_says_where_time_was_lost_and_by_what(tmp_path: Path) -> None:
     path = tmp_path / "signal.toml"
     path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
-    day = make_day(prepare_service(read_scenario(path)), 1)
+    day = make_day(service_of(path), 1)
     recording = recorded_day(day, PerfectDriver(day.service.line))
     found = replace(fast(), recording=recording, chronicle=Chronicle.of(recording), shown=ShownAdvice.of(recording))
     (told,) = where_time_went(found)
@@ -164,7 +162,7 @@ def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
 def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it(tmp_path: Path) -> None:
     path = tmp_path / "signal.toml"
     path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
-    day = make_day(prepare_service(read_scenario(path)), 1)
+    day = make_day(service_of(path), 1)
     recording = recorded_day(day, PerfectDriver(day.service.line))
     found = replace(fast(), recording=recording, chronicle=Chronicle.of(recording), shown=ShownAdvice.of(recording))
     signal, stand = (

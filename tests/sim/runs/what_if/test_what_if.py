@@ -149,6 +149,7 @@ def test_an_open_loop_keeps_the_drive_and_changes_the_advice(recorded: Path, tmp
     assert reproduce(new, quiet).same  # its node arguments are those that it was advised with
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_another_train_and_restriction_are_in_the_new_recording(recorded: Path, tmp_path: Path) -> None:
@@ -168,6 +169,7 @@ def told(recording: Recording, index: int) -> list[Restriction]:
     return [Restriction(one.start_m, one.end_m, one.limit_mps) for one in listed]
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_a_what_if_of_a_what_if_keeps_what_was_otherwise(recorded: Path, tmp_path: Path) -> None:

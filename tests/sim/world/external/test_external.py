@@ -31,9 +31,7 @@ from sim.world.in_process import InProcess
 from sim.world.loop import World
 from sim.world.over_bus import How, Recorded, make_crew, run_over_bus
 from sim.world.processes.answers import Answers
-from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
-from tests.support.flat_days import FLAT, signal_at
+from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim
 
 PAGE = REPOSITORY / "docs" / "how-to" / "bring-your-own-driver.md"
@@ -100,7 +98,7 @@ def process(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def day_of(folder: Path, name: str, seed: int = 3) -> Day:
-    return make_day(prepare_service(read_scenario(folder / name)), seed)
+    return make_day(service_of(folder / name), seed)
 
 
 def driven(day: Day, place: str, out: Path, shown: Presentation) -> Recorded:
@@ -133,6 +131,7 @@ def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     assert recorded_restlessness(recording).as_dict() == run.restlessness.as_dict()  # of one look a second
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_the_program_of_the_page_drives(folder: Path) -> None:
@@ -174,6 +173,7 @@ def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path
     assert len(braked) > 5
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
@@ -191,6 +191,7 @@ def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
     assert "another process answers as well; the first one drives" in words
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_driver_that_is_gone_ends_the_run_with_its_recording(

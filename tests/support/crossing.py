@@ -1,0 +1,39 @@
+"""Combinations of several lists of values: few of them in the default run, the rest behind the marker `more`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import pytest
+
+
+def crossed(*lists: Sequence[Any]) -> list[Any]:
+    """Every combination of the values of several lists, as parameters of a test.
+
+    So many of them are in the default run that every pair of values of two lists is; of two lists themselves, so
+    many that every value is. All others have the marker `more`.
+    """
+    combinations = list(product(*(range(len(one)) for one in lists)))
+    missing = {part for combination in combinations for part in _parts(combination)}
+    kept = set()
+    while missing:
+        best = max(combinations, key=lambda combination: len(_parts(combination) & missing))
+        kept.add(best)
+        missing -= _parts(best)
+    return [
+        pytest.param(
+            *(one[i] for one, i in zip(lists, combination, strict=True)),
+            marks=() if combination in kept else pytest.mark.more,
+        )
+        for combination in combinations
+    ]
+
+
+def _parts(combination: tuple[int, ...]) -> set[tuple[tuple[int, int], ...]]:
+    """What the default run must contain of a combination: its values if they are two, else its pairs of values."""
+    places = list(enumerate(combination))
+    if len(places) <= 2:
+        return {(place,) for place in places}
+    return {(a, b) for i, a in enumerate(places) for b in places[i + 1 :]}
