@@ -9,8 +9,8 @@ from typing import Any, Final, NamedTuple
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM
+from sim.drive.calls import AtStop, at_stops, calls
 from sim.drive.happenings import NOT_HEARD, Span, signals, silences
-from sim.drive.stops import AtStop, at_stops
 from sim.recording.course import DrivenCourse
 from sim.review.colors import DEVIATION_COLOR, MODES, TOP_SPEED_COLOR, Meaning, Theme
 
@@ -62,7 +62,7 @@ def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
     silent = silences(recording, trip)
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
     found = (
-        lane_of_stops(at_stops(recording, trip)),
+        lane_of_stops(at_stops(calls(recording, trip), trip)),
         Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
         Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **WITHOUT_MODE}),
         Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),

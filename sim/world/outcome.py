@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +9,9 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from das.solver.solution import Fit
+from sim.drive.calls import KeptCall, as_rows
 from sim.drive.stability import Restlessness
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
-from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.hindsight import fronts_of_braking, hindsight, true_fronts
 from sim.world.loop import Counts, Run
@@ -104,7 +103,7 @@ class DayOutcome:
             "seed": self.seed,
             "level": self.level,
             "late_s": self.late_s,
-            "stops": [_stop(call) for call in self.calls],
+            "stops": as_rows(self.calls),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
             **_parts(self.ledger),
@@ -150,17 +149,6 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
         violations=run.violations,
         simulated_s=len(run.states) - 1,
     )
-
-
-def _stop(call: KeptCall) -> dict[str, Any]:
-    return {
-        "name": call.name,
-        "due_s": call.due_s,
-        "arrived_s": None if math.isnan(call.arrived_s) else call.arrived_s,
-        "departed_s": None if math.isnan(call.departed_s) else call.departed_s,
-        "late_s": call.late_s,
-        "missed_m": call.missed_m,
-    }
 
 
 def shares(ledger: Ledger) -> dict[str, tuple[float, float]]:

@@ -12,10 +12,11 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.conditions import Conditions
 from das.domain.units import kmh, kwh
+from sim.drive.calls import KeptCall, as_rows
 from sim.drive.stability import Restlessness
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind
-from sim.world.calls import KeptCall
+from sim.recording.clock import minutes
 from sim.world.outcome import SHARES, DayResult, shares
 
 STOP_LEGEND: Final = {
@@ -23,6 +24,8 @@ STOP_LEGEND: Final = {
     "missed": "by how much the train stood beyond the stop (before it: negative)",
 }
 """What is said below the table of stops."""
+TIMES: Final = ("due", "arrived", "departed")
+"""Columns of times in the table of stops."""
 LABELS: Final = {
     "component_loss": "component losses",
     "resistance": "running resistance",
@@ -59,26 +62,13 @@ def _stops(result: DayResult) -> Table:
     title = f"{found.scenario}, seed {found.seed}, driver {result.driver}, advice {result.advice}"
     table = Table(title=title, title_justify="left")
     table.add_column("stop")
-    for name in ("due", "arrived", "departed", "late", "missed"):
+    for name in (*TIMES, "late", "missed"):
         table.add_column(name, justify="right")
-    for call in found.calls:
-        table.add_row(
-            call.name,
-            _clock(call.due_s),
-            _clock(call.arrived_s),
-            _clock(call.departed_s),
-            f"{call.late_s:+.0f} s",
-            "" if math.isnan(call.arrived_s) else f"{call.missed_m:+.1f} m",
-        )
+    for call in as_rows(found.calls):
+        times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
+        missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
+        table.add_row(call["name"], *times, f"{call['late_s']:+.0f} s", missed)
     return table
-
-
-def _clock(time_s: float) -> str:
-    """A time on the run's clock as minutes and seconds; nothing for NaN."""
-    if math.isnan(time_s):
-        return ""
-    minutes, seconds = divmod(round(time_s), 60)
-    return f"{minutes}:{seconds:02d}"
 
 
 def _rows(result: DayResult) -> list[tuple[str, str]]:

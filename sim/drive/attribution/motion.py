@@ -15,7 +15,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.drive.events.calls import RecordedCall, at_rest, calls
+from sim.drive.calls import KeptCall, at_rest, calls
 from sim.recording.course import DrivenCourse
 from sim.trips.opening import open_trip
 from sim.trips.options import TripOptions
@@ -54,8 +54,8 @@ class DrivenLeg:
     The first and the last sample stand, at the refined times of departure and arrival.
     """
 
-    start: RecordedCall
-    end: RecordedCall
+    start: KeptCall
+    end: KeptCall
     motion: DrivenMotion
 
     @property
@@ -127,7 +127,7 @@ def legs_of(recording: Recording, motion: DrivenMotion) -> tuple[DrivenLeg, ...]
     return found
 
 
-def _legs(motion: DrivenMotion, served: list[RecordedCall]) -> Iterator[DrivenLeg]:
+def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
     for start, end in pairwise(served):
         assert start.stand is not None
         assert end.stand is not None

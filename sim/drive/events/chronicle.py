@@ -12,9 +12,9 @@ import numpy as np
 
 from das.bus import topics
 from das.bus.recording import Recording
+from sim.drive.calls import KeptCall, calls
 from sim.drive.events.advice_events import advice_events, replan_events, withdrawal_events
 from sim.drive.events.bookmarks import deviation_events, with_marks
-from sim.drive.events.calls import RecordedCall, calls
 from sim.drive.events.decision_events import decision_events
 from sim.drive.events.driving_events import (
     call_events,
@@ -40,7 +40,7 @@ class Chronicle:
     recording: Recording
     trip: DrivenCourse
     clock: DriveClock
-    calls: tuple[RecordedCall, ...]
+    calls: tuple[KeptCall, ...]
     events: tuple[DriveEvent, ...]
 
     @classmethod

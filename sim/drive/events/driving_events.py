@@ -14,7 +14,7 @@ from das.advice.modes import Mode, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
-from sim.drive.events.calls import NEAR_M, STANDING_MPS, RecordedCall, arrival_ns, departure_ns, stands
+from sim.drive.calls import NEAR_M, STANDING_MPS, KeptCall, arrival_ns, departure_ns, stands
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.limits import known_inputs, limit_in_force
 from sim.drivers.cab import AT_STOP_M
@@ -47,7 +47,7 @@ WANTED: Final = {
 """What the controller must show for an advised mode to be followed; a speed to hold may need any of the three."""
 
 
-def call_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[DriveEvent]:
+def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
     """Departures, arrivals and stops that were missed."""
     for index, call in enumerate(made):
         if call.arrived_ns and index > 0:
@@ -64,7 +64,7 @@ def call_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[
                 time_ns=call.departed_ns, kind=EventKind.DEPARTURE, text=f"left {call.name}{late}", s_m=call.s_m,
                 facts={"stop": call.name, "late_s": call.departed_late_s},
             )  # fmt: skip
-        if call.stand is None and call.reached and trip.s_m[-1] > call.s_m + NEAR_M and trip.s_m[0] < call.s_m - NEAR_M:
+        if not call.served and call.reached and trip.s_m[-1] > call.s_m + NEAR_M and trip.s_m[0] < call.s_m - NEAR_M:
             passed = int(np.argmax(trip.s_m >= call.s_m))
             speed_kmh = kmh(float(trip.speed_mps[passed]))
             yield DriveEvent(
@@ -80,7 +80,7 @@ def _late(late_s: float) -> str:
     return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
 
 
-def stand_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[DriveEvent]:
+def stand_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
     """The stands of the train that belong to no stop of its journey."""
     at_stops = {call.stand for call in made}
     for stand in stands(trip):

@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Final
 
 from das.domain.units import NS
+from sim.drive.calls import KeptCall
 from sim.drive.events.advice_events import place_text
-from sim.drive.events.calls import RecordedCall
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.review.report.subject import ReviewedDrive
 
@@ -20,7 +20,7 @@ HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
 
 def where_time_went(subject: ReviewedDrive) -> list[str]:
     """A sentence for each leg and each stop at which the lateness changed; nothing without a timetable."""
-    calls = [call for call in subject.chronicle.calls if call.stand is not None]
+    calls = [call for call in subject.chronicle.calls if call.served]
     told = []
     for before, after in pairwise(calls):
         told += _at_stop(before)
@@ -36,7 +36,7 @@ def where_time_went(subject: ReviewedDrive) -> list[str]:
     return told
 
 
-def _at_stop(call: RecordedCall) -> list[str]:
+def _at_stop(call: KeptCall) -> list[str]:
     change_s = call.departed_late_s - (0.0 if math.isnan(call.arrived_late_s) else max(call.arrived_late_s, 0.0))
     if math.isnan(change_s) or abs(change_s) < TOLD_S:
         return []
@@ -45,7 +45,7 @@ def _at_stop(call: RecordedCall) -> list[str]:
     return [f"At {call.name} it stayed {change_s:.0f} s longer than it had to."]
 
 
-def _because(subject: ReviewedDrive, before: RecordedCall, after: RecordedCall) -> str:
+def _because(subject: ReviewedDrive, before: KeptCall, after: KeptCall) -> str:
     """What took time on the way between two stops, in words."""
     on_way = [
         one

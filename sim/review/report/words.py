@@ -64,7 +64,7 @@ def paragraph(subject: ReviewedDrive) -> str:
 def _ran(subject: ReviewedDrive) -> list[str]:
     """When the train ran from where to where, and how late it was."""
     chronicle, trip = subject.chronicle, subject.chronicle.trip
-    clock, served = chronicle.clock, [call for call in chronicle.calls if call.stand is not None]
+    clock, served = chronicle.clock, [call for call in chronicle.calls if call.served]
     day = f"{datetime.fromtimestamp(clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
     km = (float(trip.s_m[-1]) - float(trip.s_m[0])) / KM
     if len(served) < 2 or not served[0].departed_ns or not served[-1].arrived_ns:
@@ -79,7 +79,7 @@ def _ran(subject: ReviewedDrive) -> list[str]:
         f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
         f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
     ]
-    missed = [call.name for call in chronicle.calls if call.stand is None and call.reached]
+    missed = [call.name for call in chronicle.calls if not call.served and call.reached]
     return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else [])]
 
 
@@ -241,7 +241,7 @@ def stop_rows(subject: ReviewedDrive) -> list[Row]:
             "leaves": at(call.due_departure_ns),
             "departed": at(call.departed_ns) if index < len(subject.chronicle.calls) - 1 else "",
             "departed_late": late(call.departed_late_s),
-            "remark": "" if call.stand else ("passed without stopping" if call.reached else "not reached"),
+            "remark": "" if call.served else ("passed without stopping" if call.reached else "not reached"),
         }
         for index, call in enumerate(subject.chronicle.calls)
     ]

@@ -16,7 +16,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.units import NS
 from das.node.options import NodeOptions
-from sim.drive.events.calls import RecordedCall, calls
+from sim.drive.calls import KeptCall, calls
 from sim.recording.attached import put
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import sha256, vehicle_files
@@ -146,7 +146,7 @@ def _dwell_s(stops: Any) -> float:
     return max(min(dwells, default=0.0), 0.0)
 
 
-def _delay(call: RecordedCall, dwell_s: float) -> Iterator[str]:
+def _delay(call: KeptCall, dwell_s: float) -> Iterator[str]:
     """By how much a departure was held up: later than the timetable and the dwell after the arrival allow."""
     if not call.departed_ns or not call.due_departure_ns:
         return

@@ -20,7 +20,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.units import NS
 from sim.drive.attribution.inputs import inputs_of
-from sim.drive.events.calls import calls, stands
+from sim.drive.calls import calls, stands
 from sim.drive.events.chronicle import Chronicle
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.drive.limits import limit_in_force
