@@ -44,6 +44,7 @@ def _print_causes(account: Account) -> None:
     from rich.table import Table
 
     from das.domain.units import kwh
+    from sim.drive.attribution.account import OTHER_TRAIN
     from sim.drive.attribution.causes import EnergyCause
 
     columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in account.legs]
@@ -60,6 +61,9 @@ def _print_causes(account: Account) -> None:
             told[cause] = account.against_timetable[cause]
             cells = (f"{kwh((leg.against_timetable or {}).get(cause, 0.0)):+.1f}" for _, _, leg in columns)
             table.add_row(f"  {cause.label}", *cells, f"{kwh(told[cause]):+.1f}")
+        if account.other_train_j:
+            other = (f"{kwh(leg.other_train_j):+.1f}" for _, _, leg in columns)
+            table.add_row(f"  {OTHER_TRAIN}", *other, f"{kwh(account.other_train_j):+.1f}")
     best = [kwh(leg.optimum_j) for _, _, leg in columns]
     table.add_row("optimum for the same times", *(f"{x:.1f}" for x in best), f"{sum(best):.1f}")
     for cause, energy_j in account.by_cause.items():

@@ -53,7 +53,7 @@ _LISTED: Final = (
         title="Gap to the optimum",
         unit="1",
         source=NOLD,
-        of=_energy("beyond_hindsight_ratio"),
+        of=lambda driven: driven.outcome.energies.above.gap_ratio,
         formula="E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
         "simulated train could have kept the limits and the running times that the sections really took; smaller "
         "is better",

@@ -8,7 +8,7 @@ from textwrap import wrap
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kwh
-from sim.drive.recorded_saving import saving_rows
+from sim.drive.above_optimum import AboveOptimum
 from sim.drive.recorded_stability import recorded_restlessness
 from sim.world.disturbances import NOTHING
 from sim.world.report import restlessness_rows
@@ -71,7 +71,8 @@ def _trip(recording: Recording) -> list[tuple[str, str]]:
             ("time", f"{(where['time_ns'][-1] - where['time_ns'][0]) * NS:.0f} s"),
             ("energy at the collector", f"{kwh(where['energy_input_j'][-1]):.1f} kWh"),
         ]
-    rows += saving_rows(recording)
+    above = AboveOptimum.recorded(recording)
+    rows += [] if above is None else above.rows()
     shown = recorded_restlessness(recording)
     rows += [(name.strip(), value) for name, value in restlessness_rows(shown)]
     rows += [("warning", shown.warning)] if shown.warning is not None else []

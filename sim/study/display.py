@@ -161,7 +161,7 @@ def figures(service: Service, seed: int, variant: DisplayVariant) -> DisplayFigu
     driver = Looking(human, variant.display(), tone=variant.tone)
     run = World(day, driver, Presentation.VECTOR, InProcess(service)).run()
     found = outcome(day, run)
-    gap = found.energies.beyond_hindsight_ratio
+    gap = found.energies.above.gap_ratio
     assert gap is not None
     moves = sum(event.what == "lever" for event in human.events)
     return DisplayFigures(100.0 * gap, found.late_s, 60.0 * moves / found.running_time_s)

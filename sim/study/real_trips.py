@@ -67,7 +67,7 @@ class TripAccount:
     @property
     def possible(self) -> bool:
         """Whether the train could have run in the time of the trip."""
-        return not self.account.why_not_comparable
+        return not self.account.above.why_not
 
     @property
     def above_ratio(self) -> float:

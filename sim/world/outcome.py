@@ -8,12 +8,12 @@ from typing import Any
 
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
-from das.solver.solution import Fit
+from sim.drive.above_optimum import AboveOptimum
 from sim.drive.calls import KeptCall, as_rows
 from sim.drive.stability import Restlessness
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.world.day import Day
-from sim.world.hindsight import fronts_of_braking, hindsight, true_fronts
+from sim.world.hindsight import above_optimum, fronts_of_braking, hindsight
 from sim.world.loop import Counts, Run
 from sim.world.safety import Violations
 
@@ -25,33 +25,35 @@ SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfo
 class RunEnergies:
     """Energies of a run at the current collector, and the optima beside them (J).
 
-    `driven_j` is from departure to arrival, summed over the sections; `at_stops_j` is drawn at stops in between.
-    `planned_j` is the plan's least energy for the timetable, `hindsight_j` the least energy of the true train and its
-    losses for the times that the sections really took; neither knows what happened on the way. `hindsight_late`: a
-    section took less time than the true train can, so its optimum is the fastest run.
+    `above` has the energy from departure to arrival of every section, and the least energy of the true train and its
+    losses for the times that the sections really took. `at_stops_j` is drawn at stops in between, `planned_j` is the
+    plan's least energy for the timetable; neither optimum knows what happened on the way.
 
-    `driven_j` = `hindsight_j` + `blending_j` + `profile_j`: the optimum, what friction took that the motors could have
-    given, and what the speed profile cost. `own_braking_j` is the optimum for the same times of who brakes and keeps
+    Driven = optimum + `blending_j` + `profile_j`: the optimum, what friction took that the motors could have given,
+    and what the speed profile cost. `own_braking_j` is the optimum for the same times of who brakes and keeps
     below limits as a human driver means to, or for other drivers as the advice plans: braking so costs the difference.
     """
 
-    driven_j: float
+    above: AboveOptimum
     at_stops_j: float
     planned_j: float
-    hindsight_j: float
-    hindsight_late: bool
     blending_j: float
     own_braking_j: float
+
+    @property
+    def driven_j(self) -> float:
+        """Energy from departure to arrival, summed over the sections (J)."""
+        return self.above.driven_j
+
+    @property
+    def hindsight_j(self) -> float:
+        """Least energy of the true train for the times that the sections really took (J)."""
+        return self.above.optimum_j
 
     @property
     def profile_j(self) -> float:
         """What the run took above its optimum other than for brakes that the motors could have been."""
         return self.driven_j - self.hindsight_j - self.blending_j
-
-    @property
-    def beyond_hindsight_ratio(self) -> float | None:
-        """By how much the run took more than the optimum for its own times; None where that optimum is not above 0."""
-        return self.driven_j / self.hindsight_j - 1.0 if self.hindsight_j > 0 else None
 
     def as_dict(self) -> dict[str, Any]:
         """The energies (kWh), for programs."""
@@ -60,8 +62,8 @@ class RunEnergies:
             "energy_at_stops_kwh": kwh(self.at_stops_j),
             "energy_planned_kwh": kwh(self.planned_j),
             "energy_hindsight_kwh": kwh(self.hindsight_j),
-            "hindsight_faster_than_possible": self.hindsight_late,
-            "beyond_hindsight_ratio": self.beyond_hindsight_ratio,
+            "hindsight_faster_than_possible": self.above.too_fast,
+            "above_optimum_ratio": self.above.ratio,
             "energy_blending_kwh": kwh(self.blending_j),
             "energy_profile_kwh": kwh(self.profile_j),
             "energy_own_braking_kwh": kwh(self.own_braking_j),
@@ -125,8 +127,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     """What a run of a day came to, also against the optimum of who brakes as a human driver does, or as advised."""
     service = day.service
     whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
-    energy_j = sum(day.plant.ledger(*leg).input for leg in run.legs)
-    best = hindsight(true_fronts(day), run)
+    above = above_optimum(day, run)
     braking = hindsight(fronts_of_braking(day, driver), run)
     return DayOutcome(
         scenario=service.scenario.id,
@@ -135,11 +136,9 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
         calls=run.calls,
         running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
         energies=RunEnergies(
-            driven_j=energy_j,
-            at_stops_j=whole.input - energy_j,
+            above=above,
+            at_stops_j=whole.input - above.driven_j,
             planned_j=sum(solution.ledger.input for solution in service.planned),
-            hindsight_j=sum(solution.ledger.input for solution in best),
-            hindsight_late=any(solution.fit is Fit.LATE for solution in best),
             blending_j=sum(arrived.blending_j - departed.blending_j for departed, arrived in run.legs),
             own_braking_j=sum(solution.ledger.input for solution in braking),
         ),

@@ -12,6 +12,7 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.conditions import Conditions
 from das.domain.units import kmh, kwh
+from sim.drive.above_optimum import NOT_COMPARABLE
 from sim.drive.calls import KeptCall, as_rows
 from sim.drive.stability import Restlessness
 from sim.drivers.cab import AT_STOP_M
@@ -74,12 +75,12 @@ def _stops(result: DayResult) -> Table:
 def _rows(result: DayResult) -> list[tuple[str, str]]:
     """Energies, where they went, and the messages."""
     found, energies = result.outcome, result.outcome.energies
-    beyond, braking = energies.beyond_hindsight_ratio, "this driver" if result.driver is DriverKind.HUMAN else "advised"
+    braking = "this driver" if result.driver is DriverKind.HUMAN else "advised"
     rows = [
         ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
         ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
         ("  optimum for the times as driven", f"{kwh(energies.hindsight_j):.1f} kWh"),
-        ("  beyond that optimum", "–" if beyond is None else f"{100 * beyond:+.1f} %"),
+        ("  above that optimum", energies.above.words),
         ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
         ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
         (f"  optimum braking as {braking}", f"{kwh(energies.own_braking_j):.1f} kWh"),
@@ -124,8 +125,8 @@ def _notes(result: DayResult) -> list[str]:
     if violations.over_limit_s:
         over_kmh = kmh(violations.over_limit_mps)
         notes.append(f"{violations.over_limit_s:.0f} s above limits, by up to {over_kmh:.0f} km/h")
-    if found.energies.hindsight_late:
-        notes.append("a section took less time than the true train can: its optimum is the fastest run")
+    if found.energies.above.why_not:
+        notes.append(f"{NOT_COMPARABLE}: {found.energies.above.why_not}")
     if found.counts.above_limit:
         notes.append(f"{found.counts.above_limit} advices were above the limit: please report this")
     return notes

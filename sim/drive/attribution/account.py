@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.solver.solution import Solution
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy, why_not_comparable
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.committed import Committed, committed, spacing
 from sim.drive.attribution.energies import LegEnergies, leg_energies
@@ -20,10 +22,11 @@ from sim.drive.attribution.motion import DrivenLeg, legs_of, motion_of
 from sim.drive.attribution.places import Places, even_edges, limit_edges, places_between
 from sim.drive.attribution.shown import ShownAdvice
 from sim.drive.happenings import Signal, signals
-from sim.drive.recorded_saving import SAID_BY_THE_RECORDING, not_comparable_by_record
-from sim.trips.saving import NOT_COMPARABLE, why_not_comparable
 
 Floats = NDArray[np.float64]
+
+OTHER_TRAIN: Final = "the true train, wind and rail"
+"""What the optimum of the true train takes more than that of the plan's, in words."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,12 +34,14 @@ class LegAccount:
     """The account of one leg.
 
     `optimum` is the best run of the plan's train in the time as driven, on the line without temporary restrictions.
+    `true_optimum_j` is that of the true train (J), as a simulator recorded it; None where only the plan's is known.
     `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
     departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
     """
 
     leg: DrivenLeg
     optimum: Solution
+    true_optimum_j: float | None
     energies: LegEnergies
     committed: Committed
     timetable_j: float | None
@@ -51,16 +56,21 @@ class LegAccount:
 
     @property
     def optimum_j(self) -> float:
-        """Energy of the optimum for the same time (J)."""
-        return self.optimum.ledger.input
+        """Least energy for the same time (J): of the true train where it is known, else of the plan's."""
+        return self.optimum.ledger.input if self.true_optimum_j is None else self.true_optimum_j
+
+    @property
+    def other_train_j(self) -> float:
+        """By how much the optimum of the true train takes more than that of the plan's (J)."""
+        return self.optimum_j - self.optimum.ledger.input
 
     @property
     def by_cause(self) -> dict[EnergyCause, float]:
         """The energy above the optimum for the same time by cause (J); the parts sum to the whole difference."""
         energies, parts = self.energies, self.committed.by_cause()
         friction_j = float(energies.blended_j[-1] - energies.motors_j[-1])
-        train_j = float(energies.ledger_j[-1] - energies.blended_j[-1])
-        rest_j = float(self.committed.energy_j[0]) - self.optimum_j
+        train_j = float(energies.ledger_j[-1] - energies.blended_j[-1]) - self.other_train_j
+        rest_j = float(self.committed.energy_j[0]) - self.optimum.ledger.input
         for cause, energy_j in (
             (EnergyCause.FRICTION, friction_j),
             (EnergyCause.TRAIN, train_j),
@@ -92,14 +102,23 @@ class LegAccount:
     @property
     def early_j(self) -> float | None:
         """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
-        return None if self.left_j is None else self.optimum_j - self.left_j
+        return None if self.left_j is None else self.optimum.ledger.input - self.left_j
 
     @property
     def against_timetable(self) -> dict[EnergyCause, float] | None:
         """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
         if self.recovered_j is None or self.early_j is None:
             return None
-        return {**self.by_cause, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
+        parts = self.by_cause
+        parts[EnergyCause.TRAIN] += self.other_train_j
+        return {**parts, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
+
+    @property
+    def section_energy(self) -> SectionEnergy:
+        """The energies of the leg as driven and of its optimum."""
+        names = self.leg.start.name, self.leg.end.name
+        found = SectionEnergy.of(*names, self.leg.trip_s, self.driven_j, self.optimum)
+        return replace(found, optimum_j=self.optimum_j)
 
 
 def _between(sum_j: Floats, first: int, last: int) -> float:
@@ -116,9 +135,15 @@ class Account:
     advice_shown: bool
 
     @property
-    def why_not_comparable(self) -> str:
-        """Why the drive cannot be compared with its optimum, in words; nothing where it can."""
-        return why_not_comparable([(leg.optimum, leg.leg.trip_s) for leg in self.legs])
+    def above(self) -> AboveOptimum:
+        """What the drive took above the optimum of the same train, leg by leg."""
+        sections = tuple(leg.section_energy for leg in self.legs)
+        return AboveOptimum(sections=sections, measured=self.measured, why_not=why_not_comparable(sections))
+
+    @property
+    def other_train_j(self) -> float:
+        """By how much the optimum of the true train takes more than that of the plan's (J); 0 where it is not known."""
+        return sum(leg.other_train_j for leg in self.legs)
 
     @property
     def driven_j(self) -> float:
@@ -168,23 +193,31 @@ def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Accou
     drive that cannot be compared with its optimum, here or in the replay that recorded it.
     """
     found = account_with(recording, inputs_of(recording) if inputs is None else inputs)
-    why = found.why_not_comparable or (SAID_BY_THE_RECORDING if not_comparable_by_record(recording) else "")
+    said = AboveOptimum.recorded(recording)
+    why = found.above.why_not or ("" if said is None else said.why_not)
     if why:
         raise DasError(f"{recording.path}: {NOT_COMPARABLE}: {why}")
     return found
 
 
 def account_with(recording: Recording, inputs: DriveInputs) -> Account:
-    """The account of a recorded drive with any line and train, also where `why_not_comparable` says that it is none."""
+    """The account of a recorded drive with any line and train, also where it cannot be compared (`Account.above`)."""
     motion = motion_of(recording)
     epochs, shown, seen = epochs_of(recording), ShownAdvice.of(recording), signals(recording)
     driven = legs_of(recording, motion)
-    every = spacing(driven)
-    legs = tuple(_leg_account(Knowledge(inputs, leg, epochs), shown, seen, every) for leg in driven)
+    every, said = spacing(driven), AboveOptimum.recorded(recording)
+    measured = () if said is None or not said.measured else said.sections
+    true_j = {(one.start, one.end): one.optimum_j for one in measured}
+    legs = tuple(
+        _leg_account(Knowledge(inputs, leg, epochs), true_j.get((leg.start.name, leg.end.name)), shown, seen, every)
+        for leg in driven
+    )
     return Account(inputs=inputs, legs=legs, measured=motion.input_j is not None, advice_shown=shown.any_shown)
 
 
-def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, ...], every: int) -> LegAccount:
+def _leg_account(
+    knowledge: Knowledge, true_optimum_j: float | None, shown: ShownAdvice, seen: tuple[Signal, ...], every: int
+) -> LegAccount:
     leg, front = knowledge.leg, knowledge.front()
     section, optimum = front.section, front.trajectory(leg.trip_s)
     energies = leg_energies(section, leg)
@@ -196,6 +229,7 @@ def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, .
     return LegAccount(
         leg=leg,
         optimum=optimum,
+        true_optimum_j=true_optimum_j,
         energies=energies,
         committed=committed(knowledge, energies, shown, seen, every),
         timetable_j=least_j(leg.timetable_s),

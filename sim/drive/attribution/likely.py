@@ -9,10 +9,10 @@ from typing import Final
 from das.domain.errors import DasError
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
+from sim.drive.above_optimum import likely_band, section_in
 from sim.drive.attribution.account import Account, LegAccount
 from sim.drive.attribution.energies import leg_energies
-from sim.trips.estimate import BRAKING, DrivenCase, Unknown, one_by_one
-from sim.trips.saving import section_in
+from sim.trips.estimate import DrivenCase, Unknown, one_by_one
 
 MOST_LEGS: Final = 3
 """Drives of more legs are not asked: every unknown solves each leg twice anew."""
@@ -46,15 +46,12 @@ def likely_range(account: Account) -> LikelyRange | None:
         return None if any(one is None for one in found) else sum(one for one in found if one is not None)
 
     unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
-    middle_j = account.difference_j
-    spread = [one for one in unknowns if one.name != BRAKING]
-    low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
-    high_j = math.hypot(*(max(one.high_j - middle_j, 0.0) for one in spread))
+    likely = likely_band(account.difference_j, unknowns)
     known = any(leg.leg.motion.friction_j is not None for leg in account.legs)
     friction_j = None if known else above_j(DrivenCase(all_friction=True))
     return LikelyRange(
-        low_j=middle_j - low_j,
-        high_j=middle_j + high_j,
+        low_j=likely.low_j,
+        high_j=likely.high_j,
         by_friction_j=math.nan if friction_j is None else friction_j,
         unknowns=unknowns,
     )

@@ -11,14 +11,14 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
-from sim.drive.attribution.account import Account
+from sim.drive.above_optimum import AboveOptimum
+from sim.drive.attribution.account import OTHER_TRAIN, Account
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.judging import OVER_MPS
 from sim.drive.attribution.rows import seconds_by_cause, worst_places
 from sim.drive.events.advice_events import place_text
 from sim.drive.events.bookmarks import bookmarks
 from sim.drive.events.event import DriveEvent, EventKind, Filter
-from sim.drive.recorded_saving import saving_rows
 from sim.recording.clock import minutes, spell
 from sim.review.report.circumstances import at_signals, came_about, moment_words, restrictions_told
 from sim.review.report.subject import ReviewedDrive
@@ -94,14 +94,14 @@ def _took(subject: ReviewedDrive) -> list[str]:
     account = subject.account
     if account is None:
         return [f"Where its energy went cannot be said: {subject.why_not}."]
-    driven, more = kwh(account.driven_j), kwh(account.difference_j)
-    word = "more" if more >= 0 else "less"
+    driven, more, best = kwh(account.driven_j), kwh(account.difference_j), kwh(account.optimum_j)
+    ratio = account.above.ratio
+    word = "above" if more >= 0 else "below"
     how = "It drew" if account.measured else "By its positions it drew about"
-    best = kwh(account.optimum_j)
-    share = f" ({more / best:+.0%})" if best > 0 else ""
+    share = "" if ratio is None else f" ({abs(ratio):.1%})"
     told = [
-        f"{how} {driven:.1f} kWh at the current collector, {abs(more):.1f} kWh {word}{share} "
-        f"than the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
+        f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
+        f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
         "signal and no temporary restriction."
     ]
     if subject.likely is not None:
@@ -213,10 +213,12 @@ def _energy_rows(account: Account) -> list[tuple[str, str]]:
         rows.append(("optimum for the timetable", f"{kwh(account.timetable_j):.1f} kWh"))
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
             rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
+        if account.other_train_j:
+            rows.append((OTHER_TRAIN, f"{kwh(account.other_train_j):+.1f} kWh"))
     return [
         *rows,
         ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
-        ("above that optimum", f"{kwh(account.difference_j):+.1f} kWh"),
+        ("above that optimum", account.above.words),
         ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
     ]
 
@@ -383,5 +385,6 @@ def input_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
     if subject.account is not None:
         rows.append(("line and train of this page", subject.account.inputs.source))
         rows.append(("energies", "measured" if subject.account.measured else "estimated from positions"))
-    rows += [(f"energy account of the recording: {name}", text) for name, text in saving_rows(subject.recording)]
+    said = AboveOptimum.recorded(subject.recording)
+    rows += [(f"said by the recording: {name}", text) for name, text in ([] if said is None else said.rows())]
     return [*rows, ("attached files", ", ".join(subject.recording.attachments) or "none")]

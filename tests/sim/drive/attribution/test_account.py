@@ -13,13 +13,12 @@ import pytest
 from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
-from das.solver.solution import Fit
+from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.account import Account, account_of
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
 from sim.drive.attribution.rows import as_dict, worst_places
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
-from sim.trips.saving import why_not_comparable
 from sim.world.day import Day, make_day
 from sim.world.hindsight import fronts_of_braking
 from sim.world.scenario import load_scenario, read_scenario
@@ -123,12 +122,28 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_reco
 
 
 def test_why_a_drive_cannot_be_compared() -> None:
-    (leg,) = account(clear_day(), PerfectDriver(clear_day().service.line)).legs[:1]
-    fits, late = (leg.optimum, leg.leg.trip_s), (replace(leg.optimum, fit=Fit.LATE), leg.optimum.time_s - 2.5)
+    fits = account(clear_day(), PerfectDriver(clear_day().service.line)).above.sections[0]
+    late = replace(fits, late_s=2.5)
     assert why_not_comparable([fits, fits]) == ""
     assert why_not_comparable([fits, late]).endswith("the optimum is its fastest run, 2.5 s later")
     assert why_not_comparable([fits], whole=False) == "the trip does not run from standstill to standstill at the stops"
     assert why_not_comparable([fits], direction_known=False) == "the direction of the trip is not known"
+
+
+def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train(tmp_path: Path) -> None:
+    """The simulator recorded what its true train needs: the report then says the same as the run did."""
+    day = short_day(tmp_path, "[truth]\nmass_ratio = 1.2\n")
+    recording, inputs = recorded_day(day, PerfectDriver(day.service.line)), inputs_of_day(day)
+    plain = account_of(recording, inputs)
+    (leg,) = plain.above.sections
+    true_j = leg.optimum_j + 3.6e6
+    said = AboveOptimum.measured_on([replace(leg, optimum_j=true_j)]).message(0)
+    known = account_of(replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}), inputs)
+    assert (known.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
+    assert known.above.ratio == pytest.approx((known.driven_j - true_j) / known.driven_j)
+    assert sum(known.by_cause.values()) == pytest.approx(known.difference_j, abs=1.0)
+    assert known.by_cause[EnergyCause.TRAIN] == pytest.approx(plain.by_cause[EnergyCause.TRAIN] - 3.6e6, abs=1.0)
+    assert known.against_timetable == pytest.approx(plain.against_timetable)
 
 
 def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
