@@ -25,12 +25,11 @@ def energy(
 ) -> None:
     """Say where the energy of a recorded drive went, by cause and by place, against the optimum for the same times."""
     with loading_solver():
-        from sim.drive.attribution.account import account_of
         from sim.drive.attribution.rows import as_dict
-        from sim.recording.opening import open_recording
+        from sim.drive.drive import Drive
 
     with busy(f"reading {file} and solving its sections …"):
-        account = account_of(open_recording(file))
+        account = Drive.read(file).known_account
     if as_json:
         print(json.dumps(as_dict(account)))
         return

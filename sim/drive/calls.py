@@ -92,7 +92,7 @@ def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
     )
 
 
-def calls(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
+def calls_of(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
     """How each stop of the last journey was kept; empty without a journey."""
     found: list[KeptCall] = []
     known = stands(trip)

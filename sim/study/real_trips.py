@@ -23,10 +23,10 @@ from das.domain.route import Restriction
 from das.domain.units import KM, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.drive.attribution.account import Account, account_with
+from sim.drive.attribution.account import Account, LikelyRange, likely_range
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.likely import LikelyRange, likely_range
+from sim.drive.drive import Drive
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 from sim.review.light import INK, LINES, legend, light_figure, named
 from sim.runs.replay.job import prepare
@@ -94,7 +94,7 @@ def trip_accounts(data: Path) -> list[TripAccount]:
                 vehicle = load_vehicle(_train(data, train))
                 level = vehicle.default_level
                 inputs = DriveInputs(route=route, vehicle=vehicle, level=level, source=train)
-                account = account_with(recording, inputs)
+                account = Drive(source=recording, given=inputs).any_account
                 likely = likely_range(account)
                 assert likely is not None  # a trip is estimated, and has one leg
                 entry_j = above_slow_entry_j(account)

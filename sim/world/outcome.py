@@ -9,13 +9,12 @@ from typing import Any
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
 from sim.drive.above_optimum import AboveOptimum
-from sim.drive.calls import KeptCall, as_rows
-from sim.drive.stability import Restlessness
+from sim.drive.calls import as_rows
+from sim.drive.drive import Drive, RunFigures
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.world.day import Day
 from sim.world.hindsight import above_optimum, fronts_of_braking, hindsight
 from sim.world.loop import Counts, Run
-from sim.world.safety import Violations
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
 """Where energy is lost for good, as in the paper's figure, and what the line did not take back."""
@@ -74,38 +73,36 @@ class RunEnergies:
 class DayOutcome:
     """What a run of a day came to.
 
-    `calls` say how the stops were kept. `running_time_s` is the time between departures and arrivals, `simulated_s` the
-    whole time of the run. `ledger` is where the energy went from the first departure to the last arrival (J), comfort
-    systems included. `counts` say how the advice fared, `restlessness` how often what was shown changed, `violations`
-    what must not happen and did.
+    `drive` has the figures that a recording of the run has as well: stops, energy above the optimum, what must not
+    happen and did, and how often what was shown changed. `running_time_s` is the time between departures and arrivals,
+    `simulated_s` the whole time of the run. `ledger` is where the energy went from the first departure to the last
+    arrival (J), comfort systems included. `counts` say how the advice fared.
     """
 
     scenario: str
     seed: int
     level: str
-    calls: tuple[KeptCall, ...]
+    drive: Drive
     running_time_s: float
     energies: RunEnergies
     ledger: Ledger
     counts: Counts
-    restlessness: Restlessness
-    violations: Violations
     simulated_s: int
 
     @property
     def late_s(self) -> float:
         """Arrival at the last stop after the timetable's (early < 0)."""
-        return self.calls[-1].late_s
+        return self.drive.late_s
 
     def as_dict(self) -> dict[str, Any]:
         """The figures for JSON and tables: times in s on the run's clock, energies in kWh, speeds in km/h."""
-        violations = self.violations
+        violations = self.drive.violations
         return {
             "scenario": self.scenario,
             "seed": self.seed,
             "level": self.level,
             "late_s": self.late_s,
-            "stops": as_rows(self.calls),
+            "stops": as_rows(self.drive.calls),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
             **_parts(self.ledger),
@@ -114,7 +111,7 @@ class DayOutcome:
             "advices_withdrawn": self.counts.withdrawn,
             "advices_unheard": self.counts.unheard,
             "advices_above_limit": self.counts.above_limit,
-            **self.restlessness.as_dict(),
+            **self.drive.stability.as_dict(),
             "signals_passed": violations.signals_passed,
             "beyond_signal_m": violations.beyond_signal_m,
             "over_limit_s": violations.over_limit_s,
@@ -133,7 +130,9 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
         scenario=service.scenario.id,
         seed=day.seed,
         level=str(service.level),
-        calls=run.calls,
+        drive=Drive(
+            run=RunFigures(calls=run.calls, above=above, violations=run.violations, stability=run.restlessness)
+        ),
         running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
         energies=RunEnergies(
             above=above,
@@ -144,8 +143,6 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
         ),
         ledger=whole,
         counts=run.counts,
-        restlessness=run.restlessness,
-        violations=run.violations,
         simulated_s=len(run.states) - 1,
     )
 
@@ -213,7 +210,7 @@ class DayResult:
     @property
     def warnings(self) -> list[str]:
         """What is wrong with the advice of the run; empty where nothing is."""
-        warning = self.outcome.restlessness.warning
+        warning = self.outcome.drive.stability.warning
         return [] if warning is None else [warning]
 
     def as_dict(self) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from dataclasses import asdict
 from typing import Final
@@ -14,7 +13,6 @@ from das.domain.conditions import Conditions
 from das.domain.units import kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE
 from sim.drive.calls import KeptCall, as_rows
-from sim.drive.stability import Restlessness
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind
 from sim.recording.clock import minutes
@@ -65,7 +63,7 @@ def _stops(result: DayResult) -> Table:
     table.add_column("stop")
     for name in (*TIMES, "late", "missed"):
         table.add_column(name, justify="right")
-    for call in as_rows(found.calls):
+    for call in as_rows(found.drive.calls):
         times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
         missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
         table.add_row(call["name"], *times, f"{call['late_s']:+.0f} s", missed)
@@ -89,28 +87,16 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
     counts, recorded = found.counts, result.recorded
     rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
-    rows += restlessness_rows(found.restlessness)
+    rows += found.drive.stability.rows()
     if recorded is not None:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
     return rows
 
 
-def restlessness_rows(found: Restlessness) -> list[tuple[str, str]]:
-    """How restless the advice was that the driver was shown; nothing where none was."""
-    if not found.shown_s:
-        return []
-    shortest = "–" if math.isnan(found.shortest_mode_s) else f"{found.shortest_mode_s:.0f} s"
-    return [
-        ("advice changed, while moving", f"{found.changes_per_min:.1f} times a minute"),
-        ("  from traction to brake or back", f"{found.reversals} times"),
-        ("  shortest mode", shortest),
-    ]
-
-
 def _notes(result: DayResult) -> list[str]:
     """What should be known about the figures."""
-    found, violations = result.outcome, result.outcome.violations
+    found, violations = result.outcome, result.outcome.drive.violations
     notes = [f"on this day: {result.happens}"]
     human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}
     if human:
@@ -118,7 +104,7 @@ def _notes(result: DayResult) -> list[str]:
     truth = {name: value for name, value in result.drawn["truth"].items() if value != UNCHANGED[name]}
     if truth:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
-    notes += [_beyond(call) for call in found.calls if call.missed_m > AT_STOP_M]
+    notes += [_beyond(call) for call in found.drive.calls if call.missed_m > AT_STOP_M]
     if violations.signals_passed:
         beyond_m = violations.beyond_signal_m
         notes.append(f"signals passed at danger: {violations.signals_passed}, by up to {beyond_m:.0f} m")

@@ -1,7 +1,9 @@
-"""The account of a recorded drive: how much energy each leg took above the optimum for its times, and by what."""
+"""The account of a recorded drive: how much energy each leg took above the optimum for its times, by what, and how
+sure that is."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -11,20 +13,24 @@ from numpy.typing import NDArray
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.solver.solution import Solution
-from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy, why_not_comparable
+from das.solver.solution import Fit, Solution
+from das.solver.solve import solve_front
+from sim.drive.above_optimum import AboveOptimum, SectionEnergy, likely_band, section_in, why_not_comparable
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.committed import Committed, committed, spacing
 from sim.drive.attribution.energies import LegEnergies, leg_energies
-from sim.drive.attribution.inputs import DriveInputs, inputs_of
+from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.attribution.knowledge import Knowledge, epochs_of
-from sim.drive.attribution.motion import DrivenLeg, legs_of, motion_of
+from sim.drive.attribution.motion import DrivenLeg
 from sim.drive.attribution.places import Places, even_edges, limit_edges, places_between
 from sim.drive.attribution.shown import ShownAdvice
 from sim.drive.happenings import Signal, signals
+from sim.trips.estimate import DrivenCase, Unknown, one_by_one
 
 Floats = NDArray[np.float64]
 
+MOST_LEGS: Final = 3
+"""The likely range of a drive of more legs is not asked for: every unknown solves each leg twice anew."""
 OTHER_TRAIN: Final = "the true train, wind and rail"
 """What the optimum of the true train takes more than that of the plan's, in words."""
 
@@ -186,33 +192,26 @@ def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, f
     }
 
 
-def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Account:
-    """The account of a recorded drive; `inputs` are given where the recording does not hold them.
+def account_of(
+    recording: Recording,
+    inputs: DriveInputs,
+    driven: Sequence[DrivenLeg],
+    shown: ShownAdvice,
+    said: AboveOptimum | None,
+) -> Account:
+    """The account of a recorded drive by its line and train, legs and shown advice, also where it is not comparable.
 
-    Raises DasError for a recording that has no journey, no positions, or whose line and train are not known, and for a
-    drive that cannot be compared with its optimum, here or in the replay that recorded it.
+    `said` is what the recording says of the energy above the optimum; None where it says nothing.
     """
-    found = account_with(recording, inputs_of(recording) if inputs is None else inputs)
-    said = AboveOptimum.recorded(recording)
-    why = found.above.why_not or ("" if said is None else said.why_not)
-    if why:
-        raise DasError(f"{recording.path}: {NOT_COMPARABLE}: {why}")
-    return found
-
-
-def account_with(recording: Recording, inputs: DriveInputs) -> Account:
-    """The account of a recorded drive with any line and train, also where it cannot be compared (`Account.above`)."""
-    motion = motion_of(recording)
-    epochs, shown, seen = epochs_of(recording), ShownAdvice.of(recording), signals(recording)
-    driven = legs_of(recording, motion)
-    every, said = spacing(driven), AboveOptimum.recorded(recording)
+    epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
     measured = () if said is None or not said.measured else said.sections
     true_j = {(one.start, one.end): one.optimum_j for one in measured}
     legs = tuple(
         _leg_account(Knowledge(inputs, leg, epochs), true_j.get((leg.start.name, leg.end.name)), shown, seen, every)
         for leg in driven
     )
-    return Account(inputs=inputs, legs=legs, measured=motion.input_j is not None, advice_shown=shown.any_shown)
+    measures = driven[0].motion.input_j is not None
+    return Account(inputs=inputs, legs=legs, measured=measures, advice_shown=shown.any_shown)
 
 
 def _leg_account(
@@ -237,3 +236,60 @@ def _leg_account(
         even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),
         by_limit=places_between(limit_edges(section), leg, energies, optimum),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LikelyRange:
+    """The likely range (J) of the energy above the optimum, and that of each unknown on its own.
+
+    Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
+    no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
+    and in its optimum; NaN where such a train could not have driven so, or where forces were measured.
+    """
+
+    low_j: float
+    high_j: float
+    by_friction_j: float
+    unknowns: tuple[Unknown, ...]
+
+
+def likely_range(account: Account) -> LikelyRange | None:
+    """The likely range of what an estimated drive took above the optimum; None where it was measured, or is long.
+
+    Train, wind and brakes are the same for the drive and its optimum in every case.
+    """
+    if account.measured or len(account.legs) > MOST_LEGS:
+        return None
+
+    def above_j(case: DrivenCase) -> float | None:
+        found = [_above_j(leg, case) for leg in account.legs]
+        return None if any(one is None for one in found) else sum(one for one in found if one is not None)
+
+    unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
+    likely = likely_band(account.difference_j, unknowns)
+    known = any(leg.leg.motion.friction_j is not None for leg in account.legs)
+    friction_j = None if known else above_j(DrivenCase(all_friction=True))
+    return LikelyRange(
+        low_j=likely.low_j,
+        high_j=likely.high_j,
+        by_friction_j=math.nan if friction_j is None else friction_j,
+        unknowns=unknowns,
+    )
+
+
+def _above_j(leg: LegAccount, case: DrivenCase) -> float | None:
+    """The energy above the optimum (J) of a leg in a case; None where such a train could not have driven so."""
+    section, motion = leg.optimum.section, leg.leg.motion
+    case = replace(case, jerk_psd_m2ps5=DrivenCase().jerk_psd_m2ps5)  # the motion is already smooth
+    if motion.friction_j is not None:
+        case = replace(case, all_friction=False)  # how the train braked was measured
+    if case == DrivenCase():
+        return leg.driven_j - leg.optimum_j
+    try:
+        other = section_in(section, case)
+        best = solve_front(other).trajectory(leg.leg.trip_s)
+    except DasError:
+        return None
+    if best.fit is Fit.LATE:
+        return None
+    return float(leg_energies(other, leg.leg).ledger_j[-1]) - best.ledger.input

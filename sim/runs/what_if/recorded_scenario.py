@@ -16,7 +16,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.units import NS
 from das.node.options import NodeOptions
-from sim.drive.calls import KeptCall, calls
+from sim.drive.calls import KeptCall, calls_of
 from sim.recording.attached import put
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import sha256, vehicle_files
@@ -125,7 +125,7 @@ def _lines(origin: Origin, options: NodeOptions) -> Iterator[str]:
     yield f"departure = {_quoted(departure.isoformat())}"
     yield f"dwell_s = {_dwell_s(stops):g}"
     trip = DrivenCourse.of(origin.recording)
-    made, dwell_s = calls(origin.recording, trip), _dwell_s(stops)
+    made, dwell_s = calls_of(origin.recording, trip), _dwell_s(stops)
     for index, call in enumerate(made[:-1]):
         yield from _delay(call, dwell_s if index else 0.0)
     yield from _restrictions(origin, trip)

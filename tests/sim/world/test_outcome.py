@@ -11,6 +11,8 @@ import pytest
 
 from das.domain.units import KMH, KWH
 from sim.drive.above_optimum import AboveOptimum
+from sim.drive.drive import Drive
+from sim.drive.limits import Violations
 from sim.drive.stability import Restlessness
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
@@ -20,7 +22,6 @@ from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
 from sim.world.outcome import SHARES, DayResult, RecordedFigures, outcome, shares
 from sim.world.report import print_result
-from sim.world.safety import Violations
 from tests.support.flat_days import service_of
 
 KEYS = [
@@ -84,10 +85,14 @@ def test_every_figure_has_its_column_in_the_table(flat: Callable[[str], Path]) -
 def test_violations_and_a_drive_without_an_optimum_are_told(flat: Callable[[str], Path]) -> None:
     found = outcome(*driven(flat("")))
     bad = Violations(signals_passed=2, beyond_signal_m=30.0, over_limit_s=4.0, over_limit_mps=10 * KMH)
+    assert found.drive.run is not None
+    assert found.drive.above is found.energies.above
     (section,) = found.energies.above.sections
     fast = AboveOptimum.measured_on([dataclasses.replace(section, late_s=2.5)])
     figures = dataclasses.replace(
-        found, violations=bad, energies=dataclasses.replace(found.energies, above=fast)
+        found,
+        drive=Drive(run=dataclasses.replace(found.drive.run, violations=bad)),
+        energies=dataclasses.replace(found.energies, above=fast),
     ).as_dict()
     assert (figures["signals_passed"], figures["beyond_signal_m"], figures["over_limit_s"]) == (2, 30.0, 4.0)
     assert figures["over_limit_kmh"] == pytest.approx(10.0)
@@ -103,8 +108,11 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
     calm = Restlessness(shown_s=600.0, changes=12, reversals=3, shortest_mode_s=9.0)
     restless = dataclasses.replace(calm, changes=123, shortest_mode_s=2.0)
     for measured, warns in ((calm, False), (restless, True)):
+        found = outcome(day, run)
+        assert found.drive.run is not None
+        known = dataclasses.replace(found.drive.run, stability=measured)
         result = DayResult(
-            outcome=dataclasses.replace(outcome(day, run), restlessness=measured),
+            outcome=dataclasses.replace(found, drive=Drive(run=known)),
             driver=DriverKind.PERFECT,
             advice=Presentation.VECTOR,
             happens="nothing",

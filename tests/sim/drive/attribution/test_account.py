@@ -14,9 +14,10 @@ from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
-from sim.drive.attribution.account import Account, account_of
+from sim.drive.attribution.account import Account
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
 from sim.drive.attribution.rows import as_dict, worst_places
+from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
 from sim.world.day import Day, make_day
@@ -50,7 +51,7 @@ def faultless() -> Account:
 
 
 def account(day: Day, driver: Driver) -> Account:
-    return account_of(recorded_day(day, driver), inputs_of_day(day))
+    return Drive(source=recorded_day(day, driver), given=inputs_of_day(day)).known_account
 
 
 def short_day(folder: Path, more: str = "") -> Day:
@@ -118,7 +119,7 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_reco
     else:
         inputs = replace(inputs, vehicle=replace(inputs.vehicle, max_speed_mps=20.0))
     with pytest.raises(DasError, match=expected):
-        account_of(recording, inputs)
+        _ = Drive(source=recording, given=inputs).known_account
 
 
 def test_why_a_drive_cannot_be_compared() -> None:
@@ -134,11 +135,13 @@ def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train(tmp_pa
     """The simulator recorded what its true train needs: the report then says the same as the run did."""
     day = short_day(tmp_path, "[truth]\nmass_ratio = 1.2\n")
     recording, inputs = recorded_day(day, PerfectDriver(day.service.line)), inputs_of_day(day)
-    plain = account_of(recording, inputs)
+    plain = Drive(source=recording, given=inputs).known_account
     (leg,) = plain.above.sections
     true_j = leg.optimum_j + 3.6e6
     said = AboveOptimum.measured_on([replace(leg, optimum_j=true_j)]).message(0)
-    known = account_of(replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}), inputs)
+    known = Drive(
+        source=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}), given=inputs
+    ).known_account
     assert (known.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
     assert known.above.ratio == pytest.approx((known.driven_j - true_j) / known.driven_j)
     assert sum(known.by_cause.values()) == pytest.approx(known.difference_j, abs=1.0)
@@ -208,4 +211,4 @@ def test_a_recording_without_a_journey_is_refused() -> None:
         path=Path("x.mcap"), train="t", trains=("t",), messages={}, metadata={}, attachments=(), complete=True
     )
     with pytest.raises(DasError, match="holds no journey"):
-        account_of(nothing)
+        _ = Drive(source=nothing).known_account
