@@ -124,7 +124,7 @@ def _figures(found: DayOutcome, braked_ratio: float) -> BrakingFigures:
         optimum_kwh=kwh(energies.hindsight_j),
         profile_kwh=kwh(energies.profile_j),
         late_s=found.late_s,
-        over_limit_s=found.violations.over_limit_s,
+        over_limit_s=found.drive.violations.over_limit_s,
         braked_ratio=braked_ratio,
     )
 

@@ -24,10 +24,10 @@ from das.domain.units import KM, KWH, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.pages import DOCS, write_table
-from sim.drive.attribution.account import Account, account_with
+from sim.drive.attribution.account import Account, LikelyRange, likely_range
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.likely import LikelyRange, likely_range
+from sim.drive.drive import Drive
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 from sim.review.light import INK, LINES, legend, light_figure, named
 from sim.runs.replay.job import prepare
@@ -69,7 +69,7 @@ class TripAccount:
     @property
     def possible(self) -> bool:
         """Whether the train could have run in the time of the trip."""
-        return not self.account.why_not_comparable
+        return not self.account.above.why_not
 
     @property
     def above_ratio(self) -> float:
@@ -96,7 +96,7 @@ def trip_accounts(data: Path) -> list[TripAccount]:
                 vehicle = load_vehicle(_train(data, train))
                 level = vehicle.default_level
                 inputs = DriveInputs(route=route, vehicle=vehicle, level=level, source=train)
-                account = account_with(recording, inputs)
+                account = Drive(source=recording, given=inputs).any_account
                 likely = likely_range(account)
                 assert likely is not None  # a trip is estimated, and has one leg
                 entry_j = above_slow_entry_j(account)

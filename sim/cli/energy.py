@@ -25,12 +25,11 @@ def energy(
 ) -> None:
     """Say where the energy of a recorded drive went, by cause and by place, against the optimum for the same times."""
     with loading_solver():
-        from sim.drive.attribution.account import account_of
         from sim.drive.attribution.rows import as_dict
-        from sim.recording.opening import open_recording
+        from sim.drive.drive import Drive
 
     with busy(f"reading {file} and solving its sections …"):
-        account = account_of(open_recording(file))
+        account = Drive.read(file).known_account
     if as_json:
         print(json.dumps(as_dict(account)))
         return
@@ -44,6 +43,7 @@ def _print_causes(account: Account) -> None:
     from rich.table import Table
 
     from das.domain.units import kwh
+    from sim.drive.attribution.account import OTHER_TRAIN
     from sim.drive.attribution.causes import EnergyCause
 
     columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in account.legs]
@@ -60,6 +60,9 @@ def _print_causes(account: Account) -> None:
             told[cause] = account.against_timetable[cause]
             cells = (f"{kwh((leg.against_timetable or {}).get(cause, 0.0)):+.1f}" for _, _, leg in columns)
             table.add_row(f"  {cause.label}", *cells, f"{kwh(told[cause]):+.1f}")
+        if account.other_train_j:
+            other = (f"{kwh(leg.other_train_j):+.1f}" for _, _, leg in columns)
+            table.add_row(f"  {OTHER_TRAIN}", *other, f"{kwh(account.other_train_j):+.1f}")
     best = [kwh(leg.optimum_j) for _, _, leg in columns]
     table.add_row("optimum for the same times", *(f"{x:.1f}" for x in best), f"{sum(best):.1f}")
     for cause, energy_j in account.by_cause.items():

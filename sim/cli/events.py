@@ -14,7 +14,7 @@ from das.domain.errors import DasError
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 
 if TYPE_CHECKING:
-    from sim.drive.events.chronicle import Chronicle
+    from sim.drive.drive import Drive
 
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.mcap).")]
 FromTime = Annotated[
@@ -38,11 +38,12 @@ def events(
     as_json: JsonOption = False,
 ) -> None:
     """List what happened on a recorded drive, when, where and why, with the notes that people made."""
-    from sim.drive.events.chronicle import Chronicle
+    from sim.drive.drive import Drive
+    from sim.drive.events.chronicle import as_rows
 
     with busy(f"reading {file} …"):
-        chronicle = Chronicle.read(file)
-    clock = chronicle.clock
+        drive = Drive.read(file)
+    clock = drive.clock
     wanted = Filter(
         kinds=tuple(kind or ()),
         text=search,
@@ -50,24 +51,24 @@ def events(
         to_ns=None if to_time is None else clock.moment_ns(to_time),
         bookmarks=bookmarks,
     )
-    found = wanted.choose(chronicle.events)
+    found = wanted.choose(drive.events)
     if as_json:
-        print(json.dumps({"recording": str(file), "zero_ns": clock.zero_ns, "events": chronicle.as_rows(found)}))
+        print(json.dumps({"recording": str(file), "zero_ns": clock.zero_ns, "events": as_rows(found, clock)}))
         return
-    if not chronicle.recording.complete:
+    if not drive.recording.complete:
         tell(f"{file}: this recording was cut off; these are the events before that")
     if not found:
-        tell(f"no such events among {len(chronicle.events)}")
+        tell(f"no such events among {len(drive.events)}")
         return
-    _print(found, chronicle)
+    _print(found, drive)
 
 
-def _print(found: tuple[DriveEvent, ...], chronicle: Chronicle) -> None:
+def _print(found: tuple[DriveEvent, ...], drive: Drive) -> None:
     from rich.table import Table
 
     from sim.drive.events.advice_events import place_text
 
-    clock = chronicle.clock
+    clock = drive.clock
     table = Table()
     for name in ("time", "UTC", "place", "kind"):
         table.add_column(name, no_wrap=True)
@@ -99,7 +100,7 @@ def note(
     as_json: JsonOption = False,
 ) -> None:
     """Add a note to a recording, or list its notes; they are kept in FILE.notes.mcap beside it."""
-    from sim.drive.events.chronicle import Chronicle
+    from sim.drive.drive import Drive
     from sim.drive.events.notes import Note, add_note, remove_note
 
     if (text == "") is not (at is None):
@@ -107,18 +108,18 @@ def note(
         raise DasError(f"a note needs its text and --at, for example: {example}")
     if remove is not None and text:
         raise DasError("--remove: expected no text beside it")
-    chronicle = Chronicle.read(file)
+    drive = Drive.read(file)
     if remove is not None:
         remove_note(file, remove)
     if at is not None:
-        start_ns, end_ns = _times(chronicle, at, until)
+        start_ns, end_ns = _times(drive, at, until)
         add_note(file, Note(time_ns=start_ns, end_ns=end_ns, text=text, tags=tuple(tag or ()), author=author))
-    _list_notes(file, chronicle, as_json)
+    _list_notes(file, drive, as_json)
 
 
-def _times(chronicle: Chronicle, at: str, until: str | None) -> tuple[int, int]:
+def _times(drive: Drive, at: str, until: str | None) -> tuple[int, int]:
     """The first and last moment (ns) of a note; DasError where they are not of the drive."""
-    clock, trip = chronicle.clock, chronicle.trip
+    clock, trip = drive.clock, drive.course
     start_ns = clock.moment_ns(at)
     end_ns = start_ns if until is None else clock.moment_ns(until)
     first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
@@ -129,10 +130,10 @@ def _times(chronicle: Chronicle, at: str, until: str | None) -> tuple[int, int]:
     return start_ns, end_ns
 
 
-def _list_notes(file: Path, chronicle: Chronicle, as_json: bool) -> None:
+def _list_notes(file: Path, drive: Drive, as_json: bool) -> None:
     from sim.drive.events.notes import notes_path, read_notes
 
-    clock, kept = chronicle.clock, read_notes(file)
+    clock, kept = drive.clock, read_notes(file)
     if as_json:
         found = [
             {

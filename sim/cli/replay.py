@@ -43,24 +43,23 @@ def _replay(trip: Path, options: ReplayOptions, out: Path, as_json: bool) -> Non
     """Replay a trip into a recording, and print the result."""
     with loading_solver():
         from das.cab.warm_up import warm_up
-        from sim.runs.replay.job import prepare
+        from sim.runs.replay.job import prepare, trip_energies
         from sim.runs.replay.replay import replay as run_replay
         from sim.runs.replay.report import print_result, result
-        from sim.runs.replay.saving import saving_message, trip_saving
 
         warm_up()
     with busy("reading the trip and solving its section …"):
         job = prepare(trip, options, out, typed_command())
     with busy("estimating the energy of the trip, and how well it is known …"):
-        saving = trip_saving(job)
+        energies = trip_energies(job)
     interrupt_on_termination()
     try:
         with progress_bar(f"replaying {trip.name}", "starting node and recorder", "s") as progress:
-            outcome = run_replay(job, progress, lambda time_ns: saving_message(saving, time_ns))
+            outcome = run_replay(job, progress, energies.above.message)
     except KeyboardInterrupt:
         print(f"stopped; recorded so far: {out}", file=sys.stderr)
         raise
-    found = result(job, outcome, saving)
+    found = result(job, outcome, energies)
     if as_json:
         print(json.dumps(found))
     else:

@@ -37,9 +37,8 @@ def report(
     _check(files, out, pdf, overwrite=overwrite)
     with loading_solver():
         from das.domain.files.writing import write_whole
-        from sim.review.report.page import as_dict, compared, page
+        from sim.review.report.page import as_dict, compared, page, subject_of
         from sim.review.report.printing import write_pdf
-        from sim.review.report.subject import subject_of
         from sim.review.report.words import paragraph as in_words
 
     with busy("reading the recordings and solving their sections …"):
@@ -57,7 +56,7 @@ def report(
         print(json.dumps(as_dict(subjects, aligned, not_compared)))
         return
     for subject in subjects:
-        paragraph(f"{subject.name}: {in_words(subject)}")
+        paragraph(f"{subject.drive.name}: {in_words(subject.drive)}")
     for path in (out, pdf):
         if path is not None:
             tell(f"written: {path}")

@@ -5,8 +5,10 @@ The train's own top speed is no limit: a train that is faster than its file says
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +17,30 @@ from das.advice.advice import Source
 from das.bus import topics
 from das.bus.recording import Recording
 from das.bus.restrictions import meant
-from das.domain.errors import DasError
 from das.domain.restriction import Restriction
-from sim.drive.attribution.inputs import DriveInputs, inputs_of
+from das.domain.units import KMH, NS
+from sim.drive.attribution.inputs import DriveInputs
+from sim.drive.happenings import Signal
 from sim.recording.course import DrivenCourse, Floats, Times
+
+OVER_MPS: Final = 1.0 * KMH
+"""A speed this much (m/s) above a limit is too fast: less is within the error of a speedometer."""
+BEYOND_M: Final = 0.5
+"""A signal counts as passed when the train's head is further beyond it than this (m)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Violations:
+    """What a drive violated.
+
+    That is the number of signals passed at danger, and by how much at most (m); the time above limits (s), and by how
+    much at most (m/s).
+    """
+
+    signals_passed: int = 0
+    beyond_signal_m: float = 0.0
+    over_limit_s: float = 0.0
+    over_limit_mps: float = 0.0
 
 
 class TemporaryLimit(NamedTuple):
@@ -61,13 +83,14 @@ def told_lists(recording: Recording) -> Iterator[tuple[int, tuple[Restriction, .
         yield int(message.time_ns), meant(message.restrictions)
 
 
-def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Floats]:
-    """Times, and the limit of the line (m/s) over the train with the restrictions told by then; NaN where unknown.
+def limit_in_force(
+    recording: Recording, trip: DrivenCourse, inputs: DriveInputs | None, told: Iterable[TemporaryLimit]
+) -> Floats:
+    """The limit of the line (m/s) over the train at every position of its course, with the restrictions told by then.
 
-    Line and length of the train are those of the recording's files. Where it brings none along, the line's limit is
+    It is NaN where it is not known. `inputs` are line and train; where nobody knows them (None), the line's limit is
     what a simulator wrote down, and behind a restriction's end it holds as long as the node says that it does.
     """
-    inputs = known_inputs(recording)
     truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
     at, length_m, said_mps = trip.time_ns, 0.0, np.full(len(trip.time_ns), np.nan)
     if inputs is not None:
@@ -77,20 +100,52 @@ def limit_in_force(recording: Recording, trip: DrivenCourse) -> tuple[Times, Flo
         advice = recording.columns(topics.ADVICE, "time_ns", "source", "limit_mps")
         said_mps = np.where(advice["source"] == Source.NONE, np.nan, advice["limit_mps"])
         said_mps, limit_mps = _held(advice["time_ns"], said_mps, at), _held(truth["time_ns"], truth["limit_mps"], at)
-    for span in temporary_limits(recording, trip):
+    for span in told:
         one = span.restriction
         over = (trip.s_m >= one.start_m) & ((trip.s_m - length_m <= one.end_m) | (said_mps <= one.limit_mps))
         over &= span.holds_at(at)
         limit_mps[over] = np.fmin(limit_mps[over], one.limit_mps)
-    return at, limit_mps
+    return limit_mps
 
 
-def known_inputs(recording: Recording) -> DriveInputs | None:
-    """Line and train of a recorded drive; None where the recording neither brings them along nor names bundled ones."""
-    try:
-        return inputs_of(recording)
-    except DasError:
-        return None
+class SpanAbove(NamedTuple):
+    """A stretch of time (ns) above a speed: by how much at most (m/s), that speed there (m/s), and how long (s)."""
+
+    start_ns: int
+    end_ns: int
+    over_mps: float
+    allowed_mps: float
+    lasted_s: float
+
+
+def spans_above(trip: DrivenCourse, allowed_mps: Floats) -> Iterator[SpanAbove]:
+    """The stretches of time in which a train was above a speed by more than the error of a speedometer."""
+    at, over_mps = trip.time_ns, trip.speed_mps - allowed_mps
+    over = np.concatenate(([False], over_mps > OVER_MPS, [False]))
+    edges = np.flatnonzero(np.diff(over.astype(np.int8)))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        worst = first + int(np.argmax(over_mps[first:end]))
+        lasted_s = float(at[min(end, len(at) - 1)] - at[first]) * NS
+        yield SpanAbove(int(at[first]), int(at[end - 1]), float(over_mps[worst]), float(allowed_mps[worst]), lasted_s)
+
+
+def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal]) -> Violations:
+    """What a recorded drive violated, as far as positions once a second tell."""
+    fast = tuple(spans_above(trip, limit_mps))
+    beyond_m = [_beyond_m(trip, signal) for signal in seen]
+    passed_m = [one for one in beyond_m if one > BEYOND_M]
+    return Violations(
+        signals_passed=len(passed_m),
+        beyond_signal_m=max(passed_m, default=0.0),
+        over_limit_s=sum(one.lasted_s for one in fast),
+        over_limit_mps=max((one.over_mps for one in fast), default=0.0),
+    )
+
+
+def _beyond_m(trip: DrivenCourse, signal: Signal) -> float:
+    """How far beyond a signal the train came while it was at danger (m)."""
+    during = (trip.time_ns >= signal.start_ns) & (trip.time_ns <= signal.end_ns)
+    return float(trip.s_m[during].max(initial=-math.inf)) - signal.s_m
 
 
 def _held(time_ns: Times, values: Floats, at: Times) -> Floats:

@@ -1,4 +1,4 @@
-"""How restless the advice was that a driver was shown: measures of a run, second by second."""
+"""How restless the advice was that a driver was shown: measures of a run or of a recording, second by second."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from das.advice.modes import Mode
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import NS
+from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import Shown
 
 MOST_CHANGES_PER_MIN: Final = 2.0
@@ -51,6 +55,17 @@ class Restlessness:
         if self.shortest_mode_s < SHORTEST_MODE_S:
             found.append(f"a mode that stood for {self.shortest_mode_s:.0f} s (less than {SHORTEST_MODE_S:g} s)")
         return f"the advice shown was restless: {' and '.join(found)}" if found else None
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The measures for tables; nothing where no advice was shown."""
+        if not self.shown_s:
+            return []
+        shortest = "–" if math.isnan(self.shortest_mode_s) else f"{self.shortest_mode_s:.0f} s"
+        return [
+            ("advice changed, while moving", f"{self.changes_per_min:.1f} times a minute"),
+            ("  from traction to brake or back", f"{self.reversals} times"),
+            ("  shortest mode", shortest),
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """The measures for JSON and tables; None for what there is none of."""
@@ -119,6 +134,22 @@ class ShownWatch:
         if side == -self._effort_side and time_s - self._neither_since_s < REVERSAL_S:
             self._reversals += 1
         self._effort_side, self._neither_since_s = side, math.inf
+
+
+def recorded_restlessness(recording: Recording) -> Restlessness:
+    """The measures of a recorded run, by its messages `cab` and, for whether the train moved, `truth`.
+
+    Without those messages nothing was shown. In a recording without the shown speed, the advised one is rounded. Of the
+    looks of an external driver, one a second counts, as of every other driver.
+    """
+    truth = recording.columns(topics.TRUTH, "time_ns", "speed_mps")
+    speeds_mps = dict(zip(truth["time_ns"].tolist(), truth["speed_mps"].tolist(), strict=True))
+    watch, messages = ShownWatch(), [entry.message for entry in recording.of(topics.CAB)]
+    for cab in (one for one in messages if not one.look or one.time_ns in speeds_mps):
+        since_s = (cab.time_ns - messages[0].time_ns) * NS
+        view = recorded_view(cab)
+        watch.look(since_s, speeds_mps.get(cab.time_ns, 0.0), None if view is None else Shown.of(view))
+    return watch.found
 
 
 def _number(value: float) -> float | None:

@@ -53,7 +53,7 @@ _LISTED: Final = (
         title="Gap to the optimum",
         unit="1",
         source=NOLD,
-        of=_energy("beyond_hindsight_ratio"),
+        of=lambda driven: driven.outcome.energies.above.gap_ratio,
         formula="E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
         "simulated train could have kept the limits and the running times that the sections really took; smaller "
         "is better",
@@ -229,7 +229,7 @@ _LISTED: Final = (
         title="Time above limits",
         unit="s",
         source=OWN,
-        of=lambda driven: driven.outcome.violations.over_limit_s,
+        of=lambda driven: driven.outcome.drive.violations.over_limit_s,
         formula="time with a speed more than 1 km/h above what is allowed",
     ),
     Measure(
@@ -237,7 +237,7 @@ _LISTED: Final = (
         title="Greatest speed above limits",
         unit="m/s",
         source=OWN,
-        of=lambda driven: driven.outcome.violations.over_limit_mps,
+        of=lambda driven: driven.outcome.drive.violations.over_limit_mps,
         formula="max (v − limit) over those times; 0 where there are none",
     ),
     Measure(
@@ -245,7 +245,7 @@ _LISTED: Final = (
         title="Signals passed at danger",
         unit="1",
         source=OWN,
-        of=lambda driven: driven.outcome.violations.signals_passed,
+        of=lambda driven: driven.outcome.drive.violations.signals_passed,
         formula="signals at danger that the train's head is more than 0.5 m beyond",
     ),
     Measure(
@@ -253,7 +253,7 @@ _LISTED: Final = (
         title="Advice changes",
         unit="1/min",
         source=OWN,
-        of=lambda driven: _known(driven.outcome.restlessness.changes_per_min),
+        of=lambda driven: _known(driven.outcome.drive.stability.changes_per_min),
         formula="seconds that begin with another mode, speed (km/h) or effort (step of 0.2) on the display, per "
         "minute in which the train moved and advice was shown",
     ),

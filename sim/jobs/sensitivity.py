@@ -165,11 +165,12 @@ def drive(job: SensitivityJob) -> SensitivityRun:
     link = InProcess(day.service, coach=presenter_of(job.advice).needs_coach)
     run = World(day, day.driver(DriverKind.HUMAN, job.friction), job.advice, link).run()
     energies = outcome(day, run).energies
-    if energies.beyond_hindsight_ratio is None:
-        raise DasError(f"{job.scenario}: seed {job.seed}: the optimum takes no energy; there is no gap to it")
+    if energies.above.gap_ratio is None:
+        why = energies.above.why_not or "the optimum takes no energy"
+        raise DasError(f"{job.scenario}: seed {job.seed}: {why}; there is no gap to it")
     return SensitivityRun(
         job=job,
-        gap_percent=100.0 * energies.beyond_hindsight_ratio,
+        gap_percent=100.0 * energies.above.gap_ratio,
         energy_kwh=energies.as_dict()["energy_kwh"],
     )
 

@@ -130,7 +130,7 @@ def _text(account: Account) -> str:
     source = "measured by the simulator" if account.measured else "estimated from positions; nobody measured it"
     return "\n".join(
         [
-            f"### {kwh(account.difference_j):.1f} kWh above the optimum for the same times",
+            f"### Above the optimum for the same times: {account.above.words}",
             "",
             "| | kWh |",
             "|---|---:|",

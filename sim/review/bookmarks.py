@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
-from sim.drive.events.chronicle import Chronicle
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.review.colors import Meaning
 
@@ -27,6 +27,6 @@ COLORS: Final = {
 """What the colours of bookmarks mean; others are in the colour of the ink."""
 
 
-def bookmarks(chronicle: Chronicle) -> tuple[DriveEvent, ...]:
+def bookmarks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
     """The events of a drive that are worth a look, in order of time."""
-    return tuple(one for one in chronicle.events if one.kind not in ROUTINE)
+    return tuple(one for one in events if one.kind not in ROUTINE)

@@ -14,7 +14,6 @@ from das.bus import topics
 from das.bus.recording import Stamped
 from das.domain.units import KMH, NS
 from sim.drive.events.advice_events import place_text
-from sim.drive.events.chronicle import Chronicle
 from sim.drive.events.event import DriveEvent
 from sim.recording.course import Floats, Times
 from sim.review.account_view import AccountView
@@ -39,7 +38,7 @@ REACHED_M: Final = 200.0
 """A stop this near (m) to where the train came is on its track."""
 
 
-def send(out: rr.RecordingStream, story: Story, chronicle: Chronicle, *, with_map: bool) -> None:
+def send(out: rr.RecordingStream, story: Story, *, with_map: bool) -> None:
     """Send everything that is shown to rerun, but the account of the energy."""
     recording, lines = story.recording, Timelines(trip=story.trip, clock=story.clock)
     for name, (time_ns, values) in story.series.items():
@@ -47,14 +46,15 @@ def send(out: rr.RecordingStream, story: Story, chronicle: Chronicle, *, with_ma
             send_series(out, lines, name, time_ns, values)
     for lane in story.lanes:
         send_lane(out, lines, lane)
-    _marks(out, lines, chronicle)
-    _bookmarks(out, lines, chronicle)
+    marked = bookmarks(story.drive.events)
+    _marks(out, lines, marked)
+    _bookmarks(out, lines, marked)
     _events(out, lines, recording.of(topics.EVENT) + recording.of(topics.LOG))
     _cab(out, lines, story)
     if story.way is not None:
         _location(out, lines, story.way, story, with_map=with_map)
     send_distance(out, lines, story)
-    out.log("summary", rr.TextDocument(summary(recording, story.filled_from), media_type=MARKDOWN), static=True)
+    out.log("summary", rr.TextDocument(summary(story.drive, story.filled_from), media_type=MARKDOWN), static=True)
 
 
 def send_account(out: rr.RecordingStream, lines: Timelines, shown: AccountView) -> None:
@@ -94,9 +94,9 @@ def send_lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     out.send_columns(entity, lines.of(time_ns), columns)
 
 
-def _marks(out: rr.RecordingStream, lines: Timelines, chronicle: Chronicle) -> None:
+def _marks(out: rr.RecordingStream, lines: Timelines, found: tuple[DriveEvent, ...]) -> None:
     """Send the bookmarks as points on the driven speed; their words are in the list."""
-    found, trip = bookmarks(chronicle), lines.trip
+    trip = lines.trip
     if found:
         time_ns = np.array([one.time_ns for one in found])
         points = rr.SeriesPoints(
@@ -107,9 +107,8 @@ def _marks(out: rr.RecordingStream, lines: Timelines, chronicle: Chronicle) -> N
         out.send_columns("speed/bookmarks", lines.of(time_ns), rr.Scalars.columns(scalars=values))
 
 
-def _bookmarks(out: rr.RecordingStream, lines: Timelines, chronicle: Chronicle) -> None:
+def _bookmarks(out: rr.RecordingStream, lines: Timelines, found: tuple[DriveEvent, ...]) -> None:
     """Send the list of bookmarks: a click on one leads to its time."""
-    found = bookmarks(chronicle)
     if found:
         colors = [rgba(VIEWER.of[COLORS[one.kind]] if one.kind in COLORS else VIEWER.ink) for one in found]
         columns = rr.TextLog.columns(

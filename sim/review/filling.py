@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 
 from das.bus import topics
-from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KN, NS, PERMILLE, kwh
+from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse
 from sim.review.series import Found, MapTrack
 
@@ -34,24 +34,23 @@ class FilledIn:
     way: MapTrack | None = None
 
 
-def filled_in(recording: Recording, trip: DrivenCourse) -> FilledIn:
+def filled_in(drive: Drive) -> FilledIn:
     """What is missing in a recording without a simulator; nothing where the simulator was recorded."""
+    recording = drive.recording
     if recording.of(topics.TRUTH) or not recording.of(topics.JOURNEY):
         return FilledIn(series=NOTHING, source="")
     try:
-        return _estimated(recording, trip)
+        return _estimated(drive)
     except DasError as error:
         why = str(error).removeprefix(f"{recording.path}: ")
         return FilledIn(series=NOTHING, source=f"force, energy and gradient are not known: {why}")
 
 
-def _estimated(recording: Recording, trip: DrivenCourse) -> FilledIn:
+def _estimated(drive: Drive) -> FilledIn:
     from das.solver.section import build_section
-    from sim.drive.attribution.inputs import inputs_of
-    from sim.drive.attribution.motion import motion_of
     from sim.trips.estimate import estimate_run
 
-    inputs, motion = inputs_of(recording), motion_of(recording)
+    trip, inputs, motion = drive.course, drive.inputs, drive.motion
     section = build_section(
         inputs.route,
         inputs.vehicle,
@@ -68,7 +67,7 @@ def _estimated(recording: Recording, trip: DrivenCourse) -> FilledIn:
         "energy/driven": (at[within], kwh(driven.energy_input_j[within])),
         "gradient/permille": (at[:-1][within[:-1]], run.grade_ratio[within[:-1]] / PERMILLE),
     }
-    if not recording.of(topics.EFFORT):
+    if not drive.recording.of(topics.EFFORT):
         force_n = (run.force_el_n + run.force_friction_n)[within[:-1]]
         found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
     return FilledIn(

@@ -7,10 +7,10 @@ from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2, topics
-from das.bus.recording import Recording
 from das.domain.units import KM
-from sim.drive.happenings import NOT_HEARD, Span, signals, silences
-from sim.drive.stops import AtStop, at_stops
+from sim.drive.calls import AtStop
+from sim.drive.drive import Drive
+from sim.drive.happenings import NOT_HEARD, Span
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation
 from sim.recording.course import DrivenCourse
@@ -55,12 +55,12 @@ def lane_entity(name: str) -> str:
     return f"mode/{name.replace(' ', '_')}"
 
 
-def lanes(recording: Recording, trip: DrivenCourse) -> tuple[Lane, ...]:
+def lanes(drive: Drive) -> tuple[Lane, ...]:
     """The lanes that have something to show."""
-    silent = silences(recording, trip)
-    danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in signals(recording)]
+    recording, trip, silent = drive.recording, drive.course, drive.silences
+    danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in drive.signals]
     found = (
-        lane_of_stops(at_stops(recording, trip)),
+        lane_of_stops(drive.at_stops),
         Lane("advised", _changes(trip, recording.of(topics.ADVICE), _mode, silent), MODES),
         Lane("shown", _changes(trip, recording.of(topics.CAB), _shown, ()), {**MODES, **_without_mode()}),
         Lane("node", _changes(trip, recording.of(topics.STATUS), _state, silent), STATES),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    from sim.drive.events.chronicle import Chronicle
+    from sim.drive.drive import Drive
     from sim.review.story import Story
 
 APPLICATION = "das-review"
@@ -81,29 +81,24 @@ def feed_viewer(shown: ReviewView, port: int) -> None:
 class ReviewView:
     """What a view of a recording shows, found once."""
 
-    recording: Recording
+    drive: Drive
     story: Story
-    chronicle: Chronicle
     with_map: bool
 
     @classmethod
     def of(cls, recording: Recording, *, with_map: bool = False) -> ReviewView:
         """The view of a recording; DasError for one without positions."""
-        from sim.drive.events.chronicle import Chronicle
+        from sim.drive.drive import Drive
         from sim.review.story import Story
 
-        return cls(
-            recording=recording,
-            story=Story.of(recording),
-            chronicle=Chronicle.of(recording),
-            with_map=with_map,
-        )
+        drive = Drive(source=recording)
+        return cls(drive=drive, story=Story.of(drive), with_map=with_map)
 
     def stream(self) -> rr.RecordingStream:
         """A stream to write or send the view to."""
         import rerun as rr
 
-        return rr.RecordingStream(APPLICATION, recording_id=self.recording.path.stem)
+        return rr.RecordingStream(APPLICATION, recording_id=self.drive.name)
 
     def blueprint(self) -> rrb.Blueprint:
         """The layout of the view."""
@@ -115,22 +110,20 @@ class ReviewView:
         """Send all that was recorded."""
         from sim.review import entities
 
-        out.send_recording_name(f"{self.recording.train} ({self.recording.path.name})")
-        entities.send(out, self.story, self.chronicle, with_map=self.with_map)
+        out.send_recording_name(f"{self.drive.recording.train} ({self.drive.recording.path.name})")
+        entities.send(out, self.story, with_map=self.with_map)
 
     def send_account(self, out: rr.RecordingStream) -> None:
         """Find where the energy went, and send that, or why it is not known."""
-        from sim.drive.attribution.account import account_of
         from sim.review.account_view import AccountView
         from sim.review.entities import send_account, send_no_account
         from sim.review.timelines import Timelines
 
         lines = Timelines(trip=self.story.trip, clock=self.story.clock)
-        try:
-            send_account(out, lines, AccountView.of(account_of(self.recording)))
-        except DasError as error:
-            why = str(error).removeprefix(f"{self.recording.path}: ")
-            send_no_account(out, f"Where the energy went is not known: {why}.")
+        if self.drive.account is None:
+            send_no_account(out, f"Where the energy went is not known: {self.drive.why_no_account}.")
+        else:
+            send_account(out, lines, AccountView.of(self.drive.account))
 
 
 def _check_installed() -> None:

@@ -9,8 +9,9 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.units import KMH
-from sim.drive.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points, signals, silences
-from sim.drive.limits import TemporaryLimit, limit_in_force, temporary_limits
+from sim.drive.drive import Drive
+from sim.drive.happenings import NOT_HEARD, Happening, Point, Signal, Span, happenings, points
+from sim.drive.limits import TemporaryLimit
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse
 from sim.review.filling import filled_in
@@ -24,16 +25,11 @@ FROM_ADVICE: Final = (
 
 @dataclass(frozen=True, kw_only=True)
 class Story:
-    """The course of the train, the series to plot, and what happened on the way."""
+    """A drive, the series to plot, and what happened on the way."""
 
-    recording: Recording
-    trip: DrivenCourse
-    clock: DriveClock
+    drive: Drive
     series: Found
     lanes: tuple[Lane, ...]
-    limits: tuple[TemporaryLimit, ...]
-    silences: tuple[Span, ...]
-    signals: tuple[Signal, ...]
     points: tuple[Point, ...]
     happenings: tuple[Happening, ...]
     way: MapTrack | None = None
@@ -42,29 +38,53 @@ class Story:
     """What is estimated because it was not recorded, in a sentence; empty where nothing is."""
 
     @classmethod
-    def of(cls, recording: Recording) -> Story:
-        """The story of a recording; DasError if it has no position at all."""
-        trip = DrivenCourse.of(recording)
-        silent, filled = silences(recording, trip), filled_in(recording, trip)
-        at, limit_mps = limit_in_force(recording, trip)
+    def of(cls, drive: Drive) -> Story:
+        """The story of a recorded drive; DasError if it has no position at all."""
+        recording, trip = drive.recording, drive.course
+        filled = filled_in(drive)
         return cls(
-            recording=recording,
-            trip=trip,
-            clock=DriveClock.of(recording, int(trip.time_ns[0])),
+            drive=drive,
             series={
-                "speed/limit": on_trip(trip, at, limit_mps / KMH, held=True),
-                **_broken(series(recording, trip), silent),
+                "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
+                **_broken(series(recording, trip), drive.silences),
                 **filled.series,
             },
-            lanes=lanes(recording, trip),
-            limits=temporary_limits(recording, trip),
-            silences=silent,
-            signals=signals(recording),
+            lanes=lanes(drive),
             points=points(recording, trip),
-            happenings=happenings(recording, trip, silent),
+            happenings=happenings(recording, trip, drive.silences),
             way=MapTrack.of(recording) or filled.way,
             filled_from=filled.source,
         )
+
+    @property
+    def recording(self) -> Recording:
+        """The recording of the drive."""
+        return self.drive.recording
+
+    @property
+    def trip(self) -> DrivenCourse:
+        """Where the train was, and how fast."""
+        return self.drive.course
+
+    @property
+    def clock(self) -> DriveClock:
+        """The clock of the drive."""
+        return self.drive.clock
+
+    @property
+    def limits(self) -> tuple[TemporaryLimit, ...]:
+        """The restrictions that the node was told about."""
+        return self.drive.temporary_limits
+
+    @property
+    def silences(self) -> tuple[Span, ...]:
+        """The times without advice."""
+        return self.drive.silences
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """The signals at danger that the driver saw."""
+        return self.drive.signals
 
 
 def _broken(found: Found, silent: tuple[Span, ...]) -> Found:

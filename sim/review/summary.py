@@ -8,20 +8,19 @@ from textwrap import wrap
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kwh
-from sim.drive.recorded_saving import saving_rows
-from sim.drive.recorded_stability import recorded_restlessness
+from sim.drive.drive import Drive
 from sim.world.disturbances import NOTHING
-from sim.world.report import restlessness_rows
 
 LETTERS = 150
 """Most letters in a line under the headline of a picture."""
 
 
-def summary(recording: Recording, filled_from: str = "") -> str:
+def summary(drive: Drive, filled_from: str = "") -> str:
     """A short Markdown text: train, route, trip, inputs and whatever metadata the recorder wrote.
 
     `filled_from` says what is estimated because it was not recorded.
     """
+    recording = drive.recording
     lines = [f"### Train {recording.train}", ""]
     if not recording.complete:
         lines += ["**This recording was cut off; it holds what was written before.**", ""]
@@ -29,18 +28,19 @@ def summary(recording: Recording, filled_from: str = "") -> str:
     lines += [f"**{filled_from[0].upper()}{filled_from[1:]}.**\n"] if filled_from else []
     if len(recording.trains) > 1:
         lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}", ""]
-    lines += _table("Trip", _trip(recording))
+    lines += _table("Trip", _trip(drive))
     for name, entries in recording.metadata.items():
         lines += _table(name.capitalize(), [readable(key, value) for key, value in entries.items()])
     return "\n".join(lines)
 
 
-def headline(recording: Recording) -> str:
+def headline(drive: Drive) -> str:
     """One line: train, what was run, where, how long and with how much energy, as far as it is known."""
+    recording = drive.recording
     run = recording.metadata.get("run", {})
     told = [f"{key} {run[key]}" for key in ("driver", "advice", "seed") if key in run]
     parts = [recording.train, *filter(None, [run.get("scenario")]), *told]
-    rows = dict(_trip(recording))
+    rows = dict(_trip(drive))
     parts += [rows[key] for key in ("stops", "driven", "time", "energy at the collector") if key in rows]
     return " · ".join(parts)
 
@@ -54,8 +54,8 @@ def on_this_day(recording: Recording) -> list[str]:
     return [part for line in lines for part in wrap(line, LETTERS)]
 
 
-def _trip(recording: Recording) -> list[tuple[str, str]]:
-    rows = []
+def _trip(drive: Drive) -> list[tuple[str, str]]:
+    recording, rows = drive.recording, list[tuple[str, str]]()
     for entry in recording.of(topics.JOURNEY)[-1:]:
         journey = entry.message
         rows += [
@@ -71,10 +71,9 @@ def _trip(recording: Recording) -> list[tuple[str, str]]:
             ("time", f"{(where['time_ns'][-1] - where['time_ns'][0]) * NS:.0f} s"),
             ("energy at the collector", f"{kwh(where['energy_input_j'][-1]):.1f} kWh"),
         ]
-    rows += saving_rows(recording)
-    shown = recorded_restlessness(recording)
-    rows += [(name.strip(), value) for name, value in restlessness_rows(shown)]
-    rows += [("warning", shown.warning)] if shown.warning is not None else []
+    rows += [] if drive.said is None else drive.said.rows()
+    rows += [(name.strip(), value) for name, value in drive.stability.rows()]
+    rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []
     for status in recording.of(topics.STATUS)[-1:]:
         rows += [("node", f"version {status.message.version}, {status.message.advices} advices")]
     rows += [("messages", str(sum(len(entries) for entries in recording.messages.values())))]

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.patches import Patch
 
 from das.domain.units import KMH, NS, kwh
-from sim.drive.stops import at_stops
 from sim.recording.clock import minutes
 from sim.recording.course import Floats, Times
 from sim.review.account_view import CostSpan
@@ -127,7 +126,7 @@ def _ticks(axes: Sequence[Any], ends_s: tuple[float, float], story: Story) -> No
 def _stops(axes: dict[str, Any], story: Story, along: Along, theme: Theme) -> None:
     """Mark when the train was at its stops, in all panels, and name them above the first."""
     names = []
-    for stop in at_stops(story.recording, story.trip):
+    for stop in story.drive.at_stops:
         start, end = along(np.array([stop.start_ns, stop.end_ns]))
         names.append((stop.name, float(0.5 * (start + end))))
         for axis in axes.values():

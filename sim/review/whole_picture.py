@@ -11,6 +11,7 @@ from das.bus.recording import Recording
 from das.command_line.outputs import check_picture, save_figure
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
+from sim.drive.drive import Drive
 from sim.review.colors import LIGHT, Theme
 from sim.review.series import on_trip
 from sim.review.story import Story
@@ -49,7 +50,8 @@ def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
     from sim.review.canvas import SMALL, figure_of, list_height_in, listed
     from sim.review.summary import headline, on_this_day
 
-    story, costs = _with_costs(Story.of(recording))
+    drive = Drive(source=recording)
+    story, costs = _with_costs(Story.of(drive))
     speed, *rest = distance_panels.PANELS
     day = [*on_this_day(recording), *filter(None, [story.filled_from])]
     first = (speed._replace(above_in=speed.above_in + TITLE_IN + LINE_IN * len(day)), *rest)
@@ -59,7 +61,7 @@ def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
     distance_panels.over_distance(axes[: len(first)], story, theme)
     time_panels.over_time(dict(zip(below, axes[len(first) :], strict=True)), story, theme, costs)
     top = 1.0 - 0.7 * TITLE_IN / figure.get_figheight()
-    figure.text(0.5, top, headline(recording), color=theme.ink, ha="center", fontsize=11.0)
+    figure.text(0.5, top, headline(drive), color=theme.ink, ha="center", fontsize=11.0)
     for number, line in enumerate(day):
         y = 1.0 - (TITLE_IN + (number + 0.55) * LINE_IN) / figure.get_figheight()
         figure.text(0.5, y, line, color=theme.ink, ha="center", fontsize=SMALL)
@@ -72,12 +74,10 @@ def _with_costs(story: Story) -> tuple[Story, tuple[CostSpan, ...]]:
 
     They are left out where it is not known where the energy went, as of a recording without a line or a train.
     """
-    from sim.drive.attribution.account import account_of
     from sim.review.account_view import AccountView
 
-    try:
-        shown = AccountView.of(account_of(story.recording))
-    except DasError:
+    if story.drive.account is None:
         return story, ()
+    shown = AccountView.of(story.drive.account)
     within = {name: on_trip(story.trip, *one, held=False) for name, one in shown.series.items()}
     return replace(story, series={**story.series, **within}), shown.worth

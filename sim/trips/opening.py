@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from das.bus.recording import Recording
 from das.command_line.loading import load_route, load_vehicle
 from das.domain.errors import DasError
 from das.domain.files import load
 from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.route import Route
 from das.solver.section import Section, SectionOptions, build_section
 from sim.recording.attached import AttachedFiles
 from sim.trips.options import TripOptions
-from sim.trips.reading import Reading, RecordedJourney, read_trip
+from sim.trips.reading import Reading, RecordedJourney, read_trip, reading_of
 from sim.trips.trip import Trip, Whereabouts, load_trip
 
 
@@ -34,6 +36,14 @@ def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[Trip
     )
     trip = load_trip(trip_path, reading, load_route(options.route), said)
     return replace(options, reverse=trip.reversed, line=None if trip.line_not_used else options.line), trip
+
+
+def recorded_trip(recording: Recording, driven: Route) -> Trip:
+    """The trip of a recording on its line as driven; DasError for positions that cannot be used."""
+    reading = reading_of(recording)
+    journey = RecordedJourney.of(reading)
+    ends = (None, None) if journey is None else (journey.from_stop, journey.to_stop)
+    return load_trip(recording.path, reading, driven, Whereabouts(reverse=False, from_stop=ends[0], to_stop=ends[1]))
 
 
 def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOptions:

@@ -77,15 +77,18 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
     suffix = path.suffix.lower()
     if head.startswith(MAGIC) or suffix == ".mcap":
-        return _of_recording(path, train)
+        return reading_of(open_recording(path, train))
     if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
         return Reading(record=read_gpx(path), format="GPX")
     return Reading(record=read_csv(path), format="CSV")
 
 
-def _of_recording(path: Path, train: str | None) -> Reading:
-    """Read a recording: its positions are on the route as driven, its journey and delays tell the timetable."""
-    recording = open_recording(path, train)
+def reading_of(recording: Recording) -> Reading:
+    """The record of a recording: its positions are on the route as driven, its journey and delays tell the timetable.
+
+    Raises DasError or InputError for positions that cannot be used.
+    """
+    path = recording.path
     data = recording.columns(POSITION, "time_ns", "s_m", "speed_mps", "quality", "uncertainty_m")
     time_ns = data["time_ns"]
     if len(time_ns) < 2:

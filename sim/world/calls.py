@@ -2,34 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from das.advice.advice import Timetable
+from sim.drive.calls import KeptCall
 from sim.drivers.cab import AT_STOP_M
 from sim.plant.plant import PlantState
 from sim.world.day import Day
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeptCall:
-    """How a run kept one stop; times are in s on the run's clock.
-
-    `due_s` is the timetable's arrival, at the first stop its departure. `arrived_s` is NaN at the first stop,
-    `departed_s` at the last. `missed_m` is how far beyond the stop the train stood.
-    """
-
-    name: str
-    due_s: float
-    arrived_s: float
-    departed_s: float
-    missed_m: float
-
-    @property
-    def late_s(self) -> float:
-        """How late the train arrived; at the first stop, how late it left (early < 0)."""
-        return (self.departed_s if math.isnan(self.arrived_s) else self.arrived_s) - self.due_s
 
 
 class Calls:
@@ -94,16 +73,20 @@ class Calls:
 
     def kept(self) -> Iterator[KeptCall]:
         """How the finished run kept each of its stops."""
-        service, nan = self._service, math.nan
-        due_ns = [service.timetables[0].departure_ns, *(t.arrival_ns for t in service.timetables)]
-        arrived = [nan, *(state.time_s for state in self.arrivals)]
-        departed = [*(state.time_s for state in self.departures), nan]
-        missed = [0.0, *(s.s_m - x.position_m for s, x in zip(self.arrivals, service.stops[1:], strict=True))]
-        for i, stop in enumerate(service.stops):
+        service = self._service
+        tables, stops = service.timetables, service.stops
+        due_arrivals_ns, due_departures_ns = (
+            (0, *(t.arrival_ns for t in tables)),
+            (*(t.departure_ns for t in tables), 0),
+        )
+        stood_m = (stops[0].position_m, *(state.s_m for state in self.arrivals))
+        for i, stop in enumerate(stops):
             yield KeptCall(
                 name=stop.name,
-                due_s=service.clock_s(due_ns[i]),
-                arrived_s=arrived[i],
-                departed_s=departed[i],
-                missed_m=missed[i],
+                s_m=stop.position_m,
+                due_arrival_ns=due_arrivals_ns[i],
+                due_departure_ns=due_departures_ns[i],
+                arrived_ns=service.moment_ns(self.arrivals[i - 1].time_s) if i else 0,
+                departed_ns=service.moment_ns(self.departures[i].time_s) if i < len(tables) else 0,
+                stood_m=stood_m[i],
             )

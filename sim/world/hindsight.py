@@ -10,6 +10,7 @@ from das.solver.front import Front
 from das.solver.section import build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
+from sim.drive.above_optimum import AboveOptimum, SectionEnergy
 from sim.drivers.kinds import DriverKind, DriverName
 from sim.world.day import Day
 from sim.world.loop import Run
@@ -20,6 +21,19 @@ def hindsight(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
     return tuple(
         front.trajectory(arrived.time_s - departed.time_s)
         for front, (departed, arrived) in zip(fronts, run.legs, strict=True)
+    )
+
+
+def above_optimum(day: Day, run: Run) -> AboveOptimum:
+    """What a run took above the optimum of its true train, section by section; DasError as `true_fronts`."""
+    sections = zip(pairwise(day.service.stops), run.legs, hindsight(true_fronts(day), run), strict=True)
+    return AboveOptimum.measured_on(
+        [
+            SectionEnergy.of(
+                start.name, end.name, arrived.time_s - departed.time_s, day.plant.ledger(departed, arrived).input, best
+            )
+            for (start, end), (departed, arrived), best in sections
+        ]
     )
 
 

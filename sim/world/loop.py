@@ -8,16 +8,16 @@ from typing import Any
 
 from das.advice.modes import Mode
 from das.domain.errors import DasError
+from sim.drive.calls import KeptCall
+from sim.drive.limits import Violations
 from sim.drive.stability import Restlessness, ShownWatch
 from sim.drivers.cab import AdviceView, Driver, Presentation
 from sim.drivers.diary import DriverEvent, kept_by
 from sim.drivers.presentations.presenter import Shown, present
 from sim.drivers.screen import Screen, ScreenSettings
 from sim.plant.plant import COAST, Command, PlantState
-from sim.world.calls import KeptCall
 from sim.world.day import Day
 from sim.world.link import Link, Tick, Told
-from sim.world.safety import Violations
 from sim.world.surroundings import Surroundings
 
 TICK_S = 1.0

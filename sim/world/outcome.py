@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from das.domain.trajectory import Ledger
 from das.domain.units import kmh, kwh
-from das.solver.solution import Fit
-from sim.drive.stability import Restlessness
+from sim.drive.above_optimum import AboveOptimum
+from sim.drive.calls import as_rows
+from sim.drive.drive import Drive, RunFigures
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
-from sim.world.calls import KeptCall
 from sim.world.day import Day
-from sim.world.hindsight import fronts_of_braking, hindsight, true_fronts
+from sim.world.hindsight import above_optimum, fronts_of_braking, hindsight
 from sim.world.loop import Counts, Run
-from sim.world.safety import Violations
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
 """Where energy is lost for good, as in the paper's figure, and what the line did not take back."""
@@ -26,33 +24,35 @@ SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfo
 class RunEnergies:
     """Energies of a run at the current collector, and the optima beside them (J).
 
-    `driven_j` is from departure to arrival, summed over the sections; `at_stops_j` is drawn at stops in between.
-    `planned_j` is the plan's least energy for the timetable, `hindsight_j` the least energy of the true train and its
-    losses for the times that the sections really took; neither knows what happened on the way. `hindsight_late`: a
-    section took less time than the true train can, so its optimum is the fastest run.
+    `above` has the energy from departure to arrival of every section, and the least energy of the true train and its
+    losses for the times that the sections really took. `at_stops_j` is drawn at stops in between, `planned_j` is the
+    plan's least energy for the timetable; neither optimum knows what happened on the way.
 
-    `driven_j` = `hindsight_j` + `blending_j` + `profile_j`: the optimum, what friction took that the motors could have
-    given, and what the speed profile cost. `own_braking_j` is the optimum for the same times of who brakes and keeps
+    Driven = optimum + `blending_j` + `profile_j`: the optimum, what friction took that the motors could have given,
+    and what the speed profile cost. `own_braking_j` is the optimum for the same times of who brakes and keeps
     below limits as a human driver means to, or for other drivers as the advice plans: braking so costs the difference.
     """
 
-    driven_j: float
+    above: AboveOptimum
     at_stops_j: float
     planned_j: float
-    hindsight_j: float
-    hindsight_late: bool
     blending_j: float
     own_braking_j: float
+
+    @property
+    def driven_j(self) -> float:
+        """Energy from departure to arrival, summed over the sections (J)."""
+        return self.above.driven_j
+
+    @property
+    def hindsight_j(self) -> float:
+        """Least energy of the true train for the times that the sections really took (J)."""
+        return self.above.optimum_j
 
     @property
     def profile_j(self) -> float:
         """What the run took above its optimum other than for brakes that the motors could have been."""
         return self.driven_j - self.hindsight_j - self.blending_j
-
-    @property
-    def beyond_hindsight_ratio(self) -> float | None:
-        """By how much the run took more than the optimum for its own times; None where that optimum is not above 0."""
-        return self.driven_j / self.hindsight_j - 1.0 if self.hindsight_j > 0 else None
 
     def as_dict(self) -> dict[str, Any]:
         """The energies (kWh), for programs."""
@@ -61,8 +61,8 @@ class RunEnergies:
             "energy_at_stops_kwh": kwh(self.at_stops_j),
             "energy_planned_kwh": kwh(self.planned_j),
             "energy_hindsight_kwh": kwh(self.hindsight_j),
-            "hindsight_faster_than_possible": self.hindsight_late,
-            "beyond_hindsight_ratio": self.beyond_hindsight_ratio,
+            "hindsight_faster_than_possible": self.above.too_fast,
+            "above_optimum_ratio": self.above.ratio,
             "energy_blending_kwh": kwh(self.blending_j),
             "energy_profile_kwh": kwh(self.profile_j),
             "energy_own_braking_kwh": kwh(self.own_braking_j),
@@ -73,38 +73,36 @@ class RunEnergies:
 class DayOutcome:
     """What a run of a day came to.
 
-    `calls` say how the stops were kept. `running_time_s` is the time between departures and arrivals, `simulated_s` the
-    whole time of the run. `ledger` is where the energy went from the first departure to the last arrival (J), comfort
-    systems included. `counts` say how the advice fared, `restlessness` how often what was shown changed, `violations`
-    what must not happen and did.
+    `drive` has the figures that a recording of the run has as well: stops, energy above the optimum, what must not
+    happen and did, and how often what was shown changed. `running_time_s` is the time between departures and arrivals,
+    `simulated_s` the whole time of the run. `ledger` is where the energy went from the first departure to the last
+    arrival (J), comfort systems included. `counts` say how the advice fared.
     """
 
     scenario: str
     seed: int
     level: str
-    calls: tuple[KeptCall, ...]
+    drive: Drive
     running_time_s: float
     energies: RunEnergies
     ledger: Ledger
     counts: Counts
-    restlessness: Restlessness
-    violations: Violations
     simulated_s: int
 
     @property
     def late_s(self) -> float:
         """Arrival at the last stop after the timetable's (early < 0)."""
-        return self.calls[-1].late_s
+        return self.drive.late_s
 
     def as_dict(self) -> dict[str, Any]:
         """The figures for JSON and tables: times in s on the run's clock, energies in kWh, speeds in km/h."""
-        violations = self.violations
+        violations = self.drive.violations
         return {
             "scenario": self.scenario,
             "seed": self.seed,
             "level": self.level,
             "late_s": self.late_s,
-            "stops": [_stop(call) for call in self.calls],
+            "stops": as_rows(self.drive.calls),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
             **_parts(self.ledger),
@@ -113,7 +111,7 @@ class DayOutcome:
             "advices_withdrawn": self.counts.withdrawn,
             "advices_unheard": self.counts.unheard,
             "advices_above_limit": self.counts.above_limit,
-            **self.restlessness.as_dict(),
+            **self.drive.stability.as_dict(),
             "signals_passed": violations.signals_passed,
             "beyond_signal_m": violations.beyond_signal_m,
             "over_limit_s": violations.over_limit_s,
@@ -126,41 +124,27 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     """What a run of a day came to, also against the optimum of who brakes as a human driver does, or as advised."""
     service = day.service
     whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
-    energy_j = sum(day.plant.ledger(*leg).input for leg in run.legs)
-    best = hindsight(true_fronts(day), run)
+    above = above_optimum(day, run)
     braking = hindsight(fronts_of_braking(day, driver), run)
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
         level=str(service.level),
-        calls=run.calls,
+        drive=Drive(
+            run=RunFigures(calls=run.calls, above=above, violations=run.violations, stability=run.restlessness)
+        ),
         running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
         energies=RunEnergies(
-            driven_j=energy_j,
-            at_stops_j=whole.input - energy_j,
+            above=above,
+            at_stops_j=whole.input - above.driven_j,
             planned_j=sum(solution.ledger.input for solution in service.planned),
-            hindsight_j=sum(solution.ledger.input for solution in best),
-            hindsight_late=any(solution.fit is Fit.LATE for solution in best),
             blending_j=sum(arrived.blending_j - departed.blending_j for departed, arrived in run.legs),
             own_braking_j=sum(solution.ledger.input for solution in braking),
         ),
         ledger=whole,
         counts=run.counts,
-        restlessness=run.restlessness,
-        violations=run.violations,
         simulated_s=len(run.states) - 1,
     )
-
-
-def _stop(call: KeptCall) -> dict[str, Any]:
-    return {
-        "name": call.name,
-        "due_s": call.due_s,
-        "arrived_s": None if math.isnan(call.arrived_s) else call.arrived_s,
-        "departed_s": None if math.isnan(call.departed_s) else call.departed_s,
-        "late_s": call.late_s,
-        "missed_m": call.missed_m,
-    }
 
 
 def shares(ledger: Ledger) -> dict[str, tuple[float, float]]:
@@ -226,7 +210,7 @@ class DayResult:
     @property
     def warnings(self) -> list[str]:
         """What is wrong with the advice of the run; empty where nothing is."""
-        warning = self.outcome.restlessness.warning
+        warning = self.outcome.drive.stability.warning
         return [] if warning is None else [warning]
 
     def as_dict(self) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +18,6 @@ from das.cab.heard import PositionHeard
 from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
-from das.solver.solution import Fit
 from sim.drive.stability import Restlessness
 from sim.drivers.cab import Driver, Presentation
 from sim.drivers.diary import KINDS, DriverEvent
@@ -29,11 +27,10 @@ from sim.drivers.own_class import driver_versions
 from sim.drivers.presentations.presenter import presenter_of
 from sim.drivers.screen import ScreenSettings
 from sim.recording.inputs import sha256
-from sim.trips.saving import why_not_comparable
 from sim.world.day import Day
 from sim.world.disturbances import described
 from sim.world.external.external import ExternalDriver
-from sim.world.hindsight import hindsight, true_fronts
+from sim.world.hindsight import above_optimum
 from sim.world.link import Tick, Told
 from sim.world.loop import BEFORE_S, Progress, Run, World
 from sim.world.processes.crew import Crew
@@ -109,7 +106,7 @@ def run_over_bus(
         end_ns = day.service.moment_ns(run.states[-1].time_s)
         lockstep.send(MEASURES, _measures(end_ns, run.restlessness))
         with contextlib.suppress(DasError):  # the losses do not cover what the true train can do; the outcome says so
-            lockstep.send(SAVING, saving_of(day, run, end_ns))
+            lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
         lockstep.finish(end_ns)
     return Recorded(run, lockstep.traffic)
 
@@ -214,38 +211,6 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
         unreturned_j=state.unreturned_j,
         comfort_j=state.comfort_j,
         blending_j=state.blending_j,
-    )
-
-
-def saving_of(day: Day, run: Run, now_ns: int) -> das_pb2.Saving:
-    """What a run took above the optimum of its true train; nothing is estimated, so that the ranges are a point."""
-    best = hindsight(true_fronts(day), run)
-    times_s = [arrived.time_s - departed.time_s for departed, arrived in run.legs]
-    taken_j = [day.plant.ledger(*leg).input for leg in run.legs]
-    saved_j = sum(taken_j) - sum(one.ledger.input for one in best)
-    return das_pb2.Saving(
-        time_ns=now_ns,
-        measured=True,
-        comparable=not why_not_comparable(list(zip(best, times_s, strict=True))),
-        driven_j=sum(taken_j),
-        optimum_j=sum(one.ledger.input for one in best),
-        likely_low_j=saved_j,
-        likely_high_j=saved_j,
-        worst_low_j=saved_j,
-        worst_high_j=saved_j,
-        sections=[
-            das_pb2.Saving.Section(
-                start=start.name,
-                end=end.name,
-                trip_s=trip_s,
-                driven_j=driven_j,
-                optimum_j=one.ledger.input,
-                faster_than_possible=one.fit is Fit.LATE,
-            )
-            for (start, end), trip_s, driven_j, one in zip(
-                pairwise(day.service.stops), times_s, taken_j, best, strict=True
-            )
-        ],
     )
 
 

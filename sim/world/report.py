@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from dataclasses import asdict
 from typing import Final
@@ -12,10 +11,11 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.conditions import Conditions
 from das.domain.units import kmh, kwh
-from sim.drive.stability import Restlessness
+from sim.drive.above_optimum import NOT_COMPARABLE
+from sim.drive.calls import KeptCall, as_rows
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind
-from sim.world.calls import KeptCall
+from sim.recording.clock import minutes
 from sim.world.outcome import SHARES, DayResult, shares
 
 STOP_LEGEND: Final = {
@@ -23,6 +23,8 @@ STOP_LEGEND: Final = {
     "missed": "by how much the train stood beyond the stop (before it: negative)",
 }
 """What is said below the table of stops."""
+TIMES: Final = ("due", "arrived", "departed")
+"""Columns of times in the table of stops."""
 LABELS: Final = {
     "component_loss": "component losses",
     "resistance": "running resistance",
@@ -59,37 +61,24 @@ def _stops(result: DayResult) -> Table:
     title = f"{found.scenario}, seed {found.seed}, driver {result.driver}, advice {result.advice}"
     table = Table(title=title, title_justify="left")
     table.add_column("stop")
-    for name in ("due", "arrived", "departed", "late", "missed"):
+    for name in (*TIMES, "late", "missed"):
         table.add_column(name, justify="right")
-    for call in found.calls:
-        table.add_row(
-            call.name,
-            _clock(call.due_s),
-            _clock(call.arrived_s),
-            _clock(call.departed_s),
-            f"{call.late_s:+.0f} s",
-            "" if math.isnan(call.arrived_s) else f"{call.missed_m:+.1f} m",
-        )
+    for call in as_rows(found.drive.calls):
+        times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
+        missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
+        table.add_row(call["name"], *times, f"{call['late_s']:+.0f} s", missed)
     return table
-
-
-def _clock(time_s: float) -> str:
-    """A time on the run's clock as minutes and seconds; nothing for NaN."""
-    if math.isnan(time_s):
-        return ""
-    minutes, seconds = divmod(round(time_s), 60)
-    return f"{minutes}:{seconds:02d}"
 
 
 def _rows(result: DayResult) -> list[tuple[str, str]]:
     """Energies, where they went, and the messages."""
     found, energies = result.outcome, result.outcome.energies
-    beyond, braking = energies.beyond_hindsight_ratio, "this driver" if result.driver is DriverKind.HUMAN else "advised"
+    braking = "this driver" if result.driver is DriverKind.HUMAN else "advised"
     rows = [
         ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
         ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
         ("  optimum for the times as driven", f"{kwh(energies.hindsight_j):.1f} kWh"),
-        ("  beyond that optimum", "–" if beyond is None else f"{100 * beyond:+.1f} %"),
+        ("  above that optimum", energies.above.words),
         ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
         ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
         (f"  optimum braking as {braking}", f"{kwh(energies.own_braking_j):.1f} kWh"),
@@ -98,28 +87,16 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
     counts, recorded = found.counts, result.recorded
     rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
-    rows += restlessness_rows(found.restlessness)
+    rows += found.drive.stability.rows()
     if recorded is not None:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
     return rows
 
 
-def restlessness_rows(found: Restlessness) -> list[tuple[str, str]]:
-    """How restless the advice was that the driver was shown; nothing where none was."""
-    if not found.shown_s:
-        return []
-    shortest = "–" if math.isnan(found.shortest_mode_s) else f"{found.shortest_mode_s:.0f} s"
-    return [
-        ("advice changed, while moving", f"{found.changes_per_min:.1f} times a minute"),
-        ("  from traction to brake or back", f"{found.reversals} times"),
-        ("  shortest mode", shortest),
-    ]
-
-
 def _notes(result: DayResult) -> list[str]:
     """What should be known about the figures."""
-    found, violations = result.outcome, result.outcome.violations
+    found, violations = result.outcome, result.outcome.drive.violations
     notes = [f"on this day: {result.happens}"]
     human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}
     if human:
@@ -127,15 +104,15 @@ def _notes(result: DayResult) -> list[str]:
     truth = {name: value for name, value in result.drawn["truth"].items() if value != UNCHANGED[name]}
     if truth:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
-    notes += [_beyond(call) for call in found.calls if call.missed_m > AT_STOP_M]
+    notes += [_beyond(call) for call in found.drive.calls if call.missed_m > AT_STOP_M]
     if violations.signals_passed:
         beyond_m = violations.beyond_signal_m
         notes.append(f"signals passed at danger: {violations.signals_passed}, by up to {beyond_m:.0f} m")
     if violations.over_limit_s:
         over_kmh = kmh(violations.over_limit_mps)
         notes.append(f"{violations.over_limit_s:.0f} s above limits, by up to {over_kmh:.0f} km/h")
-    if found.energies.hindsight_late:
-        notes.append("a section took less time than the true train can: its optimum is the fastest run")
+    if found.energies.above.why_not:
+        notes.append(f"{NOT_COMPARABLE}: {found.energies.above.why_not}")
     if found.counts.above_limit:
         notes.append(f"{found.counts.above_limit} advices were above the limit: please report this")
     return notes

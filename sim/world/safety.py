@@ -3,30 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from das.domain.restriction import Restriction
-from das.domain.units import KM, KMH, kmh
+from das.domain.units import KM, kmh
+from sim.drive.limits import BEYOND_M, OVER_MPS, Violations
 from sim.plant.plant import PlantState
-
-BEYOND_M = 0.5
-"""A signal counts as passed when the train's head is further beyond it than this (m)."""
-OVER_MPS = 1.0 * KMH
-"""A speed counts as above a limit from this much (m/s) on; a speedometer does not show less."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Violations:
-    """What a run violated.
-
-    That is the number of signals passed at danger, and by how much at most (m); the time above limits (s), and by how
-    much at most (m/s).
-    """
-
-    signals_passed: int = 0
-    beyond_signal_m: float = 0.0
-    over_limit_s: float = 0.0
-    over_limit_mps: float = 0.0
 
 
 class Watch:

@@ -18,12 +18,13 @@ from das.cab.heard import (
     TargetsHeard,
 )
 from das.domain.route import Stretches
+from sim.drive.limits import Violations
 from sim.drivers.cab import AdviceView, CabView
 from sim.plant.plant import PlantState
 from sim.world.calls import Calls
 from sim.world.day import Day
 from sim.world.news import DayNews
-from sim.world.safety import Violations, Watch
+from sim.world.safety import Watch
 from sim.world.sensors import SimulatedLocalisation, TrainControl
 
 DELAY_EVERY_S = 10

@@ -11,7 +11,7 @@ import pytest
 from das.bus.das_pb2 import Decision
 from das.bus.recording import read_recording
 from das.domain.units import NS
-from sim.drive.events.chronicle import Chronicle
+from sim.drive.drive import Drive
 from sim.drive.events.event import EventKind
 from sim.drivers.diary import KINDS
 from sim.drivers.human import HumanDriver
@@ -45,7 +45,7 @@ def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path
     assert times_s == pytest.approx([one.time_s for one in made], abs=10 * NS)
     kinds = {what for what, _ in found}
     assert kinds >= {"glance", "noticed", "reaction", "followed", "acted", "lever"}
-    told = [one for one in Chronicle.read(out).events if one.kind is EventKind.DRIVER]
+    told = [one for one in Drive.read(out).events if one.kind is EventKind.DRIVER]
     decided = [what for what, _ in found if what in ("followed", "refused")]
     assert [one.facts["followed"] for one in told if "followed" in one.facts] == [
         what == "followed" for what in decided

@@ -44,7 +44,7 @@ def test_das_sim_alone_replays_the_bundled_recording(
     files = list((folder / "recordings").glob("*.mcap"))
     assert len(files) == 1
     assert f"das-sim view recordings/{files[0].name}" in done.stdout
-    assert "advice would have saved" in done.stdout
+    assert "above the optimum" in done.stdout
     assert "/ 0" in next(line for line in done.stdout.splitlines() if "recorded / lost" in line)
 
 

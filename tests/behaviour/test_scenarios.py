@@ -16,7 +16,7 @@ from das.advice.settings import DEFAULT
 from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
-from das.domain.units import KMH, STANDARD_GRAVITY_MPS2, kwh
+from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2, kwh
 from das.estimate.localisation_settings import STALE_AFTER_S
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
@@ -112,8 +112,8 @@ def drive(name: str, driver: str = "perfect", advice: str = "vector", seed: int 
 
 def fastest_late_s(driven: Driven, section: int) -> float:
     """How late the section's fastest run would arrive after the departure as it was."""
-    service, left_s = driven.day.service, driven.run.calls[section].departed_s
-    return left_s + service.fronts[section].fastest().time_s - driven.run.calls[section + 1].due_s
+    service, (left, due) = driven.day.service, driven.run.calls[section : section + 2]
+    return service.fronts[section].fastest().time_s - (due.due_arrival_ns - left.departed_ns) * NS
 
 
 def test_all_bundled_scenarios_share_what_the_tests_solve_once() -> None:
@@ -273,7 +273,7 @@ def test_signal_stop_stops_the_train_until_it_clears(driver: str) -> None:
 def test_dwell_overrun_is_made_up_as_far_as_possible() -> None:
     driven = drive("dwell-overrun")
     zug = driven.run.calls[2]
-    late_s = zug.departed_s - zug.due_s - driven.day.service.scenario.dwell_s
+    late_s = (zug.departed_ns - zug.due_arrival_ns) * NS - driven.day.service.scenario.dwell_s
     assert 40 <= late_s <= 121
     assert driven.late_s()[-1] <= max(fastest_late_s(driven, 2), 0.0) + 2.0
     assert abs(driven.late_s()[2]) <= 2.0

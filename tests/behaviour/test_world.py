@@ -36,7 +36,7 @@ from das.bus.topics import (
     TRUTH,
 )
 from das.domain.units import KMH, NS, kwh
-from sim.drive.recorded_stability import recorded_restlessness
+from sim.drive.drive import Drive
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.world.day import make_day
@@ -205,7 +205,7 @@ def test_the_recording_holds_the_measures_of_the_result_and_gives_them_again(
     recording: Recording, found: dict[str, Any]
 ) -> None:
     (entry,) = recording.of(MEASURES)
-    said, again = entry.message, recorded_restlessness(recording)
+    said, again = entry.message, Drive(source=recording).stability
     assert found["advice_changes_per_min"] > 0
     assert said.advice_changes_per_min == found["advice_changes_per_min"] == pytest.approx(again.changes_per_min)
     assert said.reversals == found["reversals"] == again.reversals

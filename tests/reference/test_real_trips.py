@@ -190,14 +190,14 @@ def real_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[dict[
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["clean", "dropouts"])
 def test_real_trips_replay_without_loss(real_runs: dict[str, tuple[dict[str, Any], Path]], name: str) -> None:
-    """The whole chain on a real record: nothing lost, no advice above a limit, a saving that is plausible."""
+    """The whole chain on a real record: nothing lost, no advice above a limit, a plausible energy above the optimum."""
     found, folder = real_runs[name]
     assert found["messages_lost"] == 0
     assert found["advices_above_limit"] == 0
     assert found["advices"] > 500
     assert found["advices_withdrawn"] < 10
     assert 540 < found["trip_time_s"] < 570
-    assert 0.05 < found["saved_ratio"] < 0.4
+    assert 0.05 < found["above_optimum_ratio"] < 0.4
     assert found["optimum_time_s"] == pytest.approx(found["trip_time_s"], abs=0.1)
     assert found["map_scale"] == pytest.approx(1.0, abs=0.003)
     positions = [m.message for m in read_recording(folder / "run.mcap").of(POSITION)]

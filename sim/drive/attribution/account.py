@@ -1,29 +1,38 @@
-"""The account of a recorded drive: how much energy each leg took above the optimum for its times, and by what."""
+"""The account of a recorded drive: how much energy each leg took above the optimum for its times, by what, and how
+sure that is."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.solver.solution import Solution
+from das.solver.solution import Fit, Solution
+from das.solver.solve import solve_front
+from sim.drive.above_optimum import AboveOptimum, SectionEnergy, likely_band, section_in, why_not_comparable
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.committed import Committed, committed, spacing
 from sim.drive.attribution.energies import LegEnergies, leg_energies
-from sim.drive.attribution.inputs import DriveInputs, inputs_of
+from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.attribution.knowledge import Knowledge, epochs_of
-from sim.drive.attribution.motion import DrivenLeg, legs_of, motion_of
+from sim.drive.attribution.motion import DrivenLeg
 from sim.drive.attribution.places import Places, even_edges, limit_edges, places_between
 from sim.drive.attribution.shown import ShownAdvice
 from sim.drive.happenings import Signal, signals
-from sim.drive.recorded_saving import SAID_BY_THE_RECORDING, not_comparable_by_record
-from sim.trips.saving import NOT_COMPARABLE, why_not_comparable
+from sim.trips.estimate import DrivenCase, Unknown, one_by_one
 
 Floats = NDArray[np.float64]
+
+MOST_LEGS: Final = 3
+"""The likely range of a drive of more legs is not asked for: every unknown solves each leg twice anew."""
+OTHER_TRAIN: Final = "the true train, wind and rail"
+"""What the optimum of the true train takes more than that of the plan's, in words."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,12 +40,14 @@ class LegAccount:
     """The account of one leg.
 
     `optimum` is the best run of the plan's train in the time as driven, on the line without temporary restrictions.
+    `true_optimum_j` is that of the true train (J), as a simulator recorded it; None where only the plan's is known.
     `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
     departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
     """
 
     leg: DrivenLeg
     optimum: Solution
+    true_optimum_j: float | None
     energies: LegEnergies
     committed: Committed
     timetable_j: float | None
@@ -51,16 +62,21 @@ class LegAccount:
 
     @property
     def optimum_j(self) -> float:
-        """Energy of the optimum for the same time (J)."""
-        return self.optimum.ledger.input
+        """Least energy for the same time (J): of the true train where it is known, else of the plan's."""
+        return self.optimum.ledger.input if self.true_optimum_j is None else self.true_optimum_j
+
+    @property
+    def other_train_j(self) -> float:
+        """By how much the optimum of the true train takes more than that of the plan's (J)."""
+        return self.optimum_j - self.optimum.ledger.input
 
     @property
     def by_cause(self) -> dict[EnergyCause, float]:
         """The energy above the optimum for the same time by cause (J); the parts sum to the whole difference."""
         energies, parts = self.energies, self.committed.by_cause()
         friction_j = float(energies.blended_j[-1] - energies.motors_j[-1])
-        train_j = float(energies.ledger_j[-1] - energies.blended_j[-1])
-        rest_j = float(self.committed.energy_j[0]) - self.optimum_j
+        train_j = float(energies.ledger_j[-1] - energies.blended_j[-1]) - self.other_train_j
+        rest_j = float(self.committed.energy_j[0]) - self.optimum.ledger.input
         for cause, energy_j in (
             (EnergyCause.FRICTION, friction_j),
             (EnergyCause.TRAIN, train_j),
@@ -92,14 +108,23 @@ class LegAccount:
     @property
     def early_j(self) -> float | None:
         """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
-        return None if self.left_j is None else self.optimum_j - self.left_j
+        return None if self.left_j is None else self.optimum.ledger.input - self.left_j
 
     @property
     def against_timetable(self) -> dict[EnergyCause, float] | None:
         """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
         if self.recovered_j is None or self.early_j is None:
             return None
-        return {**self.by_cause, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
+        parts = self.by_cause
+        parts[EnergyCause.TRAIN] += self.other_train_j
+        return {**parts, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
+
+    @property
+    def section_energy(self) -> SectionEnergy:
+        """The energies of the leg as driven and of its optimum."""
+        names = self.leg.start.name, self.leg.end.name
+        found = SectionEnergy.of(*names, self.leg.trip_s, self.driven_j, self.optimum)
+        return replace(found, optimum_j=self.optimum_j)
 
 
 def _between(sum_j: Floats, first: int, last: int) -> float:
@@ -116,9 +141,15 @@ class Account:
     advice_shown: bool
 
     @property
-    def why_not_comparable(self) -> str:
-        """Why the drive cannot be compared with its optimum, in words; nothing where it can."""
-        return why_not_comparable([(leg.optimum, leg.leg.trip_s) for leg in self.legs])
+    def above(self) -> AboveOptimum:
+        """What the drive took above the optimum of the same train, leg by leg."""
+        sections = tuple(leg.section_energy for leg in self.legs)
+        return AboveOptimum(sections=sections, measured=self.measured, why_not=why_not_comparable(sections))
+
+    @property
+    def other_train_j(self) -> float:
+        """By how much the optimum of the true train takes more than that of the plan's (J); 0 where it is not known."""
+        return sum(leg.other_train_j for leg in self.legs)
 
     @property
     def driven_j(self) -> float:
@@ -161,30 +192,31 @@ def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, f
     }
 
 
-def account_of(recording: Recording, inputs: DriveInputs | None = None) -> Account:
-    """The account of a recorded drive; `inputs` are given where the recording does not hold them.
+def account_of(
+    recording: Recording,
+    inputs: DriveInputs,
+    driven: Sequence[DrivenLeg],
+    shown: ShownAdvice,
+    said: AboveOptimum | None,
+) -> Account:
+    """The account of a recorded drive by its line and train, legs and shown advice, also where it is not comparable.
 
-    Raises DasError for a recording that has no journey, no positions, or whose line and train are not known, and for a
-    drive that cannot be compared with its optimum, here or in the replay that recorded it.
+    `said` is what the recording says of the energy above the optimum; None where it says nothing.
     """
-    found = account_with(recording, inputs_of(recording) if inputs is None else inputs)
-    why = found.why_not_comparable or (SAID_BY_THE_RECORDING if not_comparable_by_record(recording) else "")
-    if why:
-        raise DasError(f"{recording.path}: {NOT_COMPARABLE}: {why}")
-    return found
+    epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
+    measured = () if said is None or not said.measured else said.sections
+    true_j = {(one.start, one.end): one.optimum_j for one in measured}
+    legs = tuple(
+        _leg_account(Knowledge(inputs, leg, epochs), true_j.get((leg.start.name, leg.end.name)), shown, seen, every)
+        for leg in driven
+    )
+    measures = driven[0].motion.input_j is not None
+    return Account(inputs=inputs, legs=legs, measured=measures, advice_shown=shown.any_shown)
 
 
-def account_with(recording: Recording, inputs: DriveInputs) -> Account:
-    """The account of a recorded drive with any line and train, also where `why_not_comparable` says that it is none."""
-    motion = motion_of(recording)
-    epochs, shown, seen = epochs_of(recording), ShownAdvice.of(recording), signals(recording)
-    driven = legs_of(recording, motion)
-    every = spacing(driven)
-    legs = tuple(_leg_account(Knowledge(inputs, leg, epochs), shown, seen, every) for leg in driven)
-    return Account(inputs=inputs, legs=legs, measured=motion.input_j is not None, advice_shown=shown.any_shown)
-
-
-def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, ...], every: int) -> LegAccount:
+def _leg_account(
+    knowledge: Knowledge, true_optimum_j: float | None, shown: ShownAdvice, seen: tuple[Signal, ...], every: int
+) -> LegAccount:
     leg, front = knowledge.leg, knowledge.front()
     section, optimum = front.section, front.trajectory(leg.trip_s)
     energies = leg_energies(section, leg)
@@ -196,6 +228,7 @@ def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, .
     return LegAccount(
         leg=leg,
         optimum=optimum,
+        true_optimum_j=true_optimum_j,
         energies=energies,
         committed=committed(knowledge, energies, shown, seen, every),
         timetable_j=least_j(leg.timetable_s),
@@ -203,3 +236,60 @@ def _leg_account(knowledge: Knowledge, shown: ShownAdvice, seen: tuple[Signal, .
         even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),
         by_limit=places_between(limit_edges(section), leg, energies, optimum),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LikelyRange:
+    """The likely range (J) of the energy above the optimum, and that of each unknown on its own.
+
+    Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
+    no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
+    and in its optimum; NaN where such a train could not have driven so, or where forces were measured.
+    """
+
+    low_j: float
+    high_j: float
+    by_friction_j: float
+    unknowns: tuple[Unknown, ...]
+
+
+def likely_range(account: Account) -> LikelyRange | None:
+    """The likely range of what an estimated drive took above the optimum; None where it was measured, or is long.
+
+    Train, wind and brakes are the same for the drive and its optimum in every case.
+    """
+    if account.measured or len(account.legs) > MOST_LEGS:
+        return None
+
+    def above_j(case: DrivenCase) -> float | None:
+        found = [_above_j(leg, case) for leg in account.legs]
+        return None if any(one is None for one in found) else sum(one for one in found if one is not None)
+
+    unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
+    likely = likely_band(account.difference_j, unknowns)
+    known = any(leg.leg.motion.friction_j is not None for leg in account.legs)
+    friction_j = None if known else above_j(DrivenCase(all_friction=True))
+    return LikelyRange(
+        low_j=likely.low_j,
+        high_j=likely.high_j,
+        by_friction_j=math.nan if friction_j is None else friction_j,
+        unknowns=unknowns,
+    )
+
+
+def _above_j(leg: LegAccount, case: DrivenCase) -> float | None:
+    """The energy above the optimum (J) of a leg in a case; None where such a train could not have driven so."""
+    section, motion = leg.optimum.section, leg.leg.motion
+    case = replace(case, jerk_psd_m2ps5=DrivenCase().jerk_psd_m2ps5)  # the motion is already smooth
+    if motion.friction_j is not None:
+        case = replace(case, all_friction=False)  # how the train braked was measured
+    if case == DrivenCase():
+        return leg.driven_j - leg.optimum_j
+    try:
+        other = section_in(section, case)
+        best = solve_front(other).trajectory(leg.leg.trip_s)
+    except DasError:
+        return None
+    if best.fit is Fit.LATE:
+        return None
+    return float(leg_energies(other, leg.leg).ledger_j[-1]) - best.ledger.input

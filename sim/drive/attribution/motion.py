@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +13,10 @@ from numpy.typing import NDArray
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.route import Route
 from das.domain.units import NS
-from sim.drive.events.calls import RecordedCall, at_rest, calls
-from sim.recording.course import DrivenCourse
-from sim.trips.opening import open_trip
-from sim.trips.options import TripOptions
+from sim.drive.calls import KeptCall
+from sim.trips.opening import recorded_trip
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -41,11 +39,6 @@ class DrivenMotion:
     input_j: Floats | None = None
     friction_j: Floats | None = None
 
-    @property
-    def course(self) -> DrivenCourse:
-        """Times, places and speeds as the pictures take them."""
-        return DrivenCourse(time_ns=self.time_ns, s_m=self.s_m, speed_mps=self.speed_mps)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenLeg:
@@ -54,8 +47,8 @@ class DrivenLeg:
     The first and the last sample stand, at the refined times of departure and arrival.
     """
 
-    start: RecordedCall
-    end: RecordedCall
+    start: KeptCall
+    end: KeptCall
     motion: DrivenMotion
 
     @property
@@ -82,9 +75,10 @@ class DrivenLeg:
         return (due_ns - int(self.motion.time_ns[0])) * NS if due_ns else None
 
 
-def motion_of(recording: Recording) -> DrivenMotion:
+def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
     """The motion of a recorded drive: the truth of a simulation, else smoothed positions and measured brake forces.
 
+    `line` gives the line as driven, on which positions are smoothed; it is asked for only without a simulator's truth.
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
     DasError where the recording has no positions that can be used.
     """
@@ -99,9 +93,7 @@ def motion_of(recording: Recording) -> DrivenMotion:
             input_j=truth["energy_input_j"] if measured else None,
             friction_j=truth["friction_brake_j"] if measured else None,
         )
-    with TemporaryDirectory(prefix="das-trip-") as folder:
-        _, trip = open_trip(recording.path, TripOptions(), Path(folder))
-    run = trip.run
+    run = recorded_trip(recording, line()).run
     time_ns = run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64)
     friction_j = _friction_j(recording, time_ns, run.speed_mps)
     return DrivenMotion(time_ns=time_ns, s_m=run.s_m, speed_mps=run.speed_mps, friction_j=friction_j)
@@ -118,24 +110,21 @@ def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floa
     return np.concatenate(([0.0], np.cumsum(step_j)))
 
 
-def legs_of(recording: Recording, motion: DrivenMotion) -> tuple[DrivenLeg, ...]:
+def legs_of(path: Path, motion: DrivenMotion, made: Sequence[KeptCall]) -> tuple[DrivenLeg, ...]:
     """The legs of a drive between the stops that were served; DasError where the train served no two stops."""
-    served = [call for call in calls(recording, motion.course) if call.stand is not None]
-    found = tuple(_legs(motion, served))
+    found = tuple(_legs(motion, [call for call in made if call.served]))
     if not found:
-        raise DasError(f"{recording.path}: the train did not drive from one stop of its journey to another")
+        raise DasError(f"{path}: the train did not drive from one stop of its journey to another")
     return found
 
 
-def _legs(motion: DrivenMotion, served: list[RecordedCall]) -> Iterator[DrivenLeg]:
+def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
     for start, end in pairwise(served):
-        assert start.stand is not None
-        assert end.stand is not None
-        leaving, arrived = at_rest(motion.course, start.stand), at_rest(motion.course, end.stand)
-        part = slice(leaving.last, arrived.first + 1)
-        if not start.departed_ns or not end.arrived_ns or end.stand.s_m - start.stand.s_m < LEAST_WAY_M:
+        if not start.departed_ns or not end.arrived_ns or end.stood_m - start.stood_m < LEAST_WAY_M:
             continue
-        cut = _part(motion, part)
+        leaving = int(np.searchsorted(motion.time_ns, start.departed_ns, side="right")) - 1
+        arrived = int(np.searchsorted(motion.time_ns, end.arrived_ns))
+        cut = _part(motion, slice(max(leaving, 0), arrived + 1))
         time_ns, speed_mps = cut.time_ns.copy(), cut.speed_mps.copy()
         # From rest to rest: a leg takes as long as punctuality says, and its optimum has all of that time.
         time_ns[0], time_ns[-1] = start.departed_ns, end.arrived_ns

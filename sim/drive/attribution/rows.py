@@ -20,6 +20,7 @@ def as_dict(account: Account) -> dict[str, Any]:
         "driven_kwh": kwh(account.driven_j),
         "optimum_same_times_kwh": kwh(account.optimum_j),
         "above_optimum_kwh": kwh(account.difference_j),
+        "above_optimum_ratio": account.above.ratio,
         "measured": account.measured,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in account.by_cause.items()},
         "optimum_timetable_kwh": None if account.timetable_j is None else kwh(account.timetable_j),

@@ -16,10 +16,9 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.section import build_section
 from sim.drive.attribution.energies import leg_energies
-from sim.drive.attribution.inputs import DriveInputs, inputs_of
-from sim.drive.attribution.motion import DrivenLeg, DrivenMotion, legs_of, motion_of
-from sim.recording.clock import DriveClock
-from sim.recording.opening import open_recording
+from sim.drive.attribution.inputs import DriveInputs
+from sim.drive.attribution.motion import DrivenLeg, DrivenMotion
+from sim.drive.drive import Drive
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -75,15 +74,12 @@ def drives_on_track(paths: Sequence[Path]) -> list[DriveOnTrack]:
     """
     stems = [path.stem for path in paths]
     labels = [f"{stem} ({i})" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
-    return [on_track(open_recording(path), label) for path, label in zip(paths, labels, strict=True)]
+    return [on_track(Drive.read(path), label) for path, label in zip(paths, labels, strict=True)]
 
 
-def on_track(recording: Recording, label: str, inputs: DriveInputs | None = None) -> DriveOnTrack:
-    """A recorded drive over the track; `inputs` are given where the recording does not hold them."""
-    inputs = inputs_of(recording) if inputs is None else inputs
-    motion = motion_of(recording)
-    legs = legs_of(recording, motion)
-    clock = DriveClock.of(recording, int(motion.time_ns[0]))
+def on_track(drive: Drive, label: str) -> DriveOnTrack:
+    """A recorded drive over the track; DasError where its line and train are not known, or it served no two stops."""
+    recording, inputs, motion, legs = drive.recording, drive.inputs, drive.motion, drive.legs
     first = int(np.searchsorted(motion.time_ns, legs[0].motion.time_ns[0]))
     last = int(np.searchsorted(motion.time_ns, legs[-1].motion.time_ns[-1]))
     part = slice(max(first - 1, 0), last + 1)
@@ -95,7 +91,7 @@ def on_track(recording: Recording, label: str, inputs: DriveInputs | None = None
         recording=recording,
         inputs=inputs,
         legs=legs,
-        time_s=np.asarray((time_ns - clock.zero_ns) * NS, dtype=np.float64),
+        time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
         energy_j=_energy_j(inputs, motion, legs, time_ns),

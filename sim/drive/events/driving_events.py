@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from das.advice.modes import Mode, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
-from das.domain.units import KM, NS, kmh
-from sim.drive.events.calls import NEAR_M, STANDING_MPS, RecordedCall, arrival_ns, departure_ns, stands
+from das.domain.units import KM, NS, PERCENT, kmh
+from sim.drive.calls import NEAR_M, STANDING_MPS, KeptCall, arrival_ns, departure_ns, stands
 from sim.drive.events.event import DriveEvent, EventKind
-from sim.drive.limits import known_inputs, limit_in_force
+from sim.drive.limits import SpanAbove, spans_above
 from sim.drivers.cab import AT_STOP_M
-from sim.recording.course import DrivenCourse, Floats, Times
+from sim.drivers.diary import KINDS
+from sim.recording.course import DrivenCourse, Floats
 
-OVER_MPS: Final = 1.0 / 3.6
-"""A train this much (m/s) above the limit is too fast: less is within the error of a speedometer."""
 LEVER_RATIO: Final = 0.03
 """A controller set to less than this share of the effort is at neutral."""
 LEAST_STOOD: Final = 5
@@ -35,6 +34,8 @@ LEAST_STAND_S: Final = 1.0
 PAUSE_NS: Final = 5_000_000_000
 """Positions that pause for longer than this (ns) are told; they usually come once a second."""
 
+DECIDED: Final = {"followed": True, "refused": False}
+"""Decisions of a driver about advice, and whether he follows it."""
 PULLS, COASTS, BRAKES = 1, 0, -1
 WANTED: Final = {
     Mode.FULL_TRACTION: PULLS,
@@ -47,7 +48,7 @@ WANTED: Final = {
 """What the controller must show for an advised mode to be followed; a speed to hold may need any of the three."""
 
 
-def call_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[DriveEvent]:
+def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
     """Departures, arrivals and stops that were missed."""
     for index, call in enumerate(made):
         if call.arrived_ns and index > 0:
@@ -64,7 +65,7 @@ def call_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[
                 time_ns=call.departed_ns, kind=EventKind.DEPARTURE, text=f"left {call.name}{late}", s_m=call.s_m,
                 facts={"stop": call.name, "late_s": call.departed_late_s},
             )  # fmt: skip
-        if call.stand is None and call.reached and trip.s_m[-1] > call.s_m + NEAR_M and trip.s_m[0] < call.s_m - NEAR_M:
+        if not call.served and call.reached and trip.s_m[-1] > call.s_m + NEAR_M and trip.s_m[0] < call.s_m - NEAR_M:
             passed = int(np.argmax(trip.s_m >= call.s_m))
             speed_kmh = kmh(float(trip.speed_mps[passed]))
             yield DriveEvent(
@@ -80,7 +81,7 @@ def _late(late_s: float) -> str:
     return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
 
 
-def stand_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator[DriveEvent]:
+def stand_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
     """The stands of the train that belong to no stop of its journey."""
     at_stops = {call.stand for call in made}
     for stand in stands(trip):
@@ -96,57 +97,27 @@ def stand_events(trip: DrivenCourse, made: tuple[RecordedCall, ...]) -> Iterator
         )  # fmt: skip
 
 
-def overspeed_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+def overspeed_events(trip: DrivenCourse, limit_mps: Floats) -> Iterator[DriveEvent]:
     """The stretches of time in which the train was above the limit in force (`sim.drive.limits`)."""
-    at, limit_mps = limit_in_force(recording, trip)
-    for over in _spans_above(at, trip.at(at, trip.speed_mps), limit_mps):
-        limit_kmh, facts = kmh(over.allowed_mps), {"limit_mps": over.allowed_mps, **over.facts}
-        text = f"up to {over.over_kmh:.0f} km/h above the limit of {limit_kmh:.0f} km/h for {over.lasted_s:.0f} s"
-        yield _at_speed(trip, over, EventKind.OVERSPEED, text, facts)
+    for over in spans_above(trip, limit_mps):
+        over_kmh, limit_kmh = kmh(over.over_mps), kmh(over.allowed_mps)
+        text = f"up to {over_kmh:.0f} km/h above the limit of {limit_kmh:.0f} km/h for {over.lasted_s:.0f} s"
+        yield _at_speed(trip, over, EventKind.OVERSPEED, text, "limit_mps")
 
 
-def top_speed_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """The stretches of time in which the train was faster than its vehicle file says that it can go."""
-    inputs = known_inputs(recording)
-    if inputs is None:
-        return
-    top_mps = inputs.vehicle.max_speed_mps
-    for over in _spans_above(trip.time_ns, trip.speed_mps, np.full(len(trip.time_ns), top_mps)):
+def top_speed_events(trip: DrivenCourse, top_mps: float) -> Iterator[DriveEvent]:
+    """The stretches of time in which the train was faster than its vehicle file says that it can go (m/s)."""
+    for over in spans_above(trip, np.full(len(trip.time_ns), top_mps)):
         text = (
-            f"up to {over.over_kmh:.0f} km/h faster than the vehicle file says the train can go "
+            f"up to {kmh(over.over_mps):.0f} km/h faster than the vehicle file says the train can go "
             f"({kmh(top_mps):.0f} km/h) for {over.lasted_s:.0f} s: is it the right train?"
         )
-        yield _at_speed(trip, over, EventKind.BEYOND_TRAIN, text, {"top_speed_mps": top_mps, **over.facts})
+        yield _at_speed(trip, over, EventKind.BEYOND_TRAIN, text, "top_speed_mps")
 
 
-class _SpanAbove(NamedTuple):
-    """A stretch of time (ns) above a speed: by how much at most (km/h), that speed there (m/s), and how long (s)."""
-
-    start_ns: int
-    end_ns: int
-    over_kmh: float
-    allowed_mps: float
-    lasted_s: float
-
-    @property
-    def facts(self) -> dict[str, float]:
-        """The figures of the stretch."""
-        return {"over_kmh": self.over_kmh, "lasted_s": self.lasted_s}
-
-
-def _spans_above(at: Times, speed_mps: Floats, allowed_mps: Floats) -> Iterator[_SpanAbove]:
-    """The stretches of time in which a train was above a speed by more than the error of a speedometer."""
-    over = np.concatenate(([False], speed_mps > allowed_mps + OVER_MPS, [False]))
-    edges = np.flatnonzero(np.diff(over.astype(np.int8)))
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
-        worst = first + int(np.argmax((speed_mps - allowed_mps)[first:end]))
-        over_kmh = kmh(float(speed_mps[worst] - allowed_mps[worst]))
-        lasted_s = float(at[min(end, len(at) - 1)] - at[first]) * NS
-        yield _SpanAbove(int(at[first]), int(at[end - 1]), over_kmh, float(allowed_mps[worst]), lasted_s)
-
-
-def _at_speed(trip: DrivenCourse, over: _SpanAbove, kind: EventKind, text: str, facts: dict[str, float]) -> DriveEvent:
+def _at_speed(trip: DrivenCourse, over: SpanAbove, kind: EventKind, text: str, allowed: str) -> DriveEvent:
     s_m = float(trip.at(np.array([over.start_ns]), trip.s_m)[0])
+    facts = {allowed: over.allowed_mps, "over_kmh": kmh(over.over_mps), "lasted_s": over.lasted_s}
     return DriveEvent(time_ns=over.start_ns, end_ns=over.end_ns, kind=kind, s_m=s_m, text=text, facts=facts)
 
 
@@ -200,3 +171,39 @@ def pause_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
             time_ns=int(at[index]), end_ns=int(at[index + 1]), kind=EventKind.LAPSE, s_m=s_m,
             text=f"no position for {lasted_s:.0f} s from km {s_m / KM:.2f}", facts={"lasted_s": lasted_s},
         )  # fmt: skip
+
+
+def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """Advice that the driver followed or refused, with his reaction time, and lapses of his attention.
+
+    Nothing where no decisions were recorded: of a real drive, or with a driver who keeps no diary.
+    """
+    told = [(KINDS[one.message.kind - 1], one.message) for one in recording.of(topics.DECISION)]
+    kept = [one for one in told if one[0] != "expected"]
+    for (kind, one), (after, reaction) in pairwise([*kept, ("", None)]):
+        s_m = float(trip.at(np.array([one.time_ns]), trip.s_m)[0])
+        if kind in DECIDED:
+            follows = DECIDED[kind]
+            advice = mode_name(Mode(int(one.value)))
+            text, facts = f"advice '{advice}' is not followed", {"mode": advice, "followed": follows}
+            if not follows:
+                text += _controller(recording, int(one.time_ns))
+            if after == "reaction":  # A decision is noted with the reaction that begins with it.
+                facts |= {"reaction_s": reaction.value}
+                text = f"{advice} is followed after a reaction of {reaction.value:.1f} s" if follows else text
+            yield DriveEvent(time_ns=one.time_ns, kind=EventKind.DRIVER, text=text, s_m=s_m, facts=facts)
+        elif kind == "lapse":
+            yield DriveEvent(
+                time_ns=one.time_ns, end_ns=one.time_ns + round(one.value / NS), kind=EventKind.DRIVER, s_m=s_m,
+                text=f"attention is away for {one.value:.0f} s, unless the train warns", facts={"away_s": one.value},
+            )  # fmt: skip
+
+
+def _controller(recording: Recording, time_ns: int) -> str:
+    """What the controller was set to at a moment, in words; nothing where that was not recorded."""
+    cab = recording.columns(topics.CAB, "time_ns", "lever_ratio")
+    at = int(np.searchsorted(cab["time_ns"], time_ns, side="right")) - 1
+    if at < 0 or not np.isfinite(cab["lever_ratio"][at]):
+        return ""
+    share = round(float(cab["lever_ratio"][at]) / PERCENT)
+    return f"; the controller {f'stays at {share:+d} %' if share else 'stays at 0'}"

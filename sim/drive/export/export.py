@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
@@ -16,8 +16,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.writing import write_folder_whole
-from sim.drive.export.anonymity import anonymous
-from sim.drive.export.columns import TIME, DataTable, tables_of
+from sim.drive.export.columns import TIME, Column, DataTable, tables_of
 from sim.drive.export.joining import by_position, by_time
 from sim.drive.export.writing import as_csv, as_parquet, columns_table, require_parquet
 from sim.recording.clock import DriveClock
@@ -26,6 +25,13 @@ from sim.recording.opening import open_recording
 STANDING_MPS: Final = 0.1
 """A train slower than this stands."""
 LAST_NS: Final = 2**62
+
+DROPPED_TABLES: Final = ("location",)
+"""Tables that are left out as a whole: they say where the train was on the map."""
+POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m")
+"""Columns that are positions on the route; those count from the first stop then."""
+TIMES_END: Final = "_ns"
+"""Columns that end so are moments; they count from the departure then, so that the day is not told."""
 
 
 class FileFormat(StrEnum):
@@ -71,7 +77,7 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
     if not any(len(one) for one in tables):
         raise DasError(f"{path}: there is nothing between --from and --to")
     if settings.anonymous:
-        tables = [kept for one in tables if (kept := anonymous(one, zero_ns, zero_m)) is not None]
+        tables = [kept for one in tables if (kept := _anonymous(one, zero_ns, zero_m)) is not None]
     named = {one.name: one for one in tables}
     joined = [one(named, 0 if settings.anonymous else zero_ns) for one in (by_time, by_position)]
     tables += [one for one in joined if one is not None]
@@ -163,3 +169,31 @@ def _files(tables: Sequence[DataTable], about: dict[str, Any], kind: FileFormat)
         if kind is not FileFormat.CSV:
             files[f"{one.name}.parquet"] = as_parquet(one, texts)
     return files
+
+
+def _anonymous(table: DataTable, zero_ns: int, zero_m: float) -> DataTable | None:
+    """The table without who and where; None for one that is left out.
+
+    Texts are left out, since reasons and remarks may name stops. Values of enumerations stay. `zero_ns` (ns since 1970)
+    and `zero_m` become 0.
+    """
+    if table.name in DROPPED_TABLES:
+        return None
+    kept = [_shifted(one, zero_ns, zero_m) for one in table.columns if one.kind != "text"]
+    return replace(table, columns=kept)
+
+
+def _shifted(column: Column, zero_ns: int, zero_m: float) -> Column:
+    bare = column.name
+    if bare.endswith(TIMES_END):
+        values: list[Any] = [None if not value else value - zero_ns for value in column.values]
+        return replace(column, values=values, meaning=f"{column.meaning or 'a moment'}; counted from the departure")
+    if bare in POSITIONS:
+        return replace(column, values=[_minus(value, zero_m) for value in column.values])
+    return column
+
+
+def _minus(value: Any, zero_m: float) -> Any:
+    if isinstance(value, list):
+        return [one - zero_m for one in value]
+    return None if value is None else value - zero_m

@@ -12,11 +12,11 @@ from das.bus import topics
 from das.bus.restrictions import meant
 from das.domain.levels import Level
 from das.domain.units import kmh
+from sim.drive.drive import Drive
 from sim.drive.events.event import EventKind
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.metadata import WHAT_IF
-from sim.review.report.subject import ReviewedDrive
 from sim.runs.what_if.origin import CHANGED, OF
 from sim.world.disturbances import NOTHING
 
@@ -30,9 +30,9 @@ DRIVERS: Final[Mapping[str, str]] = {
 NONE_TOLD: Final = "none (an empty list was told)"
 
 
-def came_about(subject: ReviewedDrive) -> list[str]:
+def came_about(drive: Drive) -> list[str]:
     """Sentences about how the drive came about; none where the recording does not say."""
-    run = subject.recording.metadata.get("run", {})
+    run = drive.recording.metadata.get("run", {})
     told = []
     if run.get("kind") == "run":
         driver, shown = run.get("driver", ""), run.get("advice", "")
@@ -55,9 +55,9 @@ def _presentation(name: str) -> str:
     return presenter_of(Presentation(name)).phrase if name in list(Presentation) else name
 
 
-def restrictions_told(subject: ReviewedDrive) -> str:
+def restrictions_told(drive: Drive) -> str:
     """The temporary restrictions that the node was told, in words; nothing where no list was heard."""
-    lists = subject.recording.of(topics.RESTRICTION)
+    lists = drive.recording.of(topics.RESTRICTION)
     if not lists:
         return ""
     told = dict.fromkeys(one for entry in lists for one in meant(entry.message.restrictions))
@@ -69,17 +69,17 @@ def restrictions_told(subject: ReviewedDrive) -> str:
     return "; ".join(words) or nothing
 
 
-def at_signals(subject: ReviewedDrive) -> list[str]:
+def at_signals(drive: Drive) -> list[str]:
     """What the advice was worth at a signal at danger; nothing where the driver saw none, or no advice."""
-    seen = [one for one in subject.chronicle.events if one.kind is EventKind.SIGNAL]
-    if not seen or not subject.shown.any_shown:
+    seen = [one for one in drive.events if one.kind is EventKind.SIGNAL]
+    if not seen or not drive.shown.any_shown:
         return []
     return ["The advice knows of no signals: while one was at danger, the driver had to go by the signal alone."]
 
 
-def rests_on(subject: ReviewedDrive) -> list[tuple[str, str]]:
+def rests_on(drive: Drive) -> list[tuple[str, str]]:
     """What the figures of the page rest on, by name."""
-    run, account = subject.recording.metadata.get("run", {}), subject.account
+    run, account = drive.recording.metadata.get("run", {}), drive.account
     rows = []
     if run.get("kind") == "run":
         rows.append(("the day", "simulated: train, driver, sensors and what went wrong"))
@@ -115,11 +115,11 @@ LOSSES: Final[Mapping[str, str]] = {
 }
 
 
-def moment_words(subject: ReviewedDrive, time_ns: int) -> tuple[str, str]:
+def moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
     """How fast the train was at a moment, and what the driver was shown then."""
-    trip = subject.chronicle.trip
+    trip = drive.course
     driven = f"{kmh(float(trip.at(np.array([time_ns]), trip.speed_mps)[0])):.0f} km/h"
-    seen = subject.shown.at(time_ns)
+    seen = drive.shown.at(time_ns)
     if seen is None:
         return driven, "nothing"
     if seen.top_only:

@@ -12,11 +12,10 @@ from das.advice.modes import Mode, mode_name
 from das.bus import topics
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.drive import Drive
 from sim.drive.events.bookmarks import bookmarks
-from sim.drive.limits import limit_in_force
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, MODES, Meaning
 from sim.review.light import INK, TEXT_POINTS, legend, light_figure, named, stops
-from sim.review.report.subject import ReviewedDrive
 from sim.review.report.words import told_causes
 
 if TYPE_CHECKING:
@@ -38,34 +37,34 @@ FAINT: Final = 0.45
 """Share of its colour that a departure has beside an arrival."""
 
 
-def drive_figure(subject: ReviewedDrive) -> Figure:
+def drive_figure(drive: Drive) -> Figure:
     """The drive over distance, on one axis: speed, what the display advised to do, lateness, and driven less shown."""
-    with_modes = bool(subject.shown.mode[subject.shown.shown].any())
-    late, apart = _lateness(subject), subject.shown.comparable.any()
+    with_modes = bool(drive.shown.mode[drive.shown.shown].any())
+    late, apart = _lateness(drive), drive.shown.comparable.any()
     heights = [3.2, *([MODES_IN] if with_modes else []), *([1.0] if len(late[0]) else []), *([1.1] if apart else [])]
     figure, axes = light_figure(heights)
-    _speeds(axes[0], subject)
+    _speeds(axes[0], drive)
     rest = iter(axes[1:])
     if with_modes:
-        _modes(next(rest), subject)
+        _modes(next(rest), drive)
     if len(late[0]):
         axis = next(rest)
         axis.step(*late, where="post", color=LIGHT.of[Meaning.OPERATOR], linewidth=1.2)
         axis.axhline(0.0, color=INK, linewidth=0.7)
         named(axis, y="Late (s)")
     if apart:
-        _compliance(next(rest), subject)
+        _compliance(next(rest), drive)
     for axis in axes:
-        stops(axis, _stops(subject), written=axis is axes[0])
+        stops(axis, _stops(drive), written=axis is axes[0])
     named(axes[-1], x="Position (km)")
     return figure
 
 
-def _speeds(axis: Any, subject: ReviewedDrive) -> None:
+def _speeds(axis: Any, drive: Drive) -> None:
     """Limit in force, what was advised, the optimum for the same times, what was driven, and the bookmarks."""
-    trip = subject.chronicle.trip
-    at, limit_mps = limit_in_force(subject.recording, trip)
-    shown = subject.shown
+    trip = drive.course
+    at, limit_mps = trip.time_ns, drive.limit_mps
+    shown = drive.shown
     if len(shown.time_ns):
         given = (shown.shown if shown.any_shown else True) & (shown.speed_mps > 0)
         advised = np.where(given, kmh(shown.speed_mps), np.nan)
@@ -82,14 +81,14 @@ def _speeds(axis: Any, subject: ReviewedDrive) -> None:
             label="limit",
             zorder=2.5,
         )
-    for number, leg in enumerate(subject.account.legs if subject.account else ()):
+    for number, leg in enumerate(drive.account.legs if drive.account else ()):
         run = leg.optimum.trajectory
         label = "optimum for the same times" if number == 0 else None
         axis.plot(run.s_m / KM, kmh(run.v_mps), color=OPTIMUM, linewidth=1.1, linestyle="--", label=label)
     axis.plot(trip.s_m / KM, kmh(trip.speed_mps), color=DRIVEN, linewidth=1.2, label="driven")
     top = kmh(max(float(limit_mps[known].max(initial=0.0)), float(trip.speed_mps.max())))
     axis.set_ylim(0.0, 1.18 * top)
-    marked = bookmarks(subject.chronicle.events)
+    marked = bookmarks(drive.events)
     for number, one in enumerate(marked, start=1):
         axis.text(
             one.s_m / KM, (1.13, 1.07)[number % 2] * top, str(number), ha="center", va="center", fontsize=6.5,
@@ -99,9 +98,9 @@ def _speeds(axis: Any, subject: ReviewedDrive) -> None:
     legend(axis)
 
 
-def _modes(axis: Any, subject: ReviewedDrive) -> None:
+def _modes(axis: Any, drive: Drive) -> None:
     """What the display advised to do, as coloured stretches."""
-    shown, trip = subject.shown, subject.chronicle.trip
+    shown, trip = drive.shown, drive.course
     at_km = trip.at(shown.time_ns, trip.s_m) / KM
     names = [mode_name(Mode(number)) if number in set(Mode) else "" for number in shown.mode.tolist()]
     used: dict[str, str] = {}
@@ -121,16 +120,16 @@ def _modes(axis: Any, subject: ReviewedDrive) -> None:
     )  # fmt: skip
 
 
-def _lateness(subject: ReviewedDrive) -> tuple[Any, Any]:
+def _lateness(drive: Drive) -> tuple[Any, Any]:
     """Places (km) and how late the operator said that the train was (s)."""
-    told, trip = subject.recording.columns(topics.DELAY, "time_ns", "delay_s"), subject.chronicle.trip
+    told, trip = drive.recording.columns(topics.DELAY, "time_ns", "delay_s"), drive.course
     within = (told["time_ns"] >= trip.time_ns[0]) & (told["time_ns"] <= trip.time_ns[-1])
     return trip.at(told["time_ns"][within], trip.s_m) / KM, told["delay_s"][within]
 
 
-def _compliance(axis: Any, subject: ReviewedDrive) -> None:
+def _compliance(axis: Any, drive: Drive) -> None:
     """Driven speed less the speed to keep that was shown, over distance."""
-    shown, trip = subject.shown, subject.chronicle.trip
+    shown, trip = drive.shown, drive.course
     apart = kmh(trip.at(shown.time_ns, trip.speed_mps) - shown.speed_mps)
     apart = np.where(shown.comparable, np.clip(apart, -MOST_APART_KMH, MOST_APART_KMH), np.nan)
     over = OVER_MPS / KMH
@@ -141,10 +140,10 @@ def _compliance(axis: Any, subject: ReviewedDrive) -> None:
     named(axis, y="Driven less\nshown (km/h)")
 
 
-def cause_figure(subject: ReviewedDrive) -> Figure:
+def cause_figure(drive: Drive) -> Figure:
     """The energy above the optimum by cause, as bars."""
-    assert subject.account is not None
-    parts = told_causes(subject.account)[::-1]
+    assert drive.account is not None
+    parts = told_causes(drive.account)[::-1]
     figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
     values = np.array([kwh(energy_j) for _, energy_j in parts])
     axis.barh([cause.label for cause, _ in parts], values, color=LOST, height=0.7)
@@ -157,12 +156,12 @@ def cause_figure(subject: ReviewedDrive) -> Figure:
     return figure
 
 
-def place_figure(subject: ReviewedDrive) -> Figure:
+def place_figure(drive: Drive) -> Figure:
     """The energy above the optimum by place: per 100 m, and summed from the start."""
-    assert subject.account is not None
+    assert drive.account is not None
     figure, (bars, total) = light_figure((1.5, 1.4))
     before_j = 0.0
-    for leg in subject.account.legs:
+    for leg in drive.account.legs:
         places = leg.even
         per_km = kwh(places.lost_more_j) / ((places.end_m - places.start_m) / KM)
         middle = 0.5 * (places.start_m + places.end_m) / KM
@@ -173,21 +172,19 @@ def place_figure(subject: ReviewedDrive) -> Figure:
         before_j = float(upto[-1])
     bars.axhline(0.0, color=INK, linewidth=0.7)
     for axis in (bars, total):
-        stops(axis, _stops(subject), written=axis is bars)
+        stops(axis, _stops(drive), written=axis is bars)
     named(bars, y="Lost above the\noptimum (kWh/km)")
     named(total, x="Position (km)", y="Sum from the\nstart (kWh)")
     return figure
 
 
-def efficiency_figure(subject: ReviewedDrive) -> Figure:
+def efficiency_figure(drive: Drive) -> Figure:
     """Wheel force of the motors over speed, on the efficiency of the train's traction chain."""
-    assert subject.account is not None
-    leg = subject.account.legs[0]
-    section, vehicle = leg.optimum.section, subject.account.inputs.vehicle
+    assert drive.account is not None
+    leg = drive.account.legs[0]
+    section, vehicle = leg.optimum.section, drive.account.inputs.vehicle
     figure, (axis,) = light_figure((3.4,))
-    top_mps = min(
-        vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in subject.account.legs)
-    )
+    top_mps = min(vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in drive.account.legs))
     speeds = np.linspace(0.5, top_mps, GRID_POINTS)
     pulls, brakes = vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)
     shares = np.linspace(0.02, 1.0, GRID_POINTS // 2)
@@ -196,7 +193,7 @@ def efficiency_figure(subject: ReviewedDrive) -> Figure:
         if np.abs(envelope).max() > 0:
             _shade(axis, section, force_n, speed_mps)
         axis.plot(kmh(speeds), envelope / KN, color=INK, linewidth=1.0)
-    for number, one in enumerate(subject.account.legs):
+    for number, one in enumerate(drive.account.legs):
         for run, color, label in (
             (one.optimum.trajectory, OPTIMUM, "optimum for the same times"),
             (one.energies.trajectory, DRIVEN, "driven"),
@@ -233,9 +230,9 @@ def _shade(axis: Any, section: Any, force_n: Any, speed_mps: Any) -> None:
         bar.ax.tick_params(labelsize=8.0)
 
 
-def punctuality_figure(subject: ReviewedDrive) -> Figure:
+def punctuality_figure(drive: Drive) -> Figure:
     """How late the train arrived at and left each stop."""
-    made = [call for call in subject.chronicle.calls if call.reached]
+    made = [call for call in drive.calls if call.reached]
     figure, (axis,) = light_figure((1.6,))
     rows = np.arange(len(made))
     arrived, left = (
@@ -261,5 +258,5 @@ def punctuality_figure(subject: ReviewedDrive) -> Figure:
     return figure
 
 
-def _stops(subject: ReviewedDrive) -> list[tuple[str, float]]:
-    return [(call.name, call.s_m) for call in subject.chronicle.calls if call.reached]
+def _stops(drive: Drive) -> list[tuple[str, float]]:
+    return [(call.name, call.s_m) for call in drive.calls if call.reached]

@@ -7,10 +7,10 @@ from itertools import pairwise
 from typing import Final
 
 from das.domain.units import NS
+from sim.drive.calls import KeptCall
+from sim.drive.drive import Drive
 from sim.drive.events.advice_events import place_text
-from sim.drive.events.calls import RecordedCall
 from sim.drive.events.event import DriveEvent, EventKind
-from sim.review.report.subject import ReviewedDrive
 
 TOLD_S: Final = 3.0
 """A change of the lateness by less than this (s) is not told."""
@@ -18,9 +18,9 @@ HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
 """Events that take time."""
 
 
-def where_time_went(subject: ReviewedDrive) -> list[str]:
+def where_time_went(drive: Drive) -> list[str]:
     """A sentence for each leg and each stop at which the lateness changed; nothing without a timetable."""
-    calls = [call for call in subject.chronicle.calls if call.stand is not None]
+    calls = drive.served
     told = []
     for before, after in pairwise(calls):
         told += _at_stop(before)
@@ -29,14 +29,14 @@ def where_time_went(subject: ReviewedDrive) -> list[str]:
             word = "lost" if change_s > 0 else "made up"
             told.append(
                 f"From {before.name} to {after.name} it {word} {abs(change_s):.0f} s against the timetable"
-                f"{_because(subject, before, after)}."
+                f"{_because(drive, before, after)}."
             )
     if calls and not told and not math.isnan(calls[-1].arrived_late_s):
         told.append(f"Nowhere did it lose or make up more than {TOLD_S:.0f} s against the timetable.")
     return told
 
 
-def _at_stop(call: RecordedCall) -> list[str]:
+def _at_stop(call: KeptCall) -> list[str]:
     change_s = call.departed_late_s - (0.0 if math.isnan(call.arrived_late_s) else max(call.arrived_late_s, 0.0))
     if math.isnan(change_s) or abs(change_s) < TOLD_S:
         return []
@@ -45,12 +45,10 @@ def _at_stop(call: RecordedCall) -> list[str]:
     return [f"At {call.name} it stayed {change_s:.0f} s longer than it had to."]
 
 
-def _because(subject: ReviewedDrive, before: RecordedCall, after: RecordedCall) -> str:
+def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
     """What took time on the way between two stops, in words."""
     on_way = [
-        one
-        for one in subject.chronicle.events
-        if one.kind in HELD_UP and before.departed_ns <= one.time_ns <= after.arrived_ns
+        one for one in drive.events if one.kind in HELD_UP and before.departed_ns <= one.time_ns <= after.arrived_ns
     ]
     words = [_held_up(one) for one in on_way]
     return f"; on the way: {'; '.join(words)}" if words else ""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from das import __version__
+from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.units import kwh
 from sim.drive.attribution.rows import as_dict as energy_dict
@@ -17,25 +18,41 @@ from sim.drive.comparison.aligned import AlignedDrives, place
 from sim.drive.comparison.on_track import on_track
 from sim.drive.comparison.rows import as_dict as comparison_dict
 from sim.drive.comparison.rows import sentences
-from sim.recording.check import RATE_COLUMNS
+from sim.drive.drive import Drive
+from sim.drive.events.chronicle import as_rows
+from sim.recording.check import RATE_COLUMNS, Checked, check_contents
+from sim.recording.opening import open_contents
 from sim.review.colors import LIGHT
 from sim.review.light import as_image, comparison_figure
 from sim.review.report import figures, words
 from sim.review.report.circumstances import rests_on
 from sim.review.report.lateness import where_time_went
-from sim.review.report.subject import ReviewedDrive
 
 TEMPLATE: Final = "page.html.j2"
+
+
+class ReviewedDrive(NamedTuple):
+    """A drive with all its figures, and what `das-sim check` finds in its recording."""
+
+    drive: Drive
+    checked: Checked
+
+
+def subject_of(path: Path) -> ReviewedDrive:
+    """Read a recording; DasError for one that cannot be used."""
+    contents = open_contents(path)
+    drive = Drive(source=recording_of(contents))
+    return ReviewedDrive(drive, check_contents(contents, drive.recording))
 
 
 def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, str]:
     """Several drives aligned on track position, or None and why they cannot be; None for a single one."""
     if len(subjects) < 2:
         return None, ""
-    stems = [subject.name for subject in subjects]
+    stems = [subject.drive.name for subject in subjects]
     labels = [f"{stem} ({i})" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
     try:
-        drives = [on_track(subject.recording, label) for subject, label in zip(subjects, labels, strict=True)]
+        drives = [on_track(subject.drive, label) for subject, label in zip(subjects, labels, strict=True)]
         return AlignedDrives.of(drives), ""
     except DasError as error:
         return None, str(error)
@@ -46,7 +63,7 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    names = "; ".join(words.title(subject) for subject in subjects)
+    names = "; ".join(words.title(subject.drive) for subject in subjects)
     return environment.get_template(TEMPLATE).render(
         title=f"Report: {names}",
         version=__version__,
@@ -59,41 +76,41 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
 
 
 def _drive(subject: ReviewedDrive) -> dict[str, Any]:
-    account = subject.account
+    drive, account = subject.drive, subject.drive.account
     worst = [] if account is None else worst_places(account)
     return {
-        "name": subject.name,
-        "paragraph": words.paragraph(subject),
-        "lateness": " ".join(where_time_went(subject)),
-        "rests_on": rests_on(subject),
-        "figures": words.figures(subject),
-        "stops": words.stop_rows(subject),
+        "name": drive.name,
+        "paragraph": words.paragraph(drive),
+        "lateness": " ".join(where_time_went(drive)),
+        "rests_on": rests_on(drive),
+        "figures": words.figures(drive),
+        "stops": words.stop_rows(drive),
         "causes": [] if account is None else words.cause_rows(account),
         "times": [] if account is None else words.time_rows(account),
         "legs": [] if account is None else words.leg_rows(account),
         "worst": [
             (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
         ],
-        "why_not": subject.why_not,
-        "events": words.event_rows(subject),
-        "left_out": words.left_out(subject),
-        "advice": words.advice_rows(subject),
-        "bookmarks": words.bookmark_rows(subject),
+        "why_not": drive.why_no_account,
+        "events": words.event_rows(drive),
+        "left_out": words.left_out(drive),
+        "advice": words.advice_rows(drive),
+        "bookmarks": words.bookmark_rows(drive),
         "health": subject.checked,
-        "inputs": words.input_rows(subject),
-        "images": _images(subject),
+        "inputs": words.input_rows(drive),
+        "images": _images(drive),
     }
 
 
-def _images(subject: ReviewedDrive) -> dict[str, str]:
+def _images(drive: Drive) -> dict[str, str]:
     """The pictures that there is something for, by name; the others are empty."""
-    made = {"speed": figures.drive_figure(subject)}
-    if subject.chronicle.calls:
-        made["punctuality"] = figures.punctuality_figure(subject)
-    if subject.account is not None:
-        made["causes"] = figures.cause_figure(subject)
-        made["places"] = figures.place_figure(subject)
-        made["efficiency"] = figures.efficiency_figure(subject)
+    made = {"speed": figures.drive_figure(drive)}
+    if drive.calls:
+        made["punctuality"] = figures.punctuality_figure(drive)
+    if drive.account is not None:
+        made["causes"] = figures.cause_figure(drive)
+        made["places"] = figures.place_figure(drive)
+        made["efficiency"] = figures.efficiency_figure(drive)
     names = ("speed", "punctuality", "causes", "places", "efficiency")
     found = {name: made.get(name) for name in names}
     return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}
@@ -134,20 +151,20 @@ def as_dict(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, no
 
 
 def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
-    chronicle = subject.chronicle
+    drive = subject.drive
     return {
-        "recording": str(subject.recording.path),
-        "complete": subject.recording.complete,
-        "in_words": words.paragraph(subject),
-        "zero_ns": chronicle.clock.zero_ns,
-        "within_shown_speed_ratio": words.compliance(subject),
-        "stops": words.stop_rows(subject),
+        "recording": str(drive.recording.path),
+        "complete": drive.recording.complete,
+        "in_words": words.paragraph(drive),
+        "zero_ns": drive.clock.zero_ns,
+        "within_shown_speed_ratio": words.compliance(drive),
+        "stops": words.stop_rows(drive),
         "likely_above_optimum_kwh": None
-        if subject.likely is None
-        else [kwh(subject.likely.low_j), kwh(subject.likely.high_j)],
-        "energy": None if subject.account is None else energy_dict(subject.account),
-        "no_energy_because": subject.why_not or None,
-        "events": chronicle.as_rows(chronicle.events),
+        if drive.likely is None
+        else [kwh(drive.likely.low_j), kwh(drive.likely.high_j)],
+        "energy": None if drive.account is None else energy_dict(drive.account),
+        "no_energy_because": drive.why_no_account or None,
+        "events": as_rows(drive.events, drive.clock),
         "health": subject.checked.as_dict(),
-        "inputs": dict(words.input_rows(subject)),
+        "inputs": dict(words.input_rows(drive)),
     }

@@ -11,17 +11,16 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
-from sim.drive.attribution.account import Account
+from sim.drive.attribution.account import OTHER_TRAIN, Account
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.judging import OVER_MPS
 from sim.drive.attribution.rows import seconds_by_cause, worst_places
+from sim.drive.drive import Drive
 from sim.drive.events.advice_events import place_text
 from sim.drive.events.bookmarks import bookmarks
 from sim.drive.events.event import DriveEvent, EventKind, Filter
-from sim.drive.recorded_saving import saving_rows
 from sim.recording.clock import minutes, spell
 from sim.review.report.circumstances import at_signals, came_about, moment_words, restrictions_told
-from sim.review.report.subject import ReviewedDrive
 from sim.review.summary import readable
 
 LASTS_S: Final = 3.0
@@ -45,41 +44,38 @@ LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the reco
 Row = dict[str, Any]
 
 
-def title(subject: ReviewedDrive) -> str:
+def title(drive: Drive) -> str:
     """Train, way, day and file, for the head of the page."""
-    clock, calls = subject.chronicle.clock, [call for call in subject.chronicle.calls if call.reached]
+    clock, calls = drive.clock, [call for call in drive.calls if call.reached]
     day = f"{datetime.fromtimestamp(clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
     way = f"{calls[0].name} – {calls[-1].name}, " if len(calls) > 1 else ""
-    return f"{subject.recording.train}, {way}{day} ({subject.name})"
+    return f"{drive.recording.train}, {way}{day} ({drive.name})"
 
 
-def paragraph(subject: ReviewedDrive) -> str:
+def paragraph(drive: Drive) -> str:
     """The figures of a drive in a few sentences."""
-    cut = (
-        [] if subject.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
-    )
-    return " ".join([*cut, *_ran(subject), *came_about(subject), *_took(subject), *_kept(subject)])
+    cut = [] if drive.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
+    return " ".join([*cut, *_ran(drive), *came_about(drive), *_took(drive), *_kept(drive)])
 
 
-def _ran(subject: ReviewedDrive) -> list[str]:
+def _ran(drive: Drive) -> list[str]:
     """When the train ran from where to where, and how late it was."""
-    chronicle, trip = subject.chronicle, subject.chronicle.trip
-    clock, served = chronicle.clock, [call for call in chronicle.calls if call.stand is not None]
+    trip, clock, served = drive.course, drive.clock, drive.served
     day = f"{datetime.fromtimestamp(clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
     km = (float(trip.s_m[-1]) - float(trip.s_m[0])) / KM
     if len(served) < 2 or not served[0].departed_ns or not served[-1].arrived_ns:
         lasted = spell(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
-        return [f"The recording of {subject.recording.train} on {day} covers {km:.1f} km in {lasted}."]
+        return [f"The recording of {drive.recording.train} on {day} covers {km:.1f} km in {lasted}."]
     first, last = served[0], served[-1]
     km = (last.s_m - first.s_m) / KM
     # Of the times as they are shown, to the second, so that they add up.
     ran = spell(round(last.arrived_ns * NS) - round(first.departed_ns * NS))
     told = [
-        f"On {day}, {subject.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
+        f"On {day}, {drive.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
         f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
         f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
     ]
-    missed = [call.name for call in chronicle.calls if call.stand is None and call.reached]
+    missed = [call.name for call in drive.calls if not call.served and call.reached]
     return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else [])]
 
 
@@ -89,28 +85,28 @@ def _late(late_s: float) -> str:
     return " (on time)" if abs(late_s) < 0.5 else f" ({abs(late_s):.0f} s {'late' if late_s > 0 else 'early'})"
 
 
-def _took(subject: ReviewedDrive) -> list[str]:
+def _took(drive: Drive) -> list[str]:
     """How much energy the drive took, how much more than the best, and why."""
-    account = subject.account
+    account = drive.account
     if account is None:
-        return [f"Where its energy went cannot be said: {subject.why_not}."]
-    driven, more = kwh(account.driven_j), kwh(account.difference_j)
-    word = "more" if more >= 0 else "less"
+        return [f"Where its energy went cannot be said: {drive.why_no_account}."]
+    driven, more, best = kwh(account.driven_j), kwh(account.difference_j), kwh(account.optimum_j)
+    ratio = account.above.ratio
+    word = "above" if more >= 0 else "below"
     how = "It drew" if account.measured else "By its positions it drew about"
-    best = kwh(account.optimum_j)
-    share = f" ({more / best:+.0%})" if best > 0 else ""
+    share = "" if ratio is None else f" ({abs(ratio):.1%})"
     told = [
-        f"{how} {driven:.1f} kWh at the current collector, {abs(more):.1f} kWh {word}{share} "
-        f"than the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
+        f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
+        f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
         "signal and no temporary restriction."
     ]
-    if subject.likely is not None:
-        low, high = kwh(subject.likely.low_j), kwh(subject.likely.high_j)
+    if drive.likely is not None:
+        low, high = kwh(drive.likely.low_j), kwh(drive.likely.high_j)
         told.append(
             f"Mass, resistance and wind are not known; by these alone it is likely {low:.1f} to {high:.1f} kWh."
         )
-        if not math.isnan(subject.likely.by_friction_j):
-            told.append(f"If the train braked by friction alone, it is {kwh(subject.likely.by_friction_j):.0f} kWh.")
+        if not math.isnan(drive.likely.by_friction_j):
+            told.append(f"If the train braked by friction alone, it is {kwh(drive.likely.by_friction_j):.0f} kWh.")
     named = told_causes(account)[:MAIN_CAUSES]
     words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
     if words:
@@ -122,16 +118,16 @@ def _took(subject: ReviewedDrive) -> list[str]:
     return told
 
 
-def _kept(subject: ReviewedDrive) -> list[str]:
+def _kept(drive: Drive) -> list[str]:
     """How limits and advice were kept."""
-    events = subject.chronicle.events
+    events = drive.events
     told = _fast(events, EventKind.OVERSPEED, "above the limit")
-    told = told or (["It kept every limit."] if subject.limit_known else [LIMIT_UNKNOWN])
+    told = told or (["It kept every limit."] if drive.limit_known else [LIMIT_UNKNOWN])
     told += _fast(events, EventKind.BEYOND_TRAIN, "faster than the vehicle file says the train can go")
     told += [RIGHT_TRAIN] if any(one.kind is EventKind.BEYOND_TRAIN for one in events) else []
-    followed = compliance(subject)
+    followed = compliance(drive)
     if followed is not None:
-        lasted = spell(shown_s(subject))
+        lasted = spell(shown_s(drive))
         told.append(
             f"While a speed to keep was shown (for {lasted}), it drove within {kmh(OVER_MPS):.0f} km/h of it "
             f"{followed:.0%} of the time."
@@ -140,9 +136,9 @@ def _kept(subject: ReviewedDrive) -> list[str]:
     if gone:
         lasted = sum(one.facts["lasted_s"] for one in gone)
         told.append(f"Advice was withdrawn {_times(len(gone))}, for {lasted:.0f} s in all.")
-    elif subject.recording.of(topics.ADVICE):
+    elif drive.recording.of(topics.ADVICE):
         told.append("Advice was never withdrawn.")
-    told += at_signals(subject)
+    told += at_signals(drive)
     return told
 
 
@@ -159,9 +155,9 @@ def _times(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def compliance(subject: ReviewedDrive) -> float | None:
+def compliance(drive: Drive) -> float | None:
     """Share of the time with a shown speed to keep in which the train was within 2 km/h of it, or below a top speed."""
-    shown, trip = subject.shown, subject.chronicle.trip
+    shown, trip = drive.shown, drive.course
     speed_mps = trip.at(shown.time_ns, trip.speed_mps)
     given = shown.comparable & (speed_mps > 1.0)
     if not given.any():
@@ -171,9 +167,9 @@ def compliance(subject: ReviewedDrive) -> float | None:
     return float((np.abs(apart_mps) <= OVER_MPS).mean())
 
 
-def shown_s(subject: ReviewedDrive) -> float:
+def shown_s(drive: Drive) -> float:
     """For how long (s) a speed to keep was shown while the train moved."""
-    shown, trip = subject.shown, subject.chronicle.trip
+    shown, trip = drive.shown, drive.course
     if len(shown.time_ns) < 2:
         return 0.0
     given = shown.comparable & (trip.at(shown.time_ns, trip.speed_mps) > 1.0)
@@ -181,20 +177,20 @@ def shown_s(subject: ReviewedDrive) -> float:
     return float(lasts_s[given].sum())
 
 
-def figures(subject: ReviewedDrive) -> list[tuple[str, str]]:
+def figures(drive: Drive) -> list[tuple[str, str]]:
     """The figures of a drive, by name."""
-    account, events = subject.account, subject.chronicle.events
+    account, events = drive.account, drive.events
     rows: list[tuple[str, str]] = []
     if account is not None:
         rows += _energy_rows(account)
-    for one in () if subject.likely is None else subject.likely.unknowns:
+    for one in () if drive.likely is None else drive.likely.unknowns:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
-    told = restrictions_told(subject)
+    told = restrictions_told(drive)
     rows += [("temporary restrictions told", told)] if told else []
-    followed = compliance(subject)
+    followed = compliance(drive)
     if followed is not None:
-        share = f"{followed:.0%} of {spell(shown_s(subject))}"
+        share = f"{followed:.0%} of {spell(shown_s(drive))}"
         rows.append((f"within {kmh(OVER_MPS):.0f} km/h of a speed shown to keep", share))
     answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
@@ -213,17 +209,19 @@ def _energy_rows(account: Account) -> list[tuple[str, str]]:
         rows.append(("optimum for the timetable", f"{kwh(account.timetable_j):.1f} kWh"))
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
             rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
+        if account.other_train_j:
+            rows.append((OTHER_TRAIN, f"{kwh(account.other_train_j):+.1f} kWh"))
     return [
         *rows,
         ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
-        ("above that optimum", f"{kwh(account.difference_j):+.1f} kWh"),
+        ("above that optimum", account.above.words),
         ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
     ]
 
 
-def stop_rows(subject: ReviewedDrive) -> list[Row]:
+def stop_rows(drive: Drive) -> list[Row]:
     """How every stop was kept."""
-    clock = subject.chronicle.clock
+    clock = drive.clock
 
     def at(time_ns: int) -> str:
         return clock.of_day(time_ns) if time_ns else ""
@@ -239,11 +237,11 @@ def stop_rows(subject: ReviewedDrive) -> list[Row]:
             "arrived": at(call.arrived_ns) if index else "",
             "arrived_late": late(call.arrived_late_s),
             "leaves": at(call.due_departure_ns),
-            "departed": at(call.departed_ns) if index < len(subject.chronicle.calls) - 1 else "",
+            "departed": at(call.departed_ns) if index < len(drive.calls) - 1 else "",
             "departed_late": late(call.departed_late_s),
-            "remark": "" if call.stand else ("passed without stopping" if call.reached else "not reached"),
+            "remark": "" if call.served else ("passed without stopping" if call.reached else "not reached"),
         }
-        for index, call in enumerate(subject.chronicle.calls)
+        for index, call in enumerate(drive.calls)
     ]
 
 
@@ -296,16 +294,16 @@ def leg_rows(account: Account) -> list[Row]:
     ]
 
 
-def event_rows(subject: ReviewedDrive) -> list[Row]:
+def event_rows(drive: Drive) -> list[Row]:
     """What happened: everything but the single changes of the advice, and answers that were as they should be."""
-    told = Filter(kinds=TOLD).choose(subject.chronicle.events)
+    told = Filter(kinds=TOLD).choose(drive.events)
     unanswered = [
         one
-        for one in subject.chronicle.events
+        for one in drive.events
         if one.kind is EventKind.DRIVER and not one.facts.get("followed")  # refused, or attention was away
     ]
-    clock = subject.chronicle.clock
-    found = sorted([*told, *unanswered, *_advice_at_marks(subject)], key=lambda one: one.time_ns)
+    clock = drive.clock
+    found = sorted([*told, *unanswered, *_advice_at_marks(drive)], key=lambda one: one.time_ns)
     return [
         {
             "time": clock.shown(one.time_ns),
@@ -319,21 +317,21 @@ def event_rows(subject: ReviewedDrive) -> list[Row]:
     ]
 
 
-def _advice_at_marks(subject: ReviewedDrive) -> list[DriveEvent]:
+def _advice_at_marks(drive: Drive) -> list[DriveEvent]:
     """The changes of the advice around the bookmarks that are about the train or the line."""
-    marks = [one for one in subject.chronicle.events if one.mark and one.kind is not EventKind.DRIVER]
+    marks = [one for one in drive.events if one.mark and one.kind is not EventKind.DRIVER]
     before_ns, after_ns = round(BEFORE_S / NS), round(AFTER_S / NS)
     return [
         one
-        for one in subject.chronicle.events
+        for one in drive.events
         if one.kind is EventKind.ADVICE
         and any(mark.time_ns - before_ns <= one.time_ns <= mark.last_ns + after_ns for mark in marks)
     ]
 
 
-def advice_rows(subject: ReviewedDrive) -> list[Row]:
+def advice_rows(drive: Drive) -> list[Row]:
     """Every change of the advice and every new plan, with its reason."""
-    clock = subject.chronicle.clock
+    clock = drive.clock
     return [
         {
             "time": clock.shown(one.time_ns),
@@ -341,22 +339,20 @@ def advice_rows(subject: ReviewedDrive) -> list[Row]:
             "place": place_text(one.s_m),
             "text": one.text,
         }
-        for one in Filter(kinds=(EventKind.ADVICE, EventKind.REPLAN)).choose(subject.chronicle.events)
+        for one in Filter(kinds=(EventKind.ADVICE, EventKind.REPLAN)).choose(drive.events)
     ]
 
 
-def left_out(subject: ReviewedDrive) -> str:
+def left_out(drive: Drive) -> str:
     """How many events the page does not list, in words."""
-    counts = {
-        kind: sum(one.kind is kind for one in subject.chronicle.events) for kind in (EventKind.ADVICE, EventKind.REPLAN)
-    }
-    counts[EventKind.ADVICE] -= len(_advice_at_marks(subject))
+    counts = {kind: sum(one.kind is kind for one in drive.events) for kind in (EventKind.ADVICE, EventKind.REPLAN)}
+    counts[EventKind.ADVICE] -= len(_advice_at_marks(drive))
     return f"{counts[EventKind.ADVICE]} changes of the advice elsewhere and {counts[EventKind.REPLAN]} new plans"
 
 
-def bookmark_rows(subject: ReviewedDrive) -> list[Row]:
+def bookmark_rows(drive: Drive) -> list[Row]:
     """What a reviewer wants to see first, with the notes of people."""
-    clock = subject.chronicle.clock
+    clock = drive.clock
     return [
         {
             "time": clock.shown(one.time_ns),
@@ -367,21 +363,22 @@ def bookmark_rows(subject: ReviewedDrive) -> list[Row]:
             "driven": driven,
             "shown": shown,
         }
-        for one in bookmarks(subject.chronicle.events)
-        for driven, shown in [moment_words(subject, one.time_ns)]
+        for one in bookmarks(drive.events)
+        for driven, shown in [moment_words(drive, one.time_ns)]
     ]
 
 
-def input_rows(subject: ReviewedDrive) -> list[tuple[str, str]]:
+def input_rows(drive: Drive) -> list[tuple[str, str]]:
     """What the drive was made from: metadata, hashes and files."""
     rows = [
         readable(key, value)
-        for entries in subject.recording.metadata.values()
+        for entries in drive.recording.metadata.values()
         for key, value in entries.items()
         if key != "drawn"
     ]
-    if subject.account is not None:
-        rows.append(("line and train of this page", subject.account.inputs.source))
-        rows.append(("energies", "measured" if subject.account.measured else "estimated from positions"))
-    rows += [(f"energy account of the recording: {name}", text) for name, text in saving_rows(subject.recording)]
-    return [*rows, ("attached files", ", ".join(subject.recording.attachments) or "none")]
+    if drive.account is not None:
+        rows.append(("line and train of this page", drive.account.inputs.source))
+        rows.append(("energies", "measured" if drive.account.measured else "estimated from positions"))
+    said = [] if drive.said is None else drive.said.rows()
+    rows += [(f"said by the recording: {name}", text) for name, text in said]
+    return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,25 @@ from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.solver.section import Section
+from das.solver.solution import Solution
 from das.solver.solve import solve_front
+from sim.drive.above_optimum import (
+    AboveOptimum,
+    EnergyBand,
+    SectionEnergy,
+    likely_band,
+    range_above,
+    why_not_comparable,
+)
 from sim.options import speed_factor
 from sim.recording.inputs import input_files, sha256
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayJob, plan_timing
-from sim.trips.estimate import estimate_run
+from sim.trips.estimate import EnergyRange, energy_range, estimate_run
 from sim.trips.opening import open_trip, trip_section
 from sim.trips.options import TripOptions
+from sim.trips.profile import to_profile
+from sim.trips.sections import DrivenSection, driven_sections
 from sim.trips.trip import Trip
 from sim.world.processes.crew import Crew
 
@@ -65,6 +77,50 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         speed=speed_factor(options.speed),
         files_kept=folder,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TripEnergies:
+    """The energy of a replayed trip beside that of the optimum with the same arrivals, section by section.
+
+    `energy` is the range of the energy as driven, `above_range` that of the energy above the optimum by each unknown,
+    None where trip and optimum cannot be compared.
+    """
+
+    sections: tuple[DrivenSection, ...]
+    optima: tuple[Solution, ...]
+    above: AboveOptimum
+    energy: EnergyRange
+    above_range: EnergyRange | None
+
+
+def trip_energies(job: ReplayJob) -> TripEnergies:
+    """The energies of the trip of a replay."""
+    trip = job.trip
+    sections = driven_sections(trip, job.front)
+    optima = tuple(one.front.trajectory(one.trip_s) for one in sections)
+    driven_j = (job.driven.ledger.input,) if len(sections) == 1 else tuple(map(_driven_j, sections))
+    each = tuple(
+        SectionEnergy.of(one.start, one.end, one.trip_s, energy_j, best)
+        for one, energy_j, best in zip(sections, driven_j, optima, strict=True)
+    )
+    why_not = why_not_comparable(each, whole=trip.whole, direction_known=trip.direction_known)
+    found = None if why_not else range_above(sections)
+    above = AboveOptimum(
+        sections=each,
+        measured=False,
+        why_not=why_not,
+        likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
+        worst=None if found is None else EnergyBand(found.low_j, found.high_j),
+    )
+    energy = energy_range(job.front.section, trip.matched)
+    return TripEnergies(sections=sections, optima=optima, above=above, energy=energy, above_range=found)
+
+
+def _driven_j(driven: DrivenSection) -> float:
+    """Energy of a section as driven (J)."""
+    run = to_profile(driven.matched)
+    return estimate_run(driven.front.section, run.time_s, run.s_m, run.speed_mps).ledger.input
 
 
 def _check(options: ReplayOptions) -> None:

@@ -11,26 +11,26 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.units import NS, kwh
 from das.solver.solution import Fit
+from sim.drive.above_optimum import NOT_COMPARABLE
+from sim.runs.replay.job import TripEnergies
 from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome
-from sim.runs.replay.saving import TripSaving
 from sim.trips.estimate import EnergyRange
 from sim.trips.findings import FindingKind
 from sim.trips.report import direction_by_posts, line_not_used, unknowns
-from sim.trips.saving import NOT_COMPARABLE
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
-"""A saving below this share of the energy is within the error of inverse dynamics: for a driver who drove the optimum
-it finds 0.5 %."""
+"""Less than this share of the energy above the optimum is within the error of inverse dynamics: for a driver who drove
+the optimum it finds 0.5 %."""
 
 
-def result(job: ReplayJob, outcome: ReplayOutcome, saving: TripSaving) -> dict[str, Any]:
+def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> dict[str, Any]:
     """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
 
     `energy_optimum_kwh` is the least energy for the same arrival as driven (of the fastest run, where the train cannot
-    arrive so early; nothing is said to be saved then). `saved_*` are None where trip and optimum cannot be compared; no
-    saving can be claimed unless `saving_certain`. `timetable_*` are for the arrival the timetable wants.
+    arrive so early). `above_optimum_*` are None where trip and optimum cannot be compared; that the trip took more than
+    the optimum is certain only with `above_optimum_certain`. `timetable_*` are for the arrival the timetable wants.
     """
     trip, traffic = job.trip, outcome.traffic
     return {
@@ -47,7 +47,7 @@ def result(job: ReplayJob, outcome: ReplayOutcome, saving: TripSaving) -> dict[s
         "advices_given": traffic.advices_given,
         "advices_withdrawn": traffic.advices_withdrawn,
         "advices_above_limit": traffic.above_limit,
-        **_energies(job, saving),
+        **_energies(job, energies),
         **_timetable(job),
         **_messages(outcome),
         **_matching(trip),
@@ -55,48 +55,47 @@ def result(job: ReplayJob, outcome: ReplayOutcome, saving: TripSaving) -> dict[s
     }
 
 
-def _energies(job: ReplayJob, saving: TripSaving) -> dict[str, Any]:
-    """Energy as driven, that of the optimum with the same arrivals, and what the advice would have saved."""
-    driven_kwh, optimum_kwh = kwh(saving.whole_j), kwh(saving.optimum_j)
-    spread, saved, likely = saving.spread, saving.saved, saving.likely
-    saved_kwh = None if saved is None else driven_kwh - optimum_kwh
+def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
+    """Energy as driven, that of the optimum with the same arrivals, and what is above it."""
+    energy, above, spread = found.energy, found.above, found.above_range
+    likely, above_j = above.likely, above.above_j
     return {
-        "min_time_s": sum(one.least_time_s for one in saving.optima),
-        "energy_driven_kwh": driven_kwh,
-        "energy_driven_low_kwh": kwh(spread.low_j),
-        "energy_driven_high_kwh": kwh(spread.high_j),
-        "energy_driven_unknowns": unknowns(spread),
-        "energy_optimum_kwh": optimum_kwh,
-        "optimum_time_s": sum(one.time_s for one in saving.optima),
-        "driving_time_s": sum(one.trip_s for one in saving.sections),
-        "optimum_fit": str(Fit.LATE if saving.late else saving.optima[0].fit),
-        "saved_kwh": saved_kwh,
-        "saved_ratio": saved_kwh / driven_kwh if saved_kwh is not None and driven_kwh > 0 else None,
-        "saved_likely_low_kwh": None if likely is None else kwh(likely.low_j),
-        "saved_likely_high_kwh": None if likely is None else kwh(likely.high_j),
-        "saved_low_kwh": None if saved is None else kwh(saved.low_j),
-        "saved_high_kwh": None if saved is None else kwh(saved.high_j),
-        "not_comparable": saving.why_not or None,
-        "saving_certain": saved is not None and saving_certain(saved, saving.whole_j),
-        "saved_unknowns": [] if saved is None else unknowns(saved),
-        "saved_cases_left_out": 0 if saved is None else saved.left_out,
-        "sections": _sections(saving),
+        "min_time_s": sum(one.least_time_s for one in found.optima),
+        "energy_driven_kwh": kwh(above.driven_j),
+        "energy_driven_low_kwh": kwh(energy.low_j),
+        "energy_driven_high_kwh": kwh(energy.high_j),
+        "energy_driven_unknowns": unknowns(energy),
+        "energy_optimum_kwh": kwh(above.optimum_j),
+        "optimum_time_s": sum(one.time_s for one in found.optima),
+        "driving_time_s": sum(one.trip_s for one in found.sections),
+        "optimum_fit": str(Fit.LATE if above.too_fast else found.optima[0].fit),
+        "above_optimum_kwh": None if above_j is None else kwh(above_j),
+        "above_optimum_ratio": above.ratio,
+        "above_optimum_likely_low_kwh": None if likely is None else kwh(likely.low_j),
+        "above_optimum_likely_high_kwh": None if likely is None else kwh(likely.high_j),
+        "above_optimum_low_kwh": None if spread is None else kwh(spread.low_j),
+        "above_optimum_high_kwh": None if spread is None else kwh(spread.high_j),
+        "not_comparable": above.why_not or None,
+        "above_optimum_certain": spread is not None and certainly_above(spread, above.driven_j),
+        "above_optimum_unknowns": [] if spread is None else unknowns(spread),
+        "above_optimum_cases_left_out": 0 if spread is None else spread.left_out,
+        "sections": _sections(found),
         "beyond_vehicle_ratio": job.driven.beyond_ratio,
     }
 
 
-def _sections(saving: TripSaving) -> list[dict[str, Any]]:
+def _sections(found: TripEnergies) -> list[dict[str, Any]]:
     """Every section of the trip with its energies."""
     return [
         {
             "from": one.start,
             "to": one.end,
             "trip_s": one.trip_s,
-            "driven_kwh": kwh(driven_j),
-            "optimum_kwh": kwh(best.ledger.input),
+            "driven_kwh": kwh(one.driven_j),
+            "optimum_kwh": kwh(one.optimum_j),
             "optimum_fit": str(best.fit),
         }
-        for one, best, driven_j in zip(saving.sections, saving.optima, saving.driven_j, strict=True)
+        for one, best in zip(found.above.sections, found.optima, strict=True)
     ]
 
 
@@ -145,9 +144,9 @@ def _matching(trip: Trip) -> dict[str, Any]:
     }
 
 
-def saving_certain(saved: EnergyRange, driven_j: float) -> bool:
-    """Whether the advice would have saved something whatever the unknowns are."""
-    return saved.low_j > LEAST_CERTAIN_RATIO * driven_j
+def certainly_above(above: EnergyRange, driven_j: float) -> bool:
+    """Whether the trip took more than the optimum whatever the unknowns are."""
+    return above.low_j > LEAST_CERTAIN_RATIO * driven_j
 
 
 def print_result(found: dict[str, Any]) -> None:
@@ -177,7 +176,7 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
             f"{found['energy_optimum_kwh']:.1f} kWh",
         ),
-        *saving_rows(found),
+        *above_rows(found),
         *section_rows(found),
         ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
         ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
@@ -194,18 +193,20 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def saving_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """The rows about the saving: it is a figure only if something is saved whatever the unknowns are."""
-    what = "advice would have saved"
-    if found["saved_kwh"] is None:
-        return [(what, NOT_COMPARABLE if found["direction_known"] else "not stated")]
-    ratio = "" if found["saved_ratio"] is None else f" ({100 * found['saved_ratio']:.0f} %)"
-    certain = f"{found['saved_kwh']:.1f} kWh{ratio}" if found["saving_certain"] else "perhaps nothing"
-    return [
-        (what, certain),
-        ("  likely", f"{found['saved_likely_low_kwh']:z.0f} to {found['saved_likely_high_kwh']:z.0f} kWh"),
-        ("  all unknowns at their worst", f"{found['saved_low_kwh']:z.0f} to {found['saved_high_kwh']:z.0f} kWh"),
-    ]
+def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """The rows about the energy above the optimum: a figure only if it is above 0 whatever the unknowns are."""
+    what = "above the optimum"
+    if found["above_optimum_kwh"] is None:
+        return [(what, NOT_COMPARABLE)]
+    ratio = found["above_optimum_ratio"]
+    share = "" if ratio is None else f" ({100 * ratio:.1f} %)"
+    certain = f"{found['above_optimum_kwh']:+.1f} kWh{share}" if found["above_optimum_certain"] else "perhaps nothing"
+
+    def ends(which: str) -> str:
+        low, high = (found[f"above_optimum_{which}{end}_kwh"] for end in ("low", "high"))
+        return f"{low:z.0f} to {high:z.0f} kWh"
+
+    return [(what, certain), ("  likely", ends("likely_")), ("  every unknown at its worst", ends(""))]
 
 
 def notes(found: dict[str, Any]) -> list[str]:
@@ -216,14 +217,14 @@ def notes(found: dict[str, Any]) -> list[str]:
 def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     notes = []
     if found["optimum_fit"] == Fit.LATE:
-        notes.append(found["not_comparable"])
+        notes.append(f"{NOT_COMPARABLE}: {found['not_comparable']}")
     if found["timetable_fit"] == Fit.LATE:
         late = found["timetable_late_s"]
         notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")
     if not found["whole_section"]:
         better = f" (try {found['better_stops']})" if found["better_stops"] else ""
         notes.append(
-            f"the trip does not run from standstill to standstill at the stops{better}: no saving can be stated"
+            f"the trip does not run from standstill to standstill at the stops{better}: it is {NOT_COMPARABLE}"
         )
     if found["stops_on_the_way"]:
         names = ", ".join(found["stops_on_the_way"])
@@ -231,12 +232,12 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["beyond_vehicle_ratio"]
         notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
-    if found["saved_kwh"] is not None and not found["saving_certain"]:
-        notes.append("at worst nothing was saved, or all but: no saving is claimed")
+    if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:
+        notes.append("with the unknowns at their worst it took no more than the optimum, or hardly more")
     if found["direction_note"]:
-        notes.append(f"{found['direction_note']}: no saving is stated before that is known")
-    if found["saved_cases_left_out"]:
-        notes.append("a train heavier or more resisted could not have driven so: the saving's range is without it")
+        notes.append(f"{found['direction_note']}: before that is known it is {NOT_COMPARABLE}")
+    if found["above_optimum_cases_left_out"]:
+        notes.append("a train heavier or more resisted could not have driven so: the range is without it")
     if found["advices_above_limit"]:
         notes.append(f"{found['advices_above_limit']} advices were above the limit: please report this")
     return notes

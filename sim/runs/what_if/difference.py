@@ -17,6 +17,7 @@ from das.domain.units import kmh, kwh
 from sim.drive.comparison.aligned import SAME_ADVICE_MPS, Advised, AlignedDrives, place, told_apart
 from sim.drive.comparison.on_track import on_track
 from sim.drive.comparison.rows import as_dict
+from sim.drive.drive import Drive
 from sim.recording.clock import minutes
 from sim.recording.metadata import WhatIfKind
 from sim.recording.opening import open_contents
@@ -129,7 +130,7 @@ def changed(kind: WhatIfKind, old: Path, new: Path, train: str) -> Changed:
     before, after = (recording_of(open_contents(path), train) for path in (old, new))
     try:
         labels = zip((before, after), NAMES, strict=True)
-        aligned, why_not = AlignedDrives.of([on_track(one, label) for one, label in labels]), ""
+        aligned, why_not = AlignedDrives.of([on_track(Drive(source=one), label) for one, label in labels]), ""
     except DasError as error:
         aligned, why_not = None, str(error)
     return Changed(kind=kind, aligned=aligned, why_not=why_not, advice=_advice(before, after))

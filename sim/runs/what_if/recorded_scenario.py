@@ -16,7 +16,7 @@ from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.node.options import NodeOptions
-from sim.drive.events.calls import RecordedCall, calls
+from sim.drive.calls import KeptCall, calls_of
 from sim.drive.limits import told_lists
 from sim.recording.attached import put
 from sim.recording.course import DrivenCourse
@@ -126,7 +126,7 @@ def _lines(origin: Origin, options: NodeOptions) -> Iterator[str]:
     yield f"departure = {_quoted(departure.isoformat())}"
     yield f"dwell_s = {_dwell_s(stops):g}"
     trip = DrivenCourse.of(origin.recording)
-    made, dwell_s = calls(origin.recording, trip), _dwell_s(stops)
+    made, dwell_s = calls_of(origin.recording, trip), _dwell_s(stops)
     for index, call in enumerate(made[:-1]):
         yield from _delay(call, dwell_s if index else 0.0)
     yield from _restrictions(origin, trip)
@@ -147,7 +147,7 @@ def _dwell_s(stops: Any) -> float:
     return max(min(dwells, default=0.0), 0.0)
 
 
-def _delay(call: RecordedCall, dwell_s: float) -> Iterator[str]:
+def _delay(call: KeptCall, dwell_s: float) -> Iterator[str]:
     """By how much a departure was held up: later than the timetable and the dwell after the arrival allow."""
     if not call.departed_ns or not call.due_departure_ns:
         return

@@ -12,7 +12,8 @@ import pytest
 from das.bus import das_pb2, topics
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
-from sim.drive.recorded_stability import recorded_restlessness
+from sim.drive.drive import Drive
+from sim.drive.stability import recorded_restlessness
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
 from sim.review.summary import summary
@@ -67,11 +68,11 @@ def test_a_recording_gives_the_measures_of_its_run(
     assert dataclasses.asdict(again) == pytest.approx(dataclasses.asdict(measured), nan_ok=True)
     if presentation is Presentation.NONE:
         assert measured.shown_s == 0
-        assert "shortest mode" not in summary(recording)
+        assert "shortest mode" not in summary(Drive(source=recording))
     else:
         assert measured.changes > 0
-        assert f"| {measured.changes_per_min:.1f} times a minute |" in summary(recording)
-        assert ("| warning |" in summary(recording)) == (measured.warning is not None)
+        assert f"| {measured.changes_per_min:.1f} times a minute |" in summary(Drive(source=recording))
+        assert ("| warning |" in summary(Drive(source=recording))) == (measured.warning is not None)
 
 
 def test_a_recording_older_than_the_shown_speed_is_measured_by_the_advised_one(tmp_path: Path) -> None:

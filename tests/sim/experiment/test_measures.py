@@ -148,7 +148,7 @@ def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
     for level in (None, Level.L1):
         driven = driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT, loss_level=level))
         energies = driven.outcome.energies
-        gaps[level] = energies.beyond_hindsight_ratio
+        gaps[level] = energies.above.gap_ratio
         time_s = driven.outcome.running_time_s
         assert energies.hindsight_j == pytest.approx(own.fronts[0].trajectory(time_s).ledger.input, rel=1e-12)
     assert gaps[Level.L1] is not None

@@ -12,6 +12,7 @@ from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from das.domain.units import KM, KMH, KN, PERMILLE, kwh
 from sim.drive.attribution.inputs import inputs_of
+from sim.drive.drive import Drive
 from sim.recording.cutting import part_of
 from sim.review.story import Story
 
@@ -27,7 +28,7 @@ def alone() -> Recording:
 
 @pytest.mark.slow
 def test_line_and_forces_are_filled_in(alone: Recording) -> None:
-    story, inputs = Story.of(alone), inputs_of(alone)
+    story, inputs = Story.of(Drive(source=alone)), inputs_of(alone)
     assert "estimated from positions" in story.filled_from
     at, gradient = story.series["gradient/permille"]
     here_m = story.trip.at(at, story.trip.s_m)
@@ -50,7 +51,7 @@ def test_line_and_forces_are_filled_in(alone: Recording) -> None:
 
 @pytest.mark.slow
 def test_a_part_is_filled_in_for_itself(alone: Recording) -> None:
-    story = Story.of(part_of(alone, "5:00", "10:00"))
+    story = Story.of(Drive(source=part_of(alone, "5:00", "10:00")))
     for name in ("force/driven", "energy/driven", "gradient/permille"):
         at = story.series[name][0]
         assert len(at) > 100
@@ -63,6 +64,6 @@ def test_without_line_and_train_the_reason_is_told(alone: Recording) -> None:
     other.CopyFrom(journey.message)
     other.route_id = "nowhere"
     messages = {**alone.messages, "journey": (journey._replace(message=other),)}
-    story = Story.of(replace(alone, messages=messages))
+    story = Story.of(Drive(source=replace(alone, messages=messages)))
     assert "not known" in story.filled_from
     assert not len(story.series["force/driven"][0])

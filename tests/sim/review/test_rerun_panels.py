@@ -10,9 +10,8 @@ import pytest
 
 from das.bus.recording import read_recording
 from das.domain.units import kwh
-from sim.drive.attribution.account import account_of
 from sim.drive.attribution.causes import EnergyCause
-from sim.drive.events.chronicle import Chronicle
+from sim.drive.drive import Drive
 from sim.drive.events.event import EventKind
 from sim.drive.events.notes import Note, add_note
 from sim.recording.course import DrivenCourse
@@ -30,7 +29,7 @@ pytest.importorskip("rerun")
 def test_the_plane_keeps_the_shape_of_the_trip() -> None:
     from sim.review.distance_view import WIDTH, Plane
 
-    plane = Plane.of(Story.of(day()))  # 0 to 2 km at 72 km/h
+    plane = Plane.of(Story.of(Drive(source=day())))  # 0 to 2 km at 72 km/h
     x = plane.x(np.array([0.0, 1000.0, 2000.0]))
     assert x.tolist() == [0.0, WIDTH / 2, WIDTH]
     rows = plane.y("speed", np.array([0.0, 72.0, 144.0, 1e6]))
@@ -80,7 +79,7 @@ def test_what_the_driver_saw_of_how_to_depart() -> None:
 def test_notes_are_bookmarks(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.mcap", seconds=300)
     add_note(path, Note(time_ns=at_ns(100), end_ns=at_ns(100), text="braked late", tags=("braking",)))
-    found = bookmarks(Chronicle.of(open_recording(path)))
+    found = bookmarks(Drive(source=open_recording(path)).events)
     assert [one.text for one in found if one.kind is EventKind.NOTE] == ["braked late [braking]"]
     assert [one.time_ns for one in found] == sorted(one.time_ns for one in found)
     assert EventKind.ADVICE not in {one.kind for one in found}
@@ -96,7 +95,7 @@ def test_the_account_in_the_viewer_sums_to_the_account(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     answer = das_sim("run", "clear-day", "--driver", "human", "--seed", "2", "--out", str(path), cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
-    account = account_of(read_recording(path))
+    account = Drive(source=read_recording(path)).known_account
     shown = AccountView.of(account)
     beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     driving = sum(energy_j for cause, energy_j in account.by_cause.items() if cause not in beside)

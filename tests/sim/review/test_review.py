@@ -10,7 +10,7 @@ import pytest
 from das.bus import topics
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
-from sim.drive.events.chronicle import Chronicle
+from sim.drive.drive import Drive
 from sim.recording.opening import open_recording
 from sim.review import rerun_view, viewer
 from sim.review.bookmarks import ROUTINE
@@ -57,7 +57,7 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
     assert found["/mode/node"] == 3
     assert found["/mode/no_advice"] == 2  # withdrawn, and back
-    chronicle = Chronicle.of(open_recording(whole))
+    chronicle = Drive(source=open_recording(whole))
     worth = [one for one in chronicle.events if one.kind not in ROUTINE]
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
     assert found["/events"] == 3  # the node's and the simulator's
@@ -71,7 +71,7 @@ def test_values_of_the_view(whole: Path) -> None:
 
     from sim.review.story import Story
 
-    story = Story.of(read_recording(whole))
+    story = Story.of(Drive(source=read_recording(whole)))
     data = story.series
     assert data["speed/driven"][1].max() == pytest.approx(144.0)
     assert data["speed/advised"][1][0] == pytest.approx(1.8)
@@ -101,12 +101,12 @@ def test_view_of_a_cut_recording(whole: Path, tmp_path: Path) -> None:
 def test_summary(whole: Path, tmp_path: Path) -> None:
     from sim.review.summary import summary
 
-    text = summary(read_recording(whole))
+    text = summary(Drive(source=read_recording(whole)))
     for part in ("Train t1", "| route | route |", "A – B", "1.0 kWh", "0123456789ab… |", "das-sim run", "route.toml"):
         assert part in text
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:100_000])
-    assert "cut off" in summary(read_recording(cut))
+    assert "cut off" in summary(Drive(source=read_recording(cut)))
 
 
 def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

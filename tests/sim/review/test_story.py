@@ -15,8 +15,9 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped, read_recording
 from das.domain.errors import DasError
 from das.domain.units import KM
+from sim.drive.drive import Drive
 from sim.drive.happenings import NOT_HEARD, happenings, points, signals, silences
-from sim.drive.limits import limit_in_force, temporary_limits
+from sim.drive.limits import temporary_limits
 from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
 from sim.review.lanes import lanes
@@ -75,14 +76,14 @@ def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
     one, other, late = (400.0, 600.0, 10.0), (500.0, 800.0, 15.0), (1000.0, 1400.0, 12.0)
     recording = recorded(told(5, one, other), told(60, one, other, late), told(65))
     trip = DrivenCourse.of(recording)
-    at, limit_mps = limit_in_force(recording, trip)
+    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
     for t, limit in zip((at - START_NS) / 1e9, limit_mps, strict=True):
         s_m = SPEED_MPS * t
         in_force = [v for since, (a, b, v) in ((5, one), (5, other), (60, late)) if since <= t < 65 and a <= s_m <= b]
         assert limit == min([LINE_MPS, *in_force]), t
     found = {(x.restriction.start_m, x.told_ns, x.lifted_ns) for x in temporary_limits(recording, trip)}
     assert found == {(400.0, at_ns(5), at_ns(65)), (500.0, at_ns(5), at_ns(65)), (1000.0, at_ns(60), at_ns(65))}
-    assert Story.of(recording).series["speed/limit"][1].min() == pytest.approx(36.0)
+    assert Story.of(Drive(source=recording)).series["speed/limit"][1].min() == pytest.approx(36.0)
 
 
 def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open() -> None:
@@ -91,7 +92,7 @@ def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open(
     list_of_one = topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(5), restrictions=[one])
     recording = recorded(list_of_one, told(90))
     trip = DrivenCourse.of(recording)
-    at, limit_mps = limit_in_force(recording, trip)
+    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
     slow = (at[limit_mps == 10.0] - START_NS) / 1e9
     assert (slow.min(), slow.max()) == (30.0, 39.0)
     (span,) = temporary_limits(recording, trip)
@@ -103,19 +104,20 @@ def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open(
 def test_behind_a_restriction_the_tail_counts_as_long_as_the_node_says() -> None:
     tail = [advice(t, limit_mps=10.0 if 20 <= t <= 38 else LINE_MPS) for t in range(SECONDS)]
     recording = recorded(told(5, (400.0, 600.0, 10.0)), *tail)
-    at, limit_mps = limit_in_force(recording, DrivenCourse.of(recording))
+    trip = DrivenCourse.of(recording)
+    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
     slow = (at[limit_mps == 10.0] - START_NS) / 1e9
     assert (slow.min(), slow.max()) == (20.0, 38.0)
     lower = [advice(t, limit_mps=1.0) for t in range(SECONDS)]  # a node's own limit is not the line's
     recording = recorded(told(5, (400.0, 600.0, 10.0)), *lower)
-    assert limit_in_force(recording, DrivenCourse.of(recording))[1].min() == 10.0
+    assert Drive(source=recording).limit_mps.min() == 10.0
 
 
 def test_a_restriction_that_is_none_is_left_out() -> None:
     recording = recorded(told(5, (600.0, 400.0, 10.0), (0.0, math.nan, 10.0), (0.0, 900.0, 0.0)))
     trip = DrivenCourse.of(recording)
     assert temporary_limits(recording, trip) == ()
-    assert set(limit_in_force(recording, trip)[1]) == {LINE_MPS}
+    assert set(Drive(source=recording).limit_mps) == {LINE_MPS}
 
 
 def test_silences_have_their_reasons() -> None:
@@ -137,7 +139,7 @@ def test_silences_have_their_reasons() -> None:
 
 def test_what_is_advised_has_a_gap_where_the_node_is_not_heard() -> None:
     said = [advice(t, advised_speed_mps=10.0, mode=3, s_m=20.0 * t, position_sd_m=1.0) for t in (*range(20), 40, 41)]
-    story = Story.of(recorded(*said))
+    story = Story.of(Drive(source=recorded(*said)))
     for name in ("speed/advised", "estimate/error"):
         at, values = story.series[name]
         assert np.all(np.diff(at) > 0)
@@ -206,9 +208,7 @@ def test_lanes() -> None:
         cab(10, presentation=3, mode=4), cab(20, presentation=0, mode=4), cab(30, presentation=1, mode=8),
         cab(40, presentation=3, mode=99), cab(50, signal_m=1500.0), cab(60),
     )  # fmt: skip
-    found = {
-        lane.name: [change.state for change in lane.changes] for lane in lanes(recording, DrivenCourse.of(recording))
-    }
+    found = {lane.name: [change.state for change in lane.changes] for lane in lanes(Drive(source=recording))}
     assert found == {
         "advised": ["cruise", "coast", ""], "shown": ["a top speed", "coast", "", "stop", "99", ""],
         "no advice": [NOT_HEARD, ""], "signal": ["at danger, km 1.5", ""],
@@ -267,7 +267,10 @@ def test_the_whole_picture_has_every_panel() -> None:
     pytest.importorskip("matplotlib")
     from sim.review import time_panels, whole_picture
 
-    full, least = time_panels.panels(Story.of(day())), time_panels.panels(Story.of(recorded()))
+    full, least = (
+        time_panels.panels(Story.of(Drive(source=day()))),
+        time_panels.panels(Story.of(Drive(source=recorded()))),
+    )
     assert list(full) == ["speed", "lanes", "lever", "deviation", "buffer", "estimate", "calibration"]
     assert list(least) == ["speed"]
     assert len(whole_picture.picture_of(day()).axes) == 3 + len(full)
@@ -321,7 +324,7 @@ def test_headline() -> None:
     run = {"scenario": "signal-stop", "driver": "human", "advice": "vector", "seed": "3"}
     recording = recorded()
     recording.metadata["run"] = run
-    line = headline(recording)
+    line = headline(Drive(source=recording))
     assert line.startswith("t1 · signal-stop · driver human · advice vector · seed 3 · ")
     assert f"{SPEED_MPS * SECONDS / KM:.2f} km · 100 s" in line
 
@@ -351,6 +354,6 @@ def test_what_is_lost_is_not_drawn_and_is_said(tmp_path: Path) -> None:
         content[place + 40] ^= 0x10
     (tmp_path / "damaged.mcap").write_bytes(content)
     recording = read_recording(tmp_path / "damaged.mcap", skip_damage=True)
-    _, driven = Story.of(recording).series["speed/driven"]
+    _, driven = Story.of(Drive(source=recording)).series["speed/driven"]
     assert np.isnan(driven).sum() == 1
     assert any("damaged: " in line for line in on_this_day(recording))

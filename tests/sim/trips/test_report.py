@@ -20,11 +20,11 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli import trip as trip_command
+from sim.drive.above_optimum import likely_band, range_above
 from sim.runs.replay import report as replay_report
-from sim.runs.replay.job import prepare
+from sim.runs.replay.job import prepare, trip_energies
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayOutcome
-from sim.runs.replay.saving import trip_saving
 from sim.trips import picture as trip_picture
 from sim.trips.estimate import (
     EnergyRange,
@@ -35,7 +35,6 @@ from sim.trips.estimate import (
 from sim.trips.options import TripOptions
 from sim.trips.picture import FORCES_SHOWN_RATIO
 from sim.trips.reading import read_trip
-from sim.trips.saving import likely_saving, saving_range
 from sim.trips.sections import driven_sections
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip, Whereabouts, load_trip
@@ -233,7 +232,7 @@ def hand_made(mass: float, resistance: float, wind_mps: float) -> Vehicle:
 
 
 @pytest.mark.slow
-def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
+def test_the_range_above_the_optimum_is_that_of_all_trains_it_may_have_been(
     driven: tuple[Trip, Section, EnergyRange],
 ) -> None:
     """By brute force: every corner solved anew, and ∫(m·a + R)ds, of it what is above 0 where friction alone brakes."""
@@ -249,7 +248,7 @@ def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
         force = train.mass_kg * a + mass * more * C0_N + more * C2 * (v + wind) ** 2
         taken = np.maximum(force, 0.0) if brakes is FRICTION else force
         ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.ledger.input
-    found = saving_range(driven_sections(trip, solve_front(section)))
+    found = range_above(driven_sections(trip, solve_front(section)))
     smoothing = next(u for u in found.unknowns if u.name.startswith("smoothing"))
     unsure_j = smoothing.high_j - smoothing.low_j
     scale_j = 0.01 * max(ends.values())
@@ -257,20 +256,20 @@ def test_the_range_of_the_saving_is_that_of_all_trains_it_may_have_been(
     assert found.high_j == pytest.approx(max(ends.values()), abs=2 * unsure_j + scale_j)
     assert 0 < found.low_j < found.estimate_j < found.high_j
     assert found.left_out == 0
-    likely = likely_saving(found)
+    likely = likely_band(found.estimate_j, found.unknowns)
     assert found.low_j < likely.low_j < found.estimate_j < likely.high_j < found.high_j
 
 
 def test_trains_that_could_not_have_arrived_are_left_out(driven: tuple[Trip, Section, EnergyRange]) -> None:
     trip, section, _ = driven
     front = solve_front(section)
-    found = saving_range([replace(driven_sections(trip, front)[0], trip_s=front.fastest().time_s + 0.2)])
+    found = range_above([replace(driven_sections(trip, front)[0], trip_s=front.fastest().time_s + 0.2)])
     assert found.left_out > 0
     assert found.low_j <= found.estimate_j <= found.high_j
 
 
-def test_who_drove_the_optimum_is_not_told_he_could_have_saved(tmp_path: Path) -> None:
-    """The optimum's own trajectory as a record once a second: nothing can be saved, and nothing is claimed."""
+def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> None:
+    """The optimum's own trajectory as a record once a second: nothing is above it, and nothing is claimed."""
     section = build_section(flat(LENGTH_M, LIMIT_MPS), make_train(resistance=(C0_N, 0.0, C2)))
     front = solve_front(section)
     best = front.trajectory(340.0).trajectory
@@ -280,33 +279,37 @@ def test_who_drove_the_optimum_is_not_told_he_could_have_saved(tmp_path: Path) -
         tmp_path, [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)], on_route=True
     )
     trip = load_trip(path, read_trip(path), section.route, Whereabouts())
-    found = saving_range(driven_sections(trip, front))
+    found = range_above(driven_sections(trip, front))
     least_j = best.ledger(section.vehicle, section.loss).input
     assert abs(found.estimate_j) < 0.01 * least_j
-    assert not replay_report.saving_certain(found, least_j)
-    figures: dict[str, Any] = {"saved_kwh": 1.0, "saved_ratio": 0.01, "direction_known": True}
-    figures |= {"saved_likely_low_kwh": 0.7, "saved_likely_high_kwh": 1.2}
-    told = replay_report.saving_rows({**figures, "saving_certain": False, "saved_low_kwh": -0.8, "saved_high_kwh": 2.0})
-    assert told[0] == ("advice would have saved", "perhaps nothing")
-    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  all unknowns at their worst", "-1 to 2 kWh")]
-    told = replay_report.saving_rows({**figures, "saving_certain": True, "saved_low_kwh": 0.6, "saved_high_kwh": 2.0})
-    assert told[0] == ("advice would have saved", "1.0 kWh (1 %)")
-    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  all unknowns at their worst", "1 to 2 kWh")]
+    assert not replay_report.certainly_above(found, least_j)
+    figures: dict[str, Any] = {"above_optimum_kwh": 1.0, "above_optimum_ratio": 0.01, "direction_known": True}
+    figures |= {"above_optimum_likely_low_kwh": 0.7, "above_optimum_likely_high_kwh": 1.2}
+    told = replay_report.above_rows(
+        {**figures, "above_optimum_certain": False, "above_optimum_low_kwh": -0.8, "above_optimum_high_kwh": 2.0}
+    )
+    assert told[0] == ("above the optimum", "perhaps nothing")
+    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "-1 to 2 kWh")]
+    told = replay_report.above_rows(
+        {**figures, "above_optimum_certain": True, "above_optimum_low_kwh": 0.6, "above_optimum_high_kwh": 2.0}
+    )
+    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 %)")
+    assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "1 to 2 kWh")]
 
 
 @pytest.mark.parametrize("reverse", [None, False])
-def test_no_saving_is_stated_before_the_direction_is_known(tmp_path: Path, reverse: bool | None) -> None:
+def test_nothing_is_compared_before_the_direction_is_known(tmp_path: Path, reverse: bool | None) -> None:
     """By kilometre posts, in the trip's own order, either direction may be right: the user must say."""
     posts = posts_file(tmp_path, *north(np.arange(-1000.0, 7001.0, 1000.0)))
     trip = write(tmp_path, clean(6000.0), on_route=False)
     options = ReplayOptions(trip=TripOptions(route="flat-6km", vehicle="re460-ic", line=posts, reverse=reverse))
     job = prepare(trip, options, tmp_path / "out.mcap", "test")
-    found = replay_report.result(job, ReplayOutcome(traffic=Traffic(), replay_s=1.0), trip_saving(job))
+    found = replay_report.result(job, ReplayOutcome(traffic=Traffic(), replay_s=1.0), trip_energies(job))
     assert found["direction_known"] == (reverse is not None)
-    assert (found["saved_kwh"] is None) == (reverse is None)
+    assert (found["above_optimum_kwh"] is None) == (reverse is None)
     told = [note for note in replay_report.notes(found) if "which way the trip ran" in note]
     assert len(told) == (reverse is None)
     if reverse is not None:
-        assert found["saved_low_kwh"] < found["saved_kwh"] < found["saved_high_kwh"]
+        assert found["above_optimum_low_kwh"] < found["above_optimum_kwh"] < found["above_optimum_high_kwh"]
     elif told:
-        assert "give --no-reverse if it is so, --reverse if not: no saving is stated" in told[0]
+        assert "give --no-reverse if it is so, --reverse if not: before that is known it is not comparable" in told[0]

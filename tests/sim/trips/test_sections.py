@@ -1,4 +1,4 @@
-"""A trip with stops on the way is compared section by section; the saving of the sections is that of the trip."""
+"""A trip with stops on the way is compared section by section; what the sections took above it is that of the trip."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from das.domain.units import KMH
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.runs.replay.saving import TripSaving, saving_message
-from sim.trips.estimate import energy_range, estimate_run
+from sim.drive.above_optimum import AboveOptimum, EnergyBand, SectionEnergy, likely_band, range_above
+from sim.trips.estimate import estimate_run
 from sim.trips.profile import to_profile
 from sim.trips.reading import read_trip
-from sim.trips.saving import likely_saving, saving_range
 from sim.trips.sections import DrivenSection, driven_sections
 from sim.trips.trip import Trip, Whereabouts, load_trip
 from tests.support.dirt import Point, write
@@ -51,21 +50,22 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Front, list[
     return trip, solve_front(build_section(route, train)), energies
 
 
-def test_who_drove_both_sections_as_well_as_possible_could_have_saved_nothing(
+def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(
     driven: tuple[Trip, Front, list[float]],
 ) -> None:
     trip, front, energies = driven
     sections = driven_sections(trip, front)
     assert [(one.start, one.end) for one in sections] == [(trip.start.name, "M"), ("M", trip.end.name)]
     assert [one.trip_s for one in sections] == pytest.approx([FIRST_S, SECOND_S], abs=2.0)
-    saved = saving_range(sections)
-    assert abs(saved.estimate_j) < 0.015 * sum(energies)
-    assert saved.low_j <= likely_saving(saved).low_j <= saved.estimate_j <= likely_saving(saved).high_j <= saved.high_j
+    above = range_above(sections)
+    likely = likely_band(above.estimate_j, above.unknowns)
+    assert abs(above.estimate_j) < 0.015 * sum(energies)
+    assert above.low_j <= likely.low_j <= above.estimate_j <= likely.high_j <= above.high_j
     through = front.trajectory(float(trip.run.time_s[-1])).ledger.input
     assert through < 0.9 * sum(energies)  # the optimum that does not stop would have claimed a saving that nobody had
 
 
-def test_the_recorded_saving_is_the_sum_of_its_sections(driven: tuple[Trip, Front, list[float]]) -> None:
+def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(driven: tuple[Trip, Front, list[float]]) -> None:
     trip, front, _ = driven
     sections = driven_sections(trip, front)
 
@@ -73,22 +73,23 @@ def test_the_recorded_saving_is_the_sum_of_its_sections(driven: tuple[Trip, Fron
         run = to_profile(one.matched)
         return estimate_run(one.front.section, run.time_s, run.s_m, run.speed_mps).ledger.input
 
-    found = TripSaving(
-        sections=sections,
-        optima=tuple(one.front.trajectory(one.trip_s) for one in sections),
-        driven_j=tuple(map(driven_j, sections)),
-        spread=energy_range(front.section, trip.matched),
-        saved=saving_range(sections),
-        why_not="",
+    spread = range_above(sections)
+    found = AboveOptimum(
+        sections=tuple(
+            SectionEnergy.of(one.start, one.end, one.trip_s, driven_j(one), one.front.trajectory(one.trip_s))
+            for one in sections
+        ),
+        measured=False,
+        likely=likely_band(spread.estimate_j, spread.unknowns),
+        worst=EnergyBand(spread.low_j, spread.high_j),
     )
-    message = das_pb2.Saving.FromString(saving_message(found, 7).SerializeToString())
+    message = das_pb2.Saving.FromString(found.message(7).SerializeToString())
     assert (message.time_ns, message.measured, message.comparable) == (7, False, True)
     assert message.driven_j == pytest.approx(math.fsum(one.driven_j for one in message.sections))
     assert message.optimum_j == pytest.approx(math.fsum(one.optimum_j for one in message.sections))
-    assert found.saved is not None
-    assert message.driven_j - message.optimum_j == pytest.approx(found.saved.estimate_j, abs=1.0)
+    assert message.driven_j - message.optimum_j == pytest.approx(spread.estimate_j, abs=1.0)
     assert message.worst_low_j <= message.likely_low_j <= message.likely_high_j <= message.worst_high_j
-    untold = saving_message(replace(found, saved=None), 7)
+    untold = replace(found, why_not="why", likely=None, worst=None).message(7)
     assert not untold.comparable
     assert math.isnan(untold.likely_low_j)
 

@@ -37,7 +37,7 @@ def test_a_plan_with_other_losses_is_compared_with_the_optimum_of_the_true_ones(
     assert (plain.level, true.level) == ("l1", "l3")
     of_map = service_at(path).fronts[0].trajectory(plain.running_time_s)
     assert plain.energies.hindsight_j == pytest.approx(of_map.ledger.input, rel=1e-12)
-    gaps = [found.energies.beyond_hindsight_ratio for found in (plain, true)]
+    gaps = [found.energies.above.ratio for found in (plain, true)]
     assert all(gap is not None and 0.0 < gap < 0.05 for gap in gaps)
     # The plan of the wrong level cannot be better for the train than the plan of its own.
     assert gaps[0] >= gaps[1] - 1e-3

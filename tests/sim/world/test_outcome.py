@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 
 from das.domain.units import KMH, KWH
+from sim.drive.above_optimum import AboveOptimum
+from sim.drive.drive import Drive
+from sim.drive.limits import Violations
 from sim.drive.stability import Restlessness
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
@@ -19,13 +22,12 @@ from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
 from sim.world.outcome import SHARES, DayResult, RecordedFigures, outcome, shares
 from sim.world.report import print_result
-from sim.world.safety import Violations
 from tests.support.flat_days import service_of
 
 KEYS = [
     *("scenario", "seed", "level", "late_s", "stops", "running_time_s"),
     *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh"),
-    *("hindsight_faster_than_possible", "beyond_hindsight_ratio"),
+    *("hindsight_faster_than_possible", "above_optimum_ratio"),
     *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *("component_loss_kwh", "resistance_kwh", "friction_brake_kwh", "unreturned_kwh", "comfort_kwh"),
     *("component_loss_ratio", "resistance_ratio", "friction_brake_ratio", "unreturned_ratio", "comfort_ratio"),
@@ -59,8 +61,8 @@ def test_names_and_values_of_the_figures(flat: Callable[[str], Path]) -> None:
     (departed, arrived) = run.legs[0]
     assert figures["energy_at_stops_kwh"] == pytest.approx(0.0, abs=1e-9)
     assert figures["energy_kwh"] == pytest.approx((arrived.input_j - departed.input_j) / KWH)
-    assert figures["beyond_hindsight_ratio"] == pytest.approx(
-        figures["energy_kwh"] / figures["energy_hindsight_kwh"] - 1.0
+    assert figures["above_optimum_ratio"] == pytest.approx(
+        1.0 - figures["energy_hindsight_kwh"] / figures["energy_kwh"]
     )
     above = figures["energy_blending_kwh"] + figures["energy_profile_kwh"]
     assert figures["energy_hindsight_kwh"] + above == pytest.approx(figures["energy_kwh"])
@@ -80,14 +82,23 @@ def test_every_figure_has_its_column_in_the_table(flat: Callable[[str], Path]) -
     assert {name for name, value in figures.items() if isinstance(value, float)} <= set(FIGURES)
 
 
-def test_violations_and_a_worthless_optimum_are_told(flat: Callable[[str], Path]) -> None:
+def test_violations_and_a_drive_without_an_optimum_are_told(flat: Callable[[str], Path]) -> None:
     found = outcome(*driven(flat("")))
     bad = Violations(signals_passed=2, beyond_signal_m=30.0, over_limit_s=4.0, over_limit_mps=10 * KMH)
-    free = dataclasses.replace(found.energies, hindsight_j=0.0)
-    figures = dataclasses.replace(found, violations=bad, energies=free).as_dict()
+    assert found.drive.run is not None
+    assert found.drive.above is found.energies.above
+    (section,) = found.energies.above.sections
+    fast = AboveOptimum.measured_on([dataclasses.replace(section, late_s=2.5)])
+    figures = dataclasses.replace(
+        found,
+        drive=Drive(run=dataclasses.replace(found.drive.run, violations=bad)),
+        energies=dataclasses.replace(found.energies, above=fast),
+    ).as_dict()
     assert (figures["signals_passed"], figures["beyond_signal_m"], figures["over_limit_s"]) == (2, 30.0, 4.0)
     assert figures["over_limit_kmh"] == pytest.approx(10.0)
-    assert figures["beyond_hindsight_ratio"] is None
+    assert (figures["above_optimum_ratio"], figures["hindsight_faster_than_possible"]) == (None, True)
+    assert (fast.words, fast.gap_ratio) == ("not comparable", None)
+    assert fast.why_not.endswith("the optimum is its fastest run, 2.5 s later")
 
 
 def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
@@ -97,8 +108,11 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
     calm = Restlessness(shown_s=600.0, changes=12, reversals=3, shortest_mode_s=9.0)
     restless = dataclasses.replace(calm, changes=123, shortest_mode_s=2.0)
     for measured, warns in ((calm, False), (restless, True)):
+        found = outcome(day, run)
+        assert found.drive.run is not None
+        known = dataclasses.replace(found.drive.run, stability=measured)
         result = DayResult(
-            outcome=dataclasses.replace(outcome(day, run), restlessness=measured),
+            outcome=dataclasses.replace(found, drive=Drive(run=known)),
             driver=DriverKind.PERFECT,
             advice=Presentation.VECTOR,
             happens="nothing",
@@ -116,7 +130,7 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
 
 def test_an_outcome_is_not_changed_afterwards(flat: Callable[[str], Path]) -> None:
     found = outcome(*driven(flat("")))
-    for part, name in ((found, "seed"), (found.energies, "driven_j"), (found.counts, "advised")):
+    for part, name in ((found, "seed"), (found.energies, "above"), (found.counts, "advised")):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(part, name, 0)
 

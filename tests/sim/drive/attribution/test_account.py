@@ -13,13 +13,13 @@ import pytest
 from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
-from das.solver.solution import Fit
-from sim.drive.attribution.account import Account, account_of
+from sim.drive.above_optimum import AboveOptimum, why_not_comparable
+from sim.drive.attribution.account import Account
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
 from sim.drive.attribution.rows import as_dict, worst_places
+from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
-from sim.trips.saving import why_not_comparable
 from sim.world.day import Day, make_day
 from sim.world.hindsight import fronts_of_braking
 from sim.world.scenario import load_scenario
@@ -51,7 +51,7 @@ def faultless() -> Account:
 
 
 def account(day: Day, driver: Driver) -> Account:
-    return account_of(recorded_day(day, driver), inputs_of_day(day))
+    return Drive(source=recorded_day(day, driver), given=inputs_of_day(day)).known_account
 
 
 def short_day(folder: Path, more: str = "") -> Day:
@@ -119,16 +119,34 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_reco
     else:
         inputs = replace(inputs, vehicle=replace(inputs.vehicle, max_speed_mps=20.0))
     with pytest.raises(DasError, match=expected):
-        account_of(recording, inputs)
+        _ = Drive(source=recording, given=inputs).known_account
 
 
 def test_why_a_drive_cannot_be_compared() -> None:
-    (leg,) = account(clear_day(), PerfectDriver(clear_day().service.line)).legs[:1]
-    fits, late = (leg.optimum, leg.leg.trip_s), (replace(leg.optimum, fit=Fit.LATE), leg.optimum.time_s - 2.5)
+    fits = account(clear_day(), PerfectDriver(clear_day().service.line)).above.sections[0]
+    late = replace(fits, late_s=2.5)
     assert why_not_comparable([fits, fits]) == ""
     assert why_not_comparable([fits, late]).endswith("the optimum is its fastest run, 2.5 s later")
     assert why_not_comparable([fits], whole=False) == "the trip does not run from standstill to standstill at the stops"
     assert why_not_comparable([fits], direction_known=False) == "the direction of the trip is not known"
+
+
+def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train(tmp_path: Path) -> None:
+    """The simulator recorded what its true train needs: the report then says the same as the run did."""
+    day = short_day(tmp_path, "[truth]\nmass_ratio = 1.2\n")
+    recording, inputs = recorded_day(day, PerfectDriver(day.service.line)), inputs_of_day(day)
+    plain = Drive(source=recording, given=inputs).known_account
+    (leg,) = plain.above.sections
+    true_j = leg.optimum_j + 3.6e6
+    said = AboveOptimum.measured_on([replace(leg, optimum_j=true_j)]).message(0)
+    known = Drive(
+        source=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}), given=inputs
+    ).known_account
+    assert (known.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
+    assert known.above.ratio == pytest.approx((known.driven_j - true_j) / known.driven_j)
+    assert sum(known.by_cause.values()) == pytest.approx(known.difference_j, abs=1.0)
+    assert known.by_cause[EnergyCause.TRAIN] == pytest.approx(plain.by_cause[EnergyCause.TRAIN] - 3.6e6, abs=1.0)
+    assert known.against_timetable == pytest.approx(plain.against_timetable)
 
 
 def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
@@ -193,4 +211,4 @@ def test_a_recording_without_a_journey_is_refused() -> None:
         path=Path("x.mcap"), train="t", trains=("t",), messages={}, metadata={}, attachments=(), complete=True
     )
     with pytest.raises(DasError, match="holds no journey"):
-        account_of(nothing)
+        _ = Drive(source=nothing).known_account

@@ -9,7 +9,8 @@ import pytest
 
 from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
-from sim.drive.attribution.motion import _friction_j, legs_of, motion_of
+from sim.drive.attribution.motion import _friction_j
+from sim.drive.drive import Drive
 from sim.drivers.perfect import PerfectDriver
 from sim.recording.course import DrivenCourse
 from sim.review.series import series
@@ -57,7 +58,7 @@ def test_a_leg_goes_from_stand_to_stand_and_its_times_are_those_of_the_run(tmp_p
     path.write_text(FLAT, encoding="utf-8")
     day = make_day(service_of(path), 1)
     recording = recorded_day(day, PerfectDriver(day.service.line))
-    (leg,) = legs_of(recording, motion_of(recording))
+    (leg,) = Drive(source=recording).legs
     assert (leg.start.name, leg.end.name) == ("A", "B")
     assert leg.motion.speed_mps[0] == leg.motion.speed_mps[-1] == 0.0
     assert leg.timetable_s == pytest.approx(

@@ -15,6 +15,7 @@ from das.domain.errors import DasError
 from sim.drive.comparison.aligned import AlignedDrives
 from sim.drive.comparison.on_track import DriveOnTrack, on_track
 from sim.drive.comparison.rows import as_csv, as_dict, sentences
+from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
 from sim.world.day import Day, make_day
@@ -30,7 +31,7 @@ def day() -> Day:
 
 
 def drive(driver: Driver, label: str) -> DriveOnTrack:
-    return on_track(recorded_day(day(), driver), label, inputs_of_day(day()))
+    return on_track(Drive(source=recorded_day(day(), driver), given=inputs_of_day(day())), label)
 
 
 @cache

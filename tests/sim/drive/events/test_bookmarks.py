@@ -10,8 +10,9 @@ import pytest
 from das.bus import das_pb2
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
+from sim.drive.drive import Drive
 from sim.drive.events.bookmarks import AUTHOR, as_notes, bookmarks, with_marks
-from sim.drive.events.chronicle import Chronicle
+from sim.drive.events.chronicle import as_rows
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from tests.support.recordings import Publish, at_ns, write_recording
 
@@ -67,12 +68,12 @@ def test_bookmarks_of_a_recording_are_chosen_and_become_notes(tmp_path: Path) ->
         publish(ADVICE, message, -2)
 
     path = write_recording(tmp_path / "drive.mcap", before=late)
-    chronicle = Chronicle.of(read_recording(path))
-    chosen = Filter(bookmarks=True).choose(chronicle.events)
+    found_in = Drive(source=read_recording(path))
+    chosen = Filter(bookmarks=True).choose(found_in.events)
     assert {"advice withdrawn", "a minute off the timetable"} <= {one.mark for one in chosen}
-    notes = as_notes(chronicle.events)
+    notes = as_notes(found_in.events)
     assert [note.time_ns for note in notes] == [one.time_ns for one in chosen]
     withdrawn = next(note for note in notes if "advice withdrawn" in note.tags)
     assert withdrawn.author == AUTHOR
     assert (withdrawn.end_ns - withdrawn.time_ns) / S == pytest.approx(20.0, abs=1.0)
-    assert [row["bookmark"] for row in chronicle.as_rows(chosen)] == [one.mark for one in chosen]
+    assert [row["bookmark"] for row in as_rows(chosen, found_in.clock)] == [one.mark for one in chosen]

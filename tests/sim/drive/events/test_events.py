@@ -22,10 +22,9 @@ from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction
 from das.domain.units import NS
 from sim.drive.attribution.inputs import inputs_of
-from sim.drive.events.calls import calls, stands
-from sim.drive.events.chronicle import Chronicle
+from sim.drive.calls import calls_of, stands
+from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, Filter
-from sim.drive.limits import limit_in_force
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse
 from tests.support.making import das_sim
@@ -72,12 +71,12 @@ STOPS = (("Aarau", 0.0, 0.0, 4.0), ("Brugg", 600.0, 80.0, 90.0), ("Cham", 1200.0
 
 
 def of_kind(recording: Recording, kind: EventKind) -> list[DriveEvent]:
-    return [one for one in Chronicle.of(recording).events if one.kind is kind]
+    return [one for one in Drive(source=recording).events if one.kind is kind]
 
 
 def test_departure_and_arrival_are_found_between_two_samples_of_the_positions() -> None:
     recording = drive(stops=STOPS)
-    first, missed, last = calls(recording, DrivenCourse.of(recording))
+    first, missed, last = calls_of(recording, DrivenCourse.of(recording))
     assert (first.departed_ns - at_ns(10.0)) / 1e9 == pytest.approx(0.0, abs=0.1)
     assert (last.arrived_ns - at_ns(150.0)) / 1e9 == pytest.approx(0.0, abs=0.1)
     assert first.departed_late_s == pytest.approx(6.0, abs=0.1)
@@ -117,7 +116,7 @@ def test_the_vehicle_files_top_speed_is_no_limit_of_the_line() -> None:
     """A trip by another train than the file says must not be called a breach of the limit."""
     recording = with_files(drive(stops=STOPS), 30.0)
     assert of_kind(recording, EventKind.OVERSPEED) == []
-    assert limit_in_force(recording, DrivenCourse.of(recording))[1] == pytest.approx(160 / 3.6)
+    assert Drive(source=recording).limit_mps == pytest.approx(160 / 3.6)
     (over,) = of_kind(recording, EventKind.BEYOND_TRAIN)
     assert over.facts["over_kmh"] == pytest.approx(6.0)
     assert over.text.endswith("the vehicle file says the train can go (30 km/h) for 105 s: is it the right train?")
@@ -131,7 +130,7 @@ def test_behind_a_restriction_the_length_of_the_train_counts() -> None:
     )
     recording = with_files(drive((topics.RESTRICTION, told), stops=STOPS), 200.0)
     trip = DrivenCourse.of(recording)
-    slow = trip.s_m[limit_in_force(recording, trip)[1] == 5.0]
+    slow = trip.s_m[Drive(source=recording).limit_mps == 5.0]
     length_m = inputs_of(recording).vehicle.train_length_m
     assert length_m > 100
     assert (slow[0], slow[-1]) == pytest.approx((200.0, 300.0 + length_m), abs=12.0)

@@ -19,7 +19,7 @@ from das.bus.session import endpoint, free_ports
 from das.bus.topics import CAB, CONTROLS, LOG, Topic
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
-from sim.drive.recorded_stability import recorded_restlessness
+from sim.drive.stability import recorded_restlessness
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.kinds import EXTERNAL, DriverKind
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim.drive.stops import at_stops
+from sim.drive.calls import at_stops, calls_of
 from sim.recording.course import DrivenCourse
 from sim.review.lanes import lane_of_stops
 from tests.sim.drive.events.test_events import STOPS, drive
@@ -16,7 +16,8 @@ from tests.support.recordings import at_ns
 
 def test_when_the_train_was_at_its_stops() -> None:
     recording = drive(stops=STOPS)
-    first, passed, last = at_stops(recording, DrivenCourse.of(recording))
+    trip = DrivenCourse.of(recording)
+    first, passed, last = at_stops(calls_of(recording, trip), trip)
     assert (first.name, passed.name, last.name) == ("Aarau", "Brugg", "Cham")
     assert first.start_ns == at_ns(0)
     assert first.end_ns / 1e9 == pytest.approx(at_ns(10) / 1e9, abs=0.1)
@@ -32,7 +33,7 @@ def test_a_part_of_a_drive_has_the_stops_of_that_part() -> None:
     trip = DrivenCourse.of(drive(stops=STOPS))
     part = slice(50, 120)  # between the first stop and the last
     cut = DrivenCourse(time_ns=trip.time_ns[part], s_m=trip.s_m[part], speed_mps=trip.speed_mps[part])
-    assert [stop.name for stop in at_stops(drive(stops=STOPS), cut)] == ["Brugg"]
+    assert [stop.name for stop in at_stops(calls_of(drive(stops=STOPS), cut), cut)] == ["Brugg"]
 
 
 def test_a_picture_names_the_stops_over_distance_and_over_time() -> None:

@@ -1,10 +1,11 @@
-"""How a recorded drive kept its stops: found from where the train stood, to a fraction of a second."""
+"""How a drive kept its stops; of a recorded one found from where the train stood, to a fraction of a second."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +30,12 @@ class StandingTime(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedCall:
-    """How a drive kept one stop of its journey.
+class KeptCall:
+    """How a drive kept one stop of its journey, in a run just driven or in a recording.
 
     Times are in ns since 1970 and 0 where there is none: due times of the timetable, and when the train came and left.
-    `stand` is where it stood, None where it did not stop. `missed_m` is how far beyond the stop (before it: negative)
-    it stood. `reached` says that the train got as far as the stop.
+    `stood_m` is where it stood, NaN where it did not stop. `reached` says that the train got as far as the stop.
+    `stand` are the samples of a recording during which it stood.
     """
 
     name: str
@@ -43,25 +44,42 @@ class RecordedCall:
     due_departure_ns: int
     arrived_ns: int
     departed_ns: int
-    stand: StandingTime | None
-    reached: bool
+    stood_m: float
+    reached: bool = True
+    stand: StandingTime | None = None
+
+    @property
+    def served(self) -> bool:
+        """Whether the train stopped."""
+        return not math.isnan(self.stood_m)
 
     @property
     def missed_m(self) -> float:
-        """How far beyond the stop the train stood (m); NaN where it did not stand."""
-        return math.nan if self.stand is None else self.stand.s_m - self.s_m
+        """How far beyond the stop the train stood (m; before it: negative); NaN where it did not stand."""
+        return self.stood_m - self.s_m
 
     @property
     def arrived_late_s(self) -> float:
         """Arrival after the timetable's (s; early < 0); NaN where one of the two is not known."""
-        known = self.arrived_ns and self.due_arrival_ns
-        return (self.arrived_ns - self.due_arrival_ns) * NS if known else math.nan
+        return _late_s(self.arrived_ns, self.due_arrival_ns)
 
     @property
     def departed_late_s(self) -> float:
         """Departure after the timetable's (s; early < 0); NaN where one of the two is not known."""
-        known = self.departed_ns and self.due_departure_ns
-        return (self.departed_ns - self.due_departure_ns) * NS if known else math.nan
+        return _late_s(self.departed_ns, self.due_departure_ns)
+
+    @property
+    def late_s(self) -> float:
+        """How late the train arrived (s; early < 0); at the first stop, how late it left; NaN where nobody knows."""
+        return self.arrived_late_s if self.due_arrival_ns else self.departed_late_s
+
+
+class AtStop(NamedTuple):
+    """A stop's name, and from when to when the train was there (ns since 1970): the same moment if it ran through."""
+
+    name: str
+    start_ns: int
+    end_ns: int
 
 
 def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
@@ -74,27 +92,66 @@ def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
     )
 
 
-def calls(recording: Recording, trip: DrivenCourse) -> tuple[RecordedCall, ...]:
+def calls_of(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
     """How each stop of the last journey was kept; empty without a journey."""
-    found: list[RecordedCall] = []
+    found: list[KeptCall] = []
     known = stands(trip)
     for entry in recording.of(topics.JOURNEY)[-1:]:
         for stop in entry.message.stops:
             near = [one for one in known if abs(one.s_m - stop.s_m) <= NEAR_M]
             stand = min(near, key=lambda one: abs(one.s_m - stop.s_m), default=None)
             found.append(
-                RecordedCall(
+                KeptCall(
                     name=stop.name,
                     s_m=stop.s_m,
                     due_arrival_ns=stop.arrival_ns,
                     due_departure_ns=stop.departure_ns,
                     arrived_ns=0 if stand is None else arrival_ns(trip, at_rest(trip, stand)),
                     departed_ns=0 if stand is None else departure_ns(trip, at_rest(trip, stand)),
+                    stood_m=math.nan if stand is None else stand.s_m,
                     stand=stand,
                     reached=bool(trip.s_m.max() >= stop.s_m - NEAR_M),
                 )
             )
     return tuple(found)
+
+
+def at_stops(made: Sequence[KeptCall], trip: DrivenCourse) -> tuple[AtStop, ...]:
+    """The stops at which the train stood or which it passed, in order of time."""
+    first_m, last_m = float(trip.s_m.min()), float(trip.s_m.max())
+    met = (one for one in made if one.stand is not None or first_m <= one.s_m <= last_m)
+    return tuple(sorted((_at(call, trip) for call in met), key=lambda at: at.start_ns))
+
+
+def _at(call: KeptCall, trip: DrivenCourse) -> AtStop:
+    if call.stand is None:
+        came = min(int(np.searchsorted(np.maximum.accumulate(trip.s_m), call.s_m)), len(trip.time_ns) - 1)
+        return AtStop(call.name, int(trip.time_ns[came]), int(trip.time_ns[came]))
+    first_ns, last_ns = (int(trip.time_ns[i]) for i in call.stand[:2])
+    return AtStop(call.name, call.arrived_ns or first_ns, call.departed_ns or last_ns)
+
+
+def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
+    """How the stops were kept, for programs: times (s) since the timetable's first departure, None where there is none.
+
+    A stop is due at its arrival, the first one at its departure.
+    """
+    zero_ns = made[0].due_departure_ns if made else 0
+
+    def since_s(time_ns: int) -> float | None:
+        return (time_ns - zero_ns) * NS if time_ns else None
+
+    return [
+        {
+            "name": one.name,
+            "due_s": since_s(one.due_arrival_ns or one.due_departure_ns),
+            "arrived_s": since_s(one.arrived_ns),
+            "departed_s": since_s(one.departed_ns),
+            "late_s": one.late_s,
+            "missed_m": one.missed_m,
+        }
+        for one in made
+    ]
 
 
 def at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
@@ -129,3 +186,7 @@ def _between_ns(time_ns: NDArray[np.int64], s_m: NDArray[np.float64], speed_mps:
     """Time (ns) from a standstill to a speed over the way between two samples, at most the time between them."""
     way_m, whole_ns = abs(float(s_m[first + 1] - s_m[first])), int(time_ns[first + 1] - time_ns[first])
     return min(round(2.0 * way_m / max(float(speed_mps), 1e-3) / NS), whole_ns)
+
+
+def _late_s(time_ns: int, due_ns: int) -> float:
+    return (time_ns - due_ns) * NS if time_ns and due_ns else math.nan

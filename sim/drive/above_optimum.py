@@ -1,0 +1,285 @@
+"""What a drive took above its optimum, how sure that is, and whether it can be compared with an optimum at all.
+
+Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of the
+energy driven. It is a distance and no saving: nobody drove the optimum. Runs, replays, reports and recordings say it
+by this module, and refuse it with the same words.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Final, NamedTuple
+
+from das.bus import das_pb2, topics
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.units import kwh
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solution import Fit, Solution
+from das.solver.solve import solve_front
+from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, driven_energy, over_unknowns
+from sim.trips.sections import DrivenSection
+from sim.trips.settings import SMOOTHING
+
+NOT_COMPARABLE: Final = "not comparable"
+"""What every command says in the place of an energy above the optimum that cannot be stated."""
+SAID_BY_THE_RECORDING: Final = "the recording says so of its trip and the optimum"
+
+
+class EnergyBand(NamedTuple):
+    """The least and the most that an energy may be (J)."""
+
+    low_j: float
+    high_j: float
+
+    @property
+    def words(self) -> str:
+        """The band in kWh, for tables."""
+        return f"{kwh(self.low_j):z.0f} to {kwh(self.high_j):z.0f} kWh"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SectionEnergy:
+    """The energy of a section as driven, and the least of the same train in the same time (J).
+
+    `late_s` is by how much the fastest run of the train takes longer than the section took (s); 0 where the train as
+    assumed could drive so, and NaN where it could not and nobody recorded by how much.
+    """
+
+    start: str
+    end: str
+    trip_s: float
+    driven_j: float
+    optimum_j: float
+    late_s: float = 0.0
+
+    @classmethod
+    def of(cls, start: str, end: str, trip_s: float, driven_j: float, best: Solution) -> SectionEnergy:
+        """The energies of a section that took a time (s), with the best run in that time."""
+        return cls(
+            start=start,
+            end=end,
+            trip_s=trip_s,
+            driven_j=driven_j,
+            optimum_j=best.ledger.input,
+            late_s=best.time_s - trip_s if best.fit is Fit.LATE else 0.0,
+        )
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether the train as assumed cannot drive so fast: the optimum is its fastest run then."""
+        return self.late_s != 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AboveOptimum:
+    """The energy of a drive beside its optimum, section by section.
+
+    `measured` tells whether the energy was; otherwise it is estimated from positions. `why_not` says why the two cannot
+    be compared; it is empty where they can. `likely` and `worst` are bands of the energy above the optimum of an
+    estimated drive: with each unknown where it likely is, and with all at their worst.
+    """
+
+    sections: tuple[SectionEnergy, ...]
+    measured: bool
+    why_not: str = ""
+    likely: EnergyBand | None = None
+    worst: EnergyBand | None = None
+
+    @classmethod
+    def measured_on(cls, sections: Sequence[SectionEnergy]) -> AboveOptimum:
+        """What a drive with measured energy took above the optimum of its true train."""
+        return cls(sections=tuple(sections), measured=True, why_not=why_not_comparable(sections))
+
+    @classmethod
+    def recorded(cls, recording: Recording) -> AboveOptimum | None:
+        """What a recording says at its end; None where it says nothing, as one of a node alone."""
+        for entry in recording.of(topics.SAVING)[-1:]:
+            found = entry.message
+            return cls(
+                sections=tuple(
+                    SectionEnergy(
+                        start=one.start,
+                        end=one.end,
+                        trip_s=one.trip_s,
+                        driven_j=one.driven_j,
+                        optimum_j=one.optimum_j,
+                        late_s=math.nan if one.faster_than_possible else 0.0,
+                    )
+                    for one in found.sections
+                ),
+                measured=found.measured,
+                why_not="" if found.comparable else SAID_BY_THE_RECORDING,
+                likely=_band(found.likely_low_j, found.likely_high_j),
+                worst=_band(found.worst_low_j, found.worst_high_j),
+            )
+        return None
+
+    @property
+    def driven_j(self) -> float:
+        """Energy as driven, from departures to arrivals (J)."""
+        return math.fsum(one.driven_j for one in self.sections)
+
+    @property
+    def optimum_j(self) -> float:
+        """Least energy of the same train for the same departures and arrivals (J)."""
+        return math.fsum(one.optimum_j for one in self.sections)
+
+    @property
+    def above_j(self) -> float | None:
+        """Energy above the optimum (J); None where the two cannot be compared."""
+        return None if self.why_not else self.driven_j - self.optimum_j
+
+    @property
+    def ratio(self) -> float | None:
+        """Share of the energy driven that is above the optimum; None where that cannot be stated."""
+        above_j, driven_j = self.above_j, self.driven_j
+        return above_j / driven_j if above_j is not None and driven_j > 0 else None
+
+    @property
+    def gap_ratio(self) -> float | None:
+        """Energy driven over that of the optimum, less 1, as studies give it; None where that cannot be stated."""
+        return None if self.ratio is None or self.optimum_j <= 0 else self.driven_j / self.optimum_j - 1.0
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether a section was driven faster than the train as assumed can."""
+        return any(one.too_fast for one in self.sections)
+
+    @property
+    def words(self) -> str:
+        """The energy above the optimum in kWh and in % of the energy driven, or that it cannot be stated."""
+        above_j, ratio = self.above_j, self.ratio
+        if above_j is None:
+            return NOT_COMPARABLE
+        return f"{kwh(above_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What is said of the energy, by name."""
+        name = "above the optimum" if self.measured else "above the optimum (estimated)"
+        rows = [(name, self.words)]
+        if self.why_not:
+            return rows
+        if not self.measured:
+            rows += [
+                (f"{name}, {which}", "not known" if band is None else band.words)
+                for which, band in (("likely", self.likely), ("every unknown at its worst", self.worst))
+            ]
+        for one in self.sections if len(self.sections) > 1 else ():
+            words = f"{kwh(one.driven_j - one.optimum_j):+.1f} of {kwh(one.driven_j):.1f} kWh"
+            rows.append((f"{name}, {one.start} – {one.end}", words))
+        return rows
+
+    def message(self, time_ns: int) -> das_pb2.Saving:
+        """The same as it is recorded at the end of a drive; of a measured one, the bands are a point."""
+        nothing, above_j = EnergyBand(math.nan, math.nan), self.driven_j - self.optimum_j
+        point = EnergyBand(above_j, above_j) if self.measured else nothing
+        likely, worst = self.likely or point, self.worst or point
+        return das_pb2.Saving(
+            time_ns=time_ns,
+            measured=self.measured,
+            comparable=not self.why_not,
+            driven_j=self.driven_j,
+            optimum_j=self.optimum_j,
+            likely_low_j=likely.low_j,
+            likely_high_j=likely.high_j,
+            worst_low_j=worst.low_j,
+            worst_high_j=worst.high_j,
+            sections=[
+                das_pb2.Saving.Section(
+                    start=one.start,
+                    end=one.end,
+                    trip_s=one.trip_s,
+                    driven_j=one.driven_j,
+                    optimum_j=one.optimum_j,
+                    faster_than_possible=one.too_fast,
+                )
+                for one in self.sections
+            ],
+        )
+
+
+def _band(low_j: float, high_j: float) -> EnergyBand | None:
+    return None if math.isnan(low_j + high_j) else EnergyBand(low_j, high_j)
+
+
+def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True, direction_known: bool = True) -> str:
+    """Why a drive cannot be compared with its optimum, in words; nothing where it can.
+
+    A drive that is faster than its train can be has no optimum, nor has one that does not go from stand to stand at
+    stops, or in an unknown direction.
+    """
+    late_s = [one.late_s for one in sections if one.too_fast]
+    if late_s:
+        by_s = math.fsum(late_s)
+        return f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {by_s:.1f} s later"
+    if not whole:
+        return "the trip does not run from standstill to standstill at the stops"
+    return "" if direction_known else "the direction of the trip is not known"
+
+
+def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
+    """The likely band of an energy: its unknowns are independent of each other, so that deviations add as squares.
+
+    How the train braked is no deviation but another train; it is in the outermost range alone.
+    """
+    spread = [one for one in unknowns if one.name != BRAKING]
+    low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
+    high_j = math.hypot(*(max(one.high_j - middle_j, 0.0) for one in spread))
+    return EnergyBand(middle_j - low_j, middle_j + high_j)
+
+
+def range_above(sections: Sequence[DrivenSection]) -> EnergyRange:
+    """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
+
+    Train, wind and brakes are the same on both sides and in all sections; the smoothing concerns the record alone. A
+    case in which the train could not have driven a section in its time is left out; the train as assumed could.
+    """
+    each = [_above(section) for section in sections]
+
+    def above_j(case: DrivenCase) -> float | None:
+        found = [above(case) for above in each]
+        return None if any(one is None for one in found) else math.fsum(one for one in found if one is not None)
+
+    return over_unknowns(above_j)
+
+
+def _above(driven: DrivenSection) -> Callable[[DrivenCase], float | None]:
+    """The energy above the optimum of a section (J) in a case; None where the train could not have driven it so."""
+    section = driven.front.section
+    driven_j = driven_energy(section, driven.matched)
+
+    @cache
+    def optimum_j(case: DrivenCase) -> float | None:
+        try:
+            other = driven.front if case == DrivenCase() else solve_front(section_in(section, case))
+        except DasError:  # such a train cannot run here
+            return None
+        found = other.trajectory(driven.trip_s)
+        return None if found.fit is Fit.LATE else found.ledger.input
+
+    def above_j(case: DrivenCase) -> float | None:
+        least_j = optimum_j(replace(case, jerk_psd_m2ps5=SMOOTHING.jerk_psd_m2ps5))
+        return None if least_j is None else driven_j(case) - least_j
+
+    return above_j
+
+
+def section_in(section: Section, case: DrivenCase) -> Section:
+    """The section with the train and the brakes of a case; raises DasError if that train cannot run there."""
+    return build_section(
+        section.route,
+        case.train(section.vehicle),
+        level=section.level,
+        start_m=section.start_m,
+        end_m=section.end_m,
+        options=SectionOptions(
+            start_speed_mps=section.start_speed_mps,
+            end_speed_mps=section.end_speed_mps,
+            point_mass=section.train_length_m == 0,
+            brakes=case.brakes(section),
+        ),
+    )

@@ -1,0 +1,251 @@
+"""One drive with every figure of it, whatever it came from: a recording of any kind, or a run just driven.
+
+Each figure is found once, when it is first asked for. Tables, reports, pictures, comparisons and JSON read it here, so
+that they cannot disagree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum
+from sim.drive.attribution.account import Account, LikelyRange, account_of, likely_range
+from sim.drive.attribution.inputs import DriveInputs, inputs_of
+from sim.drive.attribution.motion import DrivenLeg, DrivenMotion, legs_of, motion_of
+from sim.drive.attribution.shown import ShownAdvice
+from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of
+from sim.drive.events.chronicle import events_of
+from sim.drive.events.event import DriveEvent
+from sim.drive.happenings import Signal, Span, signals, silences
+from sim.drive.limits import TemporaryLimit, Violations, limit_in_force, temporary_limits, violations_of
+from sim.drive.stability import Restlessness, recorded_restlessness
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse, Floats
+from sim.recording.opening import open_recording
+
+_Found = TypeVar("_Found")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunFigures:
+    """The figures of a run that was just driven; they are exact, where a recording has a state a second."""
+
+    calls: tuple[KeptCall, ...]
+    above: AboveOptimum
+    violations: Violations
+    stability: Restlessness
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenWay:
+    """The way of a drive: when the train was where, how it kept its stops, and what was allowed there.
+
+    `source` is the recording of the drive, None for a run that nobody recorded. `run` are the figures of a run just
+    driven, which then count. `given` are line and train, where the recording does not hold them.
+    """
+
+    source: Recording | None = None
+    run: RunFigures | None = None
+    given: DriveInputs | None = None
+
+    @property
+    def recording(self) -> Recording:
+        """The recording of the drive; DasError for a run that nobody recorded."""
+        if self.source is None:
+            raise DasError("this run was not recorded, so that nothing but its figures is known")
+        return self.source
+
+    @property
+    def name(self) -> str:
+        """What the drive is called on a page."""
+        return self.recording.path.stem
+
+    @cached_property
+    def course(self) -> DrivenCourse:
+        """Where the train was, and how fast; DasError for a recording without positions."""
+        return DrivenCourse.of(self.recording)
+
+    @cached_property
+    def clock(self) -> DriveClock:
+        """The clock of the drive, which shows 0 at the timetable's departure."""
+        return DriveClock.of(self.recording, int(self.course.time_ns[0]))
+
+    @cached_property
+    def calls(self) -> tuple[KeptCall, ...]:
+        """How each stop of the journey was kept; empty without a journey."""
+        return calls_of(self.recording, self.course) if self.run is None else self.run.calls
+
+    @property
+    def served(self) -> tuple[KeptCall, ...]:
+        """The stops at which the train stood."""
+        return tuple(one for one in self.calls if one.served)
+
+    @cached_property
+    def at_stops(self) -> tuple[AtStop, ...]:
+        """When the train was at the stops at which it stood or which it passed, in order of time."""
+        return at_stops(self.calls, self.course)
+
+    @property
+    def late_s(self) -> float:
+        """Arrival at the last stop after the timetable's (s; early < 0); NaN where nobody knows."""
+        return self.calls[-1].late_s
+
+    @cached_property
+    def _inputs(self) -> DriveInputs | DasError:
+        return _or_error(lambda: inputs_of(self.recording)) if self.given is None else self.given
+
+    @property
+    def inputs(self) -> DriveInputs:
+        """Line, train and level; DasError where the recording neither brings them along nor names bundled ones."""
+        return _raised(self._inputs)
+
+    @cached_property
+    def limit_mps(self) -> Floats:
+        """The limit in force (m/s) at every position of the course, NaN where it is not known (`sim.drive.limits`)."""
+        inputs = None if isinstance(self._inputs, DasError) else self._inputs
+        return limit_in_force(self.recording, self.course, inputs, self.temporary_limits)
+
+    @property
+    def limit_known(self) -> bool:
+        """Whether the limit of the line is known on all of the way."""
+        return bool(np.isfinite(self.limit_mps).all())
+
+    @cached_property
+    def temporary_limits(self) -> tuple[TemporaryLimit, ...]:
+        """The restrictions that the node was told about."""
+        return temporary_limits(self.recording, self.course)
+
+    @cached_property
+    def violations(self) -> Violations:
+        """What must not happen and did: signals passed at danger, speeds above the limit."""
+        if self.run is not None:
+            return self.run.violations
+        return violations_of(self.course, self.limit_mps, self.signals)
+
+    @cached_property
+    def signals(self) -> tuple[Signal, ...]:
+        """The signals at danger that the driver saw."""
+        return signals(self.recording)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drive(DrivenWay):
+    """A drive with every figure of it, each found once: its way, the advice, what happened, and where its energy went.
+
+    It is made from any recording, or from the figures of a run just driven.
+    """
+
+    @classmethod
+    def read(cls, path: Path) -> Drive:
+        """The drive that a file recorded; DasError where it cannot be used."""
+        return cls(source=open_recording(path))
+
+    @cached_property
+    def silences(self) -> tuple[Span, ...]:
+        """The times without advice."""
+        return silences(self.recording, self.course)
+
+    @cached_property
+    def shown(self) -> ShownAdvice:
+        """What the driver was shown."""
+        return ShownAdvice.of(self.recording)
+
+    @cached_property
+    def stability(self) -> Restlessness:
+        """How stable the advice was that the driver was shown."""
+        return recorded_restlessness(self.recording) if self.run is None else self.run.stability
+
+    @cached_property
+    def events(self) -> tuple[DriveEvent, ...]:
+        """Everything that happened, in order of time."""
+        top_mps = math.inf if isinstance(self._inputs, DasError) else self._inputs.vehicle.max_speed_mps
+        return events_of(self.recording, self.course, self.calls, self.silences, self.limit_mps, top_mps)
+
+    @cached_property
+    def motion(self) -> DrivenMotion:
+        """The motion with what was measured of its energy; DasError where it cannot be known."""
+        return motion_of(self.recording, lambda: self.inputs.route)
+
+    @cached_property
+    def legs(self) -> tuple[DrivenLeg, ...]:
+        """The motion between the stops that were served; DasError where the train served no two stops."""
+        return legs_of(self.recording.path, self.motion, self.calls)
+
+    @cached_property
+    def said(self) -> AboveOptimum | None:
+        """What the drive took above the optimum as its simulator or its replay recorded it; None where neither did."""
+        return AboveOptimum.recorded(self.recording)
+
+    @property
+    def above(self) -> AboveOptimum | None:
+        """What the drive took above the optimum: of a run just driven, of its account, else as recorded; or None."""
+        if self.run is not None:
+            return self.run.above
+        return self.said if self.account is None else self.account.above
+
+    @cached_property
+    def _any_account(self) -> Account | DasError:
+        return _or_error(lambda: account_of(self.recording, self.inputs, self.legs, self.shown, self.said))
+
+    @property
+    def any_account(self) -> Account:
+        """Where the energy went, by cause and place, also where drive and optimum cannot be compared.
+
+        Raises DasError for a recording that has no journey, no positions, or whose line and train are not known.
+        """
+        return _raised(self._any_account)
+
+    @property
+    def known_account(self) -> Account:
+        """Where the energy went, by cause and by place.
+
+        Raises DasError as `any_account`, and for a drive that cannot be compared with its optimum, here or in the
+        replay that recorded it.
+        """
+        found = self.any_account
+        why = found.above.why_not or ("" if self.said is None else self.said.why_not)
+        if why:
+            raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {why}")
+        return found
+
+    @property
+    def account(self) -> Account | None:
+        """Where the energy went; None where that is not known (`why_no_account`)."""
+        found = _or_error(lambda: self.known_account)
+        return None if isinstance(found, DasError) else found
+
+    @property
+    def why_no_account(self) -> str:
+        """Why it is not known where the energy went; empty where it is."""
+        found = _or_error(lambda: self.known_account)
+        if not isinstance(found, DasError):
+            return ""
+        return str(found) if self.source is None else str(found).removeprefix(f"{self.source.path}: ")
+
+    @cached_property
+    def likely(self) -> LikelyRange | None:
+        """The likely range of an estimated energy above the optimum; None where that is measured, or not known."""
+        return None if self.account is None else likely_range(self.account)
+
+
+def _or_error(find: Callable[[], _Found]) -> _Found | DasError:
+    """What is found, or the error that says why it cannot be: either is kept."""
+    try:
+        return find()
+    except DasError as error:
+        return error
+
+
+def _raised(found: _Found | DasError) -> _Found:
+    if isinstance(found, DasError):
+        raise found
+    return found

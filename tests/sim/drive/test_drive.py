@@ -1,0 +1,113 @@
+"""A run just driven and its recording are the same drive, and every figure of a drive is found once."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import pytest
+
+from das.bus.recording import Recording, Stamped
+from das.domain.errors import DasError
+from sim.drive.drive import Drive
+from sim.drive.happenings import Signal
+from sim.drive.limits import Violations, violations_of
+from sim.drivers.cab import Presentation
+from sim.drivers.kinds import DriverKind
+from sim.recording.course import DrivenCourse
+from sim.world.day import make_day
+from sim.world.loop import World
+from sim.world.outcome import DayOutcome, outcome
+from tests.support.flat_days import FLAT, service_of
+from tests.support.recorded_days import KeptInProcess, inputs_of_day
+
+S = 1_000_000_000
+
+
+@cache
+def driven() -> tuple[DayOutcome, Drive]:
+    """A day with another train than planned: what its run came to, and the drive of its recording."""
+    path = Path(mkdtemp()) / "flat.toml"
+    path.write_text(f"{FLAT}\n[truth]\nmass_ratio = 1.1\n", encoding="utf-8")
+    day = make_day(service_of(path), 1)
+    link = KeptInProcess(day)
+    found = outcome(day, World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, link).run(), DriverKind.HUMAN)
+    said = found.energies.above.message(link.messages["truth"][-1].message.time_ns)
+    recording = Recording(
+        path=Path("nowhere/day.mcap"), train="train", trains=("train",), attachments=(), complete=True,
+        messages={name: tuple(one) for name, one in {**link.messages, "saving": [Stamped(0, said)]}.items()},
+        metadata={"run": {"kind": "run"}},
+    )  # fmt: skip
+    return found, Drive(source=recording, given=inputs_of_day(day))
+
+
+def test_a_run_and_its_recording_keep_the_same_stops() -> None:
+    run, recorded = driven()[0].drive, driven()[1]
+    assert [one.name for one in run.calls] == [one.name for one in recorded.calls]
+    for ours, theirs in zip(run.calls, recorded.calls, strict=True):
+        assert (ours.due_arrival_ns, ours.due_departure_ns) == (theirs.due_arrival_ns, theirs.due_departure_ns)
+        assert theirs.late_s == pytest.approx(ours.late_s, abs=0.3)
+        assert theirs.missed_m == pytest.approx(ours.missed_m, abs=0.1)
+    assert recorded.late_s == pytest.approx(driven()[0].late_s, abs=0.3)
+
+
+def test_a_run_and_its_recording_are_equally_far_above_the_optimum_of_the_true_train() -> None:
+    run, recorded = driven()[0].drive.above, driven()[1].above
+    assert run is not None
+    assert recorded is not None
+    assert recorded.optimum_j == pytest.approx(run.optimum_j)
+    assert recorded.driven_j == pytest.approx(run.driven_j, rel=2e-3)
+    assert run.ratio is not None
+    assert recorded.ratio == pytest.approx(run.ratio, abs=2e-3)
+    account = driven()[1].known_account
+    assert account.other_train_j > 0.03 * run.optimum_j  # a heavier train needs more than the plan's
+    assert sum(account.by_cause.values()) == pytest.approx(account.difference_j, abs=1.0)
+
+
+def test_a_run_and_its_recording_have_the_same_limits_and_advice() -> None:
+    run, recorded = driven()[0].drive, driven()[1]
+    assert asdict(recorded.stability) == pytest.approx(asdict(run.stability), nan_ok=True)
+    assert run.stability.changes > 0
+    assert recorded.violations.over_limit_s == pytest.approx(run.violations.over_limit_s, abs=2.0)
+    assert recorded.violations.signals_passed == run.violations.signals_passed == 0
+
+
+def test_every_figure_is_found_once() -> None:
+    drive = driven()[1]
+    for name in ("course", "clock", "calls", "limit_mps", "events", "motion", "legs", "stability", "known_account"):
+        assert getattr(drive, name) is getattr(drive, name), name
+
+
+def test_a_record_without_truth_is_used_as_it_is_in_memory() -> None:
+    """Its file is not opened again: of a part of a drive, or of one of several trains, that would be another record."""
+    simulated = driven()[1]
+    messages = {name: one for name, one in simulated.recording.messages.items() if name not in ("truth", "saving")}
+    alone = Drive(source=replace(simulated.recording, messages=messages), given=simulated.given)
+    (leg,) = alone.legs
+    first, last = alone.calls
+    assert (leg.motion.time_ns[0], leg.motion.time_ns[-1]) == (first.departed_ns, last.arrived_ns)
+    assert not alone.known_account.measured
+    # Of a lighter train that brakes with its motors first, as far as anybody knows.
+    assert 0.4 < alone.known_account.driven_j / simulated.known_account.driven_j < 1.0
+    assert alone.late_s == pytest.approx(simulated.late_s, abs=3.0)
+
+
+def test_a_run_that_nobody_recorded_has_its_figures_and_says_why_it_has_no_others() -> None:
+    drive = driven()[0].drive
+    assert (drive.account, drive.likely) == (None, None)
+    assert drive.why_no_account.startswith("this run was not recorded")
+    with pytest.raises(DasError, match="was not recorded"):
+        _ = drive.events
+
+
+def test_speeds_above_the_limit_and_signals_passed_are_found_in_positions() -> None:
+    at = np.arange(10, dtype=np.int64) * S
+    trip = DrivenCourse(time_ns=at, s_m=20.0 * np.arange(10.0), speed_mps=np.full(10, 20.0))
+    limit_mps = np.array([25.0] * 4 + [15.0] * 3 + [np.nan] * 3)
+    kept, passed = Signal(s_m=170.0, start_ns=0, end_ns=8 * S), Signal(s_m=100.0, start_ns=0, end_ns=7 * S)
+    found = violations_of(trip, limit_mps, [kept, passed])
+    assert found == Violations(signals_passed=1, beyond_signal_m=40.0, over_limit_s=3.0, over_limit_mps=5.0)
+    assert violations_of(trip, np.full(10, 20.0), []) == Violations()
