@@ -14,7 +14,7 @@ from das.domain.units import KMH
 from sim.drive.stability import REVERSAL_S
 from sim.drivers.cab import AdviceView, Presentation
 from sim.drivers.diary import DriverEvent
-from sim.experiment.driving import Driven
+from sim.experiment.driven import Driven
 from sim.world.loop import TICK_S
 
 BAND_MPS: Final = 3.0 * KMH

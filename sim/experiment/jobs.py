@@ -112,10 +112,11 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
 def make_trial(job: TrialJob) -> JobResult:
     """Drive a trial, find its measures and make its files; raises DasError where it cannot be driven.
 
-    So it does where one of the trial's files is another one here than where the jobs were made: the same path on
-    another machine, or a file that was changed since. A file that is only there is a bundled one, or has another name.
+    It is also raised where a file of the trial is another one here than where the jobs were made: another machine has
+    another file at the same path, or the file was changed since.
     """
     here = _files_here(job.trial.setting)
+    # Version, source and population are no files of a setting.
     others = [name for name, digest in job.files if here.get(name, digest) != digest]
     if others:
         raise DasError(f"a worker has another file: {', '.join(others)}; expected the same file at the same path")

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from das.domain.units import kwh
 from sim.experiment import driving_measures as driving
-from sim.experiment.driving import Driven
+from sim.experiment.driven import Driven
 
 NOLD: Final = "as in Nold & Corman (2024)"
 LEDGER: Final = "energy balance of the simulated train (docs/reference/plant.md)"

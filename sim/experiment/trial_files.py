@@ -15,7 +15,7 @@ from sim.drive.export.columns import Column, DataTable
 from sim.drive.export.writing import as_parquet
 from sim.drivers.shown import Shown
 from sim.experiment.describing import EVENT_COLUMNS, NO_UNIT, SERIES_COLUMNS, Sidecar
-from sim.experiment.driving import Driven
+from sim.experiment.driven import Driven
 from sim.experiment.factors import FACTORS
 from sim.experiment.setting import Setting
 from sim.experiment.trials import StudyTrial

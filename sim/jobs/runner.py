@@ -154,16 +154,13 @@ def _failed(job: RunnerJob, why: str) -> JobResult:
     return JobResult(job.row | {"error": " ".join(why.split())}, {})
 
 
-def is_good(job: RunnerJob, rows: Rows) -> bool:
-    """Whether a job is in the journal without an error; one that failed is tried again."""
-    row = rows.get(job.inputs_sha256)
-    return row is not None and row.get("error") is None
-
-
 def is_finished(job: RunnerJob, folder: Path, rows: Rows) -> bool:
-    """Whether a job was made without fault and all that is kept of it is there."""
+    """Whether a job was made without fault and all that is kept of it is there; one that failed is tried again."""
+    row = rows.get(job.inputs_sha256)
+    if row is None or row.get("error") is not None:
+        return False
     kept = all((folder / name).is_file() for name in job.kept_files)
-    return is_good(job, rows) and kept and (job.recording is None or job.recording.is_whole)
+    return kept and (job.recording is None or job.recording.is_whole)
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:

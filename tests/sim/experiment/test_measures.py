@@ -13,7 +13,8 @@ import pytest
 from das.domain.levels import Level
 from das.domain.units import KMH
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.experiment.driving import Driven, TrialCall, drive, service_of
+from sim.experiment.driven import Driven
+from sim.experiment.driving import TrialCall, drive, service_of
 from sim.experiment.factors import factor_markdown
 from sim.experiment.measures import MEASURES, measure_markdown, measured
 from sim.experiment.setting import Setting
