@@ -35,6 +35,8 @@ LEAST_MPS2 = 0.02
 """A speed that a train comes down to at less than this deceleration (m/s²) is not near yet."""
 AT_MARK_M = 10.0
 """A driver sees the mark of a stop that is nearer than this (m): where else the train may be counts no more."""
+ALIKE = 0.9
+"""Brakes that need at least this share of the strongest one are alike to a driver."""
 RIVALS = 0.8
 """Among the speeds ahead those that ask for at least this share of the largest deceleration are looked at closely."""
 
@@ -132,12 +134,16 @@ class BrakingAhead:
         place_m, speed_mps = self._foot_m[ahead], self._foot_mps[ahead]
         rate_mps2 = (v_mps**2 - speed_mps**2) / (2.0 * np.maximum(place_m - s_m, 1.0))
         largest = float(rate_mps2.max(initial=0.0))
-        best = NOTHING
-        if largest >= LEAST_MPS2:
-            for i in np.flatnonzero(rate_mps2 >= RIVALS * largest):
-                one = self.effort_to(s_m, v_mps, float(place_m[i]), float(speed_mps[i]))
-                best = max(best, NeededBrake(one, float(speed_mps[i]), float(place_m[i])))
-        return best
+        if largest < LEAST_MPS2:
+            return NOTHING
+        rivals = [
+            NeededBrake(self.effort_to(s_m, v_mps, at_m, to_mps), to_mps, at_m)
+            for rate, at_m, to_mps in zip(rate_mps2.tolist(), place_m.tolist(), speed_mps.tolist(), strict=True)
+            if rate >= RIVALS * largest
+        ]
+        most = max(rivals).effort
+        # Of places that ask for nearly the same the nearest is named: the driver comes to it first.
+        return next(one for one in rivals if one.effort >= ALIKE * most)._replace(effort=most)
 
     def effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         """The least effort with which a train in a state comes down to a speed at a place; the largest if none does."""

@@ -172,6 +172,8 @@ class Leg:
     def _braking(self, scene: Scene, reason: str, needed: float = math.inf) -> Advice:
         """Full brakes without a plan; the coach's are those shown, or as much as `needed` (an effort)."""
         shown = 0.0 if self._coach is None else self._coach.shown_effort
+        if self._coach is not None and math.isfinite(needed) and self._coach.stands_at_mark(scene.state):
+            needed = shown
         self._forget()
         advice = self.display.braking(scene, reason)
         if self._coach is None:
@@ -179,7 +181,7 @@ class Leg:
         ahead, state = self.planner.ahead, scene.state
         largest = advice.advised_force_n / min(ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
         least = self._settings.coach.showing.brake.step_ratio
-        effort = min(max(needed, shown, least), largest)
+        effort = max(min(max(needed, least), largest), min(shown, ahead.largest(state.v_mps)))
         force_n = ahead.force_n(effort, state.s_m, state.v_mps)
         return replace(advice, coach=self._coach.brakes(effort, force_n, reason))
 

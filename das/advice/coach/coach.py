@@ -98,6 +98,10 @@ class Coach:
         """The effort of the brake that is shown (> 0); 0 where none is."""
         return self._showing.shown_effort
 
+    def stands_at_mark(self, state: TrainState) -> bool:
+        """Whether a train in the last metres before its stop stands near the mark if it brakes on as shown."""
+        return self._showing.stands_at_mark(state)
+
     def brakes(self, effort: float, force_n: float, reason: str) -> Coaching:
         """The train is at its stop, or too fast for any reference: to brake to a standstill with an effort (> 0)."""
         self.forget()

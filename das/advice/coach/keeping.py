@@ -275,7 +275,7 @@ class Keeper:
             ReplanCause.POINT: True,
             ReplanCause.LATE: gain.lateness_s > keeping.late_gain_s,
             ReplanCause.EARLY: gain.lateness_s > keeping.least_gain_s and gain.energy_j > least_j,
-            ReplanCause.ENERGY: -gain.lateness_s < keeping.least_gain_s and gain.worth_j > least_j,
+            ReplanCause.ENERGY: -gain.lateness_s < keeping.least_gain_s and min(gain.worth_j, gain.energy_j) > least_j,
         }
         return better[doubt]
 

@@ -58,19 +58,31 @@ class BrakeShowingSettings:
     """A train that is slower than this before its stop is not told to roll any more,"""
     short_ratio: float = 0.1
     """unless this share of the planned deceleration is enough,"""
-    short_m: float = 10.0
+    short_m: float = 8.0
     """and the mark is further away than this: braked on the train would stand short of it."""
     creep_mps: float = 3.0
     """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
     creeps_m: float = 100.0
     """A train so slow that no reference brings it to its stop creeps there from so far away at most."""
+    beyond_mark_m: float = 3.0
+    """In the last metres before a stop the effort stands while a train that brakes on stands no further beyond it,"""
+    before_mark_m: float = 5.0
+    """and no further before it;"""
+    at_mark_ratio: float = 1.5
+    """otherwise it grows at once to so many times what was shown, so that it need not grow again."""
+    answered_in_s: float = 4.0
+    """Where more effort is needed, as much is shown as is needed by a driver who answers in this time,"""
+    grown_ratio: float = 1.6
+    """but no more than so many times what is needed by now."""
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size, rounded up."""
+    friction_step_ratio: float = 0.5
+    """An effort beyond the motors is shown in steps of this size: nobody sets friction more closely."""
     build_up_ratio: float = 0.15
     """The build-up of the brakes takes at most this share of the way of a brake."""
     settled_s: float = 6.0
     """So near to the end of a brake to a lower speed no less effort is shown: the driver sees the speed himself."""
-    less_ratio: float = 0.25
+    less_ratio: float = 0.4
     """Less effort is shown only where what is needed is less by more than this share. More is shown at once."""
     eased_ratio: float = 0.5
     """Where less than this share of what is shown is needed, less is shown at once: the train would stand short."""

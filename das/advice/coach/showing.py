@@ -79,6 +79,10 @@ class Showing:
         """The effort of the brake that is shown (> 0); 0 where none is."""
         return -self._shown.effort_ratio if self._shown.mode in BRAKES else 0.0
 
+    def stands_at_mark(self, state: TrainState) -> bool:
+        """Whether a train that brakes on as shown stands near the mark of its stop."""
+        return self._brakes is not None and self._brakes.stands_at_mark(self._shown, state)
+
     def braking(self, effort: float) -> Instruction:
         """The instruction to brake to a standstill with an effort (> 0), whatever the reference is."""
         self._shown = brake_of(effort, 0.0)
@@ -109,7 +113,10 @@ class Showing:
         urgent = wanted is not planned
         ends_mps = float(np.interp(phase_ends_m, schedule.section.node_m, schedule.section.envelope_mps))
         brakes_on = wanted.mode in BRAKES and self._shown.mode in BRAKES  # Nobody releases the brake in between.
-        now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
+        if self._brakes.stands_at_mark(self._shown, state):
+            now = wanted = self._shown
+        else:
+            now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
         safe = now if now is wanted else self._brakes.safe(now, state, schedule.speed_at(state.s_m))
         if safe is not now:  # What stands must be as safe as what is new.
             now, self._shown, self._since_ns, urgent = safe, safe, state.now_ns, True

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.above_plan import BRAKED_MORE
-from das.advice.braking import LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
+from das.advice.braking import AT_MARK_M, LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.modes import Mode
@@ -72,16 +72,30 @@ class ShownBrakes:
 
     def lasts(self, now: Instruction, state: TrainState) -> tuple[float, float]:
         """The time (s) and the way (m) that a brake takes to its speed, at the rate with which it begins."""
+        time_s = max(state.v_mps - now.speed_mps, 0.0) / max(self._rate_mps2(-now.effort_ratio, state), LEAST_MPS2)
+        return time_s, 0.5 * (state.v_mps + now.speed_mps) * time_s
+
+    def _rate_mps2(self, effort: float, state: TrainState) -> float:
+        """The deceleration (m/s²) of a train in a state that brakes with an effort."""
         ahead, v_mps = self.ahead, state.v_mps
-        braked_mps2 = -ahead.force_n(-now.effort_ratio, state.s_m, v_mps) / ahead.section.train.inertial_mass_kg
-        rate_mps2 = braked_mps2 - ahead.rolls_mps2(state.s_m, v_mps)
-        time_s = max(v_mps - now.speed_mps, 0.0) / max(rate_mps2, LEAST_MPS2)
-        return time_s, 0.5 * (v_mps + now.speed_mps) * time_s
+        braked_mps2 = -ahead.force_n(effort, state.s_m, v_mps) / ahead.section.train.inertial_mass_kg
+        return braked_mps2 - ahead.rolls_mps2(state.s_m, v_mps)
 
     def stands_short(self, now: Instruction, state: TrainState) -> bool:
         """Whether a train that brakes on to a standstill would stand clearly before the stop."""
         short_m = self.ahead.section.end_m - state.s_m - self.lasts(now, state)[1]
         return short_m > self._settings.brake.short_m
+
+    def stands_at_mark(self, now: Instruction, state: TrainState) -> bool:
+        """Whether a train in the last metres before its stop stands near the mark if it brakes on as it is told.
+
+        The driver sees the mark there. The position that the advice rests on is not known so closely: an effort that
+        followed it would only flicker.
+        """
+        left_m, settings = self.ahead.section.end_m - state.s_m, self._settings.brake
+        if now.mode not in BRAKES or now.speed_mps > SAME_MPS or left_m > AT_MARK_M:
+            return False
+        return -settings.beyond_mark_m <= left_m - self.lasts(now, state)[1] <= settings.before_mark_m
 
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
         """Where a brake ends (m) that limits ask for, and that is not the whole of the phase."""
@@ -138,11 +152,15 @@ class ShownBrakes:
             needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
-        if needed.effort > 0.0:
-            return self.shown(needed, state)
+        too_little = needed.effort < self._settings.brake.step_ratio and wanted.mode in TRACTION
+        if needed.effort > 0.0 and not too_little:
+            to_mps = min(needed.target_mps, wanted.speed_mps) if wanted.mode in BRAKES else needed.target_mps
+            return replace(self.shown(needed, state), speed_mps=to_mps)
         if wanted.mode not in TRACTION:
             return wanted
-        return Instruction(mode=Mode.COAST, speed_mps=min(wanted.speed_mps, needed.target_mps), effort_ratio=0.0)
+        # Nothing has to be braked for yet, only accelerating on would end above what is allowed.
+        allowed_mps = ahead.needed(state.braked_m, soon_mps).target_mps
+        return Instruction(mode=Mode.COAST, speed_mps=min(wanted.speed_mps, allowed_mps), effort_ratio=0.0)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
         """The brake that a phase needs from where it begins, or from here; at first with the build-up of the brakes.
@@ -170,18 +188,50 @@ class ShownBrakes:
         """The brake as it is shown: its effort stands until more is needed, or clearly less."""
         settings, v_mps = self._settings.brake, state.v_mps
         kept = self._efforts.get(needed.at_m)
-        shown = math.ceil(needed.effort / settings.step_ratio - SAME_EFFORT) * settings.step_ratio
+        shown = self._stepped(needed.effort)
         slows = needed.target_mps > SAME_MPS
-        if kept is not None and self._ends(needed, v_mps):
+        if kept is not None and (self._ends(needed, v_mps) or self._nearly_enough(kept, needed, state)):
             shown = kept
         elif kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
             less = needed.effort < kept * (1.0 - settings.less_ratio)
             ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
             shown = shown if less and not ends_soon else kept
+        elif kept is not None:
+            shown = max(shown, self._grown(needed, kept, state))
         self._efforts[needed.at_m] = shown
         largest = self.ahead.largest(v_mps)
         self._exact_effort = min(needed.effort, largest)
         return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
+
+    def _nearly_enough(self, kept: float, needed: NeededBrake, state: TrainState) -> bool:
+        """Whether a brake that needs more than is shown ends so little above its speed that no driver sees it."""
+        if needed.target_mps <= SAME_MPS or needed.effort <= kept:
+            return False
+        way_m = max(needed.at_m - state.braked_m, 0.0)
+        ends_w = state.v_mps**2 - 2.0 * self._rate_mps2(kept, state) * way_m
+        return ends_w <= (needed.target_mps + SAME_MPS) ** 2
+
+    def _stepped(self, effort: float) -> float:
+        """An effort rounded up to what is shown: to 5 % of the motors, and friction in larger steps."""
+        step_ratio = self._settings.brake.step_ratio if effort <= 1.0 else self._settings.brake.friction_step_ratio
+        return math.ceil(effort / step_ratio - SAME_EFFORT) * step_ratio
+
+    def _grown(self, needed: NeededBrake, kept: float, state: TrainState) -> float:
+        """The effort that a brake grows to whose driver has not braked as shown: enough where he does so only soon.
+
+        It asks for friction only where the motors are not enough soon.
+        """
+        settings = self._settings.brake
+        if self.ahead.section.end_m - state.s_m <= AT_MARK_M:
+            return self._stepped(settings.at_mark_ratio * kept)
+        least, most = (self._delayed(needed, state, ratio * settings.answered_in_s) for ratio in (0.5, 1.0))
+        grown = min(most, settings.grown_ratio * needed.effort)
+        return self._stepped(min(grown, 1.0) if least <= 1.0 else grown)
+
+    def _delayed(self, needed: NeededBrake, state: TrainState, after_s: float) -> float:
+        """The effort that a brake needs which begins only after a time (s)."""
+        from_m = min(state.braked_m + state.v_mps * after_s, needed.at_m)
+        return self.ahead.effort_to(from_m, state.v_mps, needed.at_m, needed.target_mps)
 
     def _ends(self, needed: NeededBrake, v_mps: float) -> bool:
         """Whether a train has nearly come down to the speed of a brake that is no stop."""

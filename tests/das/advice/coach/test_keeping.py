@@ -302,17 +302,20 @@ def test_who_would_miss_the_window_gets_another_reference() -> None:
     assert other.reference.replan.cause is ReplanCause.POINT
 
 
-@pytest.mark.parametrize(("least_gain_power_s", "cause"), [(0.0, ReplanCause.ENERGY), (100.0, ReplanCause.START)])
+@pytest.mark.parametrize(
+    ("least_gain_power_s", "away_mps", "cause"),
+    [(0.0, 4.0, ReplanCause.ENERGY), (100.0, 4.0, ReplanCause.START), (0.0, -4.0, ReplanCause.START)],
+)
 def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_enough(
-    least_gain_power_s: float, cause: ReplanCause
+    least_gain_power_s: float, away_mps: float, cause: ReplanCause
 ) -> None:
-    """4 m/s too slow where the train is to coast: on time to within the late seconds, not on the speed."""
+    """4 m/s off the speed, on time to within the late seconds: who is too slow would need more energy for another."""
     keeping = KeepingSettings(late_s=60.0, early_s=60.0, least_gain_s=30.0, least_gain_power_s=least_gain_power_s)
     keeper, goal = keeper_of(LINE, CoachSettings(keeping=keeping)), goal_of(LINE, BUFFER)
     _, train = started(keeper, LINE, goal)
     for second in range(60, 400, 20):
         state = train.at(second)
-        kept = keeper.keep(state._replace(v_mps=max(state.v_mps - 4.0, 1.0)), goal)
+        kept = keeper.keep(state._replace(v_mps=max(state.v_mps + away_mps, 1.0)), goal)
         assert kept is not None
         if kept.reference.replan.cause is not ReplanCause.START:
             break
