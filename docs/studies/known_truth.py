@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 
 from docs.studies.pages import DOCS, write_table
+from precompute.workers import Workers
 from sim.experiment.analysis.pairs import PairedTrials, paired_trials
 from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PilotDifferences, PowerQuestion, power_of, share_interval
@@ -26,7 +27,7 @@ from sim.experiment.analysis.resampling import probabilities_at_once, weights
 from sim.experiment.design import read_design
 from sim.experiment.freezing import freeze
 from sim.experiment.jobs import Keep, jobs_of
-from sim.experiment.running import Workers, run_study
+from sim.experiment.running import run_study
 from sim.experiment.setting import study_days
 
 MEASURE: Final = "gap_to_optimum_ratio"

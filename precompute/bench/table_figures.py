@@ -22,11 +22,12 @@ from das.table.hashes import Course
 from das.table.reading import Table
 from precompute.bench.figures import DIVISIONS_PER_LANDING_TRIED, MEGA, POLISHED_LANDINGS, VEHICLE, Reference
 from precompute.bench.measuring import Figure, Subject, Times, available_cores, in_turns, seconds_of
+from precompute.tables.build import solve_jobs
 from precompute.tables.job import Job
 from precompute.tables.look_up import LookUp
-from precompute.tables.pool import solve_locally
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import TableSettings, make_table, write_table
+from precompute.workers import Workers
 
 POLICIES_TRIED = 6
 """First steps that a look-up tries, about: two neighbours of the ladder and what narrows between them."""
@@ -142,5 +143,5 @@ def _jobs(sections: int) -> list[Job]:
 def _build_s(jobs: list[Job], workers: int) -> float:
     """Seconds from the first table to the last: the start of the workers, once a build, is left out."""
     with tempfile.TemporaryDirectory(prefix="das-bench-") as folder:
-        finished = [time.perf_counter() for _ in solve_locally(jobs, Path(folder), workers)]
+        finished = [time.perf_counter() for _ in solve_jobs(jobs, Path(folder), Workers(count=workers))]
     return (finished[-1] - finished[0]) * len(jobs) / max(len(jobs) - 1, 1)

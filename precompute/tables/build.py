@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+from das.domain.errors import DasError
 from das.domain.files.locking import folder_held
-from precompute.tables.job import Job
+from precompute.pool import JobLostError, Made
+from precompute.tables.job import Job, warm_up
 from precompute.tables.plan import BuildPlan
 from precompute.tables.store import (
     BuildStatus,
@@ -20,31 +25,25 @@ from precompute.tables.store import (
     remove_unfinished,
     write_report,
 )
+from precompute.tables.writing import write_table
+from precompute.workers import Workers
 
 REPORT_EVERY_S = 5.0
 """While a build goes on, its report on disk is never older than this."""
 
 
-class Solver(Protocol):
-    """Solves jobs into tables in a folder and yields the outcome of each as it comes (local pool or cluster)."""
-
-    def __call__(self, jobs: Sequence[Job], folder: Path) -> Generator[Outcome]: ...
-
-
-def build(
-    plan: BuildPlan, folder: Path, solve: Solver, facts: Mapping[str, Any], watch: Callable[[Outcome], None]
-) -> dict[str, Any]:
+def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outcome], None]) -> dict[str, Any]:
     """Build a plan into a folder; `watch` hears every outcome. Returns the report, which is written to build.json.
 
     Whatever ends the build, the report says how far it came. Raises DasError where another build has the folder.
     """
     with folder_held(folder, "another build is writing to it"):
         remove_unfinished(folder)
-        state = _State(plan, folder, facts)
+        state = _State(plan, folder, workers.facts)
         for outcome in state.outcomes_that_are(BuildStatus.KEPT):
             watch(outcome)
         try:
-            with closing(solve(state.jobs_that_are(BuildStatus.PENDING), folder)) as coming:
+            with closing(solve_jobs(state.jobs_that_are(BuildStatus.PENDING), folder, workers)) as coming:
                 for outcome in coming:
                     state.take(outcome)
                     watch(outcome)
@@ -54,6 +53,58 @@ def build(
             state.look_again()
             report = state.report()
     return report
+
+
+def solve_jobs(jobs: Sequence[Job], folder: Path, workers: Workers) -> Generator[Outcome]:
+    """Solve jobs into tables in a folder; yields the outcome of each as it comes.
+
+    A worker of this machine writes its tables itself; those of a cluster are written here. Closing the iterator stops
+    the workers. Raises DasError as `Workers.made` does.
+    """
+    make = partial(solved, folder=folder if workers.scheduler is None else None)
+    with closing(workers.made(make, jobs, prepare=warm_up)) as coming:
+        for made in coming:
+            yield _outcome(made, folder)
+
+
+def solved(job: Job, folder: Path | None) -> tuple[Outcome, dict[str, bytes]]:
+    """What becomes of a job, as a worker solves it: with a folder its table is put there, else its files come back."""
+    began_s = time.perf_counter()
+
+    def became(status: BuildStatus, reason: str = "", size_bytes: int | None = None) -> Outcome:
+        seconds = time.perf_counter() - began_s
+        return Outcome(name=job.name, status=status, reason=reason, seconds=seconds, size_bytes=size_bytes)
+
+    try:
+        files = job.solve()
+        if folder is not None:
+            write_table(folder / job.name, files)
+    except DasError as error:
+        return became(BuildStatus.FAILED, " ".join(str(error).split())), {}
+    except MemoryError:
+        raise
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        fault = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
+        return became(BuildStatus.FAILED, f"a fault of the solver: {fault}"), {}
+    built = became(BuildStatus.BUILT, size_bytes=sum(map(len, files.values())))
+    return built, files if folder is None else {}
+
+
+def _outcome(made: Made[Job, tuple[Outcome, dict[str, bytes]]], folder: Path) -> Outcome:
+    """What became of a job, its table written where its worker did not."""
+    error = made.error
+    if made.result is not None:
+        outcome, files = made.result
+        try:
+            if files:
+                write_table(folder / outcome.name, files)
+            return replace(outcome, attempts=made.attempts)
+        except DasError as failure:
+            error = failure
+    status = BuildStatus.POISON if isinstance(error, JobLostError) else BuildStatus.FAILED
+    reason = str(error) if isinstance(error, DasError) else f"{type(error).__name__}: {error}"
+    return Outcome(name=made.job.name, status=status, reason=" ".join(reason.split()), attempts=made.attempts)
 
 
 class _State:

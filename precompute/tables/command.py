@@ -24,7 +24,6 @@ from precompute.cli.options import RefineOption, refine_seconds
 
 if TYPE_CHECKING:
     from das.table.reading import Table
-    from precompute.tables.build import Solver
 
 MB = 1e6
 EXIT_SOME_FAILED = 1
@@ -68,11 +67,13 @@ def build(
     with busy("reading the plan …"):
         from precompute.tables.build import build as build_plan
         from precompute.tables.plan import read_plan
+        from precompute.workers import Workers
 
         wanted = read_plan(plan, refine_s=refine_seconds(refine))
-    solve, facts = _locally(workers or _cores()) if scheduler is None else _on_cluster(scheduler)
     with _bar("sections", len(wanted.jobs)) as advance:
-        report = build_plan(wanted, folder, solve, facts, lambda _outcome: advance())
+        report = build_plan(
+            wanted, folder, Workers(count=workers or _cores(), scheduler=scheduler), lambda _outcome: advance()
+        )
     if as_json:
         print(json.dumps(report, ensure_ascii=False))
     else:
@@ -155,18 +156,6 @@ def _checked(path: Path) -> Table | str:
 def _cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _locally(workers: int) -> tuple[Solver, dict[str, Any]]:
-    from precompute.tables.pool import solve_locally
-
-    return lambda jobs, folder: solve_locally(jobs, folder, workers), {"workers": workers}
-
-
-def _on_cluster(address: str) -> tuple[Solver, dict[str, Any]]:
-    from precompute.tables.cluster import solve_on_cluster
-
-    return lambda jobs, folder: solve_on_cluster(jobs, folder, address), {"scheduler": address}
 
 
 @contextmanager

@@ -13,18 +13,16 @@ import typer
 
 from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy
-from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from sim.cli.options import DriversOption, FrictionOption, ParticipantsOption
 from sim.cli.shared import Kind, chosen
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.options import PopulationOption
-from sim.progress import progress_bar
 
 if TYPE_CHECKING:
     from sim.drivers.population import Participant
-    from sim.jobs.journal import Journal
-    from sim.jobs.plan import BatchJob
+    from sim.jobs.batch import BatchJob
+    from sim.jobs.runner import Rows
 
 TABLE = "runs.parquet"
 
@@ -56,7 +54,7 @@ def batch(
     The table runs.parquet in the folder has one row a run; a run is made again only if one of its inputs changed.
     """
     with busy("reading the scenarios …"):
-        from sim.jobs.plan import Batch, parse_seeds
+        from sim.jobs.batch import Batch, parse_seeds
         from sim.jobs.report import print_summary
         from sim.jobs.table import require_pyarrow
 
@@ -73,7 +71,7 @@ def batch(
             folder=out,
         )
         jobs = list(asked.jobs())
-        _make_folders(out, record)
+        _make_folder(out)
     found = _run_all(jobs, out, workers or os.cpu_count() or 1)
     as_text = json.dumps({**found, "savings": [one.as_dict() for one in found["savings"]]})
     print(as_text) if as_json else print_summary(found)
@@ -89,37 +87,28 @@ def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Pat
 
 def _run_all(jobs: Sequence[BatchJob], out: Path, workers: int) -> dict[str, Any]:
     """Run what is not finished yet and write the table, even if it is interrupted. Returns what came out."""
-    from sim.jobs.journal import Journal
+    from precompute.workers import Workers
+    from sim.jobs.batch import make_run
     from sim.jobs.report import summary
+    from sim.jobs.runner import JobWords, Runner
     from sim.jobs.split import savings
     from sim.jobs.table import write_table
-    from sim.jobs.worker import recorded
 
-    with Journal(out) as journal:
-        left = [job for job in jobs if not _good(journal, job) or not recorded(job)]
-        interrupt_on_termination()
-        try:
-            _work(left, len(jobs), workers, journal)
-        except KeyboardInterrupt:
-            done = sum(_good(journal, job) for job in jobs)
-            print(f"{done} of {len(jobs)} runs are finished; the same command goes on from there", file=sys.stderr)
-            raise
-        finally:
-            finished = [journal.rows[job.inputs_sha256] for job in jobs if job.inputs_sha256 in journal.rows]
-            write_table(out / TABLE, finished)
+    finished: list[dict[str, Any]] = []
+
+    def write(rows: Rows, _made: int) -> None:
+        finished.extend(dict(rows[job.inputs_sha256]) for job in jobs if job.inputs_sha256 in rows)
+        write_table(out / TABLE, finished)
+
+    words = JobWords("batch", "runs", "make")
+    made = Runner(make=make_run, folder=out, workers=Workers(count=workers), words=words).run(jobs, write)
     return {
         "file": str(out / TABLE),
         "runs": len(jobs),
-        "made": len(left),
+        "made": made,
         "groups": summary(finished),
         "savings": savings(finished),
     }
-
-
-def _good(journal: Journal, job: BatchJob) -> bool:
-    """Whether a run is finished; one that failed is tried again."""
-    row = journal.rows.get(job.inputs_sha256)
-    return row is not None and row.get("error") is None
 
 
 def _each(kind: type[Kind], option: str, text: str) -> list[Kind]:
@@ -142,7 +131,7 @@ def _participants(
 ) -> list[Participant]:
     """The participants of a list; DasError without a human driver, or for a population that cannot be used."""
     from sim.drivers.population import DEFAULT, Participant, load_population
-    from sim.jobs.plan import parse_seeds
+    from sim.jobs.batch import parse_seeds
 
     if numbers is None:
         if population is not None:
@@ -154,25 +143,8 @@ def _participants(
     return [Participant(population=found, number=number) for number in parse_seeds(numbers, "--participants")]
 
 
-def _make_folders(out: Path, record: bool) -> None:
+def _make_folder(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        if record:
-            (out / "recordings").mkdir(exist_ok=True)
     except OSError as error:
         raise DasError(f"{out}: cannot be made ({error.strerror})") from error
-
-
-def _work(left: Sequence[BatchJob], of: int, workers: int, journal: Journal) -> None:
-    """Run what is left, on all workers, and note each run as it ends."""
-    from sim.jobs.pool import worked
-    from sim.jobs.worker import work
-
-    if not left:
-        return
-    done = of - len(left)
-    with progress_bar("batch", f"{len(left)} of {of} runs to make", "runs") as progress:
-        for row in worked(work, left, min(workers, len(left))):
-            journal.add(row)
-            done += 1
-            progress(done, of)

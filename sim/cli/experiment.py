@@ -80,9 +80,10 @@ def run(
     _check_options(workers, scheduler, recordings=recordings, measures_only=measures_only)
     _check_folder(out)
     with busy("reading the design …"):
+        from precompute.workers import Workers
         from sim.experiment.design import load_design
         from sim.experiment.jobs import Keep, jobs_of
-        from sim.experiment.running import Workers, run_study
+        from sim.experiment.running import run_study
         from sim.jobs.table import require_pyarrow
 
         if not measures_only:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,10 +12,10 @@ import typer
 from das.command_line.options import JsonOption, LevelOption
 from das.command_line.printing import busy, print_table, tell
 from das.command_line.running import interrupt_on_termination
+from das.domain.errors import DasError
 from sim.cli.options import FrictionOption, ScenarioArgument
 from sim.cli.shared import chosen
 from sim.drivers.kinds import FrictionPolicy, Presentation
-from sim.progress import progress_bar
 
 if TYPE_CHECKING:
     from sim.jobs.sensitivity import Sensitivity, SensitivityJob, SensitivityRun
@@ -67,7 +68,7 @@ def sensitivity(
     """
     with busy("reading the scenario …"):
         from sim.drivers.population import DEFAULT, load_population
-        from sim.jobs.plan import parse_seeds
+        from sim.jobs.batch import parse_seeds
         from sim.jobs.sensitivity import Study, sensitivities, sensitivity_markdown
         from sim.world.scenario import load_scenario
 
@@ -92,16 +93,18 @@ def sensitivity(
 
 
 def _driven(jobs: Sequence[SensitivityJob], workers: int) -> list[SensitivityRun]:
-    """All runs of a study, made in this process or by workers, with progress."""
-    from sim.jobs.pool import worked
+    """All runs of a study, with progress; DasError for one that cannot be made."""
+    from precompute.workers import Workers
+    from sim.jobs.runner import JobWords, made_with_progress
     from sim.jobs.sensitivity import drive
 
     found: list[SensitivityRun] = []
-    made = map(drive, jobs) if workers == 1 else worked(drive, jobs, min(workers, len(jobs)))
-    with progress_bar("sensitivity", f"{len(jobs)} runs", "runs") as progress:
-        for run in made:
-            found.append(run)
-            progress(len(found), len(jobs))
+    words = JobWords("sensitivity", "runs", "make")
+    with closing(made_with_progress(drive, jobs, Workers(count=workers), words, f"{len(jobs)} runs")) as coming:
+        for made in coming:
+            if made.result is None:
+                raise made.error or DasError("a run came to nothing")
+            found.append(made.result)
     return found
 
 

@@ -4,36 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.drivers.population import Participant, Population, load_population
-from sim.drivers.presentations.presenter import presenter_of
-from sim.experiment.driven import Driven
+from sim.experiment.driven import Driven, WatchedDriver
 from sim.experiment.setting import Setting
-from sim.experiment.trace import WatchedDriver
 from sim.experiment.trials import StudyTrial
-from sim.jobs.memory import ServiceMemory
+from sim.jobs.driving import JobRecording, ServiceMemory, drive_day
 from sim.world.day import Day, make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, World
 from sim.world.outcome import outcome
-from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.over_bus import How
 from sim.world.service import Service
 
 LINES_KEPT: Final = 3
 """Solved lines that a process keeps: that of the true train's losses, and those of two levels of the advice's."""
 _services = ServiceMemory(most=LINES_KEPT)
-
-
-class TrialRecording(NamedTuple):
-    """Where a trial is recorded, and the command that the recording names."""
-
-    file: Path
-    command: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +30,7 @@ class TrialCall:
 
     trial: StudyTrial
     population: str
-    record: TrialRecording | None = None
+    record: JobRecording | None = None
 
 
 def drive(call: TrialCall) -> Driven:
@@ -50,7 +38,16 @@ def drive(call: TrialCall) -> Driven:
     trial = call.trial
     day = _day(trial, Participant(population=_population(call.population), number=trial.person))
     driver = WatchedDriver(day.driver(trial.setting.driver, trial.setting.friction))
-    run = _run(day, driver, trial.setting, call.record)
+    setting, record = trial.setting, call.record
+    how = How(
+        driver=setting.driver,
+        friction=setting.friction,
+        advice=setting.presentation,
+        train="train-1",
+        command="" if record is None else record.command,
+        screen=setting.screen,
+    )
+    run = drive_day(day, driver, how, None if record is None else record.file)
     return Driven(day=day, run=run, outcome=outcome(day, run), looks=driver.looks)
 
 
@@ -88,25 +85,6 @@ def _day(trial: StudyTrial, who: Participant) -> Day:
         source = day.service.scenario.source
         raise DasError(f"{source}: human.trips: expected no trips here, because the design counts them (learning)")
     return replace(day, human=day.human.after(trial.trips))
-
-
-def _run(day: Day, driver: WatchedDriver, setting: Setting, record: TrialRecording | None) -> Run:
-    if record is None:
-        link = InProcess(day.service, coach=presenter_of(setting.presentation).needs_coach)
-        return World(day, driver, setting.presentation, link, setting.screen).run()
-    how = How(
-        driver=setting.driver,
-        friction=setting.friction,
-        advice=setting.presentation,
-        train="train-1",
-        command=record.command,
-        screen=setting.screen,
-    )
-    crew = make_crew(day, how, record.file)
-    run, traffic = run_over_bus(day, driver, setting.presentation, crew, screen=how.screen)
-    if traffic.lost:
-        raise DasError(f"{record.file}: {traffic.lost} messages were lost")
-    return run
 
 
 @cache

@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from threading import Lock
+from typing import Any, Final
 
 from das import __version__
 from das.domain.errors import DasError
+from precompute.workers import source_sha256
 from sim.drivers.population import load_population
 from sim.experiment.design import Design
-from sim.experiment.driving import LINES_KEPT, TrialCall, TrialRecording, drive
+from sim.experiment.driving import LINES_KEPT, TrialCall, drive
 from sim.experiment.freezing import setting_files
 from sim.experiment.measures import measured
 from sim.experiment.setting import Setting
 from sim.experiment.trial_files import events_file, recording_file, series_file, setting_file, trial_files
 from sim.experiment.trials import StudyTrial, trials_of
-from sim.jobs.plan import code_sha256
+from sim.jobs.driving import JobRecording
+from sim.jobs.runner import JobResult
 from sim.recording.inputs import sha256
 from sim.world.service import PLANNED
+
+ONE_AT_A_TIME: Final = Lock()
+"""A worker of a cluster with several threads drives one trial at a time, because its solved lines are shared."""
 
 
 class Keep(StrEnum):
@@ -74,25 +78,18 @@ class TrialJob:
         return () if self.keep is Keep.MEASURES else tuple(of(self.trial) for of in of_trial)
 
     @property
-    def record(self) -> TrialRecording | None:
+    def recording(self) -> JobRecording | None:
         """Where the trial is recorded; None where it is not."""
         if self.keep is not Keep.RECORDINGS:
             return None
         command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
-        return TrialRecording(self.folder / recording_file(self.trial), command)
-
-
-class DrivenTrial(NamedTuple):
-    """What comes of a trial: its row of the journal, and its files by their paths within the study's folder."""
-
-    row: dict[str, Any]
-    files: dict[str, bytes]
+        return JobRecording(self.folder / recording_file(self.trial), command)
 
 
 def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
     """The jobs of a design in the order of its trials; raises DasError for files that cannot be used."""
     population = design.people.population
-    common = {"version": __version__, "code": code_sha256(), "population": sha256(load_population(population).source)}
+    common = {"version": __version__, "code": source_sha256(), "population": sha256(load_population(population).source)}
     by_setting: dict[Any, dict[str, str]] = {}
     found = []
     for trial in trials_of(design):
@@ -112,18 +109,26 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
     return found
 
 
-def worked_off(job: TrialJob) -> DrivenTrial:
-    """Drive a trial, find its measures and make its files; if it fails, the row says why."""
-    row = job.row
-    try:
-        driven = drive(TrialCall(trial=job.trial, population=job.population, record=job.record))
+def make_trial(job: TrialJob) -> JobResult:
+    """Drive a trial, find its measures and make its files; raises DasError where it cannot be driven.
+
+    It is also raised where a file of the trial is another one here than where the jobs were made: another machine has
+    another file at the same path, or the file was changed since.
+    """
+    here = _files_here(job.trial.setting)
+    # Version, source and population are no files of a setting.
+    others = [name for name, digest in job.files if here.get(name, digest) != digest]
+    if others:
+        raise DasError(f"a worker has another file: {', '.join(others)}; expected the same file at the same path")
+    with ONE_AT_A_TIME:
+        driven = drive(TrialCall(trial=job.trial, population=job.population, record=job.recording))
         files = {} if job.keep is Keep.MEASURES else trial_files(job.trial, driven)
-        return DrivenTrial(row | {"measures": measured(driven, list(job.measures)), "error": None}, files)
-    except DasError as error:
-        said = str(error)
-    except Exception as error:  # one trial that fails must not end a study of thousands
-        said = f"{type(error).__name__}: {error}"
-    return DrivenTrial(row | {"error": " ".join(said.split())}, {})
+        return JobResult({"measures": measured(driven, list(job.measures)), "error": None}, files)
+
+
+@cache
+def _files_here(setting: Setting) -> dict[str, str]:
+    return setting_files(setting)
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
@@ -142,23 +147,3 @@ def _line_of(setting: Setting, *, by_level: bool) -> str:
     """What the solved lines of a setting depend on: line, train and timetable, and the advice's losses."""
     scenario = setting.read_scenario()
     return repr([*(getattr(scenario, name) for name in PLANNED), setting.loss_level if by_level else None])
-
-
-def is_finished(job: TrialJob, rows: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether a trial was driven without fault and all that is kept of it is there."""
-    row = rows.get(job.inputs_sha256)
-    if row is None or row.get("error") is not None:
-        return False
-    return all((job.folder / name).is_file() for name in job.kept_files) and _is_recorded(job)
-
-
-def _is_recorded(job: TrialJob) -> bool:
-    """Whether the recording that a job asks for is there, whole, and of this trial."""
-    record = job.record
-    if record is None:
-        return True
-    try:
-        with record.file.open("rb") as file:
-            return any(one.metadata.get("command") == record.command for one in make_reader(file).iter_metadata())
-    except (OSError, ValueError, McapError):
-        return False

@@ -9,10 +9,10 @@ from typing import Final
 
 from das.domain.errors import DasError
 from sim.experiment.design import Design, Factor
+from sim.experiment.driven import lever_trace_sha256
 from sim.experiment.driving import TrialCall, drive
 from sim.experiment.factors import FactorLevel
 from sim.experiment.setting import Setting
-from sim.experiment.trace import lever_trace_sha256
 from sim.experiment.trials import StudyTrial
 
 DAYS_TRIED: Final = 5

@@ -14,12 +14,10 @@ from das.domain.losses import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.population import Population, Spread
-from sim.drivers.presentations.presenter import presenter_of
-from sim.jobs.memory import ServiceMemory
+from sim.jobs.driving import ServiceMemory, drive_day
 from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import World
 from sim.world.outcome import outcome
+from sim.world.over_bus import How
 from sim.world.scenario import read_scenario
 
 ASSUMED_SD_RATIO: Final = 0.2
@@ -162,8 +160,8 @@ class Study:
 def drive(job: SensitivityJob) -> SensitivityRun:
     """Make a run in this process; raises DasError where it cannot be made, or has no optimum to compare with."""
     day = replace(make_day(_services.of(read_scenario(job.scenario), job.level), job.seed), human=job.human)
-    link = InProcess(day.service, coach=presenter_of(job.advice).needs_coach)
-    run = World(day, day.driver(DriverKind.HUMAN, job.friction), job.advice, link).run()
+    how = How(driver=DriverKind.HUMAN, friction=job.friction, advice=job.advice, train="train-1", command="")
+    run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None)
     energies = outcome(day, run).energies
     if energies.above.gap_ratio is None:
         why = energies.above.why_not or "the optimum takes no energy"

@@ -10,7 +10,7 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
-from sim.jobs.worker import STOP_COLUMNS
+from sim.jobs.batch import STOP_COLUMNS
 from sim.world.outcome import SHARES
 
 TEXTS = (

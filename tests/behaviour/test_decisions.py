@@ -16,8 +16,8 @@ from sim.drive.events.event import EventKind
 from sim.drivers.diary import KINDS
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.jobs.plan import Batch
-from sim.jobs.worker import work
+from sim.jobs.batch import Batch, make_run
+from sim.jobs.runner import attempted
 from sim.world.day import make_day
 from sim.world.over_bus import How, make_crew, run_over_bus
 from tests.support.flat_days import service_of
@@ -65,7 +65,7 @@ def test_the_table_of_a_batch_gives_back_reactions_and_compliance(flat: Callable
         scenarios=[str(path)], drivers=[DriverKind.HUMAN], advice=[Presentation.VECTOR], seeds=list(range(12)),
         level=None, record=False, folder=tmp_path,
     )  # fmt: skip
-    rows = [work(job) for job in batch.jobs()]
+    rows = [attempted(make_run, job).row for job in batch.jobs()]
     assert all("error" not in row for row in rows)
     what = np.concatenate([row["decision_what"] for row in rows])
     value = np.concatenate([row["decision_value"] for row in rows])

@@ -28,15 +28,14 @@ from das.domain.losses import EfficiencyLoss, Level
 from das.domain.vehicle import Vehicle
 from das.table.hashes import Course
 from das.table.reading import Table
-from precompute.tables import cluster, pool
-from precompute.tables import environment as surroundings
-from precompute.tables.environment import differences, environment
+from precompute import pool, workers
+from precompute.tables.build import solve_jobs
 from precompute.tables.job import Job
 from precompute.tables.plan import read_plan
-from precompute.tables.pool import solve_locally
 from precompute.tables.store import BuildStatus, table_folders
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import TableSettings
+from precompute.workers import Workers, differences, environment
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
 
@@ -198,7 +197,7 @@ def solve_all(
 ) -> dict[str, object]:
     """Outcomes of jobs on two workers by label; `hear` is called after each with how many there are."""
     outcomes = {}
-    for outcome in solve_locally(jobs, folder, 2):
+    for outcome in solve_jobs(jobs, folder, Workers(count=2)):
         outcomes[outcome.name.rpartition("_")[0]] = outcome
         hear(len(outcomes))
     return outcomes
@@ -237,7 +236,7 @@ def test_a_killed_worker_costs_one_attempt_and_a_poison_job_only_itself(tmp_path
 def test_workers_that_cannot_start_are_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool, "serve", os.abort)
     with pytest.raises(DasError, match="workers cannot be started: 3 in a row ended at once"):
-        list(solve_locally([job(1)], tmp_path, 1))
+        list(solve_jobs([job(1)], tmp_path, Workers(count=1)))
 
 
 def held(folder: Path) -> AbstractContextManager[None]:
@@ -423,7 +422,7 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
         (tmp_path / name).mkdir()
     outcomes = {}
     with Client(address, set_as_default=False) as client:
-        for outcome in cluster.solve_on_cluster(jobs, tmp_path / "far", address):
+        for outcome in solve_jobs(jobs, tmp_path / "far", Workers(count=1, scheduler=address)):
             outcomes[outcome.name.rpartition("_")[0]] = outcome
             if len(outcomes) == 3:
                 wait_for(lambda: killed_a_worker(client))
@@ -432,7 +431,7 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
         }
         assert outcomes["job-20"].status is BuildStatus.POISON
         wait_for(lambda: not any(client.who_has().values()))
-    for outcome in solve_locally([job(4)], tmp_path / "near", 1):
+    for outcome in solve_jobs([job(4)], tmp_path / "near", Workers(count=1)):
         near, far = tmp_path / "near" / outcome.name, tmp_path / "far" / outcome.name
         for path in near.iterdir():
             assert path.read_bytes() == (far / path.name).read_bytes()
@@ -443,21 +442,21 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
 def test_a_cluster_that_differs_is_refused(address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)
-        cluster.check_workers(client, address)
-    monkeypatch.setattr(surroundings, "version", lambda _name: "0.1")
+        workers.check_workers(client, address)
+    monkeypatch.setattr(workers, "version", lambda _name: "0.1")
     with pytest.raises(DasError, match=r"worker tcp://.*: numpy .*, here 0.1; numba .*, here 0.1"):
-        list(cluster.solve_on_cluster([job(1)], tmp_path, address))
-    monkeypatch.setattr(cluster, "check_workers", lambda *_: None)
+        list(solve_jobs([job(1)], tmp_path, Workers(count=1, scheduler=address)))
+    monkeypatch.setattr(workers, "check_workers", lambda *_: None)
     with pytest.raises(DasError, match=r"a worker that joined later: numpy .*, here 0.1"):
-        list(cluster.solve_on_cluster([job(1)], tmp_path, address))
+        list(solve_jobs([job(1)], tmp_path, Workers(count=1, scheduler=address)))
 
 
 def test_a_cluster_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "CONNECT_WITHIN_S", 0.5)
+    monkeypatch.setattr(workers, "CONNECT_WITHIN_S", 0.5)
     with pytest.raises(DasError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers"):
-        list(cluster.solve_on_cluster([job(1)], tmp_path, "tcp://127.0.0.1:9"))
+        list(solve_jobs([job(1)], tmp_path, Workers(count=1, scheduler="tcp://127.0.0.1:9")))
     with pytest.raises(DasError, match=r"--scheduler 127.0.0.1:9: expected an address like tcp://HOST:8786"):
-        list(cluster.solve_on_cluster([job(1)], tmp_path, "127.0.0.1:9"))
+        list(solve_jobs([job(1)], tmp_path, Workers(count=1, scheduler="127.0.0.1:9")))
 
 
 def test_differences_are_named() -> None:

@@ -20,13 +20,15 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from precompute.workers import Workers
 from sim.drivers.screen import ScreenSettings
 from sim.experiment.design import Design, read_design
 from sim.experiment.factors import FACTORS
 from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
-from sim.experiment.jobs import Keep, TrialJob, jobs_of, worked_off
-from sim.experiment.running import Workers, run_study
+from sim.experiment.jobs import Keep, TrialJob, jobs_of, make_trial
+from sim.experiment.running import run_study
 from sim.jobs.journal import Journal
+from sim.jobs.runner import attempted
 from sim.world.screen_text import screen_metadata
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim
@@ -236,8 +238,8 @@ def test_failed_trials_are_listed_and_driven_again(place: Path, study: Path, tmp
     assert lost.inputs_sha256 == jobs[1].inputs_sha256
     with Journal(tmp_path) as journal:
         for job in jobs[:1]:
-            journal.add(worked_off(job).row)
-        journal.add(worked_off(lost).row)
+            journal.add(attempted(make_trial, job).row)
+        journal.add(attempted(make_trial, lost).row)
         assert "martians: not a bundled population" in journal.rows[lost.inputs_sha256]["error"]
     found = run_study(design, [jobs[0], lost], tmp_path, Workers(count=1))
     assert (found.trials, found.made, len(found.failed)) == (2, 1, 1)

@@ -20,11 +20,11 @@ from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
+from sim.jobs.batch import Batch, BatchJob, make_run, parse_seeds
 from sim.jobs.journal import Journal
-from sim.jobs.plan import Batch, parse_seeds
 from sim.jobs.report import summary
+from sim.jobs.runner import attempted
 from sim.jobs.table import SCHEMA_NAMES, write_table
-from sim.jobs.worker import recorded, work
 from sim.world.outcome import SHARES
 from tests.support.making import REPOSITORY, das_sim
 
@@ -129,7 +129,7 @@ def test_every_column_is_documented() -> None:
 
 @pytest.mark.processes
 def test_a_run_that_fails_is_a_row_with_its_error(folder: Path, first: First) -> None:
-    failed = work(jobs(folder, scenarios=[str(folder / "stuck.toml")])[0])
+    failed = attempted(make_run, jobs(folder, scenarios=[str(folder / "stuck.toml")])[0]).row
     write_table(folder / "failed.parquet", [failed, first.table[0]])
     row, other = rows(folder / "failed.parquet")
     assert row["error"].startswith("the simulated train did not arrive within")
@@ -216,6 +216,11 @@ def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: F
     assert not recorded(replace(job, level=Level.L1))  # it is of other inputs
 
 
+def recorded(job: BatchJob) -> bool:
+    assert job.recording is not None
+    return job.recording.is_whole
+
+
 def jobs(folder: Path, **changes: Any) -> list[Any]:
     asked: dict[str, Any] = {
         "scenarios": [str(folder / "late.toml")], "drivers": [DriverKind.HUMAN], "advice": [Presentation.VECTOR],
@@ -234,7 +239,7 @@ def test_identity_of_a_run_is_everything_it_depends_on(folder: Path, monkeypatch
         *jobs(folder, scenarios=[str(folder / "stuck.toml")]),
         *jobs(folder, level="l1"),
     ]
-    monkeypatch.setattr("sim.jobs.plan.code_sha256", lambda: "another program")
+    monkeypatch.setattr("sim.jobs.batch.source_sha256", lambda: "another program")
     others += jobs(folder)
     assert not set(same) & {job.inputs_sha256 for job in others}
     with pytest.raises(DasError, match="late, late: two have the same id"):
@@ -246,7 +251,7 @@ def test_an_error_of_ours_is_a_row_too(folder: Path, monkeypatch: pytest.MonkeyP
         raise ZeroDivisionError("of all things")
 
     monkeypatch.setattr("sim.world.day.make_driver", lambda *_, **__: broken())
-    row = work(jobs(folder)[0])
+    row = attempted(make_run, jobs(folder)[0]).row
     assert row["error"] == "ZeroDivisionError: of all things"
     assert summary([row])[0]["failed"] == 1
 

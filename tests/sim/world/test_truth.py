@@ -17,8 +17,8 @@ from das.domain.losses import Level, LossMap
 from sim.drivers.cab import Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.registry import DriverKind
-from sim.jobs.plan import Batch
-from sim.jobs.worker import work
+from sim.jobs.batch import Batch, make_run
+from sim.jobs.runner import attempted
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Told
@@ -157,7 +157,7 @@ def test_a_row_and_a_run_say_what_was_drawn(flat: Callable[[str], Path], tmp_pat
         record=False,
         folder=tmp_path,
     )
-    human, perfect = (work(job)["drawn"] for job in batch.jobs())
+    human, perfect = (attempted(make_run, job).row["drawn"] for job in batch.jobs())
     expected = day_of(path, 5).drawn
     assert json.loads(human) == json.loads(perfect) == expected
     assert expected["disturbances"] == [{"kind": "dwell-overrun", "stop": "A", "delay_s": 7.0}]

@@ -1,4 +1,4 @@
-"""The runs of a batch, and the identity of each: the hash of everything that its result depends on."""
+"""The runs of a batch: which they are, the identity of each, and how one is made."""
 
 from __future__ import annotations
 
@@ -7,27 +7,36 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import product
 from pathlib import Path
+from typing import Any
 
-import das
-import precompute
-import sim
 from das import __version__
 from das.command_line.loading import warn_unusual
 from das.domain.errors import DasError
 from das.domain.losses import Level
+from precompute.workers import source_sha256
 from sim.drivers.cab import Presentation
+from sim.drivers.diary import DriverEvent
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.own_class import driver_versions
 from sim.drivers.population import Participant
+from sim.jobs.driving import JobRecording, ServiceMemory, drive_day
+from sim.jobs.runner import JobResult
 from sim.recording.inputs import sha256
-from sim.world.scenario import load_scenario
+from sim.world.day import make_day
+from sim.world.disturbances import described
+from sim.world.outcome import outcome
+from sim.world.over_bus import How
+from sim.world.scenario import load_scenario, read_scenario
 from sim.world.service import lay_out, scenario_files
 
 MOST_SEEDS = 1_000_000
 """Most seeds in one range; more are a slip of the finger."""
+STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
+"""Figures of the stops, as lists in the order of the way."""
+_services = ServiceMemory()
+"""A worker is a process: this is its memory between jobs."""
 _SEEDS = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
 
 
@@ -58,6 +67,38 @@ class BatchJob:
         decides = [self.name, str(self.friction), level, sorted(self.versions)]
         return hashlib.sha256(json.dumps(decides).encode()).hexdigest()
 
+    @property
+    def row(self) -> dict[str, Any]:
+        """What is known of the run before it is made."""
+        person = self.participant
+        return {
+            "scenario": self.scenario_id,
+            "seed": self.seed,
+            "driver": str(self.driver),
+            "friction_policy": str(self.friction),
+            "participant": None if person is None else person.number,
+            "population": None if person is None else person.population.id,
+            "advice": str(self.advice),
+            **dict(self.versions),
+            "inputs_sha256": self.inputs_sha256,
+            "recording": None if self.record is None else str(self.record),
+        }
+
+    @property
+    def kept_files(self) -> tuple[str, ...]:
+        """None: all that comes of a run is its row, and perhaps a recording."""
+        return ()
+
+    @property
+    def recording(self) -> JobRecording | None:
+        """Where the run is recorded; None where it is not."""
+        return None if self.record is None else JobRecording(self.record, self.command)
+
+    @property
+    def command(self) -> str:
+        """What a recording of the run names as the command that made it."""
+        return f"das-sim batch: {self.name}, inputs {self.inputs_sha256}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
@@ -86,7 +127,7 @@ class Batch:
         for scenario in read:
             route, vehicle, _ = lay_out(scenario, level=self.level)
             warn_unusual(route, vehicle)
-            versions = {"version": __version__, "code_sha256": code_sha256()}
+            versions = {"version": __version__, "code_sha256": source_sha256()}
             versions |= {f"{name}_sha256": sha256(path) for name, path in scenario_files(scenario).items()}
             for (driver, person), advice, seed in product(self._persons(), self.advice, self.seeds):
                 of_person = {} if person is None else {"population_sha256": sha256(person.population.source)}
@@ -127,13 +168,19 @@ def parse_seeds(text: str, option: str = "--seeds") -> list[int]:
     return list(seeds)
 
 
-@cache
-def code_sha256() -> str:
-    """Hash of the program's own source, because another program may give other results."""
-    digest = hashlib.sha256()
-    for package in (das, precompute, sim):
-        root = Path(str(package.__file__)).parent
-        for path in sorted(root.rglob("*.py")):
-            digest.update(f"{package.__name__}/{path.relative_to(root).as_posix()}\0".encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+def make_run(job: BatchJob) -> JobResult:
+    """Make a run and find its figures; raises DasError where it cannot be made."""
+    day = make_day(_services.of(read_scenario(job.scenario), job.level), job.seed, job.participant)
+    how = How(driver=job.driver, friction=job.friction, advice=job.advice, train="train-1", command=job.command)
+    run = drive_day(day, day.driver(job.driver, job.friction), how, job.record)
+    figures = outcome(day, run, job.driver).as_dict()
+    stops = figures.pop("stops")
+    row = {
+        **figures,
+        "happens": described(day.disturbances),
+        "drawn": json.dumps(day.drawn),
+        "stops": [stop["name"] for stop in stops],
+        **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
+        **{f"decision_{name}": [getattr(one, name) for one in run.decisions] for name in DriverEvent._fields},
+    }
+    return JobResult(row, {})

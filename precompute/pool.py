@@ -1,0 +1,216 @@
+"""A pool of processes on this machine: one process a worker, one job a worker at a time.
+
+A worker that dies costs only the attempt of its own job. The pool is our own: `concurrent.futures` loses all jobs in
+flight with one worker, pebble 5.2 ends, or waits for ever, where a worker is killed between two jobs, and
+`distributed.LocalCluster` takes three times the memory, starts ten times slower and listens on eight ports.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import Any, Final, Generic, TypeVar
+
+from das.command_line.entry import STOP_SIGNALS
+from das.command_line.running import signals_held
+from das.domain.errors import DasError
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+ATTEMPTS: Final = 3
+"""A job is given up after its worker has died this many times."""
+FALSE_STARTS: Final = 3
+"""The work ends after this many workers in a row have died before they were ready."""
+OUT_OF_MEMORY_EXIT: Final = 71
+_READY: Final = "ready"
+
+
+class JobLostError(DasError):
+    """A job was given up because it took its workers down."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made(Generic[Job, Result]):
+    """What came of a job: its result, or the error for which there is none, after a number of attempts."""
+
+    job: Job
+    attempts: int = 1
+    result: Result | None = None
+    error: Exception | None = None
+
+
+def made_here(
+    make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object], *, finish: bool
+) -> Generator[Made[Job, Result]]:
+    """What processes of this machine make of jobs, as each one ends; see `Workers.made`."""
+    pool = _Pool(make, jobs, count, prepare)
+    try:
+        yield from pool.run()
+    except KeyboardInterrupt:
+        if finish:
+            pool.give_no_more()
+            yield from pool.run()
+        raise
+    finally:
+        pool.stop()
+
+
+@dataclass(eq=False)
+class _Task(Generic[Job]):
+    job: Job
+    deaths: int = 0
+
+
+@dataclass(eq=False)
+class _Worker(Generic[Job]):
+    process: SpawnProcess
+    connection: Connection
+    task: _Task[Job] | None = None
+    ready: bool = False
+
+
+class _Pool(Generic[Job, Result]):
+    """One process a worker, and one job a worker at a time."""
+
+    def __init__(
+        self, make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object]
+    ) -> None:
+        self._make, self._prepare, self._count = make, prepare, count
+        self._waiting = deque(_Task(job) for job in jobs)
+        self._made: deque[Made[Job, Result]] = deque()
+        self._workers: list[_Worker[Job]] = []
+        self._false_starts = 0
+
+    def run(self) -> Generator[Made[Job, Result]]:
+        """Yield what is made until nothing waits or is under way; an interrupted run can be taken up by another."""
+        yield from self._handed_out()
+        while self._waiting or any(worker.task for worker in self._workers):
+            while len(self._workers) < min(self._count, len(self._workers) + len(self._waiting)):
+                self._start()
+            heard = wait([worker.connection for worker in self._workers])  # an interruption is heard here …
+            with signals_held(STOP_SIGNALS):  # … and not in the middle of a message
+                for worker in [worker for worker in self._workers if worker.connection in heard]:
+                    self._listen(worker)
+                self._give()
+            yield from self._handed_out()
+
+    def _handed_out(self) -> Generator[Made[Job, Result]]:
+        while self._made:
+            yield self._made.popleft()
+
+    def give_no_more(self) -> None:
+        """Leave the jobs that wait undone."""
+        self._waiting.clear()
+
+    def stop(self) -> None:
+        """End the workers at once."""
+        for worker in self._workers:
+            worker.process.kill()
+            worker.connection.close()
+        for worker in self._workers:
+            worker.process.join()
+
+    def _start(self) -> None:
+        # Not forked: the solver's threads would not survive it.
+        context = multiprocessing.get_context("spawn")
+        mine, theirs = context.Pipe()
+        resource_tracker.ensure_running()  # its start lets SIGINT through again, in the middle of ours
+        process = context.Process(target=serve, args=(theirs, self._make, self._prepare), daemon=True)
+        # Ctrl-C reaches the whole group: only we shall hear it, and end the workers.
+        with signals_held(STOP_SIGNALS):
+            process.start()
+            theirs.close()
+            self._workers.append(_Worker(process, mine))
+
+    def _give(self) -> None:
+        """Give a job to each worker that has none."""
+        for worker in self._workers:
+            if worker.ready and worker.task is None and self._waiting:
+                worker.task = self._waiting.popleft()
+                with suppress(OSError):  # it has just died: that is heard next
+                    worker.connection.send(worker.task.job)
+
+    def _listen(self, worker: _Worker[Job]) -> None:
+        """Take a message of a worker; a closed pipe means that the worker has died."""
+        try:
+            said = worker.connection.recv()
+        except (EOFError, OSError):
+            self._bury(worker)
+            return
+        if said == _READY:
+            worker.ready, self._false_starts = True, 0
+            return
+        task, worker.task = worker.task, None
+        assert task is not None
+        result, error = said
+        self._made.append(Made(job=task.job, attempts=1 + task.deaths, result=result, error=error))
+
+    def _bury(self, worker: _Worker[Job]) -> None:
+        """Take a dead worker away; its job waits for another attempt, or is given up."""
+        self._workers.remove(worker)
+        worker.connection.close()
+        worker.process.join()
+        end, task = _said(worker.process.exitcode), worker.task
+        if not worker.ready:
+            self._false_starts += 1
+            if self._false_starts >= FALSE_STARTS:
+                raise DasError(f"workers cannot be started: {FALSE_STARTS} in a row ended at once ({end})")
+        if task is None:
+            return
+        task.deaths += 1
+        if task.deaths < ATTEMPTS:
+            self._waiting.append(task)
+        else:
+            error = JobLostError(f"its worker died {task.deaths} times, last {end}")
+            self._made.append(Made(job=task.job, attempts=task.deaths, error=error))
+
+
+def _said(exit_code: int | None) -> str:
+    if exit_code == OUT_OF_MEMORY_EXIT:
+        return "out of memory"
+    if exit_code is not None and exit_code < 0:
+        return f"by {signal.Signals(-exit_code).name}"
+    return f"with exit code {exit_code}"
+
+
+def serve(connection: Connection, make: Callable[[Any], Any], prepare: Callable[[], object]) -> None:
+    """Make jobs as a worker process, and report each, until the parent closes the pipe or ends."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    for number in STOP_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)  # or what a worker starts could not be stopped
+    prepare()
+    connection.send(_READY)
+    while True:
+        try:
+            job = connection.recv()
+        except EOFError:
+            return
+        connection.send(_attempted(make, job))
+
+
+def _attempted(make: Callable[[Job], Result], job: Job) -> tuple[Result | None, Exception | None]:
+    try:
+        return make(job), None
+    except MemoryError:
+        os._exit(OUT_OF_MEMORY_EXIT)
+    except Exception as error:
+        return None, error
+
+
+def _end_with_parent() -> None:
+    """End a worker whose parent was killed: it must not go on writing, because the next command may have begun."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os._exit(1)

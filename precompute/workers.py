@@ -1,0 +1,216 @@
+"""Workers for many jobs: processes of this machine, or those of an existing Dask cluster.
+
+Tables (`precompute/tables`) and simulated days (`sim/jobs`) are made by them. How to start a cluster:
+docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel here, and only so many jobs
+are there at once that the results waiting stay few.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import platform
+import re
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import das
+from das.domain.errors import DasError
+from precompute.pool import JobLostError, Made, made_here
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+CONNECT_WITHIN_S = 10.0
+JOBS_PER_THREAD: Final = 2
+"""Number of jobs on the cluster for each of its threads: one is made, one waits."""
+PACKAGES: Final = ("numpy", "numba", "llvmlite", "distributed", "dask")
+"""Packages whose versions must be the same wherever jobs are made."""
+OURS: Final = ("das", "precompute", "sim")
+"""Packages of this program, whose source must be the same wherever jobs are made."""
+_ADDRESS: Final = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
+
+
+class WorkerDiffersError(DasError):
+    """A worker runs other versions than we do; its results would not be those of this machine."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workers:
+    """Who makes jobs: a number of processes on this machine, or the workers of the Dask cluster of a scheduler."""
+
+    count: int
+    scheduler: str | None = None
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Who they are, for reports."""
+        return {"workers": self.count} if self.scheduler is None else {"scheduler": self.scheduler}
+
+    def made(
+        self,
+        make: Callable[[Job], Result],
+        jobs: Sequence[Job],
+        *,
+        prepare: Callable[[], object],
+        finish: bool = False,
+    ) -> Generator[Made[Job, Result]]:
+        """Yield what `make` makes of each job, as it ends; closing the iterator stops the work on all others.
+
+        `make` and `prepare` must be functions of modules. Local workers call `prepare` once before their first job.
+        With `finish`, an interruption waits for the jobs that local workers have under way, and yields them too.
+
+        Raises DasError where local workers cannot be started, where no scheduler answers or has workers, or where one
+        of these differs from us.
+        """
+        if self.scheduler is None:
+            return made_here(make, jobs, min(self.count, len(jobs)), prepare, finish=finish)
+        return _made_on_cluster(make, jobs, self.scheduler)
+
+
+def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address: str) -> Generator[Made[Job, Result]]:
+    """What a cluster makes of jobs.
+
+    A job whose worker dies is tried again by the scheduler (its `allowed-failures`). One that is given up is tried once
+    more alone, because dask also blames jobs that only waited on a dying worker.
+    """
+    with connected(address) as client:
+        check_workers(client, address)
+        suspects: list[Job] = []
+        with closing(_submitted(client, make, jobs)) as coming:
+            for made in coming:
+                if isinstance(made.error, _distributed().KilledWorker):
+                    suspects.append(made.job)
+                else:
+                    yield made
+        for job in suspects:
+            with closing(_submitted(client, make, [job])) as coming:
+                for made in coming:
+                    killed = isinstance(made.error, _distributed().KilledWorker)
+                    error = JobLostError("it took its workers down, alone as well") if killed else made.error
+                    yield replace(made, error=error)
+
+
+def connected(address: str) -> Any:
+    """A client of the scheduler at an address, to be used with `with`; DasError where none answers."""
+    if not _ADDRESS.fullmatch(address):
+        raise DasError(f"--scheduler {address}: expected an address like tcp://HOST:8786")
+    client = _distributed().Client
+    try:
+        return client(address, timeout=CONNECT_WITHIN_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise DasError(f"{address}: no Dask scheduler answers ({' '.join(str(error).split())})") from error
+
+
+def check_workers(client: Any, address: str) -> None:
+    """Raise DasError, which names the worker and the difference, unless all workers run what we run."""
+    here = environment()
+    answers = client.run(environment, on_error="return")
+    if not answers:
+        how = "docs/how-to/build-on-a-cluster.md says how to start them"
+        raise DasError(f"{address}: the scheduler has no workers ({how})")
+    for worker, there in answers.items():
+        if isinstance(there, BaseException):
+            raise WorkerDiffersError(f"worker {worker}: cannot import our code ({type(there).__name__}: {there})")
+        differing = differences(here, there)
+        if differing:
+            raise WorkerDiffersError(f"worker {worker}: {differing}")
+
+
+def _distributed() -> Any:
+    try:
+        return importlib.import_module("distributed")
+    except ImportError:
+        raise DasError("--scheduler needs distributed: install the extra, pip install '.[cluster]'") from None
+
+
+def _submitted(client: Any, make: Callable[[Job], Result], jobs: Sequence[Job]) -> Generator[Made[Job, Result]]:
+    """What a cluster makes of each job; closing the iterator takes the jobs back.
+
+    Raises WorkerDiffersError for a worker that joined late and differs, and DasError where the scheduler goes.
+    """
+    waiting, here = list(reversed(jobs)), environment()
+    submitted: dict[Any, Job] = {}
+    distributed = _distributed()
+    coming = distributed.as_completed(loop=client.loop)
+
+    def submit() -> None:
+        future = client.submit(_made_there, make, waiting[-1], here, pure=False)
+        submitted[future] = waiting.pop()
+        coming.add(future)
+
+    try:
+        for _ in range(min(len(waiting), JOBS_PER_THREAD * max(sum(client.nthreads().values()), 1))):
+            submit()
+        for future in coming:
+            made: Made[Job, Result] = Made(job=submitted.pop(future))
+            try:
+                made = replace(made, result=future.result())
+            except WorkerDiffersError:
+                raise
+            except (distributed.client.FutureCancelledError, distributed.comm.CommClosedError) as error:
+                raise DasError(f"the scheduler has gone ({' '.join(str(error).split())})") from error
+            except Exception as error:
+                made = replace(made, error=error)
+            future.release()
+            if waiting:
+                submit()
+            yield made
+    finally:
+        client.cancel(list(submitted), force=True)
+
+
+def _made_there(make: Callable[[Job], Result], job: Job, expected: Mapping[str, str]) -> Result:
+    """What a worker of a cluster makes of a job; one that joined late is checked here."""
+    differing = differences(expected, _own_environment())
+    if differing:
+        raise WorkerDiffersError(f"a worker that joined later: {differing}")
+    return make(job)
+
+
+@cache
+def _own_environment() -> dict[str, str]:
+    return environment()
+
+
+def environment() -> dict[str, str]:
+    """Versions of Python, of the packages that count and of ourselves, and the hash of our source."""
+    return {
+        "python": platform.python_version(),
+        **{name: _version(name) for name in PACKAGES},
+        "driver-advisory-system": das.__version__,
+        "source": source_sha256()[:12],
+    }
+
+
+def differences(here: Mapping[str, str], there: Mapping[str, str]) -> str:
+    """How another environment differs from this one, in words; empty where it does not."""
+    return "; ".join(
+        f"{name} {there.get(name, 'missing')}, here {value}" for name, value in here.items() if there.get(name) != value
+    )
+
+
+@cache
+def source_sha256() -> str:
+    """SHA-256 over the names and contents of all Python files of ours; another program may give other results."""
+    digest = hashlib.sha256()
+    for package in OURS:
+        root = Path(str(files(package)))
+        for path in sorted(root.rglob("*.py")):
+            content = path.read_bytes()
+            digest.update(f"{package}/{path.relative_to(root).as_posix()} {len(content)}\n".encode())
+            digest.update(content)
+    return digest.hexdigest()
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "missing"

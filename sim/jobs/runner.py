@@ -1,0 +1,178 @@
+"""Runs many jobs into a folder: what is not finished yet, on all workers; a command that was stopped goes on there.
+
+A job has an identity: the hash of everything that its result depends on. What came of it is one row of the folder's
+journal, and perhaps files. Results do not depend on the number of workers, nor on where they work.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+from das.cab.warm_up import warm_up
+from das.command_line.running import interrupt_on_termination
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
+from precompute.pool import Made
+from precompute.workers import Workers
+from sim.jobs.driving import JobRecording
+from sim.jobs.journal import Journal
+from sim.progress import progress_bar
+
+Rows = Mapping[str, Mapping[str, Any]]
+"""The rows of a journal by the hashes of their inputs."""
+
+
+class RunnerJob(Protocol):
+    """What the runner asks of a job."""
+
+    @property
+    def inputs_sha256(self) -> str:
+        """The hash of everything that decides the result; a job with an equal hash need not be made again."""
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """What the journal says of the job before it is made, with `inputs_sha256`."""
+
+    @property
+    def kept_files(self) -> Sequence[str]:
+        """The files that are in the folder when the job is finished, without its recording."""
+
+    @property
+    def recording(self) -> JobRecording | None:
+        """Where the job's drive is recorded; None where it is not."""
+
+
+Job = TypeVar("Job", bound=RunnerJob)
+AnyJob = TypeVar("AnyJob")
+AnyResult = TypeVar("AnyResult")
+
+
+class JobResult(NamedTuple):
+    """What comes of a job: entries of its row, and the contents of its files by their paths within the folder."""
+
+    row: dict[str, Any]
+    files: Mapping[str, bytes]
+
+
+class JobWords(NamedTuple):
+    """What a command calls itself and its jobs, and what it does with them."""
+
+    command: str
+    jobs: str
+    to_do: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Runner(Generic[Job]):
+    """Makes jobs into a folder by workers; `make` must be a function of a module."""
+
+    make: Callable[[Job], JobResult]
+    folder: Path
+    workers: Workers
+    words: JobWords
+
+    def run(self, jobs: Sequence[Job], write: Callable[[Rows, int], None]) -> int:
+        """Make the jobs that are not finished, in their order; returns how many these were.
+
+        `write` is called in the end, even after an interruption, with the journal's rows and that number. Raises
+        DasError where another command has the folder, where files cannot be written, and as `Workers.made` does.
+        """
+        words = self.words
+        with Journal(self.folder, holds=f"another {words.command}") as journal:
+            left = [job for job in jobs if not is_finished(job, self.folder, journal.rows)]
+            interrupt_on_termination()
+            try:
+                self._make(left, len(jobs), journal)
+            except KeyboardInterrupt:
+                done = sum(is_finished(job, self.folder, journal.rows) for job in jobs)
+                said = f"{done} of {len(jobs)} {words.jobs} are finished; the same command goes on from there"
+                print(said, file=sys.stderr)
+                raise
+            finally:
+                write(journal.rows, len(left))
+        return len(left)
+
+    def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
+        """Make what is left; a job's files are written before the journal says that it is finished."""
+        for job in left:
+            if job.recording is not None:
+                if self.workers.scheduler is not None:
+                    raise DasError("recordings: expected without --scheduler, because they are written on this machine")
+                _make_folder(job.recording.file.parent)
+        first = f"{len(left)} of {of} {self.words.jobs} to {self.words.to_do}"
+        make = partial(attempted, self.make)
+        with closing(made_with_progress(make, left, self.workers, self.words, first, done=of - len(left))) as coming:
+            for made in coming:
+                came = made.result or _failed(made.job, str(made.error))
+                write_files(self.folder, came.files)
+                journal.add(came.row)
+
+
+def made_with_progress(
+    make: Callable[[AnyJob], AnyResult],
+    jobs: Sequence[AnyJob],
+    workers: Workers,
+    words: JobWords,
+    first: str,
+    *,
+    done: int = 0,
+) -> Generator[Made[AnyJob, AnyResult]]:
+    """Yield what workers make of each job, as it ends, and show the progress; `done` of them were made before.
+
+    `first` is shown until something is made. An interruption waits for the jobs that are under way on this machine.
+    """
+    if not jobs:
+        return
+    of = done + len(jobs)
+    with (
+        progress_bar(words.command, first, words.jobs) as progress,
+        closing(workers.made(make, jobs, prepare=warm_up, finish=True)) as coming,
+    ):
+        for number, made in enumerate(coming, done + 1):
+            yield made
+            progress(number, of)
+
+
+def attempted(make: Callable[[Job], JobResult], job: Job) -> JobResult:
+    """What comes of a job, with its whole row; if it fails, the row says why, because thousands of others wait."""
+    try:
+        row, files = make(job)
+        return JobResult(job.row | row, files)
+    except DasError as error:
+        return _failed(job, str(error))
+    except Exception as error:
+        return _failed(job, f"{type(error).__name__}: {error}")
+
+
+def _failed(job: RunnerJob, why: str) -> JobResult:
+    return JobResult(job.row | {"error": " ".join(why.split())}, {})
+
+
+def is_finished(job: RunnerJob, folder: Path, rows: Rows) -> bool:
+    """Whether a job was made without fault and all that is kept of it is there; one that failed is tried again."""
+    row = rows.get(job.inputs_sha256)
+    if row is None or row.get("error") is not None:
+        return False
+    kept = all((folder / name).is_file() for name in job.kept_files)
+    return kept and (job.recording is None or job.recording.is_whole)
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files by their paths within a folder, each whole or not at all; DasError where that fails."""
+    for name, content in files.items():
+        path = folder / name
+        _make_folder(path.parent)
+        write_whole(path, content)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error

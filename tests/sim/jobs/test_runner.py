@@ -1,0 +1,99 @@
+"""The runner of many jobs: what a worker's death costs, what is made again, and that workers change nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from das.domain.errors import DasError
+from precompute.workers import Workers
+from sim.jobs.driving import JobRecording
+from sim.jobs.journal import Journal
+from sim.jobs.runner import JobResult, JobWords, Runner
+
+pytestmark = pytest.mark.processes
+WORDS = JobWords("test", "jobs", "make")
+
+
+@dataclass(frozen=True)
+class NumberJob:
+    """A job that keeps the square of its number in a file; its worker dies so many times before."""
+
+    number: int
+    folder: Path
+    deaths: int = 0
+    recording: JobRecording | None = None
+
+    @property
+    def inputs_sha256(self) -> str:
+        return f"hash of {self.number}"
+
+    @property
+    def row(self) -> dict[str, Any]:
+        return {"inputs_sha256": self.inputs_sha256, "number": self.number}
+
+    @property
+    def kept_files(self) -> tuple[str, ...]:
+        return (f"squares/{self.number}",)
+
+
+def squared(job: NumberJob) -> JobResult:
+    """The square of a job's number; odd faults for numbers 5 and 6."""
+    deaths = job.folder / f"deaths-{job.number}"
+    before = len(deaths.read_text()) if deaths.exists() else 0
+    if before < job.deaths:
+        deaths.write_text("x" * (before + 1))
+        os.kill(os.getpid(), signal.SIGKILL)
+    if job.number == 5:
+        raise DasError("five is\nrefused")
+    if job.number == 6:
+        raise ZeroDivisionError("of all things")
+    return JobResult({"square": job.number**2}, {f"squares/{job.number}": str(job.number**2).encode()})
+
+
+def ran(folder: Path, jobs: list[NumberJob], workers: Workers) -> tuple[int, list[Mapping[str, Any]]]:
+    """How many jobs were made, and their rows in the order of the jobs."""
+    found: list[Mapping[str, Any]] = []
+
+    def write(rows: Mapping[str, Mapping[str, Any]], _made: int) -> None:
+        found.extend(rows[job.inputs_sha256] for job in jobs if job.inputs_sha256 in rows)
+
+    made = Runner(make=squared, folder=folder, workers=workers, words=WORDS).run(jobs, write)
+    return made, found
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_costs_only_its_own_job(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Once it is made again; a job that kills every worker is given up, and all others come to what they should."""
+    deaths = {2: 1, 3: 99}
+    jobs = [NumberJob(number, tmp_path, deaths.get(number, 0)) for number in range(8)]
+    made, rows = ran(tmp_path, jobs, Workers(count=3))
+    assert made == 8
+    assert [row.get("square") for row in rows] == [0, 1, 4, None, 16, None, None, 49]
+    assert [row["error"] for row in rows if "error" in row] == [
+        "its worker died 3 times, last by SIGKILL",
+        "five is refused",
+        "ZeroDivisionError: of all things",
+    ]
+    assert "test: 8 of 8 jobs to make" in capfd.readouterr().err
+    # The same with one worker and another order; what failed is tried again, and what lost its file.
+    (tmp_path / "squares" / "7").unlink()
+    healed = [NumberJob(job.number, tmp_path) for job in reversed(jobs)]
+    made, again = ran(tmp_path, healed, Workers(count=1))
+    assert made == 4
+    assert [row.get("square") for row in again] == [49, None, None, 16, 9, 4, 1, 0]
+    assert (tmp_path / "squares" / "7").read_text() == "49"
+
+
+def test_what_cannot_be_run_is_refused_in_one_line(tmp_path: Path) -> None:
+    recording = JobRecording(tmp_path / "far.mcap", "a command")
+    with pytest.raises(DasError, match="recordings: expected without --scheduler"):
+        ran(tmp_path, [NumberJob(1, tmp_path, 0, recording)], Workers(count=1, scheduler="tcp://127.0.0.1:9"))
+    with Journal(tmp_path), pytest.raises(DasError, match="another test is at work here"):
+        ran(tmp_path, [NumberJob(1, tmp_path)], Workers(count=1))
