@@ -48,7 +48,7 @@ class LeadSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeShowingSettings:
-    """How the effort of a brake is shown."""
+    """When a train that brakes is told to roll or to creep instead."""
 
     early_ratio: float = 0.5
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
@@ -64,28 +64,34 @@ class BrakeShowingSettings:
     """A train that rolls to its stop and has become slower than this (m/s) is told to hold this speed."""
     creeps_m: float = 100.0
     """A train so slow that no reference brings it to its stop creeps there from so far away at most."""
-    beyond_mark_m: float = 3.0
-    """In the last metres before a stop the effort stands while a train that brakes on stands no further beyond it,"""
-    before_mark_m: float = 2.0
-    """and no further before it;"""
-    at_mark_ratio: float = 1.5
-    """otherwise it grows at once to so many times what was shown, so that it need not grow again."""
-    answered_in_s: float = 4.0
-    """Where more effort is needed, as much is shown as is needed by a driver who answers in this time,"""
-    grown_ratio: float = 1.6
-    """but no more than so many times what is needed by now."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffortShowingSettings:
+    """How the effort of a brake is shown: in what steps, and when more of it or less."""
+
     step_ratio: float = 0.05
     """The effort of the brake is shown in steps of this size, rounded up."""
     friction_step_ratio: float = 0.5
     """An effort beyond the motors is shown in steps of this size: nobody sets friction more closely."""
     build_up_ratio: float = 0.15
     """The build-up of the brakes takes at most this share of the way of a brake."""
+    answered_in_s: float = 4.0
+    """Where more effort is needed, as much is shown as is needed by a driver who answers in this time,"""
+    grown_ratio: float = 1.6
+    """but no more than so many times what is needed by now."""
     settled_s: float = 6.0
     """So near to the end of a brake to a lower speed no less effort is shown: the driver sees the speed himself."""
     less_ratio: float = 0.4
     """Less effort is shown only where what is needed is less by more than this share. More is shown at once."""
     eased_ratio: float = 0.5
     """Where less than this share of what is shown is needed, less is shown at once: the train would stand short."""
+    beyond_mark_m: float = 3.0
+    """In the last metres before a stop the effort stands while a train that brakes on stands no further beyond it,"""
+    before_mark_m: float = 2.0
+    """and no further before it;"""
+    at_mark_ratio: float = 1.5
+    """otherwise it grows at once to so many times what was shown, so that it need not grow again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +127,7 @@ class ShowingSettings:
     """An instruction stands for at least this long. Brakes, their release, and a lower limit do not wait."""
     limit: LimitShowingSettings = field(default_factory=LimitShowingSettings)
     brake: BrakeShowingSettings = field(default_factory=BrakeShowingSettings)
+    effort: EffortShowingSettings = field(default_factory=EffortShowingSettings)
     ahead: int = 2
     """So many changes ahead are shown."""
     worth_over_s: float = 60.0

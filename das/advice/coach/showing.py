@@ -230,9 +230,12 @@ class Showing:
             return self._holding(schedule, state, target)
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
-        eased = 1.0 if schedule.brakes_by_effort(number) else needed / schedule.braking_mps2(number)
-        stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
         slows = target > SAME_MPS  # A train that is nearly at its speed brakes on to it.
+        if not schedule.brakes_by_effort(number):
+            eased = needed / schedule.braking_mps2(number)
+        else:
+            eased = 1.0 if slows else self._eased_ratio(schedule, number, state, target)
+        stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
         may_roll = v_mps > target + settings.above_mps if slows else v_mps >= settings.brake.last_mps or stands_short
         has_begun = state.s_m >= schedule.begin_m(number)
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
@@ -249,6 +252,12 @@ class Showing:
         assert self._brakes is not None
         brakes = self._shown.mode in BRAKES
         return self._brakes.shown(self._brakes.needed(schedule, number, state, target, brakes=brakes), state)
+
+    def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
+        """Which share of the effort that a brake is planned with is enough from here."""
+        assert self._brakes is not None
+        needed = self._brakes.ahead.effort_to(state.s_m, state.v_mps, schedule.begin_m(number + 1), target)
+        return needed / max(float(schedule.phases[number].share), SAME_EFFORT)
 
     def _held(
         self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, ends_mps: float, *,
@@ -295,7 +304,7 @@ class Showing:
             return shown.speed_mps <= SAME_MPS and self._brakes.stands_short(shown, state)
         if shown.mode is Mode.FRICTION_BRAKE:
             return wanted.mode is not Mode.FRICTION_BRAKE
-        return wanted.effort_ratio > self._settings.brake.eased_ratio * shown.effort_ratio
+        return wanted.effort_ratio > self._settings.effort.eased_ratio * shown.effort_ratio
 
 
 def _alike(one: Instruction, other: Instruction) -> bool:

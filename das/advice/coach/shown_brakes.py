@@ -92,7 +92,7 @@ class ShownBrakes:
         The driver sees the mark there. The position that the advice rests on is not known so closely: an effort that
         followed it would only flicker.
         """
-        left_m, settings = self.ahead.section.end_m - state.s_m, self._settings.brake
+        left_m, settings = self.ahead.section.end_m - state.s_m, self._settings.effort
         if now.mode not in BRAKES or now.speed_mps > SAME_MPS or left_m > AT_MARK_M:
             return False
         return -settings.beyond_mark_m <= left_m - self.lasts(now, state)[1] <= settings.before_mark_m
@@ -152,15 +152,16 @@ class ShownBrakes:
             needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
-        too_little = needed.effort < self._settings.brake.step_ratio and wanted.mode in TRACTION
-        if needed.effort > 0.0 and not too_little:
+        # A speed above that of now which accelerating would pass: nothing has to be braked for yet.
+        passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if wanted.mode in TRACTION else -math.inf
+        coasts = needed.effort < self._settings.effort.step_ratio and passes_mps > v_mps
+        if needed.effort > 0.0 and not coasts:
             to_mps = min(needed.target_mps, wanted.speed_mps) if wanted.mode in BRAKES else needed.target_mps
             return replace(self.shown(needed, state), speed_mps=to_mps)
         if wanted.mode not in TRACTION:
             return wanted
-        # Nothing has to be braked for yet, only accelerating on would end above what is allowed.
-        allowed_mps = ahead.needed(state.braked_m, soon_mps).target_mps
-        return Instruction(mode=Mode.COAST, speed_mps=min(wanted.speed_mps, allowed_mps), effort_ratio=0.0)
+        to_mps = min(wanted.speed_mps, passes_mps if coasts else needed.target_mps)
+        return Instruction(mode=Mode.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
         """The brake that a phase needs from where it begins, or from here; at first with the build-up of the brakes.
@@ -171,7 +172,7 @@ class ShownBrakes:
         from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
         if braking is not None and end_m not in self._efforts:
             build_up_m = state.v_mps * 0.5 * braking.build_up_s
-            from_m += max(min(build_up_m, self._settings.brake.build_up_ratio * (end_m - from_m)), 0.0)
+            from_m += max(min(build_up_m, self._settings.effort.build_up_ratio * (end_m - from_m)), 0.0)
         needed = self.ahead.effort_to(from_m, state.v_mps, end_m, target)
         planned = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
         return NeededBrake(max(needed, planned), target, end_m)
@@ -182,11 +183,11 @@ class ShownBrakes:
         needed = self.ahead.needed(s_m, float(np.interp(s_m, nodes_m, speeds_mps)))
         if needed.effort <= 0.0:
             return None
-        return brake_of(max(needed.effort, self._settings.brake.step_ratio), needed.target_mps)
+        return brake_of(max(needed.effort, self._settings.effort.step_ratio), needed.target_mps)
 
     def shown(self, needed: NeededBrake, state: TrainState) -> Instruction:
         """The brake as it is shown: its effort stands until more is needed, or clearly less."""
-        settings, v_mps = self._settings.brake, state.v_mps
+        settings, v_mps = self._settings.effort, state.v_mps
         kept = self._efforts.get(needed.at_m)
         shown = self._stepped(needed.effort)
         slows = needed.target_mps > SAME_MPS
@@ -213,25 +214,20 @@ class ShownBrakes:
 
     def _stepped(self, effort: float) -> float:
         """An effort rounded up to what is shown: to 5 % of the motors, and friction in larger steps."""
-        step_ratio = self._settings.brake.step_ratio if effort <= 1.0 else self._settings.brake.friction_step_ratio
+        step_ratio = self._settings.effort.step_ratio if effort <= 1.0 else self._settings.effort.friction_step_ratio
         return math.ceil(effort / step_ratio - SAME_EFFORT) * step_ratio
 
     def _grown(self, needed: NeededBrake, kept: float, state: TrainState) -> float:
         """The effort that a brake grows to whose driver has not braked as shown: enough where he does so only soon.
 
-        It asks for friction only where the motors are not enough soon.
+        Friction is never asked for ahead of its need.
         """
-        settings = self._settings.brake
+        settings = self._settings.effort
         if self.ahead.section.end_m - state.s_m <= AT_MARK_M:
             return self._stepped(settings.at_mark_ratio * kept)
-        least, most = (self._delayed(needed, state, ratio * settings.answered_in_s) for ratio in (0.5, 1.0))
-        grown = min(most, settings.grown_ratio * needed.effort)
-        return self._stepped(min(grown, 1.0) if least <= 1.0 else grown)
-
-    def _delayed(self, needed: NeededBrake, state: TrainState, after_s: float) -> float:
-        """The effort that a brake needs which begins only after a time (s)."""
-        from_m = min(state.braked_m + state.v_mps * after_s, needed.at_m)
-        return self.ahead.effort_to(from_m, state.v_mps, needed.at_m, needed.target_mps)
+        from_m = min(state.braked_m + state.v_mps * settings.answered_in_s, needed.at_m)
+        answered = self.ahead.effort_to(from_m, state.v_mps, needed.at_m, needed.target_mps)
+        return self._stepped(min(answered, settings.grown_ratio * needed.effort, 1.0))
 
     def _ends(self, needed: NeededBrake, v_mps: float) -> bool:
         """Whether a train has nearly come down to the speed of a brake that is no stop."""

@@ -181,7 +181,7 @@ def test_the_effort_of_a_brake_stands_within_the_band(display: Shown) -> None:
     assert effort(81.0, 1.7) < more, "more does not wait"
     assert effort(100.0, 1.4) == effort(120.0, 1.7)
     assert effort(140.0, 0.8) > more
-    assert (first / SETTINGS.brake.step_ratio) == pytest.approx(round(first / SETTINGS.brake.step_ratio))
+    assert (first / SETTINGS.effort.step_ratio) == pytest.approx(round(first / SETTINGS.effort.step_ratio))
 
 
 def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again(display: Shown) -> None:
@@ -466,6 +466,12 @@ def test_a_brake_weaker_than_needed_is_replaced_and_a_stronger_one_stays() -> No
     assert brakes.safe(strong, state, v_mps) is strong
 
 
+def effort_needed(left_m: float, rate_mps2: float) -> float:
+    """The effort that brings a train at rest at the stop from a place before it, at the speed that a rate asks for."""
+    end_m, v_mps = section().end_m, math.sqrt(2.0 * rate_mps2 * left_m)
+    return ShownBrakes(section(), SETTINGS).ahead.effort_to(end_m - left_m, v_mps, end_m, 0.0)
+
+
 def test_the_effort_stands_in_the_last_metres_while_the_train_stands_near_the_mark(display: Shown) -> None:
     """From 10 m on it stands while the train stands near the mark; else it grows by half, or is let go of."""
     end_m, rate = section().end_m, display.schedule.braking_mps2(3)
@@ -473,12 +479,16 @@ def test_the_effort_stands_in_the_last_metres_while_the_train_stands_near_the_ma
     def effort(second: float, left_m: float, share: float) -> float:
         return display.at(second, end_m - left_m, math.sqrt(2.0 * share * rate * left_m)).now.effort_ratio
 
+    far = effort(-20.0, 60.0, 1.0)
+    kept_mps2 = rate * far / brake_of(effort_needed(60.0, rate), 0.0).effort_ratio
+    assert effort(-19.0, 60.0, 1.03 * kept_mps2 / rate) < far, "2 m beyond the mark, seen from 60 m before it"
+    display.showing.forget()
     first = effort(0.0, 30.0, 1.0)
     assert [effort(3.0, 9.0, share) for share in (0.9, 1.1, 1.2)] == [first] * 3, "the driver sees the mark"
-    more = effort(4.0, 9.0, 1.8)
-    assert more == pytest.approx(1.5 * first, abs=SETTINGS.brake.step_ratio), "it stands more than 3 m beyond"
+    more = effort(4.0, 9.0, 1.45)
+    assert more == pytest.approx(1.5 * first, abs=SETTINGS.effort.step_ratio), "it stands more than 3 m beyond"
     assert effort(5.0, 6.0, 1.9) == more
-    assert effort(6.0, 9.0, 0.2) > first, "it stands more than 5 m before"
+    assert effort(6.0, 9.0, 0.2) > first, "it stands more than 2 m before"
 
 
 def test_a_brake_that_must_grow_asks_for_friction_only_where_the_motors_are_not_enough_soon(display: Shown) -> None:
@@ -493,7 +503,7 @@ def test_a_brake_that_must_grow_asks_for_friction_only_where_the_motors_are_not_
         end_m - 600.0, math.sqrt(2.0 * 1.1 * rate * 600.0), end_m, 0.0
     )
     more = effort(1.0, 600.0, 1.1)
-    assert 1.05 * needed < more <= 1.6 * needed + SETTINGS.brake.step_ratio
+    assert 1.05 * needed < more <= 1.6 * needed + SETTINGS.effort.step_ratio
     assert first < more <= 1.0
     assert effort(2.0, 600.0, 3.5) in (1.5, 2.0, 2.5, 3.0), "friction is shown in halves"
 
