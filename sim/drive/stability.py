@@ -9,7 +9,6 @@ from typing import Any, Final
 from das.advice.modes import Mode
 from das.bus import topics
 from das.bus.recording import Recording
-from das.domain.units import NS
 from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import Shown
 
@@ -19,6 +18,7 @@ SHORTEST_MODE_S: Final = 8.0
 """Advice is restless when a mode stands for less than this."""
 REVERSAL_S: Final = 10.0
 """Traction and brakes with less than this in between are a reversal."""
+A_SECOND_NS: Final = 1_000_000_000
 GAP_S: Final = 3.0
 """Two looks at the display further apart than this have nothing to do with each other."""
 TRACTION: Final = frozenset({Mode.FULL_TRACTION, Mode.REDUCED_TRACTION})
@@ -146,7 +146,7 @@ def recorded_restlessness(recording: Recording) -> Restlessness:
     speeds_mps = dict(zip(truth["time_ns"].tolist(), truth["speed_mps"].tolist(), strict=True))
     watch, messages = ShownWatch(), [entry.message for entry in recording.of(topics.CAB)]
     for cab in (one for one in messages if not one.look or one.time_ns in speeds_mps):
-        since_s = (cab.time_ns - messages[0].time_ns) * NS
+        since_s = (cab.time_ns - messages[0].time_ns) / A_SECOND_NS
         view = recorded_view(cab)
         watch.look(since_s, speeds_mps.get(cab.time_ns, 0.0), None if view is None else Shown.of(view))
     return watch.found

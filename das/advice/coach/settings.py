@@ -90,8 +90,8 @@ class EffortShowingSettings:
     """In the last metres before a stop the effort stands while a train that brakes on stands no further beyond it,"""
     before_mark_m: float = 2.0
     """and no further before it;"""
-    at_mark_ratio: float = 1.5
-    """otherwise it grows at once to so many times what was shown, so that it need not grow again."""
+    at_mark_more_ratio: float = 0.2
+    """otherwise it grows by this share of the motors at once: less is not read, and would have to grow again."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -224,7 +224,7 @@ class ShownBrakes:
         """
         settings = self._settings.effort
         if self.ahead.section.end_m - state.s_m <= AT_MARK_M:
-            return self._stepped(settings.at_mark_ratio * kept)
+            return self._stepped(kept + settings.at_mark_more_ratio)
         from_m = min(state.braked_m + state.v_mps * settings.answered_in_s, needed.at_m)
         answered = self.ahead.effort_to(from_m, state.v_mps, needed.at_m, needed.target_mps)
         return self._stepped(min(answered, settings.grown_ratio * needed.effort, 1.0))

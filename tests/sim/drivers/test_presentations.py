@@ -9,6 +9,7 @@ import pytest
 from das.advice.modes import Mode
 from das.bus import das_pb2, topics
 from das.front_door import chosen
+from sim.drive.drive import Drive
 from sim.drivers import presentations
 from sim.drivers.cab import AdviceView
 from sim.drivers.human import HumanDriver
@@ -59,7 +60,7 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert any(event.what == "followed" and event.value == Mode.COAST for event in driver.events)
 
     trip = DrivenCourse.of(recording)
-    lane = next(one for one in lanes(recording, trip) if one.name == "shown")
+    lane = next(one for one in lanes(Drive(source=recording)) if one.name == "shown")
     assert {change.state for change in lane.changes} == {"", "a light", "depart", "stop"}
     assert lane.color("a light", DARK) == "#123456"
     assert {"green", "amber", "red"} <= {

@@ -78,7 +78,7 @@ def test_a_worker_that_dies_costs_only_its_own_job(tmp_path: Path, capfd: pytest
     assert [row.get("square") for row in rows] == [0, 1, 4, None, 16, None, None, 49]
     assert [row["error"] for row in rows if "error" in row] == [
         "its worker died 3 times, last by SIGKILL",
-        "five is refused",
+        "five is\\nrefused",
         "ZeroDivisionError: of all things",
     ]
     assert "test: 8 of 8 jobs to make" in capfd.readouterr().err

@@ -164,9 +164,8 @@ def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path
     ends = words.index("the external driver answers again: the dead-man brake is released")
     assert begins < ends
     at_s = day.service.clock_s(said[begins][1])
-    standing = [
-        state.time_s for state in run.states if state.speed_mps == 0 and 0 < state.time_s < run.calls[-1].arrived_s - 1
-    ]
+    arrived_s = day.service.clock_s(run.calls[-1].arrived_ns)
+    standing = [state.time_s for state in run.states if state.speed_mps == 0 and 0 < state.time_s < arrived_s - 1]
     braked = [state for state in run.states if at_s + 2 < state.time_s < min(standing) - 1]
     assert at_s == pytest.approx(399 * 0.2 - 10)  # the first look that was not answered
     assert all(state.acceleration_mps2 < -0.8 for state in braked)
