@@ -43,14 +43,14 @@ class WorkerDiffersError(DasError):
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """Who makes jobs: a number of processes on this machine, or the workers of the Dask cluster of a scheduler."""
+    """The workers that make jobs: processes on this machine, or those of the Dask cluster of a scheduler."""
 
     count: int
     scheduler: str | None = None
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Who they are, for reports."""
+        """The workers in words, for reports."""
         return {"workers": self.count} if self.scheduler is None else {"scheduler": self.scheduler}
 
     def made(

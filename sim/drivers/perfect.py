@@ -36,7 +36,7 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """Who follows a presentation, the same from departure to departure; None for one that says too little."""
+        """The driver who follows a presentation exactly, the same on every section; None where it says too little."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]

@@ -119,7 +119,9 @@ def _series(account: Account) -> Found:
         before_j += float(drawn_j[-1])
     if not account.advice_shown:
         del found["lost/advice"]
-    found["energy/optimum"] = best
+    # Of the true train the energy of the optimum is known, not its way: the planned train's curve leads to that energy.
+    to_known = account.optimum_j / before_j if before_j > 0.0 else 1.0
+    found["energy/optimum"] = best[0], [to_known * energy_kwh for energy_kwh in best[1]]
     return {name: (np.array(at, dtype=np.int64), np.array(values)) for name, (at, values) in found.items()}
 
 

@@ -205,8 +205,12 @@ class ShownBrakes:
         return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
 
     def _nearly_enough(self, kept: float, needed: NeededBrake, state: TrainState) -> bool:
-        """Whether a brake that needs more than is shown ends so little above its speed that no driver sees it."""
-        if needed.target_mps <= SAME_MPS or needed.effort <= kept:
+        """Whether a brake that needs more than is shown ends so little above its speed that no driver sees it.
+
+        Above the curve of full brakes none is.
+        """
+        above_mps = state.v_mps - self.ahead.allowed_mps(state.braked_m)
+        if needed.target_mps <= SAME_MPS or needed.effort <= kept or above_mps > SAME_MPS:
             return False
         way_m = max(needed.at_m - state.braked_m, 0.0)
         ends_w = state.v_mps**2 - 2.0 * self._rate_mps2(kept, state) * way_m

@@ -143,7 +143,7 @@ class Presenter(ABC):
         return hands.to_speed(cab, outlook, view.departure, allowed_mps)
 
     def follower(self) -> Follower | None:
-        """Who does exactly what the display says; None where it does not say enough, as most displays do."""
+        """The driver who does exactly what the display says; None where it says too little, as most displays do."""
         return None
 
     def headline(self, view: AdviceView) -> str:

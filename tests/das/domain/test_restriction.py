@@ -77,7 +77,7 @@ def test_whoever_plans_up_to_15_min_before_or_10_s_after_it_holds_has_counted_it
 
 
 def test_no_train_needs_as_long_to_brake_as_a_restriction_counts_before_it_holds() -> None:
-    """Who keeps to the advice is below the limit when it begins to hold, wherever the train is."""
+    """A driver who keeps to the advice is below the limit when it begins to hold, wherever the train is."""
     tops_mps = [load_vehicle(name).max_speed_mps for name in catalogue("vehicles")]
     assert max(tops_mps) / SLOWEST_BRAKE_MPS2 < COUNTS_BEFORE_S
 

@@ -112,7 +112,7 @@ def test_the_account_in_the_viewer_sums_to_the_account(tmp_path: Path) -> None:
     worth = [span for span in spans if abs(kwh(span.energy_j)) >= LEAST_KWH]
     in_lane = [change.state for change in shown.lane.changes if change.state]
     assert in_lane == [f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" for span in worth]
-    assert f"{kwh(account.difference_j):.1f} kWh above" in shown.text
+    assert f"Above the optimum for the same times: {kwh(account.difference_j):+.1f} kWh" in shown.text
     names = [
         axis.get_ylabel() or axis.get_yticklabels()[0].get_text() for axis in picture_of(read_recording(path)).axes
     ]
