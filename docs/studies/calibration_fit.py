@@ -26,7 +26,7 @@ from das.domain.vehicle import Vehicle
 from docs.studies import calibration_targets as paper
 from docs.studies.calibration_targets import Figures, Runs
 from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, TABLE2_LEVELS
-from precompute.loss_maps.figures import cruising_deviation_ratio
+from precompute.loss_maps import cruising_deviation_ratio
 
 STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
     {"auxiliaries.base_w": 35e3, "transformer.copper_w": 190e3, "converter.line_ratio": 0.05, "gear.churning_w": 20e3}

@@ -36,7 +36,7 @@ from docs.studies.cases import (
     StudyCase,
 )
 from precompute.baselines import strategies as baselines
-from precompute.loss_maps.figures import cruising_deviation_ratio
+from precompute.loss_maps import cruising_deviation_ratio
 
 Figures = dict[str, float]
 """Name of a target → what a vehicle reaches."""

@@ -22,7 +22,7 @@ from das.domain.trajectory import Trajectory
 from das.domain.units import KM, KMH, KN
 from das.domain.vehicle import Vehicle
 from docs.studies.cases import Floats
-from precompute.loss_maps.drawing import draw_efficiency_map
+from precompute.loss_maps import draw_efficiency_map
 
 STYLE: dict[Any, Any] = {
     "font.size": 10,

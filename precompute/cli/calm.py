@@ -16,8 +16,7 @@ from das.command_line.options import JsonOption
 from das.command_line.printing import busy
 from das.domain.errors import DasError
 from das.domain.units import kwh
-from precompute.cli.options import buffered, numbers
-from precompute.cli.pose import Pose
+from precompute.cli.options import Pose, buffered, numbers
 from precompute.cli.solve import solved_front
 
 if TYPE_CHECKING:

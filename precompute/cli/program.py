@@ -18,7 +18,7 @@ COMMANDS = (
     ),
     Entry(
         name="front",
-        where="precompute.cli.front:front",
+        where="precompute.cli.solve:front",
         summary="Show the trade-off between time and energy: the least-energy run for each of a list of buffers.",
         examples=(
             "das-precompute front flat-6km re460-ic --buffers 0,5,10 --json",
@@ -36,7 +36,7 @@ COMMANDS = (
     ),
     Entry(
         name="journey",
-        where="precompute.journey.command:journey",
+        where="precompute.cli.journey:journey",
         summary="Plan a train's whole journey with the least energy: when to be where, and how to drive between.",
         examples=(
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
@@ -45,7 +45,7 @@ COMMANDS = (
     ),
     Entry(
         name="sensitivity",
-        where="precompute.sensitivity.command:sensitivity",
+        where="precompute.cli.sensitivity:sensitivity",
         summary="Tell how time and energy of a planned run move when train, wind, line or rail differ from the plan.",
         examples=("das-precompute sensitivity zurich-luzern re460-ic --from Zug --buffer 7",),
     ),
@@ -80,7 +80,7 @@ COMMANDS = (
     ),
     Entry(
         name="loss-map",
-        where="precompute.loss_maps.command:loss_map",
+        where="precompute.cli.loss_map:loss_map",
         summary="Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses.",
         examples=("das-precompute loss-map re460-ic --plot map.png",),
     ),

@@ -1,16 +1,22 @@
-"""What a run looks like as JSON and as a picture."""
+"""What runs and journeys look like: as JSON, as CSV, as tables in the terminal and as pictures."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from rich import box
+from rich.table import Table
 
 from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.printing import print_table, tell
+from das.domain.journey import Held, Window, clock
 from das.domain.trajectory import Ledger, Trajectory
-from das.domain.units import KM, KMH, KN, KW, PERMILLE, kwh
+from das.domain.units import KM, KMH, KN, KW, PERMILLE, kmh, kwh
+from das.solver.journey.plan import HopPlan, JourneyPlan, PlannedTime
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from precompute.baselines.strategies import Baseline
@@ -124,3 +130,175 @@ def draw_solution(path: Path, section: Section, answer: Answer) -> None:
 
 def _altitude(section: Section, s_m: Any) -> Any:
     return section.route.altitude_m(s_m)
+
+
+LEGEND = {
+    "buffer": "time above the least possible",
+    "input": "net energy at the current collector",
+    "lost": "the part of it that never comes back",
+    "saved": "energy below that of the first row",
+    "λ": "price of time, what one second less would cost",
+    "gap": "how far the energy can be above the least, at most; – where that is not proven",
+    "ms": "computing time",
+    "fit": "whether the time asked for was met",
+}
+
+
+def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
+    """Print runs, as `solution_json` gives them, one a row; savings are told against the first."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for name in ("time s", "buffer %", "input\nkWh", "lost\nkWh", "saved\n%", "λ kW", "gap %", "ms", "fit"):
+        table.add_column(name, justify="right", no_wrap=True)
+    first = results[0]["energy_input_kwh"]
+    for result in results:
+        buffer = 100 * (result["time_s"] / result["min_time_s"] - 1)
+        table.add_row(
+            f"{result['time_s']:.1f}",
+            f"{buffer:.2f}",
+            f"{result['energy_input_kwh']:.2f}",
+            f"{result['energy_irreversible_kwh']:.2f}",
+            f"{100 * (1 - result['energy_input_kwh'] / first):.1f}" if len(results) > 1 and first else "–",
+            _price(result),
+            f"{100 * result['gap_ratio']:.3f}" if result["gap_ratio"] is not None else "–",
+            f"{1e3 * result['solve_s']:.0f}",
+            result["fit"],
+        )
+    print_table(table, LEGEND if len(results) > 1 else {name: LEGEND[name] for name in LEGEND if name != "saved"})
+
+
+def _price(result: dict[str, Any]) -> str:
+    if result["strategy"] != Strategy.OPTIMAL:
+        return "–"
+    return f"{result['lambda_kw']:.0f}" if result["lambda_kw"] is not None else "∞"
+
+
+def print_parameters(result: dict[str, Any]) -> None:
+    """Print the cruising speed and the switching points of a baseline, where it has some."""
+    if result["cruise_speed_mps"] is not None:
+        print(f"holds {result['cruise_speed_mps'] / KMH:.1f} km/h")
+    for start_m, end_m in result["coasting_m"] or ():
+        print(f"coasts from km {start_m / KM:.3f} to km {end_m / KM:.3f}")
+
+
+MINUTE_S = 60.0
+JOURNEY_LEGEND = {
+    "≥, ≤, =": "held at the earliest, the latest, the only time of a window",
+    "run": "running time",
+    "buffer": "running time above the least possible",
+    "input": "net energy at the current collector",
+    "λ": "price of time, what one second less would cost, between two points with a window",
+}
+_MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: "="}
+
+
+def journey_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) -> dict[str, Any]:
+    """The plan as `--json` prints it; `others_j`: energy of other ways to keep the same windows, by name."""
+    return {
+        "journey": plan.journey.id,
+        "time_s": plan.time_s,
+        "energy_input_kwh": kwh(plan.input_j),
+        "comfort_kwh": kwh(plan.comfort_j),
+        "bound_kwh": _finite(kwh(plan.bound_j)),
+        "table_bound_kwh": _finite(kwh(plan.table_bound_j)),
+        "table_gap_ratio": _finite(plan.table_gap_ratio),
+        "gap_ratio": _finite(plan.gap_ratio),
+        "gap_reason": plan.gap_reason,
+        "others_kwh": {name: kwh(energy_j) for name, energy_j in others_j.items()},
+        "feasible": all(hop.feasible for hop in plan.hops),
+        "solve_s": solve_s,
+        "hops": [_hop_json(hop) for hop in plan.hops],
+    }
+
+
+def _hop_json(hop: HopPlan) -> dict[str, Any]:
+    return {
+        "from": hop.start.name,
+        "to": hop.end.name,
+        "departure": _timing_json(hop.departure),
+        "arrival": _timing_json(hop.arrival),
+        "time_s": hop.trajectory.time_s,
+        "min_time_s": hop.least_time_s,
+        "buffer_ratio": hop.buffer_ratio,
+        "lambda_kw": [_finite(price_w / KW) for price_w in hop.lambda_w],
+        "energy_input_kwh": kwh(hop.ledger.input),
+        "ledger_kwh": ledger_kwh(hop.ledger),
+        "feasible": hop.feasible,
+        "passings": [
+            {"name": x.passing.name, "s_m": x.passing.position_m, "speed_mps": x.speed_mps, **_timing_json(x.timing)}
+            for x in hop.passings
+        ],
+    }
+
+
+def _timing_json(timing: PlannedTime) -> dict[str, Any]:
+    return {"time_s": timing.time_s, "held": str(timing.held)}
+
+
+def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> None:
+    """Hops and passings as a table, then the totals."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("section")
+    for name in ("departs", "arrives", "km/h", "run\ns", "buffer\n%", "input\nkWh", "λ\nkW"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for hop in plan.hops:
+        table.add_row(
+            f"{hop.start.name} – {hop.end.name}",
+            _shown(hop.departure),
+            _shown(hop.arrival),
+            "",
+            f"{hop.trajectory.time_s:.1f}",
+            f"{100 * hop.buffer_ratio:.2f}",
+            f"{kwh(hop.ledger.input):.2f}",
+            "/".join(f"{price_w / KW:.0f}" if math.isfinite(price_w) else "∞" for price_w in hop.lambda_w),
+        )
+        for x in hop.passings:
+            table.add_row(f"  {x.passing.name}", "", _shown(x.timing), f"{kmh(x.speed_mps):.1f}")
+    print_table(table, JOURNEY_LEGEND)
+    for line in _totals(plan, others_j):
+        tell(line)
+
+
+def _shown(timing: PlannedTime) -> str:
+    """A time, marked where it is held at a bound of its window."""
+    return f"{_MARKS[timing.held]} {clock(timing.time_s)}"
+
+
+def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
+    gap = f", gap to the lower bound {100 * plan.gap_ratio:.3f} %" if math.isfinite(plan.gap_ratio) else ""
+    yield f"in all {clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh{gap}"
+    names = {"proportional": "with the same buffer everywhere", "fastest": "as fast as possible, waiting at the stops"}
+    for name, energy_j in others_j.items():
+        yield f"{names[name]}: {kwh(energy_j):.2f} kWh, the plan saves {100 * (1 - plan.input_j / energy_j):.2f} %"
+
+
+def draw_journey(path: Path, plan: JourneyPlan, title: str) -> None:
+    """Draw speed with limit, and time with its windows, over the line."""
+    pyplot = offscreen_pyplot()
+    run, begin_s = plan.trajectory(), plan.hops[0].departure.time_s
+    x_km = run.s_m / KM
+    figure, (speed, time) = pyplot.subplots(2, 1, figsize=(12, 8), sharex=True, layout="constrained")
+    speed.step(x_km[:-1], run.limit_mps / KMH, where="post", color="0.45", linewidth=1, label="limit over the train")
+    speed.plot(x_km, run.v_mps / KMH, color="tab:blue", label="speed")
+    speed.set_ylabel("speed, km/h")
+    speed.set_ylim(bottom=0)
+    speed.legend(loc="lower center", ncols=2)
+    speed.set_title(f"{title}\n{clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh at the current collector")
+    time.plot(x_km, (run.t_s - begin_s) / MINUTE_S, color="tab:blue", label="plan")
+    for position_m, window, colour in _windows(plan):
+        for marker, bound_s in (("^", window.earliest_s), ("v", window.latest_s)):
+            if math.isfinite(bound_s):
+                time.plot(position_m / KM, (bound_s - begin_s) / MINUTE_S, marker, color=colour, markersize=8)
+    time.set_ylabel(f"min after {clock(begin_s)}")
+    time.set_xlabel("position, km")
+    time.set_title("▲ not before, ▼ not after (green: departure, red: arrival, orange: passing)", fontsize="small")
+    save_figure(path, figure)
+    pyplot.close(figure)
+
+
+def _windows(plan: JourneyPlan) -> Iterator[tuple[float, Window, str]]:
+    """Position, window and colour of everything that is timed."""
+    for hop in plan.hops:
+        yield hop.start.position_m, hop.start.departure, "tab:green"
+        yield hop.end.position_m, hop.end.arrival, "tab:red"
+        for x in hop.passings:
+            yield x.passing.position_m, x.passing.window, "tab:orange"

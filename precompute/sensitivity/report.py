@@ -1,15 +1,16 @@
-"""What the variations of a plan look like: as rows for JSON and CSV, and as a table."""
+"""What the variations of a plan look like: as rows for JSON and CSV, as a table, and as a tornado picture."""
 
 from __future__ import annotations
 
 import csv
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich import box
 from rich.table import Table
 
+from das.command_line.outputs import save_figure
 from das.command_line.printing import paragraph, print_table, tell
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
@@ -100,3 +101,115 @@ def print_rows(section: Section, planned: dict[str, Any], rows: list[dict[str, A
 def _figure(row: dict[str, Any], name: str, scale: float, form: str) -> str:
     value = row[name]
     return f"{scale * value:{form}}" if value is not None else "–"
+
+
+MORE, LESS = "#d55e00", "#0072b2"
+"""Colours of more and of less than planned (Okabe and Ito's, told apart by the colour-blind)."""
+MARK = "0.1"
+"""Colour of the mark of a new plan."""
+BAR_HEIGHT = 0.36
+"""Two bars to a row of height 1."""
+ROOM = 0.16
+"""Share of the bars' span that the axis goes on beyond them, for the figures at their ends."""
+
+SHOWN = 0.05
+"""A number below this is printed as 0.0."""
+
+
+class _Bar(NamedTuple):
+    """A bar at height y, of a parameter below or above the plan's; None: nothing to draw."""
+
+    y: float
+    below: bool
+    value: float | None
+    mark: float | None
+
+
+def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[VariationOutcome]]) -> None:
+    """Write bars of time and energy against the plan as a picture, a row to each pair of variations."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 1.8 + 0.5 * len(pairs)), layout="constrained")
+    energy, time = figure.subplots(1, 2, sharey=True)
+    _draw_bars(energy, pairs, "extra_ratio", "on_time_extra_ratio", 100.0)
+    _draw_bars(time, pairs, "late_s", "on_time_late_s", 1.0)
+    energy.set_xlabel("energy against the plan, %")
+    time.set_xlabel("time against the plan, s")
+    energy.set_yticks(range(len(pairs)), [_pair_label(pair) for pair in pairs])
+    energy.set_ylim(len(pairs) - 0.4, -0.6)
+    figure.suptitle(
+        f"{section.route.name}, {section.vehicle.name}, level {section.level}: driven by a plan of "
+        f"{plan.time_s:.1f} s, {kwh(plan.ledger.input):.2f} kWh"
+    )
+    figure.legend(handles=_handles(), loc="outside lower center", ncols=3, frameon=False)
+    save_figure(path, figure)
+
+
+def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, replanned: str, scale: float) -> None:
+    """A bar to each outcome, from the plan to an attribute of it, and a mark where planning anew would be."""
+    bars = [
+        _Bar(y, outcome.variation.step < 0, *(_scaled(outcome, name, scale) for name in (effect, replanned)))
+        for row, pair in enumerate(pairs)
+        for outcome, y in zip(pair, _heights(row, len(pair)), strict=True)
+    ]
+    ends = [0.0, *(x for bar in bars for x in (bar.value, bar.mark) if x is not None)]
+    room = ROOM * (max(ends) - min(ends) or 1.0)
+    axes.set_xlim(min(ends) - room, max(ends) + room)
+    for bar in bars:
+        _draw_bar(axes, bar, room)
+    axes.axvline(0, color="0.3", linewidth=0.8)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", color="0.9")
+    axes.set_axisbelow(True)
+
+
+def _scaled(outcome: VariationOutcome, name: str, scale: float) -> float | None:
+    value = getattr(outcome, name)
+    return None if value is None else scale * value
+
+
+def _heights(row: int, size: int) -> list[float]:
+    """Where the bars of a pair lie in their row."""
+    return [row] if size == 1 else [row - BAR_HEIGHT / 2, row + BAR_HEIGHT / 2]
+
+
+def _draw_bar(axes: Any, bar: _Bar, room: float) -> None:
+    if bar.mark is not None:
+        axes.plot(bar.mark, bar.y, marker="|", markersize=11, markeredgewidth=2, color=MARK)
+    colour = LESS if bar.below else MORE
+    end, side = bar.value or 0.0, -1 if bar.value is not None and bar.value < -SHOWN else 1
+    axes.barh(bar.y, end, BAR_HEIGHT, color=colour)
+    if bar.mark is not None and 0 < side * (bar.mark - end) < room:
+        end = bar.mark  # the figure would lie on the mark
+    text = "not driven" if bar.value is None else f"{bar.value:+z.1f}".replace("-", "−")
+    axes.annotate(
+        text,
+        (end, bar.y),
+        (7 * side, 0),
+        textcoords="offset points",
+        ha="right" if side < 0 else "left",
+        va="center",
+        fontsize=8.5,
+        color="black" if bar.value is not None else colour,
+    )
+
+
+def _pair_label(pair: list[VariationOutcome]) -> str:
+    first, last = pair[0].variation, pair[-1].variation
+    if first.value == -last.value and len(pair) > 1:
+        return f"{last.parameter} ±{last.value:g} {last.unit}"
+    return " / ".join(outcome.variation.label for outcome in pair).replace("-", "−")
+
+
+def _handles() -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    mark = Line2D([], [], color=MARK, marker="|", markersize=11, markeredgewidth=2, linestyle="none")
+    mark.set_label("planned anew for the planned time")
+    return [
+        Patch(color=LESS, label="parameter below the plan's"),
+        Patch(color=MORE, label="parameter above the plan's"),
+        mark,
+    ]

@@ -87,7 +87,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
     The exit code is 1 where one is damaged, missing, or made by other solver code.
     """
-    from precompute.tables.store import REPORT, missing_tables, table_folders
+    from precompute.tables.build import REPORT, missing_tables, table_folders
 
     paths, missing = table_folders(folder), missing_tables(folder)
     if not paths and not missing:
@@ -120,7 +120,7 @@ def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
     Each table is checked first, as `verify` does; what is wrong with one is said below the list.
     """
-    from precompute.tables.store import table_folders
+    from precompute.tables.build import table_folders
 
     paths = table_folders(folder)
     if not paths:

@@ -19,11 +19,11 @@ from das.solver.solution import Fit, trajectory_on
 from das.solver.solve import solve_front
 from precompute.bench.command import NAMES, chosen, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
-from precompute.bench.lines import made_up_line
 from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep, plain_front
 from precompute.bench.registry import FIGURES
 from precompute.bench.roofline import Roofline
+from precompute.tables.synthetic import made_up_line
 from tests.support.closeness import assert_close
 from tests.support.making import in_a_process, make_route, make_train
 from tests.support.transitions import all_moves

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from precompute.exact.forecast import Forecast, in_words
+from precompute.exact.command import Forecast, in_words
 
 LAYERS = 60
 

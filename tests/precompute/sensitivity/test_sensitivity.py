@@ -20,9 +20,17 @@ from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from precompute.sensitivity.analysis import World, assess, by_effect, follow
-from precompute.sensitivity.command import DEFAULT
-from precompute.sensitivity.variations import RANGE_VALUES, Parameter, Variation, parse_variations
+from precompute.cli.sensitivity import DEFAULT
+from precompute.sensitivity.analysis import (
+    RANGE_VALUES,
+    Parameter,
+    Variation,
+    World,
+    assess,
+    by_effect,
+    follow,
+    parse_variations,
+)
 from tests.support.making import das_precompute, flat, in_a_process, make_route, make_train
 
 AS_PLANNED = Conditions()

@@ -29,10 +29,9 @@ from das.domain.vehicle import Vehicle
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute import pool, workers
-from precompute.tables.build import solve_jobs
+from precompute.tables.build import BuildStatus, solve_jobs, table_folders
 from precompute.tables.job import Job
 from precompute.tables.plan import read_plan
-from precompute.tables.store import BuildStatus, table_folders
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import TableSettings
 from precompute.workers import Workers, differences, environment

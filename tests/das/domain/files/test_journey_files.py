@@ -17,9 +17,9 @@ from das.domain.errors import DasError, InputError
 from das.domain.files.load import catalogue, load_journey, load_route
 from das.domain.journey import Call, Journey, Passing, Window, clock
 from das.domain.route import Route, Stop
+from precompute.cli.journey import StopsOptions
+from precompute.cli.journey import journey as journey_command
 from precompute.cli.options import LineOptions, RunFiles, TrainOptions, WorldOptions
-from precompute.journey.command import StopsOptions
-from precompute.journey.command import journey as journey_command
 from tests.support.benchmark import journey_path, track_path
 from tests.support.making import das_precompute, in_a_process, make_route
 

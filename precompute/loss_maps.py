@@ -1,4 +1,4 @@
-"""Pictures of loss maps: efficiency and loss over speed and force."""
+"""Loss maps described: what one covers, how well levels L1 and L2 fit it, where it is best, and pictures of it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,124 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from das.command_line.loading import load_vehicle
 from das.command_line.outputs import offscreen_pyplot, save_figure
 from das.domain.errors import DasError
-from das.domain.losses import Level, LossMap
+from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.losses import (
+    EfficiencyLoss,
+    Level,
+    LossMap,
+    deviation_ratio,
+    fit_error,
+    fit_mean_efficiency,
+    operating_points,
+)
 from das.domain.units import KMH, KN, KW
-from das.domain.vehicle import Vehicle
-from precompute.loss_maps.figures import best_point
+from das.domain.vehicle import EffortEnvelope, Vehicle
 
 Floats = NDArray[np.float64]
+
+CRUISING_MPS = np.arange(40.0, 160.5) * KMH
+"""Speeds at which the deviation of a fit is taken when cruising on the level."""
+CSV_VEHICLE = "re460-ic"
+"""The train whose forces bound a CSV map, unless another is named."""
+
+
+def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
+    """A vehicle's L3 map, or a map from a CSV file with the forces of `vehicle`; DasError where there is none."""
+    if Path(name).suffix.lower() == ".csv":
+        return read_loss_map(Path(name)), load_vehicle(vehicle or CSV_VEHICLE)
+    if vehicle is not None:
+        raise DasError(f"--vehicle {vehicle}: belongs to a CSV map, {name} is a train itself")
+    train = load_vehicle(name)
+    model = train.loss_model(Level.L3)
+    if not isinstance(model, LossMap):
+        raise DasError(f"{train.source}: its losses at level {Level.L3} are not a map")
+    return model, train
+
+
+def loss_map_summary(loss_map: LossMap, vehicle: Vehicle) -> dict[str, Any]:
+    """What describes a map: coverage, the fits of L1 and L2 with their errors, and the best points."""
+    power_w, force_n = vehicle.traction.max_power_w, vehicle.traction.max_force_n
+    points = operating_points(loss_map, power_w, force_n)
+    full = points.power_w >= 0.99 * power_w
+    return {
+        "coverage": {
+            "speed_kmh": [float(loss_map.speed_mps[0] / KMH), float(loss_map.speed_mps[-1] / KMH)],
+            "force_kn": [float(loss_map.force_low_n.min() / KN), float(loss_map.force_high_n.max() / KN)],
+            "points": int(np.isfinite(loss_map.loss_w_table).sum()),
+            "operating_points": len(points.loss_w),
+        },
+        "largest_loss_kw": float(points.loss_w.max() / KW),
+        "full_power_loss_kw": {
+            name: _mean_kw(points.loss_w[full & (np.sign(points.force_n) == sign)])
+            for name, sign in (("driving", 1), ("braking", -1))
+        },
+        "fits": {str(level): _fit_json(loss_map, vehicle, level is Level.L2) for level in (Level.L1, Level.L2)},
+        "best": {name: best_point(loss_map, vehicle, sign) for name, sign in (("driving", 1), ("braking", -1))},
+    }
+
+
+def _mean_kw(losses_w: Floats) -> float | None:
+    return float(losses_w.mean() / KW) if len(losses_w) else None
+
+
+def _fit_json(loss_map: LossMap, vehicle: Vehicle, with_idle: bool) -> dict[str, float | None]:
+    fit = fit_mean_efficiency(loss_map, vehicle.traction.max_power_w, with_idle=with_idle)
+    error = fit_error(loss_map, fit, vehicle.traction.max_power_w)
+    return {
+        "mean_efficiency_ratio": 1.0 / (1.0 + fit.traction_ratio),
+        "idle_kw": fit.idle_w / KW,
+        "error_mean_to_input_ratio": error.mean_to_input_ratio,
+        "error_mean_to_largest_ratio": error.mean_to_largest_ratio,
+        "error_rms_to_largest_ratio": error.rms_to_largest_ratio,
+        "error_largest_kw": error.largest_w / KW,
+        "cruising_deviation_ratio": cruising_deviation_ratio(loss_map, fit, vehicle),
+        "cruising_absolute_deviation_ratio": cruising_deviation_ratio(loss_map, fit, vehicle, absolute=True),
+    }
+
+
+def cruising_deviation_ratio(
+    loss_map: LossMap, fit: EfficiencyLoss, vehicle: Vehicle, *, absolute: bool = False
+) -> float | None:
+    """Mean of (map − fit)/fit, or of its magnitude, when cruising on the level at 40 to 160 km/h.
+
+    None where that leaves the map.
+    """
+    speed = CRUISING_MPS[vehicle.max_speed_mps >= CRUISING_MPS]
+    force = vehicle.resistance.force_n(speed)
+    if not len(speed) or not loss_map.covers(force, speed).all():
+        return None
+    deviation = deviation_ratio(loss_map, fit, force, speed)
+    return float((np.abs(deviation) if absolute else deviation).mean())
+
+
+def best_point(loss_map: LossMap, vehicle: Vehicle, sign: int) -> dict[str, float] | None:
+    """The most efficient operating point of one quadrant, within the vehicle's forces."""
+    envelope: EffortEnvelope = vehicle.traction if sign > 0 else vehicle.electric_brake
+    points = operating_points(loss_map, envelope.max_power_w, envelope.max_force_n)
+    quadrant = np.flatnonzero((np.sign(points.force_n) == sign) & (points.speed_mps <= vehicle.max_speed_mps))
+    if not len(quadrant):
+        return None
+    best = quadrant[points.efficiency_ratio()[quadrant].argmax()]
+    return {
+        "efficiency_ratio": float(points.efficiency_ratio()[best]),
+        "speed_kmh": float(points.speed_mps[best] / KMH),
+        "force_kn": float(points.force_n[best] / KN),
+        "power_share_ratio": float(points.power_w[best] / envelope.max_power_w),
+    }
+
+
+def csv_bytes(loss_map: LossMap) -> bytes:
+    """The map in the format that `das.domain.files.loss_map_csv` reads."""
+    lines = ["speed_kmh,force_n,loss_w"]
+    for i, speed in enumerate(loss_map.speed_mps):
+        for force, loss in zip(loss_map.force_n, loss_map.loss_w_table[i], strict=True):
+            if np.isfinite(loss):
+                lines.append(f"{speed / KMH:.10g},{force:.10g},{loss:.9g}")
+    return ("\n".join(lines) + "\n").encode()
+
 
 _LOWEST_SHOWN_EFFICIENCY = 0.70
 _LEVELS = 17

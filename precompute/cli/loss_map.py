@@ -37,12 +37,12 @@ def loss_map(
     """Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses."""
     files.check(source, vehicle)
     from das.domain.files.writing import write_whole
-    from precompute.loss_maps.figures import csv_bytes, loss_map_summary, map_of
+    from precompute.loss_maps import csv_bytes, loss_map_summary, map_of
 
     model, train = map_of(source, vehicle)
     summary = loss_map_summary(model, train)
     if files.plot is not None:
-        from precompute.loss_maps.drawing import draw_maps
+        from precompute.loss_maps import draw_maps
 
         with busy("drawing …"):
             draw_maps(files.plot, model, train)

@@ -14,8 +14,7 @@ import typer
 from das.command_line.compiling import loading_solver
 from das.command_line.printing import busy
 from das.domain.errors import DasError
-from precompute.cli.options import LineOptions, RunFiles, TrainOptions, WorldOptions, buffered
-from precompute.cli.pose import TrainOnLine
+from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 
 if TYPE_CHECKING:
     from das.domain.journey import Journey
@@ -111,15 +110,15 @@ def journey(
         others_j = {"proportional": planner.plan(Split.PROPORTIONAL).input_j, "fastest": planner.fastest_j()}
 
     from das.domain.files.trajectory_csv import write_trajectory
-    from precompute.journey import report
+    from precompute.cli import report
 
     title = f"{asked.name}: {train.id}, {planner.hops[0].section.level}"
     if files.out is not None:
         write_trajectory(files.out, plan.trajectory())
     if files.plot is not None:
-        report.draw(files.plot, plan, title)
+        report.draw_journey(files.plot, plan, title)
     if files.as_json:
-        print(json.dumps(report.as_json(plan, others_j, solve_s)))
+        print(json.dumps(report.journey_json(plan, others_j, solve_s)))
         return
     report.print_plan(plan, title, others_j)
     files.tell()

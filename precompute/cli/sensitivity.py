@@ -13,13 +13,12 @@ from das.command_line.compiling import loading_solver
 from das.command_line.outputs import offscreen_pyplot
 from das.command_line.printing import busy, tell
 from das.command_line.progress import shown
-from precompute.cli.options import TableFiles, TripTime
-from precompute.cli.pose import Pose
+from precompute.cli.options import Pose, TableFiles, TripTime
 
 if TYPE_CHECKING:
     from das.solver.section import Section
     from das.solver.solution import Solution
-    from precompute.sensitivity.variations import Variation
+    from precompute.sensitivity.analysis import Variation
 
 DEFAULT = "mass=±5%,±10%, resistance=±10%,±20%, wind=-20..20, receptivity=0.5,0, adhesion=0.6,0.3"
 """What is varied unless the user says something else."""
@@ -52,8 +51,7 @@ def sensitivity(
         offscreen_pyplot()  # refuse before the work begins
     with loading_solver():
         from precompute.sensitivity.analysis import assess, by_effect
-        from precompute.sensitivity.picture import draw_tornado
-        from precompute.sensitivity.report import outcome_row, print_rows, write_csv
+        from precompute.sensitivity.report import draw_tornado, outcome_row, print_rows, write_csv
     variations, left_out = _variations(pose, vary)
     section, plan, planned = _plan(pose, trip)
     outcomes = [assess(plan, one, pose.section) for one in shown(variations, lambda one: one.label)]
@@ -74,7 +72,7 @@ def sensitivity(
 
 def _variations(pose: Pose, vary: str | None) -> tuple[list[Variation], list[str]]:
     """What to vary, and a line for what the default had to leave out."""
-    from precompute.sensitivity.variations import Parameter, parse_variations
+    from precompute.sensitivity.analysis import Parameter, parse_variations
 
     plan, vehicle = pose.conditions(), pose.vehicle()
     variations = parse_variations(DEFAULT if vary is None else vary, plan)

@@ -1,1 +1,0 @@
-"""The command that plans a whole journey, and its reports."""

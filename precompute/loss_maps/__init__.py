@@ -1,1 +1,0 @@
-"""Pictures and figures of loss maps."""
