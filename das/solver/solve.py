@@ -18,8 +18,7 @@ from das.solver.kernels.lanes import LANES
 from das.solver.kernels.sweep import backward_sweep
 from das.solver.kernels.transitions import transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
-from das.solver.memory import KEPT
-from das.solver.policy_store import PackedPolicies, PolicyStore, WholePolicies
+from das.solver.policy_store import KEPT, PackedPolicies, PolicyStore, WholePolicies
 from das.solver.section import Section
 from das.solver.state import State
 

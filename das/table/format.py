@@ -10,8 +10,11 @@ import hashlib
 import io
 import json
 import math
+import os
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -24,6 +27,7 @@ from das.solver.kernels.tuples import PackedTimes
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
+
 Arrays = dict[str, NDArray[Any]]
 
 SCHEMA_VERSION: Final = 3
@@ -176,3 +180,42 @@ def sealed(manifest: Mapping[str, Any]) -> bytes:
 def seal_of(content: bytes) -> str:
     """The hash that the last key of a manifest must hold."""
     return hashlib.sha256(content.rpartition(_SEAL)[0]).hexdigest()
+
+
+def read_regular(path: Path, most_bytes: int) -> bytes:
+    """What a file holds; it is opened without waiting, so that a pipe holds nobody up.
+
+    Raises FileNotFoundError where there is no such file, and TableError where it is no regular file, is larger than
+    `most_bytes` or cannot be read.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileNotFoundError(path) from None
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read ({error.strerror})") from error
+    try:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise TableError(f"{path}: is not a regular file")
+        if status.st_size > most_bytes:
+            raise TableError(f"{path}: {status.st_size} bytes, expected at most {most_bytes}")
+        with open(handle, "rb", closefd=False) as file:
+            return file.read(status.st_size)
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read ({error.strerror})") from error
+    finally:
+        os.close(handle)
+
+
+def regular_size_bytes(path: Path) -> int:
+    """The size of a regular file; raises as `read_regular` does."""
+    try:
+        status = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileNotFoundError(path) from None
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read ({error.strerror})") from error
+    if not stat.S_ISREG(status.st_mode):
+        raise TableError(f"{path}: is not a regular file")
+    return status.st_size

@@ -34,7 +34,7 @@ CODE: Final = "code"
 """The name of the hash of the solver's code among those of what determines a table."""
 REFINEMENT: Final = "refinement"
 """The name of the hash of the code that refined the trajectories of a table, where they were refined."""
-_REFINING: Final = "das.solver.refined_runs"
+_REFINING: Final = "das.solver.refinement"
 _WORDS: Final = {CODE: "solver code", "solver": "solver settings"}
 _WITHOUT_PART: Final = frozenset(
     {"das", "das.domain.errors", "das.compiling", "das.compiling.kernels", "das.compiling.sources"}

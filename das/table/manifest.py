@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from das.solver.solution import Fit
-from das.table.files import read_regular
-from das.table.format import ARRAYS, MANIFEST, SCHEMA_VERSION, Sizes, TableError, seal_of
+from das.table.format import ARRAYS, MANIFEST, SCHEMA_VERSION, Sizes, TableError, read_regular, seal_of
 
 MOST_MANIFEST_BYTES: Final = 8_000_000
 """Largest manifest that is read; one of 1000 trajectories has 0.4 MB."""

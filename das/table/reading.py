@@ -17,8 +17,18 @@ from das.domain.trajectory import Trajectory
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
-from das.table.files import read_regular, regular_size_bytes
-from das.table.format import ARRAYS, ArrayFormat, Arrays, Sizes, TableError, grid_of, section_facts, unpacked
+from das.table.format import (
+    ARRAYS,
+    ArrayFormat,
+    Arrays,
+    Sizes,
+    TableError,
+    grid_of,
+    read_regular,
+    regular_size_bytes,
+    section_facts,
+    unpacked,
+)
 from das.table.hashes import (
     CODE,
     REFINEMENT,

@@ -23,10 +23,9 @@ from das.table.reading import Table
 from precompute.bench.figures import DIVISIONS_PER_LANDING_TRIED, MEGA, POLISHED_LANDINGS, VEHICLE, Reference
 from precompute.bench.measuring import Figure, Subject, Times, available_cores, in_turns, seconds_of
 from precompute.tables.build import solve_jobs
-from precompute.tables.job import Job
 from precompute.tables.look_up import LookUp
 from precompute.tables.synthetic import synthetic_routes
-from precompute.tables.writing import TableSettings, make_table, write_table
+from precompute.tables.writing import Job, TableSettings, make_table, write_table
 from precompute.workers import Workers
 
 POLICIES_TRIED = 6

@@ -15,14 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from das.domain.errors import DasError
-from das.domain.files.locking import folder_held
-from das.domain.files.writing import UNFINISHED, write_whole
+from das.domain.files.writing import UNFINISHED, folder_held, write_whole
 from das.table.format import MANIFEST, TableError
 from das.table.reading import Table
 from precompute.pool import JobLostError, Made
-from precompute.tables.job import HASH_DIGITS, Job, warm_up
 from precompute.tables.plan import BuildPlan
-from precompute.tables.writing import write_table
+from precompute.tables.writing import HASH_DIGITS, Job, warm_up, write_table
 from precompute.workers import Workers
 
 REPORT = "build.json"

@@ -21,9 +21,8 @@ from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 from das.table.hashes import Course
-from precompute.tables.job import Job
 from precompute.tables.synthetic import synthetic_routes
-from precompute.tables.writing import FEWEST_MULTIPLIERS, MULTIPLIERS, PROVEN, TableSettings
+from precompute.tables.writing import FEWEST_MULTIPLIERS, MULTIPLIERS, PROVEN, Job, TableSettings
 
 SCHEMA_VERSION = 1
 MOST_SECTIONS = 100_000

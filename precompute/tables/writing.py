@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
 import io
 import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.files.writing import write_folder_whole
+from das.domain.route import Route
 from das.domain.units import PERCENT
+from das.domain.vehicle import Vehicle
 from das.solver.front import Front
-from das.solver.refined_runs import TABLE, refined_runs
-from das.solver.section import Section
+from das.solver.refinement import TABLE, refined_runs
+from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
+from das.solver.warm_up import warm_up as compile_solver
 from das.table.format import ARRAYS, MANIFEST, SCHEMA_VERSION, Arrays, packed, sealed, section_facts
-from das.table.hashes import REFINEMENT, combined, hashes_of, refinement_code_sha256, with_code
+from das.table.hashes import REFINEMENT, Course, combined, hashes_of, refinement_code_sha256, section_hashes, with_code
 
 Floats = NDArray[np.float64]
 
@@ -217,3 +223,65 @@ def _npy(array: NDArray[Any]) -> bytes:
     buffer = io.BytesIO()
     np.save(buffer, np.ascontiguousarray(array), allow_pickle=False)
     return buffer.getvalue()
+
+
+HASH_DIGITS = 8
+"""Digits of the hash in a table's name."""
+
+
+def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(mapping)
+
+
+# Vehicles hold their losses in read-only mappings, which pickle does not know.
+copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Job:
+    """A section of a line for a train, with the hash of everything that determines its table."""
+
+    label: str
+    key: str
+    route: Route
+    vehicle: Vehicle
+    course: Course
+    settings: TableSettings
+
+    @classmethod
+    def of(cls, label: str, route: Route, vehicle: Vehicle, course: Course, settings: TableSettings) -> Job:
+        """A job with its hash; raises DasError where the vehicle has no such level or our source is not installed."""
+        hashes = table_hashes(section_hashes(route, vehicle, course), settings)
+        return cls(
+            label=label,
+            key=table_key(hashes, settings),
+            route=route,
+            vehicle=vehicle,
+            course=course,
+            settings=settings,
+        )
+
+    @property
+    def name(self) -> str:
+        """Name of the table's folder: readable, and with the beginning of the hash."""
+        return f"{self.label}_{self.key[:HASH_DIGITS]}"
+
+    def solve(self) -> dict[str, bytes]:
+        """The files of the table; raises DasError with the reason where the section cannot be solved."""
+        warm_up()
+        course = self.course
+        section = build_section(
+            self.route,
+            self.vehicle,
+            level=course.level,
+            start_m=course.start_m,
+            end_m=course.end_m,
+            options=SectionOptions(braking=course.braking),
+        )
+        return make_table(section, self.settings, threads=1)
+
+
+@cache
+def warm_up() -> None:
+    """Compile the solver, once in a process."""
+    compile_solver()

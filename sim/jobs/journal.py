@@ -11,8 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from das.domain.errors import DasError
-from das.domain.files.locking import folder_held
-from das.domain.files.writing import write_whole
+from das.domain.files.writing import folder_held, write_whole
 
 
 class Journal:

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
 from das.domain.losses import Level, LossMap
-from das.solver.bound.ahead import behind_fastest, fastest_is_ahead
 from das.solver.bound.cells import all_cells, cell_line, even_rows
-from das.solver.bound.certificate import task_of
-from das.solver.bound.planes import MapPlanes, efficiency_planes, map_rows
-from das.solver.bound.relaxation import Task, relaxation
+from das.solver.bound.certificate import behind_fastest, fastest_is_ahead, task_of
+from das.solver.bound.relaxation import MapPlanes, Task, efficiency_planes, map_rows, relaxation
 from das.solver.front import Front
 from das.solver.kernels.relaxed_interval import FIXED_ROWS, LOCAL, constraints
 from das.solver.kernels.relaxed_program import proven_bound

@@ -22,8 +22,7 @@ from das.domain.trajectory import Ledger, Trajectory
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.bound.certificate import Certificate
-from das.solver.journey.bound import lower_bound_j
-from das.solver.journey.certificate import PricedTimeline
+from das.solver.journey.certificate import PricedTimeline, lower_bound_j
 from das.solver.journey.chains import Chains, Solved, Split
 from das.solver.journey.hop_fronts import DrivenStretch
 from das.solver.journey.hops import Hop, build_hops
@@ -80,8 +79,8 @@ class JourneyPlan:
     """A planned journey, one part for each hop.
 
     `table_bound_j` bounds from below the energy of every run of the solver's decision grid that keeps the windows (see
-    `das.solver.journey.bound`), but not that of finer runs such as those of the plan. It is −inf for a split that is
-    not the optimum, and where a span can only just be run in its time.
+    `das.solver.journey.certificate`), but not that of finer runs such as those of the plan. It is −inf for a split that
+    is not the optimum, and where a span can only just be run in its time.
     """
 
     journey: Journey

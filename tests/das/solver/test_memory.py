@@ -6,7 +6,7 @@ import gc
 
 import numpy as np
 
-from das.solver.memory import KeptMemory
+from das.solver.policy_store import KeptMemory
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from das.solver.warm_up import tiny_route, tiny_vehicle

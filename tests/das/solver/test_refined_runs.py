@@ -10,8 +10,7 @@ import pytest
 from das.domain.files.load import load_vehicle
 from das.domain.losses import Level
 from das.solver.front import Front
-from das.solver.refined_runs import TABLE, refined_runs
-from das.solver.refinement import TubeSearch, refined
+from das.solver.refinement import TABLE, TubeSearch, refined, refined_runs
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front

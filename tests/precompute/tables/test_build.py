@@ -23,17 +23,16 @@ from distributed import Client
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_route
-from das.domain.files.locking import folder_held
+from das.domain.files.writing import folder_held
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.vehicle import Vehicle
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute import pool, workers
 from precompute.tables.build import BuildStatus, solve_jobs, table_folders
-from precompute.tables.job import Job
 from precompute.tables.plan import read_plan
 from precompute.tables.synthetic import synthetic_routes
-from precompute.tables.writing import TableSettings
+from precompute.tables.writing import Job, TableSettings
 from precompute.workers import Workers, differences, environment
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train

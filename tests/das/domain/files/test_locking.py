@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
-from das.domain.files.locking import LOCK, FolderTakenError, folder_held
+from das.domain.files.writing import LOCK, FolderTakenError, folder_held
 from tests.support.making import REPOSITORY, das_precompute
 
 VICTIM = "three years of measurements\n"
@@ -88,7 +88,7 @@ def test_the_build_refuses_a_link_as_a_lock(tmp_path: Path) -> None:
 @pytest.mark.processes
 def test_the_other_process_is_named_and_its_end_frees_the_folder(tmp_path: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from das.domain.files.locking import folder_held\n"
+        "import sys, time; from pathlib import Path; from das.domain.files.writing import folder_held\n"
         "with folder_held(Path(sys.argv[1]), 'at work'):\n    print('held', flush=True)\n    time.sleep(600)\n"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "new" / "folder")]

@@ -25,8 +25,7 @@ from das.solver.bound.cells import (
     tightened_j,
 )
 from das.solver.bound.certificate import certificate, task_of
-from das.solver.bound.planes import map_rows
-from das.solver.bound.relaxation import Task
+from das.solver.bound.relaxation import Task, map_rows
 from das.solver.kernels.speed_cells import values_ahead, values_behind
 from das.solver.line_profile import LineProfile
 from das.solver.section import build_section

@@ -11,8 +11,7 @@ import pytest
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import Route, Stretches, Zone
 from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
-from das.solver.bound.ahead import behind_fastest, fastest_is_ahead
-from das.solver.bound.certificate import certificate, task_of
+from das.solver.bound.certificate import behind_fastest, certificate, fastest_is_ahead, task_of
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.solver.bound.certificate import task_of
-from das.solver.bound.planes import MapPlanes, efficiency_planes
+from das.solver.bound.relaxation import MapPlanes, efficiency_planes
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
