@@ -139,8 +139,7 @@ def calm_rows(front: Front, calms: list[tuple[float, CalmFront]], time_s: float)
 def _row_of_schedule(price_s: float, solved: CalmFront, front: Front, time_s: float) -> CalmRow:
     """The schedule of a price, made as the coach makes it."""
     from das.solver.calm.phases import BRAKES
-    from das.solver.calm.polish import polished
-    from das.solver.calm.scheduling import scheduled
+    from das.solver.calm.scheduling import polished, scheduled
     from das.solver.solution import trajectory_on
 
     section = front.section

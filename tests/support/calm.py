@@ -9,9 +9,8 @@ from typing import NamedTuple
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.calm.calm import CalmFront, solve_calm
-from das.solver.calm.polish import polished
 from das.solver.calm.schedule import Schedule, Scheduled
-from das.solver.calm.scheduling import scheduled
+from das.solver.calm.scheduling import polished, scheduled
 from das.solver.calm.settings import CalmSettings
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section

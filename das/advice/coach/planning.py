@@ -13,14 +13,13 @@ from das.domain.errors import DasError
 from das.solver.calm.calm import CalmFront, solve_calm, solve_calm_ahead
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
-from das.solver.calm.polish import polished, polished_thoroughly
 from das.solver.calm.schedule import (
     Prospect,
     Schedule,
     Scheduled,
     topped,
 )
-from das.solver.calm.scheduling import schedule_in_time, scheduled
+from das.solver.calm.scheduling import polished, polished_thoroughly, schedule_in_time, scheduled
 from das.solver.section import Section
 from das.solver.state import State
 

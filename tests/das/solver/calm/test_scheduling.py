@@ -9,9 +9,8 @@ import pytest
 
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import BRAKES, Phase
-from das.solver.calm.polish import polished, polished_thoroughly
 from das.solver.calm.schedule import Scheduled
-from das.solver.calm.scheduling import scheduled
+from das.solver.calm.scheduling import polished, polished_thoroughly, scheduled
 from das.solver.calm.settings import PolishSettings
 from tests.support.calm import BUFFERS, BUNDLED, Which, calm_of, front_of, schedules, section_of
 
