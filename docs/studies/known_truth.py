@@ -20,15 +20,14 @@ import numpy as np
 from docs.studies.pages import DOCS, write_table
 from precompute.workers import Workers
 from sim.experiment.analysis.pairs import PairedTrials, paired_trials
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PilotDifferences, PowerQuestion, power_of, share_interval
 from sim.experiment.analysis.reading import Floats, RunStudy, read_study
 from sim.experiment.analysis.resampling import probabilities_at_once, weights
 from sim.experiment.design import read_design
+from sim.experiment.factors import study_days
 from sim.experiment.freezing import freeze
-from sim.experiment.jobs import Keep, jobs_of
-from sim.experiment.running import run_study
-from sim.experiment.setting import study_days
+from sim.experiment.plan import PlannedComparison
+from sim.experiment.running import Keep, jobs_of, run_study
 
 MEASURE: Final = "gap_to_optimum_ratio"
 DAY: Final = "zug-luzern"
@@ -160,7 +159,7 @@ def written_design(folder: Path, count: int, first: int) -> Path:
 def compared(study: RunStudy, label: str) -> PairedTrials:
     """The pairs of a label and of the usual advice."""
     a, b = label, next(iter(LABELS))
-    return paired_trials(study, PlannedDifference(name=label, measure=MEASURE, factor="scenario", a=a, b=b))
+    return paired_trials(study, PlannedComparison(name=label, measure=MEASURE, factor="scenario", a=a, b=b))
 
 
 def share_without(values: Floats, size: int, studies: int = STUDIES) -> Share:

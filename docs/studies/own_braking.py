@@ -21,7 +21,7 @@ from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.drivers.parameters import HumanParameters
-from sim.experiment.setting import day_of
+from sim.experiment.factors import day_of
 from sim.plant.plant import Command
 from sim.world.day import make_day
 from sim.world.outcome import DayOutcome, outcome

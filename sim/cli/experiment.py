@@ -18,7 +18,7 @@ from das.domain.errors import DasError
 
 if TYPE_CHECKING:
     from sim.experiment.design import Design
-    from sim.experiment.jobs import Keep
+    from sim.experiment.running import Keep
 
 DesignArgument = Annotated[
     str,
@@ -82,8 +82,7 @@ def run(
     with busy("reading the design …"):
         from precompute.workers import Workers
         from sim.experiment.design import load_design
-        from sim.experiment.jobs import Keep, jobs_of
-        from sim.experiment.running import run_study
+        from sim.experiment.running import Keep, jobs_of, run_study
         from sim.jobs.table import require_pyarrow
 
         if not measures_only:

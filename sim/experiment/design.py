@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
@@ -17,10 +18,9 @@ from typing import Any, Final, TypeVar
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, number, read_toml
 from sim.drivers.population import DEFAULT, load_population
-from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel
-from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA
+from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel, Setting
 from sim.experiment.measures import MEASURES
-from sim.experiment.setting import Setting
+from sim.experiment.plan import CORRECTIONS, DEFAULT_ALPHA, PlannedComparison, read_comparisons
 
 SCHEMA_VERSION: Final = 1
 MOST_PARTICIPANTS: Final = 10_000
@@ -100,21 +100,6 @@ class Procedure:
     break_s: float = 600.0
     days: Days = Days.OWN
     chances: Chances = Chances.NEW
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlannedComparison:
-    """A planned comparison: the difference of a measure between level `a` and level `b` of a factor, a − b.
-
-    `where` fixes levels of other factors; without it the comparison is over all of them.
-    """
-
-    name: str
-    measure: str
-    factor: str
-    a: str
-    b: str
-    where: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,41 +301,18 @@ def _plan(fields: Fields, factors: tuple[Factor, ...]) -> AnalysisPlan:
     if correction not in CORRECTIONS:
         raise table.error("correction", correction, f"one of {', '.join(CORRECTIONS)}")
     alpha = _real(table, "alpha", (1e-6, 0.5), DEFAULT_ALPHA)
-    rows = fields.rows("comparisons", "a list of [[comparisons]]") if fields.has("comparisons") else []
-    tables = (Fields.of(fields.source, row, f"comparisons[{i}].") for i, row in enumerate(rows))
-    comparisons = tuple(_comparison(one, factors, names) for one in tables)
-    if len({one.name for one in comparisons}) < len(comparisons):
-        raise fields.error("comparisons", [one.name for one in comparisons], "each name once")
+    levels = {factor.name: partial(_level_text, factor) for factor in factors}
+    comparisons = read_comparisons(fields, levels, names)
     return AnalysisPlan(measures=tuple(names), comparisons=comparisons, alpha=alpha, correction=correction)
 
 
-def _comparison(table: Fields, factors: tuple[Factor, ...], measures: list[str]) -> PlannedComparison:
-    table.check_keys(["name", "measure", "factor", "a", "b", "where"])
-    by_name = {factor.name: factor for factor in factors}
-    measure, factor = table.text("measure"), table.text("factor")
-    if measure not in measures:
-        raise table.error("measure", measure, f"one of the measures of this design: {', '.join(measures)}")
-    if factor not in by_name:
-        raise table.error("factor", factor, f"one of the factors of this design: {', '.join(by_name)}")
-    a, b = (_level_text(table, key, table.data.get(key, MISSING), by_name[factor]) for key in ("a", "b"))
-    if a == b:
-        raise table.error("b", table.data["b"], "another level than a")
-    where = _optional(table, "where") if table.has("where") else Fields.of(table.source, {})
-    where.check_keys([name for name in by_name if name != factor])
-    fixed = {name: _level_text(where, name, value, by_name[name]) for name, value in where.data.items()}
-    only = "".join(f", {name} {level}" for name, level in fixed.items())
-    name = table.name("name", f"{measure}: {a} - {b}{only}")
-    return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
-
-
-def _level_text(table: Fields, key: str, value: Any, factor: Factor) -> str:
+def _level_text(factor: Factor, table: Fields, key: str) -> str:
     """The text of a level, which may be given as the text or as the value stands in the list of levels."""
     texts = [level.text for level in factor.levels]
+    value = table.data.get(key, MISSING)
     if isinstance(value, str) and value in texts:
         return value
-    read = None
-    if value is not MISSING:
-        read = FACTORS[factor.name].read(table, key, value).text
+    read = None if value is MISSING else FACTORS[factor.name].read(table, key, value).text
     if read not in texts:
         raise table.error(key, value, f"one of the levels {', '.join(texts)}")
     return read

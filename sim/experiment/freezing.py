@@ -15,21 +15,8 @@ from das.domain.files.writing import write_whole
 from sim.drivers.own_class import driver_versions
 from sim.drivers.population import load_population
 from sim.experiment.design import SCHEMA_VERSION, Design
-from sim.experiment.files import (
-    DESIGN_JSON,
-    DESIGN_TEXT,
-    KEY_ALPHA,
-    KEY_COMPARISONS,
-    KEY_CORRECTION,
-    KEY_FACTORS,
-    KEY_HASH,
-    KEY_LEVELS,
-    KEY_MEASURES,
-    KEY_NAME,
-    KEY_SEED,
-    KEY_WITHIN,
-)
-from sim.experiment.setting import Setting
+from sim.experiment.factors import Setting
+from sim.experiment.files import DESIGN_JSON, DESIGN_TEXT
 from sim.recording.inputs import sha256
 from sim.world.service import scenario_files
 
@@ -42,24 +29,24 @@ def resolved(design: Design) -> dict[str, Any]:
     """
     found: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
-        KEY_NAME: design.name,
+        "name": design.name,
         "title": design.title,
         "description": design.description,
-        KEY_SEED: design.seed,
+        "seed": design.seed,
         "participants": {**asdict(design.people), "population": load_population(design.people.population).id},
         "procedure": asdict(design.procedure),
         "fixed": {name: level.text for name, level in sorted(design.fixed.items())},
-        KEY_FACTORS: {
-            factor.name: {KEY_LEVELS: [level.text for level in factor.levels], KEY_WITHIN: factor.within}
+        "factors": {
+            factor.name: {"levels": [level.text for level in factor.levels], "within": factor.within}
             for factor in design.factors
         },
-        KEY_MEASURES: list(design.plan.measures),
-        KEY_COMPARISONS: [asdict(one) for one in design.plan.comparisons],
-        KEY_ALPHA: design.plan.alpha,
-        KEY_CORRECTION: design.plan.correction,
+        "measures": list(design.plan.measures),
+        "comparisons": [asdict(one) for one in design.plan.comparisons],
+        "alpha": design.plan.alpha,
+        "correction": design.plan.correction,
         "files": design_files(design),
     }
-    return {KEY_HASH: design_sha256(found), **found}
+    return {"hash": design_sha256(found), **found}
 
 
 def design_sha256(found: Mapping[str, Any]) -> str:
@@ -67,8 +54,8 @@ def design_sha256(found: Mapping[str, Any]) -> str:
 
     The order of the factors is part of it, because it decides the names of the conditions.
     """
-    content = {key: value for key, value in found.items() if key != KEY_HASH}
-    content["factor_order"] = list(found[KEY_FACTORS])
+    content = {key: value for key, value in found.items() if key != "hash"}
+    content["factor_order"] = list(found["factors"])
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
@@ -100,7 +87,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
         raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
     kept = folder / DESIGN_JSON
     if kept.exists():
-        check_frozen(design, folder, found[KEY_HASH])
+        check_frozen(design, folder, found["hash"])
     else:
         write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
         write_whole(kept, json.dumps(found, indent=2, ensure_ascii=False).encode() + b"\n")
@@ -110,9 +97,9 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
 def check_frozen(design: Design, folder: Path, own_sha256: str) -> None:
     """Raise DasError where the frozen design of a folder is not this one, or was altered."""
     kept = read_json(folder / DESIGN_JSON)
-    text = kept.text(KEY_HASH)
+    text = kept.text("hash")
     if text != design_sha256(kept.data):
-        raise DasError(f"{folder / DESIGN_JSON}: {KEY_HASH} = {text[:12]}…: the file was altered after it was frozen")
+        raise DasError(f"{folder / DESIGN_JSON}: hash = {text[:12]}…: the file was altered after it was frozen")
     if text != own_sha256:
         was, now = text[:12], own_sha256[:12]
         how = "expected the same design, or another folder"

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, VariedFactor
 from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy
+from sim.experiment.plan import PlannedComparison, StudyPlan, VariedFactor
 
 MEASURE = "gap_to_optimum_ratio"
 LEVELS = ("none", "top-speed", "vector")
@@ -45,7 +45,7 @@ def drawn(rng: np.random.Generator, shape: tuple[int, ...], skewed: bool) -> Flo
     return rng.gamma(3.0, size=shape) / np.sqrt(3.0) - np.sqrt(3.0) if skewed else rng.normal(size=shape)
 
 
-def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedDifference, ...] = ()) -> RunStudy:
+def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedComparison, ...] = ()) -> RunStudy:
     """A study in memory: each driver drives every level on each of his days, in an order of his own."""
     rng = np.random.default_rng(seed)
     n, k, levels = truth.drivers, truth.days, len(truth.means)
@@ -109,10 +109,10 @@ def after_last(order: Any, levels: int) -> Floats:
     return result.reshape(n, -1, levels)
 
 
-def compared(a: str, b: str, **settings: Any) -> PlannedDifference:
+def compared(a: str, b: str, **settings: Any) -> PlannedComparison:
     """A planned comparison of two presentations."""
     given = {"name": f"{a} against {b}", "measure": MEASURE, "factor": "presentation", **settings}
-    return PlannedDifference(a=a, b=b, **given)
+    return PlannedComparison(a=a, b=b, **given)
 
 
 def design_of(study: RunStudy) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from typing import Any
 from das.domain.errors import DasError
 from das.domain.files.reading import Fields
 from sim.experiment.analysis.pairs import is_paired, paired_trials, two_groups
-from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, plan_of, read_plan
 from sim.experiment.analysis.power import (
     MOST_PARTICIPANTS,
     BellCurves,
@@ -24,7 +23,7 @@ from sim.experiment.analysis.power import (
 )
 from sim.experiment.analysis.reading import RunStudy, read_study
 from sim.experiment.analysis.shown import ShownMeasure
-from sim.experiment.files import DEFAULT_ALPHA
+from sim.experiment.plan import DEFAULT_ALPHA, PlannedComparison, StudyPlan, plan_of, read_plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +162,7 @@ def _in_groups(asked: Asked, plan: StudyPlan | None) -> bool:
     return not plan.factor(plan.chosen(asked.comparison).factor).within
 
 
-def _of_study(asked: Asked, study: RunStudy, comparison: PlannedDifference) -> tuple[MadeUpDifferences, float, str]:
+def _of_study(asked: Asked, study: RunStudy, comparison: PlannedComparison) -> tuple[MadeUpDifferences, float, str]:
     measure = comparison.measure
     shown = ShownMeasure.of(measure, study.meanings[measure], study.trials.values[measure])
     if not is_paired(study, comparison):
@@ -181,7 +180,7 @@ def _of_study(asked: Asked, study: RunStudy, comparison: PlannedDifference) -> t
 
 
 def _of_groups(
-    asked: Asked, study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure
+    asked: Asked, study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure
 ) -> tuple[MadeUpDifferences, float, str]:
     """The same for a comparison of two groups."""
     if asked.pairs is not None:

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from sim.experiment.analysis.pairs import PairedTrials
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Floats, Ints, RunStudy, Texts
 from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
+from sim.experiment.plan import PlannedComparison
 
 SURE: Final = 0.01
 """An assumption counts as broken where chance alone would show as much less often than this."""
@@ -36,7 +36,7 @@ class AssumptionCheck:
 
 
 def checks_of(
-    study: RunStudy, comparison: PlannedDifference, pairs: PairedTrials, shown: ShownMeasure
+    study: RunStudy, comparison: PlannedComparison, pairs: PairedTrials, shown: ShownMeasure
 ) -> list[AssumptionCheck]:
     """Every check of a comparison between conditions that each participant drove."""
     means = pairs.by_participant(pairs.differences)
@@ -83,7 +83,7 @@ def _single_driver(means: Floats, names: tuple[str, ...], shown: ShownMeasure) -
     )
 
 
-def _noise(pairs: PairedTrials, comparison: PlannedDifference) -> AssumptionCheck:
+def _noise(pairs: PairedTrials, comparison: PlannedComparison) -> AssumptionCheck:
     """Noise is what remains in a condition when drivers and what the other factors do are taken out."""
     name = "Both conditions scatter alike from trial to trial"
     follows = "Paired differences do not need it. The mixed model has a noise for each condition."
@@ -101,7 +101,7 @@ def _noise(pairs: PairedTrials, comparison: PlannedDifference) -> AssumptionChec
     return AssumptionCheck(name=name, found=found, holds=factor <= EVEN_NOISE, follows=follows, needed=False)
 
 
-def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasure) -> AssumptionCheck:
+def _order(pairs: PairedTrials, comparison: PlannedComparison, shown: ShownMeasure) -> AssumptionCheck:
     name = "It does not matter which condition came first"
     what = f"the difference “{comparison.a}” minus “{comparison.b}”, where “{comparison.a}” came first, is"
     tail = " than where it came second"
@@ -134,7 +134,7 @@ def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasu
     )
 
 
-def _along_the_session(study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure) -> list[AssumptionCheck]:
+def _along_the_session(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) -> list[AssumptionCheck]:
     """Whether values drift from trial to trial, and whether a trial depends on the condition of the one before it."""
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     driver, position = trials.participant[rows], trials.position[rows]
@@ -153,7 +153,7 @@ def _along_the_session(study: RunStudy, comparison: PlannedDifference, shown: Sh
     ]  # fmt: skip
 
 
-def drift(study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure) -> AssumptionCheck:
+def drift(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) -> AssumptionCheck:
     """Whether values drift from trial to trial of a driver."""
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     driver, position = trials.participant[rows], trials.position[rows].astype(np.float64)
@@ -169,7 +169,7 @@ def drift(study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure) -
     )  # fmt: skip
 
 
-def _unexplained(study: RunStudy, comparison: PlannedDifference, rows: Ints) -> Floats:
+def _unexplained(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> Floats:
     """What remains of each value without the mean of its conditions and of its driver, (trials,)."""
     trials = study.trials
     rest = trials.values[comparison.measure][rows].copy()
@@ -184,7 +184,7 @@ def _means(values: Floats, names: Texts) -> Floats:
     return np.asarray((np.bincount(index, weights=values) / np.bincount(index))[index])
 
 
-def _carried(study: RunStudy, comparison: PlannedDifference, driver: str, position: Ints, rest: Floats) -> float:
+def _carried(study: RunStudy, comparison: PlannedComparison, driver: str, position: Ints, rest: Floats) -> float:
     """What remains after trials at level a, less after trials at level b, of one driver; NaN where he lacks one."""
     trials = study.trials
     mine = trials.participant == driver

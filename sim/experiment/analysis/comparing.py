@@ -17,12 +17,12 @@ from sim.experiment.analysis.estimates import DifferenceEstimate, corrected, gro
 from sim.experiment.analysis.group_checks import group_checks_of
 from sim.experiment.analysis.mixed_model import MixedFit, fit_mixed_model
 from sim.experiment.analysis.pairs import PairedTrials, TwoGroups, is_paired, paired_trials, two_groups
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.power import normal_participants
 from sim.experiment.analysis.reading import Bools, Floats, RunStudy
 from sim.experiment.analysis.resampling import RESAMPLES
 from sim.experiment.analysis.shown import ShownMeasure
 from sim.experiment.analysis.spread import DriverSpread, sd_interval, spread_of
+from sim.experiment.plan import PlannedComparison
 
 WANTED_POWER: Final = 0.8
 ASKED_POINTS: Final = (0.005, 0.01, 0.02)
@@ -61,7 +61,7 @@ class DifferencePart:
 class FoundDifference:
     """All that was found on a planned comparison. `model_missing` says why there is no model, where there is none."""
 
-    comparison: PlannedDifference
+    comparison: PlannedComparison
     shown: ShownMeasure
     estimate: DifferenceEstimate
     corrected: float
@@ -161,7 +161,7 @@ def _with(found: FoundDifference, chance: float) -> FoundDifference:
 
 
 def _difference(
-    study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure, effects: tuple[float, ...], resamples: int
+    study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure, effects: tuple[float, ...], resamples: int
 ) -> FoundDifference:
     rng = generator(study, comparison.name)
     if not is_paired(study, comparison):
@@ -179,7 +179,7 @@ def _difference(
     )  # fmt: skip
 
 
-def _parts(study: RunStudy, comparison: PlannedDifference, resamples: int) -> Iterator[DifferencePart]:
+def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> Iterator[DifferencePart]:
     """The difference at each level of the other factors that the comparison leaves open; where it can be made."""
     for factor in study.plan.factors:
         if factor.name == comparison.factor or factor.name in comparison.where:
@@ -196,7 +196,7 @@ def _parts(study: RunStudy, comparison: PlannedDifference, resamples: int) -> It
 
 
 def _estimate(
-    study: RunStudy, comparison: PlannedDifference, resamples: int, rng: np.random.Generator
+    study: RunStudy, comparison: PlannedComparison, resamples: int, rng: np.random.Generator
 ) -> DifferenceEstimate:
     if is_paired(study, comparison):
         pairs = paired_trials(study, comparison)
@@ -207,7 +207,7 @@ def _estimate(
 
 def _group_difference(
     study: RunStudy,
-    comparison: PlannedDifference,
+    comparison: PlannedComparison,
     shown: ShownMeasure,
     effects: tuple[float, ...],
     by: tuple[int, np.random.Generator],
@@ -226,7 +226,7 @@ def _group_difference(
     )  # fmt: skip
 
 
-def _model(study: RunStudy, comparison: PlannedDifference) -> tuple[MixedFit | None, str]:
+def _model(study: RunStudy, comparison: PlannedComparison) -> tuple[MixedFit | None, str]:
     """The mixed model, and why there is none."""
     try:
         return fit_mixed_model(study, comparison), ""

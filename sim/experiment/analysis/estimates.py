@@ -16,7 +16,7 @@ from sim.experiment.analysis.resampling import (
     studentized,
     weights,
 )
-from sim.experiment.files import LEAST_PARTICIPANTS
+from sim.experiment.plan import LEAST_PARTICIPANTS
 
 CONFIDENCE: Final = 0.95
 MOST_WITHOUT_SPREAD: Final = 0.005

@@ -9,15 +9,15 @@ import numpy as np
 
 from sim.experiment.analysis.checks import LEAST, SURE, AssumptionCheck, drift
 from sim.experiment.analysis.pairs import TwoGroups
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Floats, Ints, RunStudy
 from sim.experiment.analysis.shown import ShownMeasure, probability
+from sim.experiment.plan import PlannedComparison
 
 UNTOLD: Final = "cannot be told"
 
 
 def group_checks_of(
-    study: RunStudy, comparison: PlannedDifference, groups: TwoGroups, shown: ShownMeasure
+    study: RunStudy, comparison: PlannedComparison, groups: TwoGroups, shown: ShownMeasure
 ) -> list[AssumptionCheck]:
     """Every check of a comparison between conditions of which each participant drove one."""
     rows = np.flatnonzero(study.chosen(comparison))
@@ -32,7 +32,7 @@ def group_checks_of(
     ]
 
 
-def _balance(study: RunStudy, comparison: PlannedDifference, rows: Ints) -> AssumptionCheck:
+def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> AssumptionCheck:
     """Whether the groups are of one size and drove the same conditions equally often, at the same places."""
     trials, others = study.trials, [one.name for one in study.plan.factors if one.name != comparison.factor]
     sizes, shares, places = [], [], []
@@ -116,7 +116,7 @@ def _single_driver(groups: TwoGroups, shown: ShownMeasure) -> AssumptionCheck:
     )
 
 
-def _spread(groups: TwoGroups, comparison: PlannedDifference) -> AssumptionCheck:
+def _spread(groups: TwoGroups, comparison: PlannedComparison) -> AssumptionCheck:
     """Brown and Forsythe's test: Levene's with medians."""
     from scipy import stats
 
@@ -138,7 +138,7 @@ def _spread(groups: TwoGroups, comparison: PlannedDifference) -> AssumptionCheck
     )
 
 
-def _days(study: RunStudy, comparison: PlannedDifference, rows: Ints) -> AssumptionCheck:
+def _days(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> AssumptionCheck:
     """Whether the groups met the same days; if not, luck with days is part of the noise."""
     trials = study.trials
     met = [set(trials.day[rows][trials.levels[comparison.factor][rows] == one]) for one in (comparison.a, comparison.b)]

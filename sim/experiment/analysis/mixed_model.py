@@ -18,8 +18,8 @@ from typing import Any, Final
 import numpy as np
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Floats, RunStudy, Texts
+from sim.experiment.plan import PlannedComparison
 
 BOUNDARY: Final = 0.01
 """A variance below this share of the residual variance is taken as 0: the fit is singular. Searches end near 0, not at
@@ -61,7 +61,7 @@ class _Data:
     days: Texts | None
 
 
-def fit_mixed_model(study: RunStudy, comparison: PlannedDifference) -> MixedFit:
+def fit_mixed_model(study: RunStudy, comparison: PlannedComparison) -> MixedFit:
     """Fit the mixed model of a comparison; DasError where it cannot be."""
     data = _data(study, comparison)
     slopes = data.within and _told_apart(data)
@@ -70,7 +70,7 @@ def fit_mixed_model(study: RunStudy, comparison: PlannedDifference) -> MixedFit:
     return _as_fit(data, result, warned, slopes, noisier)
 
 
-def _data(study: RunStudy, comparison: PlannedDifference) -> _Data:
+def _data(study: RunStudy, comparison: PlannedComparison) -> _Data:
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     values, driver = trials.values[comparison.measure][rows], trials.participant[rows]
     if len(np.unique(driver)) < LEAST_DRIVERS:

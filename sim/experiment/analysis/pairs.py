@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Bools, Floats, Ints, RunStudy, Texts
+from sim.experiment.plan import PlannedComparison
 
 
 class _Cell(NamedTuple):
@@ -62,12 +62,12 @@ class TwoGroups:
     b_names: tuple[str, ...]
 
 
-def is_paired(study: RunStudy, comparison: PlannedDifference) -> bool:
+def is_paired(study: RunStudy, comparison: PlannedComparison) -> bool:
     """Whether every participant is to drive both conditions of a comparison."""
     return study.plan.factor(comparison.factor).within
 
 
-def paired_trials(study: RunStudy, comparison: PlannedDifference) -> PairedTrials:
+def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrials:
     """The pairs of a comparison; DasError where no participant drove both of its conditions."""
     same_day = _paired(study, comparison, with_day=True)
     found = same_day if len(same_day.owner) else _paired(study, comparison, with_day=False)
@@ -79,7 +79,7 @@ def paired_trials(study: RunStudy, comparison: PlannedDifference) -> PairedTrial
     return found
 
 
-def _paired(study: RunStudy, comparison: PlannedDifference, *, with_day: bool) -> PairedTrials:
+def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -> PairedTrials:
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     level, values = trials.levels[comparison.factor], trials.values[comparison.measure]
     others = [trials.levels[one.name] for one in study.plan.factors if one.name != comparison.factor]
@@ -109,7 +109,7 @@ def _paired(study: RunStudy, comparison: PlannedDifference, *, with_day: bool) -
     )
 
 
-def two_groups(study: RunStudy, comparison: PlannedDifference) -> TwoGroups:
+def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
     """The participants of each of two groups, by the mean of their trials; DasError where a group is empty."""
     trials, kept = study.trials, study.chosen(comparison)
     found = {}

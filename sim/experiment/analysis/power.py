@@ -23,7 +23,7 @@ from sim.experiment.analysis.resampling import (
     weights,
 )
 from sim.experiment.analysis.spread import as_table, components
-from sim.experiment.files import LEAST_PARTICIPANTS
+from sim.experiment.plan import LEAST_PARTICIPANTS
 
 STUDIES: Final = 2000
 """Made-up studies for each number of participants: a power of 0.8 is known to ±0.02 (95 %)."""

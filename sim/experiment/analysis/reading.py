@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import read_json, read_text
-from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, as_text, read_plan
 from sim.experiment.files import (
     CHECKED_TABLES,
     CHECKSUMS,
@@ -27,6 +26,7 @@ from sim.experiment.files import (
     TRIALS_SIDECAR,
     TRIALS_TABLE,
 )
+from sim.experiment.plan import PlannedComparison, StudyPlan, as_text, read_plan
 from sim.recording.inputs import sha256
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,7 @@ class RunStudy:
     level_words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     made: Mapping[str, str] = field(default_factory=dict)
 
-    def chosen(self, comparison: PlannedDifference) -> Bools:
+    def chosen(self, comparison: PlannedComparison) -> Bools:
         """Which trials belong to a comparison: none of the practice, at its levels, with its measure."""
         trials = self.trials
         kept = ~trials.practice & np.isfinite(trials.values[comparison.measure])

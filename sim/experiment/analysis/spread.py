@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from sim.experiment.analysis.reading import Floats, Texts
-from sim.experiment.files import LEAST_PARTICIPANTS
+from sim.experiment.plan import LEAST_PARTICIPANTS
 
 RESAMPLES: Final = 1999
 NO_RANGE: Final = (math.nan, math.nan)

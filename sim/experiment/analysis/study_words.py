@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from sim.experiment.analysis.comparing import StudyFindings
-from sim.experiment.analysis.plan import FIXED
 from sim.experiment.analysis.shown import ShownMeasure
+from sim.experiment.plan import FIXED
 
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
 MOST_FAILED: Final = 3

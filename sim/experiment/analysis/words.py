@@ -14,8 +14,8 @@ from sim.experiment.analysis.comparing import (
     StudyFindings,
     conditions_of,
 )
-from sim.experiment.analysis.plan import PlannedDifference, StudyPlan
 from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
+from sim.experiment.plan import PlannedComparison, StudyPlan
 
 Row = dict[str, str]
 MOST_COUNTED: Final = 10_000
@@ -128,18 +128,18 @@ def _safety(found: StudyFindings) -> list[tuple[str, str]]:
     return [("Safety", f"{times} passed at danger in {int((~trials.practice).sum())} trials ({'; '.join(where)}).")]
 
 
-def title(comparison: PlannedDifference, shown: ShownMeasure) -> str:
+def title(comparison: PlannedComparison, shown: ShownMeasure) -> str:
     """The name of a comparison, or in words where the design gave it none of its own."""
     short = short_title(comparison)
     return short if short == comparison.name else f"{shown.name}: {short}"
 
 
-def short_title(comparison: PlannedDifference) -> str:
+def short_title(comparison: PlannedComparison) -> str:
     """The name of a comparison, or what is taken from what where the design gave it no name of its own."""
     return contrast(comparison) if comparison.name.startswith(f"{comparison.measure}: ") else comparison.name
 
 
-def contrast(comparison: PlannedDifference) -> str:
+def contrast(comparison: PlannedComparison) -> str:
     """What is taken from what, in words."""
     where = "".join(f", {name}: {level}" for name, level in comparison.where.items())
     return f"{comparison.a} minus {comparison.b}{where}"

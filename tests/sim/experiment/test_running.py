@@ -25,8 +25,7 @@ from sim.drivers.screen import ScreenSettings
 from sim.experiment.design import Design, read_design
 from sim.experiment.factors import FACTORS
 from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
-from sim.experiment.jobs import Keep, TrialJob, jobs_of, make_trial
-from sim.experiment.running import run_study
+from sim.experiment.running import Keep, TrialJob, jobs_of, make_trial, run_study
 from sim.jobs.journal import Journal
 from sim.jobs.runner import attempted
 from sim.world.screen_text import screen_metadata

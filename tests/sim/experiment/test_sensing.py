@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sim.experiment.checking import check_design
+from sim.experiment.checking import DAYS_TRIED, Sensed, SensingTest, check_design
 from sim.experiment.design import read_design
-from sim.experiment.sensing import DAYS_TRIED, Sensed, SensingTest
-from sim.experiment.setting import study_days
+from sim.experiment.factors import study_days
 
 HEAD = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\n[participants]\ncount = 2\n"
 

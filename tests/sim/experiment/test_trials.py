@@ -11,8 +11,9 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.checking import group_notes
 from sim.experiment.design import ConditionOrder, read_design
-from sim.experiment.jobs import Keep, in_order_of_work, jobs_of
-from sim.experiment.trials import StudyTrial, imbalances, order_of, trials_of, williams
+from sim.experiment.driving import StudyTrial
+from sim.experiment.running import Keep, in_order_of_work, jobs_of
+from sim.experiment.trials import imbalances, order_of, trials_of, williams
 
 HEAD = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\nseed = 7\n[fixed]\nscenario = 'flat-6km'\n"
 THREE = "[[factors]]\nname = 'hold_s'\nlevels = [0, 5, 10]\n"

@@ -13,9 +13,9 @@ from das.domain.errors import DasError
 from sim.experiment.analysis.checks import AssumptionCheck, checks_of
 from sim.experiment.analysis.mixed_model import fit_mixed_model
 from sim.experiment.analysis.pairs import paired_trials, two_groups
-from sim.experiment.analysis.plan import VariedFactor
 from sim.experiment.analysis.reading import RunStudy
 from sim.experiment.analysis.shown import ShownMeasure
+from sim.experiment.plan import VariedFactor
 from tests.support.made_up_study import MEASURE, NOISE, Truth, compared, made_up_study
 
 VECTOR = compared("vector", "none")

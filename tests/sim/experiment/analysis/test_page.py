@@ -13,9 +13,9 @@ import pytest
 
 from sim.experiment.analysis.comparing import StudyFindings, analyse_study
 from sim.experiment.analysis.page import as_dict, page
-from sim.experiment.analysis.plan import VariedFactor
 from sim.experiment.analysis.reading import RunStudy
 from sim.experiment.analysis.words import hangs_on, in_short
+from sim.experiment.plan import VariedFactor
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
 from tests.support.making import das_sim
 

@@ -1,16 +1,22 @@
-"""What a study's frozen design says about its analysis: factors, measures, planned comparisons and their correction."""
+"""The plan of a study's analysis: factors, measures, planned comparisons and their correction, in its frozen design."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, number, read_json
-from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA, DESIGN_JSON
+from sim.experiment.files import DESIGN_JSON
 
+DEFAULT_ALPHA: Final = 0.05
+CORRECTIONS: Final = ("holm", "bonferroni", "none")
+"""How planned comparisons are corrected for their number; the first is the default."""
+LEAST_PARTICIPANTS: Final = 6
+"""With fewer participants (in a group) too few different resamples exist; Student's t is used alone."""
 MOST_COMPARISONS: Final = 200
 FIXED: Final = "not varied"
 """Name of the row that says what was the same on all trials."""
@@ -43,7 +49,7 @@ class VariedFactor:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedDifference:
+class PlannedComparison:
     """A comparison that was planned before the run: `measure` at level `a` of `factor`, less that at level `b`.
 
     `where` fixes levels of other factors; the comparison is over all levels of those that it does not name.
@@ -55,6 +61,15 @@ class PlannedDifference:
     a: str
     b: str
     where: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """The name of the comparison, or what is taken from what where the design gave it no name of its own."""
+        return self.contrast() if self.name.startswith(f"{self.measure}: ") else self.name
+
+    def contrast(self, between: str = ", ") -> str:
+        """What is taken from what, in words; `between` stands before each level that is fixed."""
+        return f"{self.a} minus {self.b}" + "".join(f"{between}{name}: {level}" for name, level in self.where.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +86,7 @@ class StudyPlan:
     seed: int
     factors: tuple[VariedFactor, ...]
     measures: tuple[str, ...]
-    comparisons: tuple[PlannedDifference, ...]
+    comparisons: tuple[PlannedComparison, ...]
     alpha: float = DEFAULT_ALPHA
     correction: str = CORRECTIONS[0]
     simulated: bool = True
@@ -81,7 +96,7 @@ class StudyPlan:
         """The factor of a name; KeyError where there is none."""
         return {one.name: one for one in self.factors}[name]
 
-    def chosen(self, name: str | None) -> PlannedDifference:
+    def chosen(self, name: str | None) -> PlannedComparison:
         """The planned comparison of a name, or the first one; DasError where there is none."""
         for one in self.comparisons:
             if name in (None, one.name):
@@ -116,7 +131,7 @@ def plan_of(fields: Fields) -> StudyPlan:
         seed=_seed(fields),
         factors=factors,
         measures=measures,
-        comparisons=_comparisons(fields, factors, measures),
+        comparisons=read_comparisons(fields, {one.name: partial(_level, one.levels) for one in factors}, measures),
         alpha=_alpha(fields),
         correction=_correction(fields),
         simulated=fields.data.get("drivers", "simulated") != "people",
@@ -178,49 +193,51 @@ def _factors(fields: Fields) -> tuple[VariedFactor, ...]:
     return tuple(found)
 
 
-def _comparisons(
-    fields: Fields, factors: tuple[VariedFactor, ...], measures: tuple[str, ...]
-) -> tuple[PlannedDifference, ...]:
-    """The planned comparisons; none is no error, because a study may only describe."""
+def _level(levels: tuple[str, ...], fields: Fields, key: str) -> str:
+    value = fields.data.get(key, MISSING)
+    if value is MISSING or as_text(value) not in levels:
+        raise fields.error(key, value, f"one of the levels {', '.join(levels)}")
+    return as_text(value)
+
+
+def read_comparisons(
+    fields: Fields, levels: Mapping[str, Callable[[Fields, str], str]], measures: Sequence[str]
+) -> tuple[PlannedComparison, ...]:
+    """The planned comparisons of a design; none is no error, because a study may only describe.
+
+    `levels` has for each factor what reads the text of a level under a key of a table. Raises InputError.
+    """
     listed = fields.data.get("comparisons", [])
     if not isinstance(listed, list):
         raise fields.error("comparisons", listed, "a list of tables")
     fields.check_count("comparisons", listed, MOST_COMPARISONS)
-    levels = {one.name: one.levels for one in factors}
-    found = [
-        _comparison(Fields.of(fields.source, one, f"comparisons[{i}]."), levels, measures)
-        for i, one in enumerate(listed)
-    ]
+    tables = (Fields.of(fields.source, one, f"comparisons[{i}].") for i, one in enumerate(listed))
+    found = tuple(_comparison(one, levels, measures) for one in tables)
     names = [one.name for one in found]
     for name in names:
         if names.count(name) > 1:
             raise fields.error("comparisons", name, "a name of its own for each comparison")
-    return tuple(found)
+    return found
 
 
-def _comparison(fields: Fields, levels: Mapping[str, tuple[str, ...]], measures: tuple[str, ...]) -> PlannedDifference:
-    factor, measure = fields.text("factor"), fields.text("measure")
+def _comparison(
+    table: Fields, levels: Mapping[str, Callable[[Fields, str], str]], measures: Sequence[str]
+) -> PlannedComparison:
+    table.check_keys(list(PlannedComparison.__dataclass_fields__))
+    factor, measure = table.text("factor"), table.text("measure")
     if factor not in levels:
-        raise fields.error("factor", factor, f"one of the factors {', '.join(levels)}")
+        raise table.error("factor", factor, f"one of the factors {', '.join(levels)}")
     if measure not in measures:
-        raise fields.error("measure", measure, f"one of the measures {', '.join(measures)}")
-    a, b = (_level(fields, key, levels[factor]) for key in ("a", "b"))
+        raise table.error("measure", measure, f"one of the measures {', '.join(measures)}")
+    a, b = (levels[factor](table, key) for key in ("a", "b"))
     if a == b:
-        raise fields.error("b", b, "another level than a")
-    where = {}
-    fixed = fields.table("where") if fields.has("where") else Fields.of(fields.source, {}, fields.prefix)
-    for name in fixed.data:
-        if name not in levels or name == factor:
-            raise fixed.error(name, fixed.data[name], "a level of another factor of the design")
-        where[name] = _level(fixed, name, levels[name])
-    return PlannedDifference(name=fields.name("name"), measure=measure, factor=factor, a=a, b=b, where=where)
-
-
-def _level(fields: Fields, key: str, levels: tuple[str, ...]) -> str:
-    value: Any = fields.data.get(key, MISSING)
-    if value is MISSING or as_text(value) not in levels:
-        raise fields.error(key, value, f"one of the levels {', '.join(levels)}")
-    return as_text(value)
+        raise table.error("b", table.data["b"], "another level than a")
+    where = table.table("where") if table.has("where") else Fields.of(table.source, {})
+    where.check_keys([name for name in levels if name != factor])
+    fixed = {name: levels[name](where, name) for name in where.data}
+    only = "".join(f", {name} {level}" for name, level in fixed.items())
+    name = table.name("name", f"{measure}: {a} - {b}{only}")
+    return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
 
 
 def _alpha(fields: Fields) -> float:
