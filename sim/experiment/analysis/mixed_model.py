@@ -66,8 +66,7 @@ def fit_mixed_model(study: RunStudy, comparison: PlannedComparison) -> MixedFit:
     data = _data(study, comparison)
     slopes = data.within and _told_apart(data)
     noisier = _noisier(data)
-    result, warned = _fitted(data, slopes, noisier)
-    return _as_fit(data, result, warned, slopes, noisier)
+    return _as_fit(data, _fitted(data, slopes, noisier), slopes, noisier)
 
 
 def _data(study: RunStudy, comparison: PlannedComparison) -> _Data:
@@ -130,8 +129,8 @@ def _noisier(data: _Data) -> float:
     return max(scatter, key=lambda level: scatter[level])
 
 
-def _fitted(data: _Data, slopes: bool, noisier: float) -> tuple[Any, list[str]]:
-    """The fitted model of statsmodels and the texts of its warnings."""
+def _fitted(data: _Data, slopes: bool, noisier: float) -> Any:
+    """The fitted model of statsmodels; what it warns of is found in the fit."""
     from statsmodels.regression.mixed_linear_model import MixedLM, VCSpec
 
     groups = sorted(set(data.driver.tolist()))
@@ -148,17 +147,16 @@ def _fitted(data: _Data, slopes: bool, noisier: float) -> tuple[Any, list[str]]:
         list(parts.values()),
     )
     random = np.column_stack([np.ones(len(data.values)), data.condition][: 2 if slopes else 1])
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         model = MixedLM(data.values, data.fixed, groups=data.driver, exog_re=random, exog_vc=spec if parts else None)
         try:
-            result = model.fit(reml=True, method=list(METHODS), maxiter=300)
+            return model.fit(reml=True, method=list(METHODS), maxiter=300)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
             raise DasError(f"the fit broke off ({error})") from error
-    return result, [str(one.message) for one in caught]
 
 
-def _as_fit(data: _Data, result: Any, warned: list[str], slopes: bool, noisier: float) -> MixedFit:
+def _as_fit(data: _Data, result: Any, slopes: bool, noisier: float) -> MixedFit:
     from scipy import stats
 
     scale, residual = data.scale, float(result.scale)

@@ -44,7 +44,9 @@ def series(vector: Driven) -> dict[str, list[float]]:
     """The series of the trial, read back from its file."""
     parquet = pytest.importorskip("pyarrow.parquet")
     files = trial_files(trial(Setting(scenario="flat-6km")), vector)
-    found: dict[str, list[float]] = parquet.read_table(io.BytesIO(files[trial_file(trial(Setting()), SERIES)])).to_pydict()
+    found: dict[str, list[float]] = parquet.read_table(
+        io.BytesIO(files[trial_file(trial(Setting()), SERIES)])
+    ).to_pydict()
     return found
 
 

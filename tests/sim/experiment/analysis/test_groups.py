@@ -11,24 +11,23 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.asking import Asked, answer
+from sim.experiment.analysis.checks import checks_of
 from sim.experiment.analysis.comparing import analyse_study
-from sim.experiment.analysis.estimates import group_estimate, group_size_interval
-from sim.experiment.analysis.group_checks import group_checks_of
+from sim.experiment.analysis.differences import TwoGroups, group_estimate, group_size_interval, two_groups
 from sim.experiment.analysis.mixed_model import fit_mixed_model
 from sim.experiment.analysis.page import as_dict, page
-from sim.experiment.analysis.pairs import TwoGroups, two_groups
 from sim.experiment.analysis.power import (
+    Asked,
     BellCurves,
     PowerQuestion,
+    answer,
     normal_participants,
     normal_power,
     of_pilot_groups,
     power_of,
 )
-from sim.experiment.analysis.reading import Floats, RunStudy, read_study
-from sim.experiment.analysis.resampling import group_probabilities_at_once, weights
-from sim.experiment.analysis.shown import ShownMeasure
+from sim.experiment.analysis.reading import Floats, RunStudy, ShownMeasure, read_study
+from sim.experiment.analysis.resampling import resampled, weights
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_groups, write_study
 
 SAME = Truth(means=(0.25, 0.25), noise=(0.01, 0.02), effect_sd=0.0)
@@ -37,7 +36,7 @@ APART = compared("top-speed", "none")
 
 def holds(study: RunStudy, words: str) -> bool | None:
     shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
-    checks = group_checks_of(study, APART, two_groups(study, APART), shown)
+    checks = checks_of(study, APART, two_groups(study, APART), shown)
     (found,) = [one for one in checks if words in one.name]
     return found.holds
 
@@ -49,7 +48,7 @@ def test_without_a_difference_3_to_8_percent_of_studies_find_one(skewed: bool) -
     a, b = (
         sd * (rng.gamma(3.0, size=(1000, 12)) - 3.0 if skewed else rng.normal(size=(1000, 12))) for sd in (1.0, 2.0)
     )
-    found = group_probabilities_at_once((a, b), (weights(12, 599, rng), weights(12, 599, rng)))
+    found = resampled((a, b), (weights(12, 599, rng), weights(12, 599, rng))).probabilities
     assert 0.03 <= np.mean(found < 0.05) <= 0.08
 
 
@@ -59,7 +58,7 @@ def test_groups_tested_at_once_are_those_tested_alone() -> None:
     drawn = np.random.default_rng(3)
     both = (weights(10, 499, drawn), weights(14, 499, drawn))
     alone = [group_estimate(a[i], b[i], 499, np.random.default_rng(3)).probability for i in range(4)]
-    assert group_probabilities_at_once((a, b), both) == pytest.approx(alone)
+    assert resampled((a, b), both).probabilities == pytest.approx(alone)
 
 
 def test_the_interval_of_the_size_holds_the_truth_as_often_as_it_says() -> None:
@@ -95,7 +94,7 @@ def test_drivers_with_one_trial_have_no_model() -> None:
 def test_the_checks_of_good_groups_hold() -> None:
     study = made_up_groups(replace(SAME, means=(0.3, 0.25), drivers=40, skewed=False), 3)
     shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
-    checks = group_checks_of(study, APART, two_groups(study, APART), shown)
+    checks = checks_of(study, APART, two_groups(study, APART), shown)
     assert [one.name for one in checks if one.holds is not True] == []
 
 
@@ -146,7 +145,7 @@ def test_a_planted_difference_of_groups_is_found_as_often_as_power_predicts() ->
     predicted = power_of(PowerQuestion(effect=1.0, alpha=0.05, source=of_pilot_groups(pilot)), 40).power
     assert 0.6 < predicted < 0.95
     both = (1.0 + drawn((600, 40), 2.0), drawn((600, 40), 1.0))
-    found = group_probabilities_at_once(both, (weights(40, 999, rng), weights(40, 999, rng)))
+    found = resampled(both, (weights(40, 999, rng), weights(40, 999, rng))).probabilities
     assert np.mean(found < 0.05) == pytest.approx(predicted, abs=0.07)
 
 

@@ -11,10 +11,9 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.experiment.analysis.checks import AssumptionCheck, checks_of
+from sim.experiment.analysis.differences import paired_trials, two_groups
 from sim.experiment.analysis.mixed_model import fit_mixed_model
-from sim.experiment.analysis.pairs import paired_trials, two_groups
-from sim.experiment.analysis.reading import RunStudy
-from sim.experiment.analysis.shown import ShownMeasure
+from sim.experiment.analysis.reading import RunStudy, ShownMeasure
 from sim.experiment.plan import VariedFactor
 from tests.support.made_up_study import MEASURE, NOISE, Truth, compared, made_up_study
 
@@ -44,9 +43,7 @@ def test_the_mixed_model_recovers_effect_spreads_and_noises_that_differ(shared: 
 def test_the_mixed_model_agrees_with_the_pairs() -> None:
     study = made_up_study(Truth(), 4)
     pairs = paired_trials(study, VECTOR)
-    assert fit_mixed_model(study, VECTOR).effect == pytest.approx(
-        pairs.by_participant(pairs.differences).mean(), abs=1e-3
-    )
+    assert fit_mixed_model(study, VECTOR).effect == pytest.approx(pairs.means.mean(), abs=1e-3)
 
 
 def test_a_singular_fit_is_said_to_be() -> None:
@@ -130,7 +127,7 @@ def test_pairs_have_one_driver_and_one_day() -> None:
         np.mean([values[who, day, "vector"] - values[who, day, "none"] for day in ("0", "1", "2")])
         for who in pairs.participants
     ]
-    assert pairs.by_participant(pairs.differences) == pytest.approx(expected)
+    assert pairs.means == pytest.approx(expected)
 
 
 def test_a_trial_that_is_missing_takes_its_partner_with_it() -> None:

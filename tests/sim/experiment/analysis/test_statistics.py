@@ -7,11 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
-from statsmodels.stats.multitest import multipletests
 
 from sim.experiment.analysis.comparing import generator
-from sim.experiment.analysis.estimates import corrected, group_estimate, paired_estimate, size_interval
-from sim.experiment.analysis.pairs import paired_trials
+from sim.experiment.analysis.differences import corrected, group_estimate, paired_estimate, paired_trials, size_interval
 from sim.experiment.analysis.power import (
     BellCurves,
     PowerQuestion,
@@ -22,8 +20,7 @@ from sim.experiment.analysis.power import (
     power_of,
 )
 from sim.experiment.analysis.reading import Floats, RunStudy
-from sim.experiment.analysis.resampling import probabilities_at_once, weights
-from sim.experiment.analysis.spread import sd_interval, spread_of
+from sim.experiment.analysis.resampling import resampled, sd_interval, spread_of, weights
 from tests.support.made_up_study import MEASURE, NOISE, Truth, compared, made_up_study
 
 STUDIES = 200
@@ -34,7 +31,7 @@ def probability(study: RunStudy, a: str, b: str) -> float:
     """What the analysis says on one comparison of a study."""
     pairs = paired_trials(study, compared(a, b))
     rng = generator(study, "made-up")
-    return paired_estimate(pairs.by_participant(pairs.differences), RESAMPLES, rng).probability
+    return paired_estimate(pairs.means, RESAMPLES, rng).probability
 
 
 def positive(truth: Truth, a: str, b: str, studies: int = STUDIES) -> float:
@@ -185,7 +182,7 @@ def test_studies_tested_at_once_are_those_tested_alone() -> None:
     values = np.random.default_rng(6).normal(0.4, 1.0, size=(5, 14))
     drawn = weights(14, RESAMPLES, np.random.default_rng(8))
     alone = [paired_estimate(row, RESAMPLES, np.random.default_rng(8)).probability for row in values]
-    assert probabilities_at_once(values, drawn) == pytest.approx(alone)
+    assert resampled((values,), (drawn,)).probabilities == pytest.approx(alone)
 
 
 def test_the_interval_of_an_effect_size_holds_what_it_should() -> None:
@@ -208,11 +205,16 @@ def test_two_groups_are_compared_as_welch_does() -> None:
     assert found.interval == pytest.approx(found.t_interval, abs=0.3)
 
 
-@pytest.mark.parametrize("method", ["holm", "bonferroni"])
-def test_probabilities_are_corrected_as_statsmodels_does(method: str) -> None:
-    chances = np.array([0.01, 0.04, 0.03, 0.005, 0.7])
-    assert corrected(chances, method) == pytest.approx(multipletests(chances, method=method)[1])
-    assert corrected(chances, "none") == pytest.approx(chances)
+@pytest.mark.parametrize(
+    ("method", "expected"),
+    [
+        ("holm", [0.04, 0.09, 0.09, 0.025, 0.7]),
+        ("bonferroni", [0.05, 0.2, 0.15, 0.025, 1.0]),
+        ("none", [0.01, 0.04, 0.03, 0.005, 0.7]),
+    ],
+)
+def test_probabilities_are_corrected_for_their_number(method: str, expected: list[float]) -> None:
+    assert corrected(np.array([0.01, 0.04, 0.03, 0.005, 0.7]), method) == pytest.approx(expected)
 
 
 def test_a_comparison_without_probability_counts_among_those_planned() -> None:
