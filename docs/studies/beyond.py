@@ -10,12 +10,21 @@ import numpy as np
 from das.domain.losses import LossModel
 from das.domain.trajectory import Trajectory
 from das.domain.units import KW
-from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, L0_REG, L3, LEVELS, Floats, StudyCase, Variant
+from docs.studies.cases import (
+    ACCELERATION,
+    COMPLETE,
+    DECELERATION,
+    L0_REG,
+    L3,
+    LEVELS,
+    Floats,
+    StudyCase,
+    Variant,
+    Workbench,
+)
 from docs.studies.drawing import DASHES, LEVEL_COLOURS, new_figure
-from docs.studies.output import Output
-from docs.studies.pages import markdown_table
+from docs.studies.output import Output, markdown_table
 from docs.studies.table2 import label
-from docs.studies.workbench import Workbench
 from precompute.baselines import strategies as baselines
 
 BUFFERS_PERCENT = (0.0, 2.0, 5.0, 7.0, 10.0, 15.0, 25.0)

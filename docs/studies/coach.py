@@ -22,7 +22,7 @@ from das.solver.calm.settings import CalmSettings
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.driving import KEEPING, WatchedRun, watched_run
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from precompute.cli.calm import PRICES_S, calm_rows
 from sim.drivers.cab import Presentation
 from sim.drivers.parameters import HumanParameters

@@ -28,11 +28,11 @@ from docs.studies.cases import (
     PrintedSaving,
     StudyCase,
     Variant,
+    Workbench,
 )
 from docs.studies.drawing import DASHES, LEVEL_COLOURS, new_figure
 from docs.studies.figures_runs import LARGEST_DRAWN_PERCENT, EnergyCurve, energy_curve
 from docs.studies.output import Output
-from docs.studies.workbench import Workbench
 
 LOWEST_KMH, HIGHEST_KMH, STEP_KMH = 10.0, 200.0, 0.5
 COMPARED_KMH = (40.0, 160.0)

@@ -26,6 +26,7 @@ from docs.studies.cases import (
     Floats,
     StudyCase,
     Variant,
+    Workbench,
 )
 from docs.studies.drawing import (
     BUFFER_COLOURS,
@@ -39,7 +40,6 @@ from docs.studies.drawing import (
 )
 from docs.studies.effort import effort
 from docs.studies.output import Output
-from docs.studies.workbench import Workbench
 
 LARGEST_DRAWN_PERCENT = 40.0
 CURVE_POINTS = 81

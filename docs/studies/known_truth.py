@@ -17,15 +17,14 @@ from typing import Final
 
 import numpy as np
 
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from precompute.workers import Workers
 from sim.experiment.analysis.differences import PairedTrials, paired_trials
 from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PilotDifferences, PowerQuestion, power_of, share_interval
 from sim.experiment.analysis.reading import Floats, RunStudy, read_study
 from sim.experiment.analysis.resampling import resampled, weights
-from sim.experiment.design import read_design
+from sim.experiment.design import freeze, read_design
 from sim.experiment.factors import study_days
-from sim.experiment.freezing import freeze
 from sim.experiment.plan import PlannedComparison
 from sim.experiment.running import Keep, jobs_of, run_study
 

@@ -16,7 +16,7 @@ from das.advice.modes import Mode
 from das.domain.braking import SiteBraking
 from das.domain.units import kwh
 from docs.studies.driving import driven, human_of, with_interval
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy

@@ -18,10 +18,9 @@ from das.command_line.running import run_app
 from das.domain.errors import DasError
 from das.solver.warm_up import warm_up
 from docs.studies import beyond, figures_energy, figures_runs, shares, table2
-from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE
+from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, Workbench
 from docs.studies.drawing import style
 from docs.studies.output import Output, plain
-from docs.studies.workbench import Workbench
 from precompute.baselines import strategies
 
 ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {

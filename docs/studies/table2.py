@@ -31,11 +31,10 @@ from docs.studies.cases import (
     UPHILL,
     StudyCase,
     Variant,
+    Workbench,
 )
 from docs.studies.effort import effort
-from docs.studies.output import Output
-from docs.studies.pages import markdown_table
-from docs.studies.workbench import Workbench
+from docs.studies.output import Output, markdown_table
 from precompute.baselines import strategies as baselines
 
 CSV_COLUMNS = ("trajectory", "level", "printed", "ours", "deviation_ratio")

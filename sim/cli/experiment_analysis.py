@@ -30,7 +30,7 @@ from sim.cli.experiment_analysis_options import (
     StudyArgument,
     WantedOption,
 )
-from sim.experiment.files import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
+from sim.experiment.plan import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer

@@ -19,10 +19,9 @@ from das.command_line.printing import paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
 from das.domain.files.writing import write_whole
-from sim.experiment.design import ConditionOrder, Days, Design, Factor
+from sim.experiment.design import ConditionOrder, Days, Design, Factor, resolved
 from sim.experiment.driving import StudyTrial, drive, lever_trace_sha256, service_of
 from sim.experiment.factors import FactorLevel, Setting
-from sim.experiment.freezing import resolved
 from sim.experiment.plan import LEAST_PARTICIPANTS
 from sim.experiment.trials import imbalances, trials_of
 from sim.progress import progress_bar

@@ -18,7 +18,7 @@ from sim.drivers.cab import AdviceView, CabView, Driver
 from sim.drivers.diary import DriverEvent, kept_by
 from sim.drivers.population import Participant, Population, load_population
 from sim.experiment.factors import Setting
-from sim.jobs.driving import JobRecording, ServiceMemory, drive_day
+from sim.jobs.runner import JobRecording, ServiceMemory, drive_day
 from sim.plant import kernels
 from sim.plant.kernels import Command
 from sim.plant.plant import PlantState

@@ -14,8 +14,11 @@ from das.domain.files.load import load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
+from sim.drivers.own_class import driver_versions
 from sim.drivers.screen import LONGEST_S, ScreenSettings
+from sim.recording.inputs import sha256
 from sim.world.scenario import Scenario, bundled_scenarios, load_scenario
+from sim.world.service import scenario_files
 
 LONGEST_PREVIEW_S: Final = 3600.0
 
@@ -73,6 +76,14 @@ class Setting:
         found["loss_level"] = None if self.loss_level is None else str(self.loss_level)
         found["preview_s"] = None if math.isinf(self.preview_s) else self.preview_s
         return found
+
+
+def setting_files(setting: Setting) -> dict[str, str]:
+    """The hashes of the files of one setting: scenario, route, vehicle, losses, and the driver of one's own."""
+    scenario = setting.read_scenario()
+    where = scenario.id if setting.train is None else f"{scenario.id} with {Path(scenario.vehicle).stem}"
+    found = {f"{where}: {name}": sha256(path) for name, path in scenario_files(scenario).items()}
+    return found | {f"{setting.driver}: {name}": text for name, text in driver_versions(setting.driver).items()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,7 @@
-"""The plan of a study's analysis: factors, measures, planned comparisons and their correction, in its frozen design."""
+"""What is known of a study before its analysis: the names of its files, and the plan in its frozen design.
+
+The plan has the factors, the measures, and the planned comparisons with their correction.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,36 @@ from typing import Any, Final
 
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, number, read_json
-from sim.experiment.files import DESIGN_JSON
+
+DESIGN_TEXT: Final = "design.toml"
+"""The frozen design as the user wrote it, with its comments."""
+DESIGN_JSON: Final = "design.json"
+"""The resolved design: every default written out, and the hash that freezes it."""
+TRIALS_TABLE: Final = "trials.csv"
+"""The tidy table: one row for each finished trial, by participant and then by position (UTF-8, comma, decimal point).
+
+A value that is missing is empty. No column depends on the wall clock: the same design gives the same bytes.
+"""
+TRIALS_SIDECAR: Final = "trials.json"
+"""What every column of the table means: column → {LongName, Description, Units}, as in BIDS."""
+
+FAILED_TABLE: Final = "failed.csv"
+"""The trials that failed, each with the reason; it is there only where some did."""
+
+PEOPLE_TABLE: Final = "participants.tsv"
+"""The participants: number in the population, group, and the parameters that were drawn."""
+PERSON_ID: Final = "participant_id"
+"""Column of the participants: the name that the table of trials has for them."""
+PERSON_NUMBER: Final = "person"
+"""Column of the participants: number in the population."""
+
+CHECKSUMS: Final = "checksums.json"
+"""The SHA-256 of the tables that are analysed, by their names: file → hash."""
+CHECKED_TABLES: Final = (TRIALS_TABLE, PEOPLE_TABLE)
+"""The tables whose hashes are kept."""
+
+PROVENANCE: Final = "provenance.json"
+"""Which program made the data from which files, when and how."""
 
 DEFAULT_ALPHA: Final = 0.05
 CORRECTIONS: Final = ("holm", "bonferroni", "none")
@@ -133,7 +165,7 @@ def plan_of(fields: Fields) -> StudyPlan:
         measures=measures,
         comparisons=read_comparisons(fields, {one.name: partial(_level, one.levels) for one in factors}, measures),
         alpha=_alpha(fields),
-        correction=_correction(fields),
+        correction=read_correction(fields),
         simulated=fields.data.get("drivers", "simulated") != "people",
         setting=tuple(_setting(fields)),
     )
@@ -247,7 +279,8 @@ def _alpha(fields: Fields) -> float:
     return value
 
 
-def _correction(fields: Fields) -> str:
+def read_correction(fields: Fields) -> str:
+    """How the p of a design's comparisons are corrected; InputError for a way that is not known."""
     value = fields.text("correction", CORRECTIONS[0])
     if value not in CORRECTIONS:
         raise fields.error("correction", value, f"one of {', '.join(CORRECTIONS)}")

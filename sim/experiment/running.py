@@ -19,12 +19,11 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers, source_sha256
 from sim.drivers.population import load_population
-from sim.experiment.design import Design
+from sim.experiment.design import Design, resolved
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
-from sim.experiment.factors import Setting
-from sim.experiment.files import CHECKSUMS, FAILED_TABLE, PROVENANCE, TRIALS_TABLE
-from sim.experiment.freezing import resolved, setting_files
+from sim.experiment.factors import Setting, setting_files
 from sim.experiment.measures import measured
+from sim.experiment.plan import CHECKSUMS, FAILED_TABLE, PROVENANCE, TRIALS_TABLE
 from sim.experiment.study_files import (
     EVENTS,
     RECORDING,
@@ -38,8 +37,7 @@ from sim.experiment.study_files import (
     trials_table,
 )
 from sim.experiment.trials import trials_of
-from sim.jobs.driving import JobRecording
-from sim.jobs.runner import JobResult, JobWords, Rows, Runner, write_files
+from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner, write_files
 from sim.recording.inputs import sha256
 from sim.recording.metadata import typed_command
 from sim.world.service import PLANNED

@@ -26,7 +26,8 @@ from sim.drivers.presentations.presenter import Shown, presenter_of
 from sim.experiment.design import Design
 from sim.experiment.driving import Driven, StudyTrial
 from sim.experiment.factors import FACTORS, FactorLevel, Setting, day_of
-from sim.experiment.files import (
+from sim.experiment.measures import MEASURES
+from sim.experiment.plan import (
     CHECKED_TABLES,
     CHECKSUMS,
     DESIGN_JSON,
@@ -37,7 +38,6 @@ from sim.experiment.files import (
     TRIALS_SIDECAR,
     TRIALS_TABLE,
 )
-from sim.experiment.measures import MEASURES
 from sim.recording.inputs import sha256
 
 Sidecar = dict[str, dict[str, Any]]

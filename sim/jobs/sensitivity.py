@@ -14,7 +14,7 @@ from das.domain.losses import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.population import Population, Spread
-from sim.jobs.driving import ServiceMemory, drive_day
+from sim.jobs.runner import ServiceMemory, drive_day
 from sim.world.day import make_day
 from sim.world.outcome import outcome
 from sim.world.over_bus import How

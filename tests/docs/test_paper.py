@@ -40,12 +40,12 @@ from docs.studies.cases import (
     L2,
     L3,
     L3_IGBT,
+    Workbench,
+    lowest_running_speed_mps,
 )
 from docs.studies.drawing import new_figure
-from docs.studies.output import Output
-from docs.studies.pages import DOCS
+from docs.studies.output import DOCS, Output
 from docs.studies.paper import ITEMS, chosen, make
-from docs.studies.workbench import Workbench, lowest_running_speed_mps
 from precompute.baselines import strategies as baselines
 from tests.support.making import in_a_process, run_here
 

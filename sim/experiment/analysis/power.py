@@ -338,8 +338,7 @@ def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
         return study.plan, study
     if path.suffix.lower() == ".json":
         return read_plan(path), None
-    from sim.experiment.design import load_design
-    from sim.experiment.freezing import resolved
+    from sim.experiment.design import load_design, resolved
 
     return plan_of(Fields.of(path, resolved(load_design(str(path))))), None
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import read_json, read_text
 from das.domain.units import kmh
-from sim.experiment.files import (
+from sim.experiment.plan import (
     CHECKED_TABLES,
     CHECKSUMS,
     FAILED_TABLE,
@@ -26,8 +26,11 @@ from sim.experiment.files import (
     PROVENANCE,
     TRIALS_SIDECAR,
     TRIALS_TABLE,
+    PlannedComparison,
+    StudyPlan,
+    as_text,
+    read_plan,
 )
-from sim.experiment.plan import PlannedComparison, StudyPlan, as_text, read_plan
 from sim.recording.inputs import sha256
 
 Floats = NDArray[np.float64]

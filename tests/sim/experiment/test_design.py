@@ -17,9 +17,17 @@ from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from sim.drivers.kinds import Presentation
 from sim.experiment import design as design_module
-from sim.experiment.design import Chances, ConditionOrder, Days, bundled_studies, load_design, read_design
-from sim.experiment.files import DESIGN_JSON
-from sim.experiment.freezing import freeze, resolved
+from sim.experiment.design import (
+    Chances,
+    ConditionOrder,
+    Days,
+    bundled_studies,
+    freeze,
+    load_design,
+    read_design,
+    resolved,
+)
+from sim.experiment.plan import DESIGN_JSON
 
 DESIGN = """
 schema_version = 1

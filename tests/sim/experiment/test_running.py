@@ -24,10 +24,9 @@ from precompute.workers import Workers
 from sim.drivers.screen import ScreenSettings
 from sim.experiment.design import Design, read_design
 from sim.experiment.factors import FACTORS
-from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
+from sim.experiment.plan import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.experiment.running import Keep, TrialJob, jobs_of, make_trial, run_study
-from sim.jobs.journal import Journal
-from sim.jobs.runner import attempted
+from sim.jobs.runner import Journal, attempted
 from sim.world.screen_text import screen_metadata
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim
