@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy
+from sim.experiment.analysis.checks import AssumptionCheck, checks_of
+from sim.experiment.analysis.differences import compared_trials
+from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy, ShownMeasure
 from sim.experiment.plan import PlannedComparison, StudyPlan, VariedFactor
 
 MEASURE = "gap_to_optimum_ratio"
@@ -113,6 +115,12 @@ def compared(a: str, b: str, **settings: Any) -> PlannedComparison:
     """A planned comparison of two presentations."""
     given = {"name": f"{a} against {b}", "measure": MEASURE, "factor": "presentation", **settings}
     return PlannedComparison(a=a, b=b, **given)
+
+
+def checked(study: RunStudy, comparison: PlannedComparison) -> list[AssumptionCheck]:
+    """The checks of a comparison of a made-up study."""
+    shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
+    return checks_of(study, comparison, compared_trials(study, comparison), shown)
 
 
 def design_of(study: RunStudy) -> dict[str, Any]:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.checks import AssumptionCheck, checks_of
+from sim.experiment.analysis.checks import AssumptionCheck
 from sim.experiment.analysis.differences import paired_trials, two_groups
 from sim.experiment.analysis.mixed_model import fit_mixed_model
-from sim.experiment.analysis.reading import RunStudy, ShownMeasure
+from sim.experiment.analysis.reading import RunStudy
 from sim.experiment.plan import VariedFactor
-from tests.support.made_up_study import MEASURE, NOISE, Truth, compared, made_up_study
+from tests.support.made_up_study import MEASURE, NOISE, Truth, checked, compared, made_up_study
 
 VECTOR = compared("vector", "none")
 
@@ -73,9 +73,7 @@ def test_too_few_drivers_and_no_spread_have_no_model() -> None:
 def found(name: str, seed: int = 1, **settings: float) -> AssumptionCheck:
     """The check whose name holds some words, on a made-up study."""
     study = made_up_study(Truth(drivers=40, days=6, extra=dict(settings)), seed)
-    shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
-    checks = checks_of(study, VECTOR, paired_trials(study, VECTOR), shown)
-    (check,) = [one for one in checks if name in one.name]
+    (check,) = [one for one in checked(study, VECTOR) if name in one.name]
     return check
 
 
@@ -106,8 +104,7 @@ def test_noise_that_differs_is_said() -> None:
 def test_few_shared_days_are_said_to_be_few() -> None:
     assert found("days").holds
     study = made_up_study(Truth(days=2), 1)
-    shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
-    check = checks_of(study, VECTOR, paired_trials(study, VECTOR), shown)[-1]
+    check = checked(study, VECTOR)[-1]
     assert check.holds is False
     assert "2 days that drivers share" in check.found
 

@@ -15,7 +15,6 @@ from sim.experiment.analysis.comparing import StudyFindings, analyse_study
 from sim.experiment.analysis.page import as_dict, page
 from sim.experiment.analysis.reading import RunStudy
 from sim.experiment.analysis.words import hangs_on, in_short
-from sim.experiment.plan import VariedFactor
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
 from tests.support.making import das_sim
 
@@ -121,15 +120,6 @@ def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
 def test_one_driver_has_a_page() -> None:
     one = analysed(made_up_study(Truth(drivers=1), 1))
     assert "because only one driver took part" in page(one)
-
-
-def test_groups_have_a_page() -> None:
-    study = made_up_study(Truth(drivers=16, days=3), 1)
-    level = np.where(study.trials.participant < "sub-009", "none", "vector")
-    plan = replace(study.plan, factors=(VariedFactor(name="presentation", levels=("none", "vector"), within=False),))
-    groups = analysed(replace(study, plan=plan, trials=replace(study.trials, levels={"presentation": level})))
-    assert "two groups of 8 and 8 drivers" in page(groups)
-    assert json.dumps(as_dict(groups), allow_nan=False)
 
 
 def test_a_study_without_comparisons_describes_its_conditions() -> None:
