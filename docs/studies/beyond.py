@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -38,23 +37,23 @@ SUSTAINED_S = 10.0
 """Besides the peak, the highest mean power over this time is reported."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Figures:
-    """Peak power and comfort of a run.
+HEADINGS: Final = {
+    "peak_kw": "drawn: peak kW",
+    "peak_10s_kw": "over 10 s",
+    "peak_returned_kw": "returned: peak kW",
+    "peak_10s_returned_kw": "over 10 s",
+    "rms_acceleration_mps2": "acceleration RMS m/s²",
+    "rms_jerk_mps3": "jerk RMS m/s³",
+    "peak_jerk_mps3": "largest jerk m/s³",
+}
+"""The figures of a run, and their headings in the table."""
+Figures = dict[str, float]
+"""Peak power and comfort of a run, by the keys of `HEADINGS`.
 
-    `peak_w` and `peak_returned_w`: highest power from, and into, the line; `sustained_…`: highest mean over
-    10 s, 0 where there is none.
-    `rms_acceleration_mps2`, `rms_jerk_mps3`, `peak_jerk_mps3`: over the trip's time, forces building up over 1 s, the
-    train starting and ending at its first and last acceleration.
-    """
-
-    peak_w: float
-    sustained_w: float
-    sustained_returned_w: float
-    peak_returned_w: float
-    rms_acceleration_mps2: float
-    rms_jerk_mps3: float
-    peak_jerk_mps3: float
+Powers: the highest from, and into, the line, and the highest means over 10 s, 0 where there is none. Acceleration and
+jerk: over the trip's time, forces building up over 1 s, the train starting and ending at its first and last
+acceleration.
+"""
 
 
 def figures(run: Trajectory, loss: LossModel) -> Figures:
@@ -62,15 +61,16 @@ def figures(run: Trajectory, loss: LossModel) -> Figures:
     power = collector_power_w(run, loss)
     time_s, jerk = jerk_mps3(run)
     change = np.diff(run.v_mps) / run.interval_s()
-    return Figures(
-        peak_w=float(power.max()),
-        sustained_w=max(_sustained_w(run, power), 0.0),
-        sustained_returned_w=max(_sustained_w(run, -power), 0.0),
-        peak_returned_w=float(max(-power.min(), 0.0)),
-        rms_acceleration_mps2=float(np.sqrt(change**2 @ run.interval_s() / run.time_s)),
-        rms_jerk_mps3=float(np.sqrt((jerk**2).sum() * SAMPLE_S / time_s)),
-        peak_jerk_mps3=float(np.abs(jerk).max()),
+    values = (
+        float(power.max()) / KW,
+        max(_sustained_w(run, power), 0.0) / KW,
+        float(max(-power.min(), 0.0)) / KW,
+        max(_sustained_w(run, -power), 0.0) / KW,
+        float(np.sqrt(change**2 @ run.interval_s() / run.time_s)),
+        float(np.sqrt((jerk**2).sum() * SAMPLE_S / time_s)),
+        float(np.abs(jerk).max()),
     )
+    return dict(zip(HEADINGS, values, strict=True))
 
 
 def collector_power_w(run: Trajectory, loss: LossModel) -> Floats:
@@ -115,19 +115,16 @@ def beyond(bench: Workbench, output: Output) -> dict[str, Any]:
         for buffer in BUFFERS_PERCENT:
             for name, run in _runs(bench, case, buffer).items():
                 found = figures(run.braked_as(bench.vehicle(L3), L3.level), bench.loss_map(L3))
-                rows.append((case.name, name, buffer, *_values(found)))
+                rows.append((case.name, name, buffer, *found.values()))
                 if buffer == STATED_BUFFER_PERCENT:
                     stated.setdefault(case.name, {})[name] = found
-    output.csv("beyond.csv", ["case", "trajectory", "buffer_percent", *_COLUMNS], rows)
+    output.csv("beyond.csv", ["case", "trajectory", "buffer_percent", *HEADINGS], rows)
     output.text("beyond.md", _markdown(stated))
     output.picture("beyond", _draw(rows))
     return {
         "buffer_percent": STATED_BUFFER_PERCENT,
         "force_build_up_s": BUILD_UP_S,
-        "figures": {
-            case: {name: dict(zip(_COLUMNS, _values(found), strict=True)) for name, found in by_name.items()}
-            for case, by_name in stated.items()
-        },
+        "figures": stated,
         "l3_reduces_ratio": {case: _reductions(by_name) for case, by_name in stated.items()},
     }
 
@@ -141,27 +138,11 @@ def _runs(bench: Workbench, case: StudyCase, buffer_percent: float) -> dict[str,
     return {name: run for name, run in found.items() if run is not None}
 
 
-_COLUMNS = (
-    "peak_kw",
-    "peak_10s_kw",
-    "peak_returned_kw",
-    "peak_10s_returned_kw",
-    "rms_acceleration_mps2",
-    "rms_jerk_mps3",
-    "peak_jerk_mps3",
-)
-
-
-def _values(found: Figures) -> tuple[float, ...]:
-    powers_w = (found.peak_w, found.sustained_w, found.peak_returned_w, found.sustained_returned_w)
-    return (*(power / KW for power in powers_w), found.rms_acceleration_mps2, found.rms_jerk_mps3, found.peak_jerk_mps3)
-
-
 def _reductions(by_name: dict[str, Figures]) -> dict[str, dict[str, float]]:
     """By how much L3 is below each other trajectory, figure by figure (negative: above)."""
-    ours = _values(by_name[L3.name])
+    ours = by_name[L3.name]
     return {
-        name: {key: 1 - a / b if b > 0 else 0.0 for key, a, b in zip(_COLUMNS, ours, _values(found), strict=True)}
+        name: {key: 1 - ours[key] / value if value > 0 else 0.0 for key, value in found.items()}
         for name, found in by_name.items()
         if name != L3.name
     }
@@ -172,23 +153,12 @@ def _markdown(stated: dict[str, dict[str, Figures]]) -> str:
     for case, by_name in stated.items():
         rows = []
         for name, found in by_name.items():
-            values = dict(zip(_COLUMNS, _values(found), strict=True))
-            cells = [f"{value:.0f}" if key.endswith("_kw") else f"{value:.3f}" for key, value in values.items()]
+            cells = [f"{value:.0f}" if key.endswith("_kw") else f"{value:.3f}" for key, value in found.items()]
             rows.append([label(name), *cells])
-        parts.append(f"{case}, t+ = {STATED_BUFFER_PERCENT:g} %\n\n" + markdown_table(_HEADINGS, rows))
+        parts.append(
+            f"{case}, t+ = {STATED_BUFFER_PERCENT:g} %\n\n" + markdown_table(("trajectory", *HEADINGS.values()), rows)
+        )
     return "\n".join(parts)
-
-
-_HEADINGS = (
-    "trajectory",
-    "drawn: peak kW",
-    "over 10 s",
-    "returned: peak kW",
-    "over 10 s",
-    "acceleration RMS m/s²",
-    "jerk RMS m/s³",
-    "largest jerk m/s³",
-)
 
 
 def _draw(rows: list[tuple[object, ...]]) -> Any:
@@ -211,7 +181,7 @@ def _draw(rows: list[tuple[object, ...]]) -> Any:
 
 def _draw_lines(axes: Any, rows: list[tuple[object, ...]], key: str) -> None:
     for variant in LEVELS:
-        points = [(row[2], row[3 + _COLUMNS.index(key)]) for row in rows if row[1] == variant.name]
+        points = [(row[2], row[3 + list(HEADINGS).index(key)]) for row in rows if row[1] == variant.name]
         x, y = np.array(points, dtype=float).T
         axes.plot(x, y, label=variant.label, **_line(variant))
     axes.set_ylim(0, 1.05 * axes.get_ylim()[1])
