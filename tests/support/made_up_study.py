@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from sim.experiment.analysis.checks import AssumptionCheck, checks_of
-from sim.experiment.analysis.differences import compared_trials
+from sim.experiment.analysis.comparing import generator
+from sim.experiment.analysis.differences import compared_trials, paired_estimate, paired_trials
 from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy, ShownMeasure
 from sim.experiment.plan import PlannedComparison, StudyPlan, VariedFactor
 
@@ -115,6 +116,25 @@ def compared(a: str, b: str, **settings: Any) -> PlannedComparison:
     """A planned comparison of two presentations."""
     given = {"name": f"{a} against {b}", "measure": MEASURE, "factor": "presentation", **settings}
     return PlannedComparison(a=a, b=b, **given)
+
+
+VECTOR = compared("vector", "none")
+APART = compared("top-speed", "none")
+SAME = Truth(means=(0.25, 0.25), noise=(0.01, 0.02), effect_sd=0.0)
+STUDIES = 200
+RESAMPLES = 999
+
+
+def probability(study: RunStudy, a: str, b: str) -> float:
+    """What the analysis says on one comparison of a study."""
+    pairs = paired_trials(study, compared(a, b))
+    rng = generator(study, "made-up")
+    return paired_estimate(pairs.means, RESAMPLES, rng).probability
+
+
+def positive(truth: Truth, a: str, b: str, studies: int = STUDIES) -> float:
+    """The share of made-up studies in which a difference stands out from chance."""
+    return float(np.mean([probability(made_up_study(truth, seed), a, b) < 0.05 for seed in range(studies)]))
 
 
 def checked(study: RunStudy, comparison: PlannedComparison) -> list[AssumptionCheck]:
