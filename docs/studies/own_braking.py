@@ -91,8 +91,8 @@ class Coasting:
 
 @dataclass(frozen=True, kw_only=True)
 class BrakingFigures:
-    """What a run came to: energies (kWh), how late at the last stop (s), how long above limits (s), braked while told
-    to coast (share of that time; of the perfect driver NaN)."""
+    """Figures of a run: energies (kWh), delay at the last stop (s), time above limits (s), share of the time with advice
+    to coast in which the driver braked (NaN for the perfect driver)."""
 
     energy_kwh: float
     optimum_kwh: float

@@ -1,4 +1,4 @@
-"""What `das-sim experiment check` finds of a design, and how the commands print what they found."""
+"""Checks a design by driving a few of its conditions, and prints what the commands of an experiment found."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ DAYS_TRIED: Final = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Sensed:
-    """What driving showed of a factor: `alike` are pairs of levels that no day told apart; `days` were tried.
+    """Whether a driver senses a factor: `alike` are the pairs of levels that made no difference on any of `days` days.
 
-    `failed` is why a drive came to no end; None where all did.
+    `failed` says why a drive did not arrive; None where all did.
     """
 
     factor: str
@@ -249,7 +249,7 @@ def _work_s(test: SensingTest, trials: Sequence[StudyTrial], lengths_s: Mapping[
 
 
 def _order_notes(design: Design) -> list[str]:
-    """What is to be said of the order of the conditions."""
+    """Notes on the order of the conditions."""
     if len(design.conditions(within=True)) < 2:
         return []
     if not design.people.learning:
@@ -263,7 +263,7 @@ def _order_notes(design: Design) -> list[str]:
 
 
 def group_notes(design: Design) -> list[str]:
-    """What is to be said of factors between participants."""
+    """Notes on factors of which each participant meets one level."""
     between = [factor for factor in design.factors if not factor.within]
     if not between:
         return []
@@ -332,7 +332,7 @@ def _comparison_words(design: Design) -> str:
 
 
 def print_run(design: Design, found: StudyRun) -> None:
-    """Print what a run of a study came to, and the trials that failed."""
+    """Print how many trials of a study were driven, and those that failed."""
     paragraph(f"{design.name}: {found.trials} trials, {found.made} of them driven now, {len(found.failed)} failed")
     for row in found.failed[:FAILED_SHOWN]:
         paragraph(f"note: trial {row['trial']} ({row['participant']}, {row['condition']}): {row['error']}", "  ")

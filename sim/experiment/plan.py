@@ -1,4 +1,4 @@
-"""What is known of a study before its analysis: the names of its files, and the plan in its frozen design.
+"""The names of the files of a study, and the plan of its analysis as its frozen design holds it.
 
 The plan has the factors, the measures, and the planned comparisons with their correction.
 """
@@ -96,11 +96,11 @@ class PlannedComparison:
 
     @property
     def title(self) -> str:
-        """The name of the comparison, or what is taken from what where the design gave it no name of its own."""
+        """The name of the comparison; its contrast where the design gave it no name of its own."""
         return self.contrast() if self.name.startswith(f"{self.measure}: ") else self.name
 
     def contrast(self, between: str = ", ") -> str:
-        """What is taken from what, in words; `between` stands before each level that is fixed."""
+        """The difference in words: a minus b, and the levels that are fixed, each after `between`."""
         return f"{self.a} minus {self.b}" + "".join(f"{between}{name}: {level}" for name, level in self.where.items())
 
 

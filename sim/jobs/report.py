@@ -1,4 +1,4 @@
-"""What came of a batch, by scenario, driver and presentation: means over the seeds, and what advice saves against none.
+"""The results of a batch by scenario, driver and presentation: means over the seeds, and what advice saves.
 
 A saving is split by what saves it: the parts of paired runs, which sum to the difference.
 """

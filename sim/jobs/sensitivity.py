@@ -58,7 +58,7 @@ class SensitivityJob:
 
 @dataclass(frozen=True, kw_only=True)
 class SensitivityRun:
-    """What a run came to: the gap to the optimum of its own times (%), and the energy (kWh)."""
+    """Figures of a run: the gap to the optimum of its own times (%), and the energy (kWh)."""
 
     job: SensitivityJob
     gap_percent: float

@@ -88,7 +88,7 @@ class FoundDifference:
 
     @property
     def title(self) -> str:
-        """The name of the comparison, or what is taken from what, with the measure, where the design gave it none."""
+        """The name of the comparison; the measure and the contrast where the design gave it no name of its own."""
         short = self.comparison.title
         return short if short == self.comparison.name else f"{self.shown.name}: {short}"
 

@@ -64,7 +64,7 @@ class PairedTrials:
 
     @property
     def spread(self) -> Floats:
-        """What tells how far participants differ: their differences, (participants,)."""
+        """The values whose standard deviation says how far participants differ, (participants,)."""
         return self.means
 
     def by_participant(self, values: Floats) -> Floats:
@@ -83,7 +83,7 @@ class TwoGroups:
 
     @property
     def spread(self) -> Floats:
-        """What tells how far participants differ: each one's mean less that of the group, (participants,)."""
+        """The values whose standard deviation says how far participants differ: means less that of the group."""
         return np.concatenate([self.a - self.a.mean(), self.b - self.b.mean()])
 
 

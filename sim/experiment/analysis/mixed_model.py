@@ -130,7 +130,7 @@ def _noisier(data: _Data) -> float:
 
 
 def _fitted(data: _Data, slopes: bool, noisier: float) -> Any:
-    """The fitted model of statsmodels; what it warns of is found in the fit."""
+    """The fitted model of statsmodels; its warnings are left out, because `MixedFit` says what is wrong with a fit."""
     from statsmodels.regression.mixed_linear_model import MixedLM, VCSpec
 
     groups = sorted(set(data.driver.tolist()))

@@ -20,7 +20,7 @@ MOST_FAILED: Final = 3
 
 
 def hangs_on(found: StudyFindings) -> list[str]:
-    """What the answer hangs on: said before any figure."""
+    """The assumptions on which the whole answer depends, stated before any figure."""
     plan, trials = found.study.plan, found.study.trials
     population = dict(plan.setting).get("drivers drawn from the population")
     drawn = f" from the population “{population}”" if population else ""
@@ -67,7 +67,7 @@ def _safety(found: StudyFindings) -> list[tuple[str, str]]:
 
 
 def verdict(one: FoundDifference, plan: StudyPlan) -> str:
-    """What was found on one comparison, and whether it stands out from chance."""
+    """The result of a comparison, and whether it stands out from chance."""
     comparison, shown, estimate = one.comparison, one.shown, one.estimate
     changed = shown.changed(estimate.mean)
     with_b = f"{'as' if changed == SAME else 'than'} with “{comparison.b}”"
@@ -138,7 +138,7 @@ def needed_rows(one: FoundDifference) -> list[dict[str, str]]:
 
 
 def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """What was driven, and what is missing."""
+    """How many trials were driven, and which are missing or failed."""
     trials, plan = found.study.trials, found.study.plan
     driven, failed = ~trials.practice, found.study.failed
     counts = Counter(trials.participant[driven].tolist())
