@@ -91,8 +91,8 @@ class Coasting:
 
 @dataclass(frozen=True, kw_only=True)
 class BrakingFigures:
-    """Figures of a run: energies (kWh), delay at the last stop (s), time above limits (s), share of the time with advice
-    to coast in which the driver braked (NaN for the perfect driver)."""
+    """Figures of a run: energies (kWh), delay at the last stop (s), time above limits (s), share of the time
+    with advice to coast in which the driver braked (NaN for the perfect driver)."""
 
     energy_kwh: float
     optimum_kwh: float

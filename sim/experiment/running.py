@@ -167,7 +167,7 @@ def _line_of(setting: Setting, *, by_level: bool) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyRun:
-    """A finished run of a study: how many trials it has, how many were driven now, and the rows of those that failed."""
+    """A finished run of a study: how many trials it has, how many were driven now, and the rows of failed ones."""
 
     folder: Path
     trials: int

@@ -96,9 +96,8 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(designed: Designed) ->
 
 def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(designed: Designed, tmp_path: Path) -> None:
     """The two bundled scenarios share the line of Zürich to Luzern; the flat line is another one."""
-    text = (
-        "[participants]\ncount = 2\n[[factors]]\nname = 'scenario'\nlevels = ['clear-day', 'flat-6km', 'signal-stop']\n"
-    )
+    text = "[participants]\ncount = 2\n"
+    text += "[[factors]]\nname = 'scenario'\nlevels = ['clear-day', 'flat-6km', 'signal-stop']\n"
     text += "[[factors]]\nname = 'loss_level'\nlevels = ['l2', 'l3']\n"
     jobs = in_order_of_work(jobs_of(designed(text), Keep.MEASURES, tmp_path))
     lines = [job.trial.setting.scenario == "flat-6km" for job in jobs]
