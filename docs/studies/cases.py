@@ -52,6 +52,12 @@ ALL_VARIANTS: Final = (*LEVELS, L3_IGBT)
 """The columns of Table 2."""
 
 
+def label(name: str) -> str:
+    """A trajectory or level as a table's heading."""
+    labels = {"fastest": "fastest", "rms": "RMS", "l3-gto": "L3 GTO"}
+    return labels.get(name) or next(v.label for v in ALL_VARIANTS if v.name == name)
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyCase:
     """A straight stretch of constant gradient with given speeds at both ends; at most 160 km/h."""

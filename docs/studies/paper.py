@@ -18,7 +18,7 @@ from das.command_line.progress import shown
 from das.command_line.running import run_app
 from das.domain.errors import DasError
 from das.solver.warm_up import warm_up
-from docs.studies import beyond, figures_energy, figures_runs, shares, table2
+from docs.studies import effort, figures_energy, figures_runs, shares, table2
 from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, GTO_VEHICLE, IGBT_VEHICLE, Workbench
 from docs.studies.drawing import style
 from docs.studies.output import Output, plain
@@ -34,7 +34,7 @@ ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
     "fig10": figures_runs.fig10,
     "table2": table2.both_trains,
     "shares": shares.shares_and_balance,
-    "beyond": beyond.beyond,
+    "beyond": effort.beyond,
     "gradients": table2.gradients,
 }
 """What makes each item of the study, in the paper's order, then what goes beyond it."""
