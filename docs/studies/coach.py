@@ -22,7 +22,7 @@ from das.solver.calm.settings import CalmSettings
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.driving import KEEPING, WatchedRun, watched_run
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from precompute.cli.calm import PRICES_S, calm_rows
 from sim.drivers.cab import Presentation
 from sim.drivers.parameters import HumanParameters
@@ -84,7 +84,7 @@ KEPT: Final = {"as it is": KEEPING, "no dead zones": WITHOUT_DEAD_ZONE, "nor lea
 
 @dataclass(frozen=True, kw_only=True)
 class LoopMeasures:
-    """What runs of one driver came to, summed over the runs.
+    """Figures of the runs of one driver, summed over the runs.
 
     `rms_mps` is the root mean square of driven speed minus the speed of the reference at the same place. `causes`
     counts the new references by their cause, `most_in_3_min` is the largest number of them within three minutes.

@@ -15,11 +15,11 @@ import numpy as np
 from das.advice.modes import Mode
 from das.domain.units import KMH
 from docs.studies.driving import driven, human_of, with_interval
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
-from sim.experiment.setting import day_of
+from sim.experiment.factors import day_of
 from sim.plant.plant import Command
 from sim.world.day import make_day
 from sim.world.outcome import outcome

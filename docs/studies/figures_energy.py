@@ -28,11 +28,11 @@ from docs.studies.cases import (
     PrintedSaving,
     StudyCase,
     Variant,
+    Workbench,
 )
 from docs.studies.drawing import DASHES, LEVEL_COLOURS, new_figure
 from docs.studies.figures_runs import LARGEST_DRAWN_PERCENT, EnergyCurve, energy_curve
 from docs.studies.output import Output
-from docs.studies.workbench import Workbench
 
 LOWEST_KMH, HIGHEST_KMH, STEP_KMH = 10.0, 200.0, 0.5
 COMPARED_KMH = (40.0, 160.0)
@@ -233,29 +233,15 @@ def saving(bench: Workbench, printed: PrintedSaving) -> Saving:
     return best
 
 
-def savings(bench: Workbench, case: StudyCase) -> list[Saving]:
-    """All savings printed for a case, with ours."""
-    return [saving(bench, printed) for printed in SAVINGS if printed.case == case.name]
-
-
-def fig6(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Acceleration (section 4.3)."""
-    return _figure("fig6", bench, output, ACCELERATION)
-
-
-def fig8(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Deceleration (section 4.4)."""
-    return _figure("fig8", bench, output, DECELERATION)
-
-
 LEGEND_ROOM_RATIO = 1.25
 """The axis of the savings goes this far beyond the largest, so that the legend lies on no curve."""
 
 
-def _figure(name: str, bench: Workbench, output: Output, case: StudyCase) -> dict[str, Any]:
+def savings_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> dict[str, Any]:
+    """Draw the energy of a case's runs at every level, and write it; return what L3 saves, beside print."""
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
     saved = {variant: _saved_percent(curve, curves[L3]) for variant, curve in curves.items()}
-    found = savings(bench, case)
+    found = [saving(bench, printed) for printed in SAVINGS if printed.case == case.name]
     rows = [
         (variant.name, *row)
         for variant, curve in curves.items()

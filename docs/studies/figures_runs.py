@@ -26,6 +26,7 @@ from docs.studies.cases import (
     Floats,
     StudyCase,
     Variant,
+    Workbench,
 )
 from docs.studies.drawing import (
     BUFFER_COLOURS,
@@ -39,7 +40,6 @@ from docs.studies.drawing import (
 )
 from docs.studies.effort import effort
 from docs.studies.output import Output
-from docs.studies.workbench import Workbench
 
 LARGEST_DRAWN_PERCENT = 40.0
 CURVE_POINTS = 81
@@ -90,22 +90,8 @@ def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str,
     return {**runs, MAX: bench.slowest(case, variant).trajectory}
 
 
-def fig5(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Acceleration (section 4.3)."""
-    return _figure("fig5", bench, output, ACCELERATION)
-
-
-def fig7(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Deceleration (section 4.4)."""
-    return _figure("fig7", bench, output, DECELERATION)
-
-
-def fig9(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Complete trip (section 4.5)."""
-    return _figure("fig9", bench, output, COMPLETE)
-
-
-def _figure(name: str, bench: Workbench, output: Output, case: StudyCase) -> dict[str, Any]:
+def runs_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> dict[str, Any]:
+    """Draw a case's runs at every level, and write them and their energies; return how slow they become."""
     runs = {variant: level_runs(bench, case, variant) for variant in LEVELS}
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
     write_runs(output, f"{name}-runs.csv", {variant.name: drawn for variant, drawn in runs.items()})

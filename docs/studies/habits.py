@@ -15,7 +15,7 @@ import numpy as np
 
 from das.advice.modes import Mode
 from docs.studies.driving import driven, human_of
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of

@@ -17,18 +17,16 @@ from typing import Final
 
 import numpy as np
 
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from precompute.workers import Workers
-from sim.experiment.analysis.pairs import PairedTrials, paired_trials
-from sim.experiment.analysis.plan import PlannedDifference
+from sim.experiment.analysis.differences import PairedTrials, paired_trials
 from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PilotDifferences, PowerQuestion, power_of, share_interval
 from sim.experiment.analysis.reading import Floats, RunStudy, read_study
-from sim.experiment.analysis.resampling import probabilities_at_once, weights
-from sim.experiment.design import read_design
-from sim.experiment.freezing import freeze
-from sim.experiment.jobs import Keep, jobs_of
-from sim.experiment.running import run_study
-from sim.experiment.setting import study_days
+from sim.experiment.analysis.resampling import resampled, weights
+from sim.experiment.design import freeze, read_design
+from sim.experiment.factors import study_days
+from sim.experiment.plan import PlannedComparison
+from sim.experiment.running import Keep, jobs_of, run_study
 
 MEASURE: Final = "gap_to_optimum_ratio"
 DAY: Final = "zug-luzern"
@@ -97,7 +95,7 @@ def known_truth_table() -> Iterator[str]:
 def differences(studies: Sequence[RunStudy], label: str) -> Floats:
     """The difference of each driver's two drives, with a label and with the usual advice, (drivers,)."""
     pairs = [compared(study, label) for study in studies]
-    return np.concatenate([one.by_participant(one.differences) for one in pairs])
+    return np.concatenate([one.means for one in pairs])
 
 
 def predictions(values: Floats, size: int, splits: int = SPLITS) -> Predictions:
@@ -160,7 +158,7 @@ def written_design(folder: Path, count: int, first: int) -> Path:
 def compared(study: RunStudy, label: str) -> PairedTrials:
     """The pairs of a label and of the usual advice."""
     a, b = label, next(iter(LABELS))
-    return paired_trials(study, PlannedDifference(name=label, measure=MEASURE, factor="scenario", a=a, b=b))
+    return paired_trials(study, PlannedComparison(name=label, measure=MEASURE, factor="scenario", a=a, b=b))
 
 
 def share_without(values: Floats, size: int, studies: int = STUDIES) -> Share:
@@ -179,7 +177,7 @@ def _share(values: Floats, size: int, studies: int, rng: np.random.Generator, *,
         chosen = values[rng.integers(0, len(values), (count, size))]
         if swapped:
             chosen = chosen * rng.choice((-1.0, 1.0), chosen.shape)
-        found += int(np.sum(probabilities_at_once(chosen, drawn) < ALPHA))
+        found += int(np.sum(resampled((chosen,), (drawn,)).probabilities < ALPHA))
     return Share(found=found / studies, interval=share_interval(found, studies))
 
 

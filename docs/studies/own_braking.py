@@ -16,12 +16,12 @@ from das.advice.modes import Mode
 from das.domain.braking import SiteBraking
 from das.domain.units import kwh
 from docs.studies.driving import driven, human_of, with_interval
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.drivers.parameters import HumanParameters
-from sim.experiment.setting import day_of
+from sim.experiment.factors import day_of
 from sim.plant.plant import Command
 from sim.world.day import make_day
 from sim.world.outcome import DayOutcome, outcome
@@ -91,8 +91,8 @@ class Coasting:
 
 @dataclass(frozen=True, kw_only=True)
 class BrakingFigures:
-    """What a run came to: energies (kWh), how late at the last stop (s), how long above limits (s), braked while told
-    to coast (share of that time; of the perfect driver NaN)."""
+    """Figures of a run: energies (kWh), delay at the last stop (s), time above limits (s), share of the time
+    with advice to coast in which the driver braked (NaN for the perfect driver)."""
 
     energy_kwh: float
     optimum_kwh: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any, Final
 
 import typer
@@ -17,24 +18,23 @@ from das.command_line.progress import shown
 from das.command_line.running import run_app
 from das.domain.errors import DasError
 from das.solver.warm_up import warm_up
-from docs.studies import beyond, figures_energy, figures_runs, shares, table2
-from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE
+from docs.studies import effort, figures_energy, figures_runs, shares, table2
+from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, GTO_VEHICLE, IGBT_VEHICLE, Workbench
 from docs.studies.drawing import style
 from docs.studies.output import Output, plain
-from docs.studies.workbench import Workbench
 from precompute.baselines import strategies
 
 ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
     "fig4": figures_energy.fig4,
-    "fig5": figures_runs.fig5,
-    "fig6": figures_energy.fig6,
-    "fig7": figures_runs.fig7,
-    "fig8": figures_energy.fig8,
-    "fig9": figures_runs.fig9,
+    "fig5": partial(figures_runs.runs_figure, "fig5", ACCELERATION),
+    "fig6": partial(figures_energy.savings_figure, "fig6", ACCELERATION),
+    "fig7": partial(figures_runs.runs_figure, "fig7", DECELERATION),
+    "fig8": partial(figures_energy.savings_figure, "fig8", DECELERATION),
+    "fig9": partial(figures_runs.runs_figure, "fig9", COMPLETE),
     "fig10": figures_runs.fig10,
     "table2": table2.both_trains,
     "shares": shares.shares_and_balance,
-    "beyond": beyond.beyond,
+    "beyond": effort.beyond,
     "gradients": table2.gradients,
 }
 """What makes each item of the study, in the paper's order, then what goes beyond it."""

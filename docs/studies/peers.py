@@ -26,7 +26,7 @@ from das.solver.section import build_section
 from das.solver.solution import Solution, tightened
 from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import SHARED, ReferenceResult, reference_results
 from tests.support.making import make_route

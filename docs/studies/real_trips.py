@@ -23,7 +23,7 @@ from das.domain.restriction import Restriction
 from das.domain.units import KM, KWH, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from docs.studies.pages import DOCS, write_table
+from docs.studies.output import DOCS, write_table
 from sim.drive.attribution.account import Account, LikelyRange, likely_range
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.inputs import DriveInputs

@@ -28,8 +28,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.section import Section, build_section
 from docs.studies.cases import ENERGY_SHARES_PERCENT, GTO_VEHICLE
 from docs.studies.drawing import new_figure
-from docs.studies.output import Output
-from docs.studies.pages import markdown_table
+from docs.studies.output import Output, markdown_table
 from precompute.baselines import strategies as baselines
 
 ROUTE = "zurich-luzern"

@@ -31,17 +31,16 @@ from docs.studies.cases import (
     UPHILL,
     StudyCase,
     Variant,
+    Workbench,
+    label,
 )
 from docs.studies.effort import effort
-from docs.studies.output import Output
-from docs.studies.pages import markdown_table
-from docs.studies.workbench import Workbench
+from docs.studies.output import Output, markdown_table
 from precompute.baselines import strategies as baselines
 
 CSV_COLUMNS = ("trajectory", "level", "printed", "ours", "deviation_ratio")
 FOUR_MODE_LEVELS = (L0_NOREG, L1, L2)
 """Levels whose optimum on level line is a run of four modes (section 4.5)."""
-LABELS = {"fastest": "fastest", "rms": "RMS", "l3-gto": "L3 GTO"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,11 +134,6 @@ def gains(found: list[Cell], variant: Variant) -> dict[str, Any]:
         "saves_against_rms_ratio": 1 - own / column["rms"],
         "saves_against_fastest_ratio": 1 - own / column["fastest"],
     }
-
-
-def label(name: str) -> str:
-    """A trajectory or level as a table's heading."""
-    return LABELS.get(name) or next(v.label for v in ALL_VARIANTS if v.name == name)
 
 
 def markdown(found: list[Cell]) -> str:

@@ -54,9 +54,8 @@ def batch(
     The table runs.parquet in the folder has one row a run; a run is made again only if one of its inputs changed.
     """
     with busy("reading the scenarios …"):
-        from sim.jobs.batch import Batch, parse_seeds
+        from sim.jobs.batch import Batch, parse_seeds, require_pyarrow
         from sim.jobs.report import print_summary
-        from sim.jobs.table import require_pyarrow
 
         require_pyarrow()
         asked = Batch(
@@ -88,11 +87,9 @@ def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Pat
 def _run_all(jobs: Sequence[BatchJob], out: Path, workers: int) -> dict[str, Any]:
     """Run what is not finished yet and write the table, even if it is interrupted. Returns what came out."""
     from precompute.workers import Workers
-    from sim.jobs.batch import make_run
-    from sim.jobs.report import summary
+    from sim.jobs.batch import make_run, write_table
+    from sim.jobs.report import savings, summary
     from sim.jobs.runner import JobWords, Runner
-    from sim.jobs.split import savings
-    from sim.jobs.table import write_table
 
     finished: list[dict[str, Any]] = []
 

@@ -18,7 +18,7 @@ from das.domain.errors import DasError
 
 if TYPE_CHECKING:
     from sim.experiment.design import Design
-    from sim.experiment.jobs import Keep
+    from sim.experiment.running import Keep
 
 DesignArgument = Annotated[
     str,
@@ -38,8 +38,7 @@ def check(
     """
     with busy("reading the design …"):
         from sim.experiment.checking import check_design, print_check
-        from sim.experiment.design import load_design
-        from sim.experiment.freezing import freeze
+        from sim.experiment.design import freeze, load_design
 
         asked = load_design(design)
     _check_folder(out)
@@ -82,9 +81,8 @@ def run(
     with busy("reading the design …"):
         from precompute.workers import Workers
         from sim.experiment.design import load_design
-        from sim.experiment.jobs import Keep, jobs_of
-        from sim.experiment.running import run_study
-        from sim.jobs.table import require_pyarrow
+        from sim.experiment.running import Keep, jobs_of, run_study
+        from sim.jobs.batch import require_pyarrow
 
         if not measures_only:
             require_pyarrow()
@@ -123,8 +121,8 @@ def _check_options(workers: int | None, scheduler: str | None, *, recordings: bo
 def _checked(design: Design, folder: Path) -> None:
     """Freeze a design in its folder, and check it first, unless it was checked before; DasError if it is refused."""
     from sim.experiment.checking import check_design, was_checked
-    from sim.experiment.files import DESIGN_JSON
-    from sim.experiment.freezing import check_frozen, freeze, resolved
+    from sim.experiment.design import check_frozen, freeze, resolved
+    from sim.experiment.plan import DESIGN_JSON
 
     digest = resolved(design)["hash"]
     if (folder / DESIGN_JSON).exists():

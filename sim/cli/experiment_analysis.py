@@ -30,10 +30,10 @@ from sim.cli.experiment_analysis_options import (
     StudyArgument,
     WantedOption,
 )
-from sim.experiment.files import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
+from sim.experiment.plan import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
 
 if TYPE_CHECKING:
-    from sim.experiment.analysis.asking import PowerAnswer
+    from sim.experiment.analysis.power import PowerAnswer
 
 MOST_ROWS = 50
 
@@ -123,7 +123,7 @@ def power(
     """Say how often an experiment would find a difference, and how many participants it needs."""
     _check_extra("scipy")
     _check_effect(effect)
-    from sim.experiment.analysis.asking import Asked, answer
+    from sim.experiment.analysis.power import Asked, answer
 
     asked = Asked(
         source=source, effect=effect, comparison=comparison, participants=_counts(participants), wanted=wanted, sd=sd,

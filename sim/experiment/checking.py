@@ -1,4 +1,4 @@
-"""What `das-sim experiment check` finds of a design, and how the commands print what they found."""
+"""Checks a design by driving a few of its conditions, and prints what the commands of an experiment found."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,13 +19,11 @@ from das.command_line.printing import paragraph, print_table, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
 from das.domain.files.writing import write_whole
-from sim.experiment.design import ConditionOrder, Days, Design
-from sim.experiment.driving import service_of
-from sim.experiment.files import KEY_HASH, LEAST_PARTICIPANTS
-from sim.experiment.freezing import resolved
-from sim.experiment.sensing import Sensed, SensingTest
-from sim.experiment.setting import Setting
-from sim.experiment.trials import StudyTrial, imbalances, trials_of
+from sim.experiment.design import ConditionOrder, Days, Design, Factor, resolved
+from sim.experiment.driving import StudyTrial, drive, lever_trace_sha256, service_of
+from sim.experiment.factors import FactorLevel, Setting
+from sim.experiment.plan import LEAST_PARTICIPANTS
+from sim.experiment.trials import imbalances, trials_of
 from sim.progress import progress_bar
 from sim.world.loop import AFTER_S, BEFORE_S
 
@@ -35,6 +34,104 @@ MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0
 CHECKED: Final = "check.json"
 """What the check of a study's frozen design found."""
+DAYS_TRIED: Final = 5
+"""A factor is admitted if it changes what the driver does on at least one of so many days."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensed:
+    """Whether a driver senses a factor: `alike` are the pairs of levels that made no difference on any of `days` days.
+
+    `failed` says why a drive did not arrive; None where all did.
+    """
+
+    factor: str
+    days: int
+    alike: tuple[tuple[str, str], ...]
+    failed: str | None = None
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the factor is refused; None where all its levels are sensed."""
+        if not self.alike:
+            return None
+        a, b = self.alike[0]
+        if self.failed is not None:
+            return f"factor {self.factor}: levels {a} and {b} cannot be compared: {self.failed}"
+        return (
+            f"factor {self.factor}: levels {a} and {b} give the same lever trace on {self.days} of {self.days} days, "
+            "expected a difference that the driver senses"
+        )
+
+
+@dataclass(eq=False)
+class SensingTest:
+    """Drives a design's conditions on a few days until every two levels of every factor are told apart.
+
+    `said` is called after each drive with the number of drives so far. Every condition is driven once a day at most.
+    `clock` is a stopwatch (s), with which drives are timed.
+    """
+
+    design: Design
+    said: Callable[[int], None]
+    clock: Callable[[], float]
+    timed: list[tuple[Setting, float]] = field(default_factory=list)
+    """What was driven, and how long that took by the stopwatch (s)."""
+    _traces: dict[tuple[Setting, int], str | None] = field(default_factory=dict)
+    _failed: str | None = None
+
+    def of(self, factor: Factor) -> Sensed:
+        """Whether the levels of a factor are sensed, by driving; a drive that fails tells nothing."""
+        alike = set(combinations([level.text for level in factor.levels], 2))
+        for day in range(DAYS_TRIED):
+            for context in self._contexts(factor):
+                traces = {
+                    level.text: self._trace(self.design.setting({**context, factor.name: level}), day)
+                    for level in factor.levels
+                    if any(level.text in pair for pair in alike)
+                }
+                alike -= {(a, b) for a, b in alike if None not in (traces[a], traces[b]) and traces[a] != traces[b]}
+                if not alike:
+                    return Sensed(factor=factor.name, days=day + 1, alike=())
+        return Sensed(factor=factor.name, days=DAYS_TRIED, alike=tuple(sorted(alike)), failed=self._failed)
+
+    def _contexts(self, factor: Factor) -> Iterator[dict[str, FactorLevel]]:
+        """Levels of the other factors: all at their first, then each of the others at another one."""
+        others = [other for other in self.design.factors if other is not factor]
+        first = {other.name: other.levels[0] for other in others}
+        yield first
+        for other in others:
+            yield from ({**first, other.name: level} for level in other.levels[1:])
+
+    def _trace(self, setting: Setting, day: int) -> str | None:
+        """The hash of the lever trace of a setting on a day; None where the drive fails."""
+        key = (setting, day)
+        if key not in self._traces:
+            trial, population, began_s = self._trial(setting, day), self.design.people.population, self.clock()
+            try:
+                self._traces[key] = lever_trace_sha256(drive(trial, population).looks)
+            except DasError as error:
+                self._traces[key], self._failed = None, str(error)
+            self.timed.append((setting, self.clock() - began_s))
+            self.said(len(self._traces))
+        return self._traces[key]
+
+    def _trial(self, setting: Setting, day: int) -> StudyTrial:
+        """A trial that is only for this test: the same person and the same chances for all settings of a day."""
+        people = self.design.people
+        return StudyTrial(
+            number=1,
+            who=1,
+            person=people.first + day % people.count,
+            session=1,
+            position=1,
+            practice=True,
+            levels=(),
+            setting=setting,
+            seed=day,
+            chance=0,
+            trips=people.trips_before if people.learning else None,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +162,7 @@ class DesignCheck:
     def as_dict(self) -> dict[str, Any]:
         """The figures, for programs."""
         return {
-            KEY_HASH: self.digest,
+            "hash": self.digest,
             "trials": self.trials,
             "practice_trials": self.practice,
             "conditions": self.conditions,
@@ -88,7 +185,7 @@ def was_checked(folder: Path, digest: str) -> bool:
         kept = read_json(folder / CHECKED).data
     except DasError:
         return False
-    return bool(kept.get(KEY_HASH) == digest and kept.get("refused") == [])
+    return bool(kept.get("hash") == digest and kept.get("refused") == [])
 
 
 def check_design(design: Design, clock: Callable[[], float] = time.perf_counter) -> DesignCheck:
@@ -97,7 +194,7 @@ def check_design(design: Design, clock: Callable[[], float] = time.perf_counter)
     Raises DasError for files that cannot be used, and for days that cannot be driven.
     """
     trials = trials_of(design)
-    digest = resolved(design)[KEY_HASH]
+    digest = resolved(design)["hash"]
     with progress_bar("check", "solving the lines", "drives") as progress:
 
         def said(done: int) -> None:
@@ -152,7 +249,7 @@ def _work_s(test: SensingTest, trials: Sequence[StudyTrial], lengths_s: Mapping[
 
 
 def _order_notes(design: Design) -> list[str]:
-    """What is to be said of the order of the conditions."""
+    """Notes on the order of the conditions."""
     if len(design.conditions(within=True)) < 2:
         return []
     if not design.people.learning:
@@ -166,7 +263,7 @@ def _order_notes(design: Design) -> list[str]:
 
 
 def group_notes(design: Design) -> list[str]:
-    """What is to be said of factors between participants."""
+    """Notes on factors of which each participant meets one level."""
     between = [factor for factor in design.factors if not factor.within]
     if not between:
         return []
@@ -235,7 +332,7 @@ def _comparison_words(design: Design) -> str:
 
 
 def print_run(design: Design, found: StudyRun) -> None:
-    """Print what a run of a study came to, and the trials that failed."""
+    """Print how many trials of a study were driven, and those that failed."""
     paragraph(f"{design.name}: {found.trials} trials, {found.made} of them driven now, {len(found.failed)} failed")
     for row in found.failed[:FAILED_SHOWN]:
         paragraph(f"note: trial {row['trial']} ({row['participant']}, {row['condition']}): {row['error']}", "  ")

@@ -1,26 +1,39 @@
-"""The design of an experiment: factors, participants, order and measures, read from a TOML file.
+"""The design of an experiment: factors, participants, order and measures, read from a TOML file, and frozen.
 
-The format: docs/reference/experiments.md.
+The format: docs/reference/experiments.md. A design is frozen as JSON with every default written out; its hash tells
+whether anything of it was changed since.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from functools import partial
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from das.domain.errors import MISSING, DasError
-from das.domain.files.reading import Fields, number, read_toml
+from das.domain.files.reading import Fields, number, read_json, read_text, read_toml
+from das.domain.files.writing import write_whole
 from sim.drivers.population import DEFAULT, load_population
-from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel
-from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA
+from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel, Setting, setting_files
 from sim.experiment.measures import MEASURES
-from sim.experiment.setting import Setting
+from sim.experiment.plan import (
+    CORRECTIONS,
+    DEFAULT_ALPHA,
+    DESIGN_JSON,
+    DESIGN_TEXT,
+    PlannedComparison,
+    read_comparisons,
+    read_correction,
+)
+from sim.recording.inputs import sha256
 
 SCHEMA_VERSION: Final = 1
 MOST_PARTICIPANTS: Final = 10_000
@@ -103,21 +116,6 @@ class Procedure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedComparison:
-    """A planned comparison: the difference of a measure between level `a` and level `b` of a factor, a − b.
-
-    `where` fixes levels of other factors; without it the comparison is over all of them.
-    """
-
-    name: str
-    measure: str
-    factor: str
-    a: str
-    b: str
-    where: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, kw_only=True)
 class AnalysisPlan:
     """What is to be found out: the measures, the planned comparisons, and how these are corrected for their number."""
 
@@ -192,9 +190,11 @@ def read_design(path: Path) -> Design:
     fields.check_keys(["schema_version", *tables])
     main = fields.table("experiment")
     main.check_keys(["name", "title", "description", "seed"])
-    factors = _factors(fields)
+    name, factors = main.text("name"), _factors(fields)
+    if not _NAME.fullmatch(name):
+        raise main.error("name", name, "1 to 64 small letters, digits and '-', not beginning with '-'")
     return Design(
-        name=_name(main),
+        name=name,
         title=main.name("title"),
         description=main.text("description", ""),
         source=path,
@@ -205,13 +205,6 @@ def read_design(path: Path) -> Design:
         procedure=_procedure(_optional(fields, "procedure"), factors),
         plan=_plan(fields, factors),
     )
-
-
-def _name(main: Fields) -> str:
-    name = main.text("name")
-    if not _NAME.fullmatch(name):
-        raise main.error("name", name, "1 to 64 small letters, digits and '-', not beginning with '-'")
-    return name
 
 
 def _optional(fields: Fields, key: str) -> Fields:
@@ -312,45 +305,95 @@ def _plan(fields: Fields, factors: tuple[Factor, ...]) -> AnalysisPlan:
     for name in names:
         if not isinstance(name, str) or name not in MEASURES or names.count(name) > 1:
             raise table.error("measures", name, f"each once, of {', '.join(MEASURES)}")
-    correction = table.text("correction", CORRECTIONS[0])
-    if correction not in CORRECTIONS:
-        raise table.error("correction", correction, f"one of {', '.join(CORRECTIONS)}")
     alpha = _real(table, "alpha", (1e-6, 0.5), DEFAULT_ALPHA)
-    rows = fields.rows("comparisons", "a list of [[comparisons]]") if fields.has("comparisons") else []
-    tables = (Fields.of(fields.source, row, f"comparisons[{i}].") for i, row in enumerate(rows))
-    comparisons = tuple(_comparison(one, factors, names) for one in tables)
-    if len({one.name for one in comparisons}) < len(comparisons):
-        raise fields.error("comparisons", [one.name for one in comparisons], "each name once")
-    return AnalysisPlan(measures=tuple(names), comparisons=comparisons, alpha=alpha, correction=correction)
+    levels = {factor.name: partial(_level_text, factor) for factor in factors}
+    comparisons = read_comparisons(fields, levels, names)
+    return AnalysisPlan(measures=tuple(names), comparisons=comparisons, alpha=alpha, correction=read_correction(table))
 
 
-def _comparison(table: Fields, factors: tuple[Factor, ...], measures: list[str]) -> PlannedComparison:
-    table.check_keys(["name", "measure", "factor", "a", "b", "where"])
-    by_name = {factor.name: factor for factor in factors}
-    measure, factor = table.text("measure"), table.text("factor")
-    if measure not in measures:
-        raise table.error("measure", measure, f"one of the measures of this design: {', '.join(measures)}")
-    if factor not in by_name:
-        raise table.error("factor", factor, f"one of the factors of this design: {', '.join(by_name)}")
-    a, b = (_level_text(table, key, table.data.get(key, MISSING), by_name[factor]) for key in ("a", "b"))
-    if a == b:
-        raise table.error("b", table.data["b"], "another level than a")
-    where = _optional(table, "where") if table.has("where") else Fields.of(table.source, {})
-    where.check_keys([name for name in by_name if name != factor])
-    fixed = {name: _level_text(where, name, value, by_name[name]) for name, value in where.data.items()}
-    only = "".join(f", {name} {level}" for name, level in fixed.items())
-    name = table.name("name", f"{measure}: {a} - {b}{only}")
-    return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
-
-
-def _level_text(table: Fields, key: str, value: Any, factor: Factor) -> str:
+def _level_text(factor: Factor, table: Fields, key: str) -> str:
     """The text of a level, which may be given as the text or as the value stands in the list of levels."""
     texts = [level.text for level in factor.levels]
+    value = table.data.get(key, MISSING)
     if isinstance(value, str) and value in texts:
         return value
-    read = None
-    if value is not MISSING:
-        read = FACTORS[factor.name].read(table, key, value).text
+    read = None if value is MISSING else FACTORS[factor.name].read(table, key, value).text
     if read not in texts:
         raise table.error(key, value, f"one of the levels {', '.join(texts)}")
     return read
+
+
+def resolved(design: Design) -> dict[str, Any]:
+    """The design with all defaults, the hashes of its files and its own hash; raises DasError for a missing file.
+
+    It holds no path, so that the same design has the same hash on every machine.
+    """
+    found: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "name": design.name,
+        "title": design.title,
+        "description": design.description,
+        "seed": design.seed,
+        "participants": {**asdict(design.people), "population": load_population(design.people.population).id},
+        "procedure": asdict(design.procedure),
+        "fixed": {name: level.text for name, level in sorted(design.fixed.items())},
+        "factors": {
+            factor.name: {"levels": [level.text for level in factor.levels], "within": factor.within}
+            for factor in design.factors
+        },
+        "measures": list(design.plan.measures),
+        "comparisons": [asdict(one) for one in design.plan.comparisons],
+        "alpha": design.plan.alpha,
+        "correction": design.plan.correction,
+        "files": design_files(design),
+    }
+    return {"hash": design_sha256(found), **found}
+
+
+def design_sha256(found: Mapping[str, Any]) -> str:
+    """SHA-256 of a resolved design without its hash, in one canonical form: keys sorted, nothing between the values.
+
+    The order of the factors is part of it, because it decides the names of the conditions.
+    """
+    content = {key: value for key, value in found.items() if key != "hash"}
+    content["factor_order"] = list(found["factors"])
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def design_files(design: Design) -> dict[str, str]:
+    """The hashes of all files that decide the result, by what they are; raises DasError for one that is missing."""
+    found = {"population": sha256(Path(load_population(design.people.population).source))}
+    for setting in design.settings():
+        found |= setting_files(setting)
+    return dict(sorted(found.items()))
+
+
+def freeze(design: Design, folder: Path) -> dict[str, Any]:
+    """Write the design into a study's folder, which is made; its resolved form.
+
+    Where the folder holds a frozen design, it must be this one: DasError for another.
+    """
+    found = resolved(design)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+    kept = folder / DESIGN_JSON
+    if kept.exists():
+        check_frozen(design, folder, found["hash"])
+    else:
+        write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
+        write_whole(kept, json.dumps(found, indent=2, ensure_ascii=False).encode() + b"\n")
+    return found
+
+
+def check_frozen(design: Design, folder: Path, own_sha256: str) -> None:
+    """Raise DasError where the frozen design of a folder is not this one, or was altered."""
+    kept = read_json(folder / DESIGN_JSON)
+    text = kept.text("hash")
+    if text != design_sha256(kept.data):
+        raise DasError(f"{folder / DESIGN_JSON}: hash = {text[:12]}…: the file was altered after it was frozen")
+    if text != own_sha256:
+        was, now = text[:12], own_sha256[:12]
+        how = "expected the same design, or another folder"
+        raise DasError(f"{design.source}: its hash is {now}…, but {folder} holds the frozen design {was}…: {how}")

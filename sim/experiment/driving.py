@@ -1,44 +1,168 @@
-"""Drives one trial: the day of its seed, its participant, and the display as its setting has it."""
+"""Drives a trial: the day of its seed, its participant, the display of its setting, and every look of the driver."""
 
 from __future__ import annotations
 
+import hashlib
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Final
+from functools import cache, cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
+from sim.drivers.cab import AdviceView, CabView, Driver
+from sim.drivers.diary import DriverEvent, kept_by
 from sim.drivers.population import Participant, Population, load_population
-from sim.experiment.driven import Driven, WatchedDriver
-from sim.experiment.setting import Setting
-from sim.experiment.trials import StudyTrial
-from sim.jobs.driving import JobRecording, ServiceMemory, drive_day
+from sim.experiment.factors import Setting
+from sim.jobs.runner import JobRecording, ServiceMemory, drive_day
+from sim.plant import kernels
+from sim.plant.kernels import Command
+from sim.plant.plant import PlantState
 from sim.world.day import Day, make_day
-from sim.world.outcome import outcome
+from sim.world.hindsight import true_fronts
+from sim.world.loop import LOOK_S, TICK_S, Run
+from sim.world.outcome import DayOutcome, outcome
 from sim.world.over_bus import How
 from sim.world.service import Service
 
+LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
 """Solved lines that a process keeps: that of the true train's losses, and those of two levels of the advice's."""
+APART: Final = 1_000_000_007
+"""Streams of a participant's chances on two trials are this far apart: further than any number of a participant."""
 _services = ServiceMemory(most=LINES_KEPT)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrialCall:
-    """What is needed to drive a trial: the trial, the population, and where it is recorded (None: not at all)."""
+class StudyTrial:
+    """One trial. `person` is the participant's number in the population, `who` that in the study (from 1).
 
-    trial: StudyTrial
-    population: str
-    record: JobRecording | None = None
+    `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
+    factors' levels in the order of the design. `seed` is that of the day, `chance` tells trials of a participant apart
+    whose chances are not the same, and `trips` is how many trips the participant has made before.
+    """
+
+    number: int
+    who: int
+    person: int
+    session: int
+    position: int
+    practice: bool
+    levels: tuple[str, ...]
+    setting: Setting
+    seed: int
+    chance: int
+    trips: float | None
+
+    @property
+    def stream(self) -> int:
+        """Number of the stream of the participant's chances on the day."""
+        return self.person + 1 + APART * self.chance
+
+    @property
+    def participant(self) -> str:
+        """The participant, as tables name them."""
+        return f"sub-{self.who:02d}"
+
+    @property
+    def session_name(self) -> str:
+        """The session, as tables name it."""
+        return f"ses-{self.session:02d}"
+
+    @property
+    def condition(self) -> str:
+        """The levels of all factors, as tables name the condition."""
+        return "_".join(self.levels)
 
 
-def drive(call: TrialCall) -> Driven:
-    """Drive a trial; raises DasError for files that cannot be used, and where the train does not get there."""
-    trial = call.trial
-    day = _day(trial, Participant(population=_population(call.population), number=trial.person))
-    driver = WatchedDriver(day.driver(trial.setting.driver, trial.setting.friction))
-    setting, record = trial.setting, call.record
+class DriverLook(NamedTuple):
+    """One look of the driver: time (s), position (m), speed and limit (m/s), what is shown, and what he asks for."""
+
+    time_s: float
+    s_m: float
+    speed_mps: float
+    limit_mps: float
+    shown: AdviceView | None
+    command: Command
+
+    @property
+    def lever_ratio(self) -> float:
+        """The controller's setting (−1 … 1); NaN where the driver asks for a speed or a force instead."""
+        if self.command.law == kernels.LEVER:
+            return self.command.value
+        return 0.0 if self.command == (kernels.FORCE, 0.0, *self.command[2:]) else math.nan
+
+
+class WatchedDriver:
+    """Drives as another driver does, and notes every look."""
+
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
+        self.looks: list[DriverLook] = []
+
+    @property
+    def events(self) -> Sequence[DriverEvent]:
+        """What the driver did and felt so far."""
+        return kept_by(self._driver)
+
+    def command(self, cab: CabView) -> Command:
+        """What the watched driver asks for."""
+        asked = self._driver.command(cab)
+        self.looks.append(DriverLook(cab.time_s, cab.s_m, cab.speed_mps, cab.limit_mps, cab.shown, asked))
+        return asked
+
+
+def lever_trace_sha256(looks: Sequence[DriverLook]) -> str:
+    """Hash of all that a driver asked of the train, look by look; equal hashes are equal drives at the controller."""
+    return hashlib.sha256(np.array([look.command for look in looks], dtype=np.float64).tobytes()).hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Driven:
+    """A driven trial: the day, the run, its outcome, and all looks of the driver."""
+
+    day: Day
+    run: Run
+    outcome: DayOutcome
+    looks: Sequence[DriverLook]
+
+    @cached_property
+    def seconds(self) -> tuple[tuple[PlantState, DriverLook], ...]:
+        """The state and the driver's first look of every second."""
+        return tuple(zip(self.run.states, self.looks[::LOOKS_A_TICK], strict=False))
+
+    @cached_property
+    def moving(self) -> tuple[tuple[PlantState, DriverLook], ...]:
+        """The seconds that begin with a moving train."""
+        return tuple((state, look) for state, look in self.seconds if state.speed_mps > 0)
+
+    @property
+    def moving_min(self) -> float:
+        """How long the train moved (min)."""
+        return len(self.moving) * TICK_S / 60.0
+
+    @property
+    def equal_arrival_j(self) -> float:
+        """The energy (J) at equal arrival: driven − optimum for the times as driven + optimum for the timetable's."""
+        energies, service = self.outcome.energies, self.day.service
+        planned_s = [service.clock_s(one.arrival_ns) - service.clock_s(one.departure_ns) for one in service.timetables]
+        fronts = zip(true_fronts(self.day), planned_s, strict=True)
+        on_time_j = sum(front.trajectory(time_s).ledger.input for front, time_s in fronts)
+        return energies.driven_j - energies.hindsight_j + on_time_j
+
+
+def drive(trial: StudyTrial, population: str, record: JobRecording | None = None) -> Driven:
+    """Drive a trial with a participant of a population, and record it where `record` says.
+
+    Raises DasError for files that cannot be used, and where the train does not get there.
+    """
+    day = _day(trial, Participant(population=_population(population), number=trial.person))
+    setting = trial.setting
+    driver = WatchedDriver(day.driver(setting.driver, setting.friction))
     how = How(
         driver=setting.driver,
         friction=setting.friction,

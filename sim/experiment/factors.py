@@ -1,10 +1,11 @@
-"""The factors that an experiment can vary: what each is, how its levels are written, and what it changes."""
+"""How a trial is driven, and which factors of that an experiment can vary: what each is, and how it is written."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,11 +14,76 @@ from das.domain.files.load import load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
-from sim.drivers.screen import LONGEST_S
-from sim.experiment.setting import day_of, study_days
-from sim.world.scenario import bundled_scenarios
+from sim.drivers.own_class import driver_versions
+from sim.drivers.screen import LONGEST_S, ScreenSettings
+from sim.recording.inputs import sha256
+from sim.world.scenario import Scenario, bundled_scenarios, load_scenario
+from sim.world.service import scenario_files
 
 LONGEST_PREVIEW_S: Final = 3600.0
+
+
+def study_days() -> dict[str, Path]:
+    """The scenario files that come with the bundled studies, by name."""
+    folder = Path(str(files("sim.experiment") / "studies" / "days"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def day_of(name_or_path: str) -> Scenario:
+    """Read a bundled scenario, a day of the bundled studies or a TOML file; raises DasError for anything unusable."""
+    return load_scenario(str(study_days().get(name_or_path, name_or_path)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """How a trial is driven.
+
+    `loss_level` is the level of losses that the advice is planned with (None: that of the train); the losses of the
+    true train do not change with it. `scenario` and `train` are names of bundled files or paths; without a train, it is
+    the scenario's. Times are in s; `preview_s` is infinite where everything that comes is shown.
+    """
+
+    scenario: str = "clear-day"
+    train: str | None = None
+    driver: DriverKind | OwnClass = DriverKind.HUMAN
+    presentation: Presentation = Presentation.VECTOR
+    loss_level: Level | None = None
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
+    update_interval_s: float = 0.0
+    hold_s: float = 0.0
+    preview_s: float = math.inf
+    reason: bool = True
+
+    @property
+    def screen(self) -> ScreenSettings:
+        """How the display shows the advice."""
+        return ScreenSettings(
+            update_interval_s=self.update_interval_s,
+            hold_s=self.hold_s,
+            preview_s=self.preview_s,
+            reason=self.reason,
+        )
+
+    def read_scenario(self) -> Scenario:
+        """The scenario with the train of this setting; raises DasError for files that cannot be used."""
+        scenario = day_of(self.scenario)
+        return scenario if self.train is None else replace(scenario, vehicle=self.train, load=None)
+
+    def figures(self) -> dict[str, Any]:
+        """Every field as JSON takes it; an infinite preview is None."""
+        found = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        found |= {name: str(found[name]) for name in ("driver", "presentation", "friction")}
+        found["loss_level"] = None if self.loss_level is None else str(self.loss_level)
+        found["preview_s"] = None if math.isinf(self.preview_s) else self.preview_s
+        return found
+
+
+def setting_files(setting: Setting) -> dict[str, str]:
+    """The hashes of the files of one setting: scenario, route, vehicle, losses, and the driver of one's own."""
+    scenario = setting.read_scenario()
+    where = scenario.id if setting.train is None else f"{scenario.id} with {Path(scenario.vehicle).stem}"
+    found = {f"{where}: {name}": sha256(path) for name, path in scenario_files(scenario).items()}
+    return found | {f"{setting.driver}: {name}": text for name, text in driver_versions(setting.driver).items()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,16 +1,29 @@
-"""The measures of an experiment: what each is, its formula, its unit and where it is from."""
+"""The measures of an experiment: what each is, its formula, its unit and where it is from, and how it is found."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
-from das.domain.units import kwh
-from sim.experiment import driving_measures as driving
-from sim.experiment.driven import Driven
+import numpy as np
 
+from das.domain.units import KMH, kwh
+from sim.drive.stability import REVERSAL_S
+from sim.drivers.cab import AdviceView
+from sim.drivers.diary import DriverEvent
+from sim.drivers.presentations.presenter import SpeedIs, presenter_of
+from sim.experiment.driving import Driven
+from sim.world.loop import TICK_S
+
+BAND_MPS: Final = 3.0 * KMH
+"""Speeds this near to what is shown are in band."""
+LEAST_FORCE_N: Final = 1000.0
+"""Wheel forces below this are neither traction nor braking."""
+LEAST_MOVE_RATIO: Final = 1e-9
+"""A controller that moves less than this between two looks stands still."""
 NOLD: Final = "as in Nold & Corman (2024)"
 LEDGER: Final = "energy balance of the simulated train (docs/reference/plant.md)"
 OWN: Final = "own definition"
@@ -31,6 +44,151 @@ class Measure:
     of: Callable[[Driven], float | int | None]
 
 
+def stop_error_m(driven: Driven) -> float | None:
+    """Mean distance (m) of where the train stood from where it should have, over the stops after the first."""
+    missed = [abs(call.missed_m) for call in driven.run.calls[1:]]
+    return float(np.mean(missed)) if missed else None
+
+
+def speed_rmse_mps(driven: Driven) -> float | None:
+    """Root mean square of the speed's error (m/s) against what was shown; None where no speed was shown."""
+    return _root_mean_square(_speed_errors(driven))
+
+
+def speed_in_band_ratio(driven: Driven) -> float | None:
+    """Share of the seconds with a shown speed with the train within 3 km/h of it; None without such seconds."""
+    errors = np.abs(_speed_errors(driven))
+    return float(np.mean(errors <= BAND_MPS)) if len(errors) else None
+
+
+def effort_rmse_ratio(driven: Driven) -> float | None:
+    """Root mean square of the controller's error against the effort shown (1: full scale); None without one."""
+    errors = [look.lever_ratio - look.shown.lever_ratio for _, look in driven.moving if look.shown is not None]
+    return _root_mean_square([error for error in errors if not math.isnan(error)])
+
+
+def reaction_s(driven: Driven) -> float | None:
+    """Median time (s) from noticing advice to acting on it; None where the driver never acted on any."""
+    return _median([acted - noticed for noticed, acted in _acted_on(driven.run.decisions)])
+
+
+def response_s(driven: Driven) -> float | None:
+    """Median time (s) from when advice was first shown to acting on it; None where the driver never acted on any."""
+    since = _shown_since(driven)
+    times = np.array([time_s for time_s, _ in since])
+    found = []
+    for noticed_s, acted_s in _acted_on(driven.run.decisions):
+        i = int(np.searchsorted(times, noticed_s, side="right")) - 1
+        if i >= 0:
+            found.append(acted_s - since[i][1])
+    return _median(found)
+
+
+def compliance_ratio(driven: Driven) -> float | None:
+    """Share of the noticed advice that was followed; None where none was noticed."""
+    followed, refused = (_count(driven, what) for what in ("followed", "refused"))
+    return followed / (followed + refused) if followed + refused else None
+
+
+def control_movements_per_min(driven: Driven) -> float | None:
+    """Movements of the controller per minute in which the train moved; None where it has no setting."""
+    settings = [look.lever_ratio for look in driven.looks if look.speed_mps > 0]
+    if not settings or any(math.isnan(one) for one in settings):
+        return None
+    moves = np.abs(np.diff(settings)) > LEAST_MOVE_RATIO
+    begun = int(np.count_nonzero(moves[1:] & ~moves[:-1])) + int(moves[:1].any())
+    return begun / driven.moving_min
+
+
+def power_brake_reversals(driven: Driven) -> int:
+    """Changes between traction and braking with less than 10 s in between."""
+    found, side, ended_s = 0, 0, -math.inf
+    for state, _ in driven.moving:
+        force_n = state.force_el_n + state.force_friction_n
+        now = (force_n > LEAST_FORCE_N) - (force_n < -LEAST_FORCE_N)
+        if now and now == -side and state.time_s - ended_s < REVERSAL_S:
+            found += 1
+        if now:
+            side, ended_s = now, state.time_s
+    return found
+
+
+def jerk_rms_mps3(driven: Driven) -> float | None:
+    """Root mean square of the acceleration's change from second to second (m/s³), while the train moved."""
+    pairs = pairwise(driven.run.states)
+    return _root_mean_square(
+        [(b.acceleration_mps2 - a.acceleration_mps2) / TICK_S for a, b in pairs if a.speed_mps > 0 and b.speed_mps > 0]
+    )
+
+
+def glances_per_min(driven: Driven) -> float | None:
+    """Glances at the display per minute in which the train moved; None of a driver who keeps no diary."""
+    moving = {math.floor(state.time_s) for state, _ in driven.moving}
+    glances = [one for one in driven.run.decisions if one.what == "glance"]
+    if not glances or not moving:
+        return None
+    return sum(math.floor(one.time_s) in moving for one in glances) / driven.moving_min
+
+
+def lapses(driven: Driven) -> int | None:
+    """Lapses of attention; None of a driver who keeps no diary."""
+    return _count(driven, "lapse") if driven.run.decisions else None
+
+
+def _speed_errors(driven: Driven) -> list[float]:
+    """Speed − shown speed (m/s) of the moving seconds in which a speed to keep was shown."""
+    seen = ((look.speed_mps, look.shown) for _, look in driven.moving if look.shown is not None)
+    errors = (_speed_error(speed, view) for speed, view in seen)
+    return [error for error in errors if not math.isnan(error)]
+
+
+def _speed_error(speed_mps: float, view: AdviceView) -> float:
+    error, speed_is = speed_mps - view.shown_speed_mps, _speed_is(view)
+    if speed_is is SpeedIs.TO_REACH:
+        return math.nan
+    return max(error, 0.0) if speed_is is SpeedIs.HIGHEST else error
+
+
+def _speed_is(view: AdviceView) -> SpeedIs:
+    return presenter_of(view.presentation).speed_is(view.mode)
+
+
+def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]:
+    """When advice was noticed and when it was acted on (s), for all advice that was followed; departures left out."""
+    noticed_s = math.nan
+    for event in decisions:
+        if event.what == "noticed":
+            noticed_s = event.time_s
+        elif event.what == "acted" and event.value > 0 and event.time_s > noticed_s:
+            yield noticed_s, event.time_s
+
+
+def _shown_since(driven: Driven) -> list[tuple[float, float]]:
+    """For every second, its time (s) and since when the present advice was shown: its mode, or its top speed."""
+    found: list[tuple[float, float]] = []
+    before, since_s = None, math.nan
+    for state, look in driven.seconds:
+        view = look.shown
+        now = None if view is None else round(view.speed_mps) if _speed_is(view) is SpeedIs.HIGHEST else view.mode
+        if now != before:
+            before, since_s = now, state.time_s
+        found.append((state.time_s, since_s))
+    return found
+
+
+def _count(driven: Driven, what: str) -> int:
+    return sum(one.what == what for one in driven.run.decisions)
+
+
+def _root_mean_square(values: Sequence[float]) -> float | None:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else None
+
+
+def _median(values: Sequence[float]) -> float | None:
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.median(known)) if known else None
+
+
 def _energy(name: str) -> Callable[[Driven], float | None]:
     def of(driven: Driven) -> float | None:
         value: float | None = driven.outcome.energies.as_dict()[name]
@@ -49,231 +207,140 @@ def _known(value: float) -> float | None:
 
 _LISTED: Final = (
     Measure(
-        name="gap_to_optimum_ratio",
-        title="Gap to the optimum",
-        unit="1",
-        source=NOLD,
+        name="gap_to_optimum_ratio", title="Gap to the optimum", unit="1", source=NOLD,
         of=lambda driven: driven.outcome.energies.above.gap_ratio,
         formula="E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
-        "simulated train could have kept the limits and the running times that the sections really took; smaller "
-        "is better",
+        "simulated train could have kept the limits and the running times that the sections really took; "
+        "smaller is better",
     ),
     Measure(
-        name="energy_at_equal_arrival_kwh",
-        title="Energy at equal arrival",
-        unit="kWh",
-        source=OWN,
+        name="energy_at_equal_arrival_kwh", title="Energy at equal arrival", unit="kWh", source=OWN,
         of=lambda driven: kwh(driven.equal_arrival_j),
-        formula="E − E_opt + E_opt(timetable): the energy that the trial would have taken with the same distance "
-        "to the optimum if every section had taken its time by the timetable",
+        formula="E − E_opt + E_opt(timetable): the energy that the trial would have taken with the same distance to "
+        "the optimum if every section had taken its time by the timetable",
     ),
     Measure(
-        name="energy_kwh",
-        title="Energy",
-        unit="kWh",
-        source=LEDGER,
-        of=_energy("energy_kwh"),
+        name="energy_kwh", title="Energy", unit="kWh", source=LEDGER, of=_energy("energy_kwh"),
         formula="E: energy at the current collector from departure to arrival, summed over the sections",
     ),
     Measure(
-        name="energy_hindsight_kwh",
-        title="Optimum for the times as driven",
-        unit="kWh",
-        source=NOLD,
+        name="energy_hindsight_kwh", title="Optimum for the times as driven", unit="kWh", source=NOLD,
         of=_energy("energy_hindsight_kwh"),
         formula="E_opt: least energy of the true train for the running times that the sections really took",
     ),
     Measure(
-        name="energy_blending_kwh",
-        title="Lost to friction brakes where the motors could brake",
-        unit="kWh",
-        source=LEDGER,
-        of=_energy("energy_blending_kwh"),
-        formula="part of E − E_opt: what would not have been needed if the motors had given all braking that they"
-        " could",
+        name="energy_blending_kwh", title="Lost to friction brakes where the motors could brake", unit="kWh",
+        source=LEDGER, of=_energy("energy_blending_kwh"),
+        formula="part of E − E_opt: what would not have been needed if the motors had given all braking that they "
+        "could",
     ),
     Measure(
-        name="energy_profile_kwh",
-        title="Lost to the speed profile",
-        unit="kWh",
-        source=OWN,
+        name="energy_profile_kwh", title="Lost to the speed profile", unit="kWh", source=OWN,
         of=_energy("energy_profile_kwh"),
         formula="the rest of E − E_opt",
     ),
     Measure(
-        name="component_loss_kwh",
-        title="Losses of the train",
-        unit="kWh",
-        source=LEDGER,
+        name="component_loss_kwh", title="Losses of the train", unit="kWh", source=LEDGER,
         of=_ledger("component_loss"),
         formula="∫ of the losses of the traction chain from the first departure to the last arrival",
     ),
     Measure(
-        name="resistance_kwh",
-        title="Running resistance",
-        unit="kWh",
-        source=LEDGER,
-        of=_ledger("resistance"),
+        name="resistance_kwh", title="Running resistance", unit="kWh", source=LEDGER, of=_ledger("resistance"),
         formula="∫ resistance · v dt, tunnels and curves included",
     ),
     Measure(
-        name="friction_brake_kwh",
-        title="Friction brakes",
-        unit="kWh",
-        source=LEDGER,
-        of=_ledger("friction_brake"),
+        name="friction_brake_kwh", title="Friction brakes", unit="kWh", source=LEDGER, of=_ledger("friction_brake"),
         formula="∫ force of the friction brakes · v dt",
     ),
     Measure(
-        name="running_time_s",
-        title="Running time",
-        unit="s",
-        source=OWN,
+        name="running_time_s", title="Running time", unit="s", source=OWN,
         of=lambda driven: driven.outcome.running_time_s,
         formula="time from departures to arrivals, summed over the sections",
     ),
     Measure(
-        name="late_s",
-        title="Delay at the last stop",
-        unit="s",
-        source=OWN,
-        of=lambda driven: driven.outcome.late_s,
+        name="late_s", title="Delay at the last stop", unit="s", source=OWN, of=lambda driven: driven.outcome.late_s,
         formula="arrival at the last stop − arrival by the timetable (early < 0)",
     ),
     Measure(
-        name="stop_error_m",
-        title="Stop error",
-        unit="m",
-        source="Askey & Sheridan (1995) judge stop accuracy",
-        of=driving.stop_error_m,
+        name="stop_error_m", title="Stop error", unit="m", source="Askey & Sheridan (1995) judge stop accuracy",
+        of=stop_error_m,
         formula="mean over the stops after the first of |where the train stands − where it should|",
     ),
     Measure(
-        name="speed_rmse_mps",
-        title="Speed error against what was shown",
-        unit="m/s",
-        source="tracking error of manual control",
-        of=driving.speed_rmse_mps,
-        formula="√ mean (v − shown)² over the moving seconds in which a speed was shown; for a reduced maximum "
-        "speed only what is above it counts, and of the coach only the times in which a speed is to be "
-        "held",
+        name="speed_rmse_mps", title="Speed error against what was shown", unit="m/s",
+        source="tracking error of manual control", of=speed_rmse_mps,
+        formula="√ mean (v − shown)² over the moving seconds in which a speed was shown; for a reduced maximum speed "
+        "only what is above it counts, and of the coach only the times in which a speed is to be held",
     ),
     Measure(
-        name="speed_in_band_ratio",
-        title="Time in band",
-        unit="1",
-        source="band of 3 km/h: assumption",
-        of=driving.speed_in_band_ratio,
+        name="speed_in_band_ratio", title="Time in band", unit="1", source="band of 3 km/h: assumption",
+        of=speed_in_band_ratio,
         formula="share of those seconds with |v − shown| ≤ 3 km/h",
     ),
     Measure(
-        name="effort_rmse_ratio",
-        title="Effort error against what was shown",
-        unit="1",
-        source="tracking error of manual control",
-        of=driving.effort_rmse_ratio,
-        formula="√ mean (controller − shown effort)² over the moving seconds in which an effort was shown; 1 is "
-        "full scale",
+        name="effort_rmse_ratio", title="Effort error against what was shown", unit="1",
+        source="tracking error of manual control", of=effort_rmse_ratio,
+        formula="√ mean (controller − shown effort)² over the moving seconds in which an effort was shown; 1 is full "
+        "scale",
     ),
     Measure(
-        name="reaction_s",
-        title="Reaction time",
-        unit="s",
-        source="decisions of the driver",
-        of=driving.reaction_s,
+        name="reaction_s", title="Reaction time", unit="s", source="decisions of the driver", of=reaction_s,
         formula="median time from the glance at which advice was noticed to acting on it; departures left out",
     ),
     Measure(
-        name="response_s",
-        title="Response time",
-        unit="s",
-        source="decisions of the driver",
-        of=driving.response_s,
+        name="response_s", title="Response time", unit="s", source="decisions of the driver", of=response_s,
         formula="median time from when advice was first shown to acting on it; departures left out",
     ),
     Measure(
-        name="compliance_ratio",
-        title="Compliance",
-        unit="1",
-        source="decisions of the driver",
-        of=driving.compliance_ratio,
+        name="compliance_ratio", title="Compliance", unit="1", source="decisions of the driver", of=compliance_ratio,
         formula="followed / (followed + refused) of the advice that was noticed",
     ),
     Measure(
-        name="control_movements_per_min",
-        title="Control movements",
-        unit="1/min",
-        source="Balfe et al. (2017) count controller movements",
-        of=driving.control_movements_per_min,
+        name="control_movements_per_min", title="Control movements", unit="1/min",
+        source="Balfe et al. (2017) count controller movements", of=control_movements_per_min,
         formula="times that a controller that stood still begins to move, per minute in which the train moved",
     ),
     Measure(
-        name="power_brake_reversals",
-        title="Power–brake reversals",
-        unit="1",
-        source="Large, Golightly & Taylor (2017) compare how often drivers switch",
-        of=driving.power_brake_reversals,
-        formula="times that traction is followed by brakes, or brakes by traction, with less than 10 s between "
-        "(wheel force beyond ±1 kN, train moving)",
+        name="power_brake_reversals", title="Power–brake reversals", unit="1",
+        source="Large, Golightly & Taylor (2017) compare how often drivers switch", of=power_brake_reversals,
+        formula="times that traction is followed by brakes, or brakes by traction, with less than 10 s between (wheel "
+        "force beyond ±1 kN, train moving)",
     ),
     Measure(
-        name="jerk_rms_mps3",
-        title="Jerk",
-        unit="m/s³",
-        source="acceleration noise",
-        of=driving.jerk_rms_mps3,
+        name="jerk_rms_mps3", title="Jerk", unit="m/s³", source="acceleration noise", of=jerk_rms_mps3,
         formula="√ mean (Δa / 1 s)² over the seconds in which the train moved",
     ),
     Measure(
-        name="over_limit_s",
-        title="Time above limits",
-        unit="s",
-        source=OWN,
+        name="over_limit_s", title="Time above limits", unit="s", source=OWN,
         of=lambda driven: driven.outcome.drive.violations.over_limit_s,
         formula="time with a speed more than 1 km/h above what is allowed",
     ),
     Measure(
-        name="over_limit_mps",
-        title="Greatest speed above limits",
-        unit="m/s",
-        source=OWN,
+        name="over_limit_mps", title="Greatest speed above limits", unit="m/s", source=OWN,
         of=lambda driven: driven.outcome.drive.violations.over_limit_mps,
         formula="max (v − limit) over those times; 0 where there are none",
     ),
     Measure(
-        name="signals_passed",
-        title="Signals passed at danger",
-        unit="1",
-        source=OWN,
+        name="signals_passed", title="Signals passed at danger", unit="1", source=OWN,
         of=lambda driven: driven.outcome.drive.violations.signals_passed,
         formula="signals at danger that the train's head is more than 0.5 m beyond",
     ),
     Measure(
-        name="advice_changes_per_min",
-        title="Advice changes",
-        unit="1/min",
-        source=OWN,
+        name="advice_changes_per_min", title="Advice changes", unit="1/min", source=OWN,
         of=lambda driven: _known(driven.outcome.drive.stability.changes_per_min),
         formula="seconds that begin with another mode, speed (km/h) or effort (step of 0.2) on the display, per "
         "minute in which the train moved and advice was shown",
     ),
     Measure(
-        name="glances_per_min",
-        title="Glances at the display",
-        unit="1/min",
-        source="decisions of the driver",
-        of=driving.glances_per_min,
+        name="glances_per_min", title="Glances at the display", unit="1/min", source="decisions of the driver",
+        of=glances_per_min,
         formula="glances while the train moves, per minute in which it moved",
     ),
     Measure(
-        name="lapses",
-        title="Lapses of attention",
-        unit="1",
-        source="decisions of the driver",
-        of=driving.lapses,
+        name="lapses", title="Lapses of attention", unit="1", source="decisions of the driver", of=lapses,
         formula="times that the driver's attention went away",
     ),
-)
+)  # fmt: skip
 MEASURES: Final = {one.name: one for one in _LISTED}
 """Every measure by its name, which is also its column."""
 

@@ -1,19 +1,33 @@
-"""The files of a whole study beside those of its trials: the tidy table, the participants, and their descriptions."""
+"""The files of a study: its table of trials, its participants, the events and series of each trial, and their columns.
+
+What a column means is said in sidecars in the form of BIDS: LongName, Description, Units.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from das import __version__
+from das.advice.modes import Mode, mode_name
+from das.domain.levels import Level
+from das.domain.units import NS
+from sim.drive.export.columns import Column, DataTable
+from sim.drive.export.writing import as_parquet
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
+from sim.drivers.parameters import HumanParameters
 from sim.drivers.population import load_population
-from sim.experiment.describing import events_sidecar, participants_sidecar, series_sidecar, trials_sidecar
+from sim.drivers.presentations.presenter import Shown, presenter_of
 from sim.experiment.design import Design
-from sim.experiment.files import (
+from sim.experiment.driving import Driven, StudyTrial
+from sim.experiment.factors import FACTORS, FactorLevel, Setting, day_of
+from sim.experiment.measures import MEASURES
+from sim.experiment.plan import (
     CHECKED_TABLES,
     CHECKSUMS,
     DESIGN_JSON,
@@ -23,42 +37,142 @@ from sim.experiment.files import (
     PROVENANCE,
     TRIALS_SIDECAR,
     TRIALS_TABLE,
-    columns,
 )
-from sim.experiment.trial_files import TASK, tab_separated
-from sim.experiment.trials import StudyTrial
 from sim.recording.inputs import sha256
 
+Sidecar = dict[str, dict[str, Any]]
 BIDS_VERSION: Final = "1.10.0"
+TASK: Final = "drive"
+MISSING_TEXT: Final = "n/a"
+"""What BIDS writes for a missing value, and for a column without a unit."""
 IGNORED: Final = (
     *("*.parquet", "*.mcap", "*.jsonl", "*.csv", "*.toml", "*.html"),
     *(DESIGN_JSON, TRIALS_SIDECAR, "check.json", CHECKSUMS, PROVENANCE, f"task-{TASK}_series.json"),
 )
 """What a BIDS validator is not to look at: BIDS has no place for it."""
 
+_TRIAL_COLUMNS: Final = {
+    "trial": ("Trial", "number of the trial in the study, from 1"),
+    "participant": ("Participant", "who drove; participants.tsv describes each"),
+    "session": ("Session", "part of the trials between two breaks"),
+    "position": ("Position", "place of the trial in the order of its participant, from 1, practice included"),
+    "practice": ("Practice", "1 for a practice trial, which is not for analysis, else 0"),
+    "condition": ("Condition", "levels of all factors in the order of the design, joined by _"),
+}
+"""Columns of the table of trials before those of the factors; after these come the seed and the measures."""
+EVENT_KINDS: Final = {
+    "glance": "the driver looks at the display; value: mode shown",
+    "noticed": "the driver notices new advice; value: its mode",
+    "reaction": "a reaction begins; value: its length (s)",
+    "followed": "the driver decides to follow the advice that was noticed; value: its mode",
+    "refused": "the driver decides not to follow the advice that was noticed; value: its mode",
+    "acted": "a decision takes effect; value: 1 if the driver now follows the advice, else 0",
+    "lapse": "the driver's attention goes away; value: for how long (s), unless the train warns",
+    "lever": "a controller that stood still begins to move; value: its aim (−1 … 1)",
+    "changed": "advice was replaced before the driver acted on it; value: mode of the advice that is gone",
+    "shown": "what is read off the display changes; value: mode shown, 0 for none",
+    "departure": "the train departs from a stop; value: delay (s)",
+    "arrival": "the train arrives at a stop; value: delay (s)",
+}
+"""Kinds of events, and what the number beside each is."""
+CLOCKS: Final = {
+    "monotonic_ns": ("Monotonic clock", "time since the trial began, on a clock that is never set", "ns"),
+    "utc_ns": ("UTC", "time since 1970-01-01 UTC; of a simulated trial that of the simulated day", "ns"),
+}
+EVENT_COLUMNS: Final = {
+    "onset": ("Onset", "time since the trial began, which is when its series begins", "s"),
+    "duration": ("Duration", "how long the event lasts; 0 for a moment", "s"),
+    "trial_type": ("Kind of event", "what happened", MISSING_TEXT),
+    "value": ("Value", "a number that goes with the event; its kind says which", MISSING_TEXT),
+    "time_s": ("Clock of the trip", "time since the first departure by the timetable", "s"),
+    **CLOCKS,
+}
+SERIES_COLUMNS: Final = {
+    "time_s": ("Clock of the trip", "time since the first departure by the timetable", "s"),
+    **CLOCKS,
+    "s_m": ("Position", "position of the train's head on the route", "m"),
+    "speed_mps": ("Speed", "true speed of the train", "m/s"),
+    "acceleration_mps2": ("Acceleration", "true acceleration of the train", "m/s²"),
+    "limit_mps": ("Speed limit", "limit that the cab shows", "m/s"),
+    "force_el_n": ("Electric force", "wheel force of the motors, braking < 0", "N"),
+    "force_friction_n": ("Friction force", "wheel force of the friction brakes, <= 0", "N"),
+    "energy_input_j": ("Energy", "energy at the current collector since the trial began", "J"),
+    "lever_ratio": ("Controller", "setting of the controller: 1 full traction, −1 all brakes; empty without one", "1"),
+    "shown_mode": ("Mode shown", "mode of the advice on the display; empty where nothing is shown", MISSING_TEXT),
+    "shown_speed_mps": ("Speed shown", "speed on the display; empty where none is shown", "m/s"),
+    "shown_effort_ratio": ("Effort shown", "effort on the display on the controller's scale; empty without one", "1"),
+}
+_FRICTION: Final = {
+    FrictionPolicy.AS_MEASURED: "a share of each braking by friction brakes, as measured on real trains, whatever is "
+    "advised",
+    FrictionPolicy.ELECTRIC_FIRST: "friction brakes only where the motors cannot give what is asked",
+    FrictionPolicy.BY_ADVICE: "as measured, but electric first while the driver follows advice on effort",
+}
+_DRIVERS: Final = {
+    DriverKind.PERFECT: "follows advice exactly and at once",
+    DriverKind.FAST: "drives as fast as is allowed",
+    DriverKind.RMS: "never drives faster than the reduced maximum speed",
+    DriverKind.TIMETABLE: "keeps to the timetable without advice",
+    DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
+}
+_LEVELS: Final = {
+    Level.L0_NOREG: "no losses, and everything that is braked is turned into heat",
+    Level.L0_REG: "no losses",
+    Level.L1: "a constant efficiency",
+    Level.L2: "a constant efficiency and an idle part",
+    Level.L3: "a map of losses over force and speed",
+    Level.OWN: "the losses that the train's file gives",
+}
+_WORDS: Final[Mapping[str, Mapping[str, str]]] = {
+    "loss_level": {str(level): text for level, text in _LEVELS.items()},
+    "friction": {str(level): text for level, text in _FRICTION.items()},
+    "driver": {str(level): text for level, text in _DRIVERS.items()},
+}
+_KINDS: Final = {"monotonic_ns": "int", "utc_ns": "int", "shown_mode": "choice"}
+_LASTING: Final = ("reaction", "lapse")
+"""Events whose value is how long they last (s)."""
+EVENTS, SETTING, SERIES = "events.tsv", "events.json", "series.parquet"
+RECORDING: Final = "recording.mcap"
 
-def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping[int, Mapping[str, Any]]) -> bytes:
-    """The tidy table of the trials that are finished: `measures` by the number of the trial."""
-    names = list(design.plan.measures)
+
+def trial_file(trial: StudyTrial, what: str) -> str:
+    """Path of a file of a trial within the study's folder: `EVENTS`, `SETTING`, `SERIES` or `RECORDING`."""
+    name = f"{trial.participant}_{trial.session_name}_task-{TASK}_run-{trial.position:03d}"
+    return f"{trial.participant}/{trial.session_name}/beh/{name}_{what}"
+
+
+def table_text(columns: Iterable[str], rows: Iterable[Iterable[Any]], between: str = ",", missing: str = "") -> bytes:
+    """A table as text: one head line, then a line for each row; None and NaN are written as missing."""
+
+    def cell(value: Any) -> Any:
+        if value is None or (isinstance(value, float) and math.isnan(value)):
+            return missing
+        return repr(float(value)) if isinstance(value, float) else value  # numpy's floats have another repr
+
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns([factor.name for factor in design.factors], names))
-    for trial in trials:
-        if trial.number in measures:
-            found = measures[trial.number]
-            writer.writerow([*_head(trial), *trial.levels, trial.seed, *(_cell(found[name]) for name in names)])
+    writer = csv.writer(out, delimiter=between, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(map(cell, row) for row in rows)
     return out.getvalue().encode()
 
 
-def _head(trial: StudyTrial) -> list[Any]:
-    place = (trial.number, trial.participant, trial.session_name, trial.position)
-    return [*place, int(trial.practice), trial.condition]
+def tab_separated(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> bytes:
+    """A table as BIDS writes it: tabs, and n/a for what is missing."""
+    return table_text(columns, rows, "\t", MISSING_TEXT)
 
 
-def _cell(value: Any) -> Any:
-    if value is None:
-        return ""
-    return repr(float(value)) if isinstance(value, float) else value  # numpy's floats have another repr
+def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping[int, Mapping[str, Any]]) -> bytes:
+    """The tidy table of the trials that are finished: `measures` by the number of the trial."""
+    head = [*_TRIAL_COLUMNS, *(factor.name for factor in design.factors), "seed", *design.plan.measures]
+    rows = (
+        [
+            *(one.number, one.participant, one.session_name, one.position, int(one.practice), one.condition),
+            *(*one.levels, one.seed, *(measures[one.number][name] for name in design.plan.measures)),
+        ]
+        for one in trials
+        if one.number in measures
+    )
+    return table_text(head, rows)
 
 
 def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes]:
@@ -123,3 +237,145 @@ def _readme(design: Design) -> str:
         f"task-{TASK}_events.json and task-{TASK}_series.json say what their columns are.\n"
         "All participants are simulated drivers. Their clocks are those of the simulated day.\n"
     )
+
+
+def trials_sidecar(design: Design) -> Sidecar:
+    """What the columns of the table of trials mean."""
+    found = {name: _entry(title, text, MISSING_TEXT) for name, (title, text) in _TRIAL_COLUMNS.items()}
+    for factor in design.factors:
+        known = FACTORS[factor.name]
+        levels = ", ".join(level.text for level in factor.levels)
+        within = "within" if factor.within else "between"
+        found[factor.name] = _entry(
+            known.title, f"{known.meaning}; levels {levels}; {within} participants", known.unit or MISSING_TEXT
+        )
+        meant = {level.text: level_words(factor.name, level) for level in factor.levels}
+        if any(meant.values()):
+            found[factor.name]["Levels"] = meant
+    found["seed"] = _entry("Seed", "seed of the day; trials with one seed meet the same day", MISSING_TEXT)
+    for name in design.plan.measures:
+        measure = MEASURES[name]
+        found[name] = _entry(measure.title, f"{measure.formula} ({measure.source})", measure.unit)
+    return found
+
+
+def participants_sidecar(design: Design, parameters: list[str]) -> Sidecar:
+    """What the columns of participants.tsv mean: the group, and each parameter of the driver."""
+    found = {
+        PERSON_ID: _entry("Participant", "who drove", MISSING_TEXT),
+        "population": _entry("Population", "the population that the participant is drawn from", MISSING_TEXT),
+        PERSON_NUMBER: _entry("Person", "number of the participant in the population", MISSING_TEXT),
+    }
+    found |= {
+        factor.name: _entry(FACTORS[factor.name].title, "the one level that the participant meets", MISSING_TEXT)
+        for factor in design.factors
+        if not factor.within
+    }
+    for name in parameters:
+        item = HumanParameters.__dataclass_fields__[name].metadata
+        unit = "1" if item["unit"] == "–" else item["unit"]
+        found[name] = _entry(name, f"{item['meaning']}, before practice and what the scenario says", unit)
+    return found
+
+
+def events_sidecar() -> Sidecar:
+    """What the columns of the files of events mean."""
+    found = {name: _entry(*texts) for name, texts in EVENT_COLUMNS.items()}
+    found["trial_type"]["Levels"] = dict(EVENT_KINDS)
+    return found
+
+
+def series_sidecar() -> Sidecar:
+    """What the columns of the series mean."""
+    return {name: _entry(*texts) for name, texts in SERIES_COLUMNS.items()}
+
+
+def _entry(title: str, text: str, unit: str) -> dict[str, Any]:
+    return {"LongName": title, "Description": text, "Units": unit}
+
+
+def level_words(factor: str, level: FactorLevel) -> str:
+    """What a level means; empty where its name says it. Raises DasError for a scenario that cannot be read."""
+    if factor == "scenario":
+        return day_of(level.value).title
+    if factor == "presentation":
+        return presenter_of(Presentation(level.text)).meaning
+    return _WORDS.get(factor, {}).get(level.text, "")
+
+
+def trial_files(trial: StudyTrial, driven: Driven) -> dict[str, bytes]:
+    """The files of events, setting and series of a trial, by their paths within the study's folder."""
+    setting = setting_sidecar(trial.setting, driven)
+    about = {"participant": trial.participant, "condition": trial.condition, "trial": str(trial.number)}
+    about |= {name: str(entry["Value"]) for name, entry in setting.items()}
+    return {
+        trial_file(trial, SETTING): _json({"Setting": setting}),
+        trial_file(trial, EVENTS): tab_separated(EVENT_COLUMNS, _event_rows(driven)),
+        trial_file(trial, SERIES): as_parquet(_series(driven), about),
+    }
+
+
+def setting_sidecar(setting: Setting, driven: Driven) -> Sidecar:
+    """How a trial was set up: the value of every factor, whether it was varied or not, with unit and meaning."""
+    service = driven.day.service
+    named = {"scenario": service.scenario.id, "train": service.vehicle.id, "loss_level": str(service.level)}
+    values = {**setting.figures(), **named}
+    if values["preview_s"] is None:
+        values["preview_s"] = "all"
+    return {
+        name: {"Value": values[name], "Units": one.unit or MISSING_TEXT, "Description": one.meaning}
+        for name, one in FACTORS.items()
+    }
+
+
+def _event_rows(driven: Driven) -> Iterator[tuple[Any, ...]]:
+    """The rows of the events, in the order of time."""
+    service, began_s = driven.day.service, driven.run.states[0].time_s
+    began_ns = service.moment_ns(began_s)
+    for time_s, what, value in sorted(_events(driven), key=lambda one: one[0]):
+        utc_ns = service.moment_ns(time_s)
+        lasts_s = value if what in _LASTING else 0.0
+        yield (utc_ns - began_ns) * NS, lasts_s, what, value, time_s, utc_ns - began_ns, utc_ns
+
+
+def _events(driven: Driven) -> Iterator[tuple[float, str, float]]:
+    """What happened: the time on the trip's clock (s), its kind and its number."""
+    for event in driven.run.decisions:
+        yield event.time_s, event.what, float(event.value)
+    before: Shown | None = None
+    for state, look in driven.seconds:
+        now = None if look.shown is None else Shown.of(look.shown)
+        if now != before:
+            yield state.time_s, "shown", 0.0 if look.shown is None else float(look.shown.mode)
+        before = now
+    service = driven.day.service
+    for (departed, arrived), table in zip(driven.run.legs, service.timetables, strict=True):
+        yield departed.time_s, "departure", departed.time_s - service.clock_s(table.departure_ns)
+        yield arrived.time_s, "arrival", arrived.time_s - service.clock_s(table.arrival_ns)
+
+
+def _series(driven: Driven) -> DataTable:
+    """One row a second of the trial."""
+    service = driven.day.service
+    began_ns = service.moment_ns(driven.run.states[0].time_s)
+    values: dict[str, list[Any]] = {name: [] for name in SERIES_COLUMNS}
+    for state, look in driven.seconds:
+        utc_ns, view = service.moment_ns(state.time_s), look.shown
+        row = (
+            *(state.time_s, utc_ns - began_ns, utc_ns, state.s_m, state.speed_mps, state.acceleration_mps2),
+            *(look.limit_mps, state.force_el_n, state.force_friction_n, state.input_j, _number(look.lever_ratio)),
+            None if view is None else mode_name(Mode(view.mode)),
+            None if view is None else _number(view.shown_speed_mps),
+            None if view is None else _number(view.lever_ratio),
+        )
+        for column, value in zip(values.values(), row, strict=True):
+            column.append(value)
+    columns = [
+        Column(name=name, kind=_KINDS.get(name, "float"), values=values[name], meaning=text)
+        for name, (_, text, _) in SERIES_COLUMNS.items()
+    ]
+    return DataTable(name="series", columns=columns)
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice, permutations
 from math import factorial
 from typing import Final
@@ -13,7 +12,7 @@ import numpy as np
 
 from das.domain.errors import DasError
 from sim.experiment.design import Chances, ConditionOrder, Days, Design
-from sim.experiment.setting import Setting
+from sim.experiment.driving import StudyTrial
 
 MOST_PERMUTED: Final = 6
 """Most conditions whose permutations are all used: 720 orders."""
@@ -23,50 +22,6 @@ DAY_STREAM: Final = 2
 """Number of the stream of a design's seed from which the seeds of days are drawn."""
 EVERYBODY: Final = 2**32 - 1
 """Stands for the participant where all participants meet the same days."""
-APART: Final = 1_000_000_007
-"""Streams of a participant's chances on two trials are this far apart: further than any number of a participant."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyTrial:
-    """One trial. `person` is the participant's number in the population, `who` that in the study (from 1).
-
-    `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
-    factors' levels in the order of the design. `seed` is that of the day, `chance` tells trials of a participant apart
-    whose chances are not the same, and `trips` is how many trips the participant has made before.
-    """
-
-    number: int
-    who: int
-    person: int
-    session: int
-    position: int
-    practice: bool
-    levels: tuple[str, ...]
-    setting: Setting
-    seed: int
-    chance: int
-    trips: float | None
-
-    @property
-    def stream(self) -> int:
-        """Number of the stream of the participant's chances on the day."""
-        return self.person + 1 + APART * self.chance
-
-    @property
-    def participant(self) -> str:
-        """The participant, as tables name them."""
-        return f"sub-{self.who:02d}"
-
-    @property
-    def session_name(self) -> str:
-        """The session, as tables name it."""
-        return f"ses-{self.session:02d}"
-
-    @property
-    def condition(self) -> str:
-        """The levels of all factors, as tables name the condition."""
-        return "_".join(self.levels)
 
 
 def trials_of(design: Design) -> list[StudyTrial]:

@@ -6,26 +6,57 @@ journal, and perhaps files. Results do not depend on the number of workers, nor 
 
 from __future__ import annotations
 
+import errno
+import hashlib
+import json
+import os
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 from das.cab.warm_up import warm_up
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
-from das.domain.files.writing import write_whole
+from das.domain.files.writing import folder_held, write_whole
+from das.domain.losses import Level
 from precompute.pool import Made
 from precompute.workers import Workers
-from sim.jobs.driving import JobRecording
-from sim.jobs.journal import Journal
+from sim.drivers.cab import Driver
+from sim.drivers.presentations.presenter import presenter_of
 from sim.progress import progress_bar
+from sim.world.day import Day
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
+from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.scenario import Scenario
+from sim.world.service import Service, prepare_service
 
 Rows = Mapping[str, Mapping[str, Any]]
 """The rows of a journal by the hashes of their inputs."""
+
+
+class JobRecording(NamedTuple):
+    """Where a job's drive is recorded, and the command that the recording names, with the hash of the job's inputs."""
+
+    file: Path
+    command: str
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the recording is there, not cut off, and made from the job's inputs."""
+        try:
+            with self.file.open("rb") as file:
+                return any(one.metadata.get("command") == self.command for one in make_reader(file).iter_metadata())
+        except (OSError, ValueError, McapError):
+            return False
 
 
 class RunnerJob(Protocol):
@@ -66,6 +97,77 @@ class JobWords(NamedTuple):
     command: str
     jobs: str
     to_do: str
+
+
+class Journal:
+    """The finished rows in a folder, by the hash of their inputs; use with `with`.
+
+    Only one command may use a folder at a time; `holds` names it in the message of the second one's error.
+
+    Every line carries the hash of its row, so that a row that was cut off or altered is not taken for a result.
+    """
+
+    def __init__(self, folder: Path, *, holds: str = "another batch") -> None:
+        self._holds = holds
+        self.path = folder / "finished.jsonl"
+        self.rows: dict[str, dict[str, Any]] = {}
+
+    def __enter__(self) -> Journal:
+        self._held = folder_held(self.path.parent, f"{self._holds} is at work here")
+        self._held.__enter__()
+        try:
+            self._read()
+            self._file = self.path.open("ab", buffering=0)
+        except OSError as error:
+            raise DasError(f"{self.path}: cannot be read and written ({error.strerror})") from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        self._held.__exit__(None, None, None)
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Write a finished run to the disk at once."""
+        self.rows[row["inputs_sha256"]] = row
+        try:
+            line = _line(row)
+            if self._file.write(line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
+
+    def _read(self) -> None:
+        """Read the rows that are there; lines that are not whole are dropped before the next one is appended."""
+        if not self.path.exists():
+            return
+        lines = self.path.read_bytes().splitlines()
+        for line in lines:
+            row = _row(line)
+            if row is not None:
+                self.rows[row["inputs_sha256"]] = row
+        if len(self.rows) < len(lines) or not self.path.read_bytes().endswith(b"\n"):
+            write_whole(self.path, b"".join(map(_line, self.rows.values())))
+
+
+def _line(row: dict[str, Any]) -> bytes:
+    return json.dumps({"row_sha256": _sha256(row), "row": row}, ensure_ascii=False).encode() + b"\n"
+
+
+def _row(line: bytes) -> dict[str, Any] | None:
+    """The row of a line; None if the line is not as it was written."""
+    try:
+        found = json.loads(line)
+        row: dict[str, Any] = found["row"]
+        return row if found["row_sha256"] == _sha256(row) else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _sha256(row: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,3 +278,38 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+
+
+class ServiceMemory:
+    """Keeps the last few services that a process has solved, because each holds fronts of a hundred megabytes."""
+
+    def __init__(self, most: int = 1) -> None:
+        self._most = most
+        self._kept: list[tuple[Level | None, Service]] = []
+
+    def of(self, scenario: Scenario, level: Level | None) -> Service:
+        """The scenario's service, planned with a level of losses [the vehicle's].
+
+        Raises DasError for anything unusable, InfeasibleError where the train cannot run.
+        """
+        for i, (kept_level, service) in enumerate(self._kept):
+            if kept_level == level and service.plans(scenario):
+                self._kept.append(self._kept.pop(i))
+                return service.on(scenario)
+        solved = prepare_service(scenario, level=level)
+        self._kept = [*self._kept, (level, solved)][-self._most :]
+        return solved.on(scenario)
+
+
+def drive_day(day: Day, driver: Driver, how: How, out: Path | None) -> Run:
+    """Let a driver drive a day in this process, or, where it is recorded in the file `out`, over the bus.
+
+    Raises DasError where the train does not get there, or where the recording lacks messages.
+    """
+    if out is None:
+        link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)
+        return World(day, driver, how.advice, link, how.screen).run()
+    run, traffic = run_over_bus(day, driver, how.advice, make_crew(day, how, out), screen=how.screen)
+    if traffic.lost:
+        raise DasError(f"{out}: {traffic.lost} messages were lost")
+    return run

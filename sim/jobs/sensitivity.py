@@ -14,7 +14,7 @@ from das.domain.losses import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.population import Population, Spread
-from sim.jobs.driving import ServiceMemory, drive_day
+from sim.jobs.runner import ServiceMemory, drive_day
 from sim.world.day import make_day
 from sim.world.outcome import outcome
 from sim.world.over_bus import How
@@ -58,7 +58,7 @@ class SensitivityJob:
 
 @dataclass(frozen=True, kw_only=True)
 class SensitivityRun:
-    """What a run came to: the gap to the optimum of its own times (%), and the energy (kWh)."""
+    """Figures of a run: the gap to the optimum of its own times (%), and the energy (kWh)."""
 
     job: SensitivityJob
     gap_percent: float

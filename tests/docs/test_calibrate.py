@@ -15,10 +15,8 @@ from das.domain.loss_chain import LossChain
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.vehicle import Vehicle
 from docs.studies import calibrate
-from docs.studies import calibration_fit as calibration
 from docs.studies import calibration_targets as paper
-from docs.studies.calibrate import vehicle_toml
-from docs.studies.calibration_fit import IGBT_START, STAGE_1_START, value_of, with_chain, with_values
+from docs.studies.calibrate import IGBT_START, STAGE_1_START, value_of, vehicle_toml, with_chain, with_values
 from docs.studies.cases import GTO_VEHICLE as GTO
 from docs.studies.cases import IGBT_VEHICLE as IGBT
 from tests.support.making import in_a_process, run_here
@@ -41,7 +39,7 @@ def runs(vehicles: dict[str, Vehicle]) -> paper.Runs:
 
 @pytest.fixture(scope="module")
 def figures(chains: dict[str, LossChain], vehicles: dict[str, Vehicle], runs: paper.Runs) -> paper.Figures:
-    return calibration.evaluate(vehicles[GTO], chains[GTO], vehicles[IGBT], runs)
+    return paper.evaluate(vehicles[GTO], chains[GTO], vehicles[IGBT], runs)
 
 
 @pytest.mark.parametrize("target", paper.TARGETS, ids=lambda target: target.name)
@@ -57,7 +55,7 @@ def test_stage_1_from_its_start_gives_the_bundled_parameters_again(
 ) -> None:
     start = with_values(chains[GTO], STAGE_1_START)
     assert any(value_of(start, name) != value_of(chains[GTO], name) for name in STAGE_1_START)
-    solved = calibration.rounded(calibration.solve_stage_1(vehicles[GTO], start), STAGE_1_START)
+    solved = calibrate.rounded(calibrate.solve_stage_1(vehicles[GTO], start), STAGE_1_START)
     for name in STAGE_1_START:
         assert value_of(solved, name) == pytest.approx(value_of(chains[GTO], name), rel=2e-4), name
 
@@ -66,7 +64,7 @@ def test_the_igbt_converter_from_its_start_gives_the_bundled_parameters_again(
     chains: dict[str, LossChain], vehicles: dict[str, Vehicle], runs: paper.Runs
 ) -> None:
     start = with_values(chains[IGBT], IGBT_START)
-    solved = calibration.solve_igbt(vehicles[IGBT], start, vehicles[GTO], runs)
+    solved = calibrate.solve_igbt(vehicles[IGBT], start, vehicles[GTO], runs)
     # The fit follows energies that the solver knows to some 1e-4: another decision grid moved a parameter by 2e-3.
     for name in IGBT_START:
         assert value_of(solved, name) == pytest.approx(value_of(chains[IGBT], name), rel=3e-3), name
@@ -74,7 +72,7 @@ def test_the_igbt_converter_from_its_start_gives_the_bundled_parameters_again(
 
 def test_the_refit_changes_the_converter_and_the_brake_only(chains: dict[str, LossChain]) -> None:
     gto, igbt = chains[GTO], chains[IGBT]
-    assert calibration.refitted(gto, igbt) == igbt
+    assert calibrate.refitted(gto, igbt) == igbt
     assert gto.converter != igbt.converter
 
 
@@ -93,29 +91,29 @@ def test_stage_1_says_when_nothing_meets_the_targets(
 ) -> None:
     hopeless = with_values(chains[GTO], {"gear.mesh_ratio": 0.5})
     with pytest.raises(DasError, match=r"^calibration: no auxiliaries\.base_w, .* >= 0 meet the static targets"):
-        calibration.solve_stage_1(vehicles[GTO], hopeless)
+        calibrate.solve_stage_1(vehicles[GTO], hopeless)
 
 
 def test_the_cost_of_stage_2_is_small_for_the_bundled_chain_and_large_for_a_linear_map(
     vehicles: dict[str, Vehicle], runs: paper.Runs
 ) -> None:
     gto = vehicles[GTO]
-    bundled = calibration.stage_2_cost(gto, runs)
+    bundled = paper.stage_2_cost(gto, runs)
     flat = with_values(
         read_loss_chain(locate_vehicle(GTO)),
         {"transformer.copper_w": 0.0, "motors.copper_w": 0.0, "auxiliaries.fan_w": 0.0, "converter.line_ratio": 0.09},
     )
     assert bundled < 0.5
-    assert calibration.stage_2_cost(with_chain(gto, flat), runs) > 10 * max(bundled, 0.1)
+    assert paper.stage_2_cost(with_chain(gto, flat), runs) > 10 * max(bundled, 0.1)
 
 
 def test_the_file_with_the_bundled_parameters_is_the_bundled_file(chains: dict[str, LossChain]) -> None:
-    for name in calibration.CALIBRATED:
+    for name in calibrate.CALIBRATED:
         assert vehicle_toml(name, chains[name]) == locate_vehicle(name).read_text(encoding="utf-8")
 
 
 def test_changed_parameters_are_written_and_read_again(tmp_path: Path, chains: dict[str, LossChain]) -> None:
-    parameters = calibration.CALIBRATED[GTO]
+    parameters = calibrate.CALIBRATED[GTO]
     changed = with_values(chains[GTO], {name: 1.25 * value_of(chains[GTO], name) for name in parameters})
     path = tmp_path / "t.toml"
     path.write_text(vehicle_toml(GTO, changed), encoding="utf-8")

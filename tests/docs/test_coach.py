@@ -27,44 +27,24 @@ from docs.studies.coach import (
 )
 from docs.studies.coach_days import draw_day, shown_seconds
 from docs.studies.driving import KEEPING, WatchedRun, watched_run
-from docs.studies.pages import write_table
+from docs.studies.output import write_table
 from sim.drivers.cab import Presentation
+from sim.experiment.factors import study_days
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service
 
-SCENARIO = """
-schema_version = 1
-
-[scenario]
-id = "six"
-title = "Six kilometres"
-description = "A clear day on six kilometres."
-route = "flat-6km"
-vehicle = "re460-ic"
-
-[timetable]
-departure = "2026-11-21T08:04:00Z"
-buffer_percent = 10
-dwell_s = 60
-"""
+SCENARIO = str(study_days()["flat-6km"])
 
 
 @pytest.fixture(scope="module")
-def scenario(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A short scenario's file."""
-    path = tmp_path_factory.mktemp("scenario") / "six.toml"
-    path.write_text(SCENARIO, encoding="utf-8")
-    return str(path)
-
-
-def service_of(scenario: str) -> Service:
-    return prepare_service(load_scenario(scenario))
+def service() -> Service:
+    return prepare_service(load_scenario(SCENARIO))
 
 
 @pytest.fixture(scope="module")
-def coached(scenario: str) -> WatchedRun:
+def coached(service: Service) -> WatchedRun:
     """A run of a driver who is led by the coach."""
-    return watched_run(service_of(scenario), 1, Presentation.COACH, human=LoopDriver(2.0, 5.0).human)
+    return watched_run(service, 1, Presentation.COACH, human=LoopDriver(2.0, 5.0).human)
 
 
 def test_every_driver_of_the_grid_can_be() -> None:
@@ -93,8 +73,8 @@ def test_the_driver_is_measured_against_the_reference(coached: WatchedRun) -> No
     assert sum(found.causes.values()) == found.replans == len(coached.replans)
 
 
-def test_the_tables_have_a_row_a_driver(scenario: str) -> None:
-    services = [service_of(scenario)]
+def test_the_tables_have_a_row_a_driver(service: Service) -> None:
+    services = [service]
     for lines in (
         list(driver_table(services, [1], DRIVERS[-2:])),
         list(keeping_table(services, [1], {"a": KEEPING, "b": WITHOUT_DEAD_ZONE})),
@@ -104,8 +84,8 @@ def test_the_tables_have_a_row_a_driver(scenario: str) -> None:
 
 
 @pytest.mark.parametrize("presentation", [Presentation.VECTOR, Presentation.COACH])
-def test_the_pictures_show_what_the_driver_saw(scenario: str, presentation: Presentation) -> None:
-    one = watched_run(service_of(scenario), 1, presentation)
+def test_the_pictures_show_what_the_driver_saw(service: Service, presentation: Presentation) -> None:
+    one = watched_run(service, 1, presentation)
     seconds = shown_seconds(one, presentation)
     assert len(seconds) == sum(state.speed_mps > 0 for state in one.run.states)
     assert [x.at_km for x in seconds] == sorted(x.at_km for x in seconds)
@@ -115,15 +95,15 @@ def test_the_pictures_show_what_the_driver_saw(scenario: str, presentation: Pres
 
 
 @pytest.mark.slow
-def test_a_picture_is_small(scenario: str, tmp_path: Path) -> None:
+def test_a_picture_is_small(tmp_path: Path) -> None:
     path = tmp_path / "day.png"
-    draw_day(path, scenario)
+    draw_day(path, SCENARIO)
     assert path.read_bytes().startswith(b"\x89PNG")
     assert path.stat().st_size < 150_000
 
 
-def test_import_sim_shows_the_coach(scenario: str) -> None:
-    found = sim.run_day(scenario, 1, driver="perfect", advice="coach").outcome
+def test_import_sim_shows_the_coach() -> None:
+    found = sim.run_day(SCENARIO, 1, driver="perfect", advice="coach").outcome
     assert found["advice_changes_per_min"] is not None
     assert 0.0 < found["advice_changes_per_min"] < 6.0
 

@@ -14,8 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.experiment.analysis.plan import PlannedDifference, StudyPlan, VariedFactor
-from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy
+from sim.experiment.analysis.checks import AssumptionCheck, checks_of
+from sim.experiment.analysis.comparing import generator
+from sim.experiment.analysis.differences import compared_trials, paired_estimate, paired_trials
+from sim.experiment.analysis.reading import FinishedTrials, Floats, MeaningOfColumn, RunStudy, ShownMeasure
+from sim.experiment.plan import PlannedComparison, StudyPlan, VariedFactor
 
 MEASURE = "gap_to_optimum_ratio"
 LEVELS = ("none", "top-speed", "vector")
@@ -45,7 +48,7 @@ def drawn(rng: np.random.Generator, shape: tuple[int, ...], skewed: bool) -> Flo
     return rng.gamma(3.0, size=shape) / np.sqrt(3.0) - np.sqrt(3.0) if skewed else rng.normal(size=shape)
 
 
-def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedDifference, ...] = ()) -> RunStudy:
+def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedComparison, ...] = ()) -> RunStudy:
     """A study in memory: each driver drives every level on each of his days, in an order of his own."""
     rng = np.random.default_rng(seed)
     n, k, levels = truth.drivers, truth.days, len(truth.means)
@@ -109,10 +112,35 @@ def after_last(order: Any, levels: int) -> Floats:
     return result.reshape(n, -1, levels)
 
 
-def compared(a: str, b: str, **settings: Any) -> PlannedDifference:
+def compared(a: str, b: str, **settings: Any) -> PlannedComparison:
     """A planned comparison of two presentations."""
     given = {"name": f"{a} against {b}", "measure": MEASURE, "factor": "presentation", **settings}
-    return PlannedDifference(a=a, b=b, **given)
+    return PlannedComparison(a=a, b=b, **given)
+
+
+VECTOR = compared("vector", "none")
+APART = compared("top-speed", "none")
+SAME = Truth(means=(0.25, 0.25), noise=(0.01, 0.02), effect_sd=0.0)
+STUDIES = 200
+RESAMPLES = 999
+
+
+def probability(study: RunStudy, a: str, b: str) -> float:
+    """What the analysis says on one comparison of a study."""
+    pairs = paired_trials(study, compared(a, b))
+    rng = generator(study, "made-up")
+    return paired_estimate(pairs.means, RESAMPLES, rng).probability
+
+
+def positive(truth: Truth, a: str, b: str, studies: int = STUDIES) -> float:
+    """The share of made-up studies in which a difference stands out from chance."""
+    return float(np.mean([probability(made_up_study(truth, seed), a, b) < 0.05 for seed in range(studies)]))
+
+
+def checked(study: RunStudy, comparison: PlannedComparison) -> list[AssumptionCheck]:
+    """The checks of a comparison of a made-up study."""
+    shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
+    return checks_of(study, comparison, compared_trials(study, comparison), shown)
 
 
 def design_of(study: RunStudy) -> dict[str, Any]:

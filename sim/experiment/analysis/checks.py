@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from sim.experiment.analysis.pairs import PairedTrials
-from sim.experiment.analysis.plan import PlannedDifference
-from sim.experiment.analysis.reading import Floats, Ints, RunStudy, Texts
-from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
+from sim.experiment.analysis.differences import ComparedTrials, PairedTrials, TwoGroups
+from sim.experiment.analysis.reading import SAME, Floats, Ints, RunStudy, ShownMeasure, Texts, probability
+from sim.experiment.plan import PlannedComparison
 
 SURE: Final = 0.01
 """An assumption counts as broken where chance alone would show as much less often than this."""
@@ -19,6 +19,7 @@ LEAST: Final = 5
 """Fewest participants for a check by a test."""
 EVEN_NOISE: Final = 2.0
 """Conditions whose standard deviations differ by more than this factor have no common noise."""
+UNTOLD: Final = "cannot be told"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,54 +37,78 @@ class AssumptionCheck:
 
 
 def checks_of(
-    study: RunStudy, comparison: PlannedDifference, pairs: PairedTrials, shown: ShownMeasure
+    study: RunStudy, comparison: PlannedComparison, trials: ComparedTrials, shown: ShownMeasure
 ) -> list[AssumptionCheck]:
-    """Every check of a comparison between conditions that each participant drove."""
-    means = pairs.by_participant(pairs.differences)
+    """Every check of a comparison."""
+    if isinstance(trials, TwoGroups):
+        rows = np.flatnonzero(study.chosen(comparison))
+        return [
+            _balance(study, comparison, rows),
+            *_people(study, trials),
+            _shape("The drivers of each group are spread like a bell curve", (trials.a, trials.b)),
+            _single_driver_of_groups(trials, shown),
+            _spread(trials, comparison),
+            _drift(study, comparison, shown),
+            _same_days(study, comparison, rows),
+        ]
     return [
-        _shape(means),
-        _single_driver(means, pairs.participants, shown),
-        _noise(pairs, comparison),
-        _order(pairs, comparison, shown),
-        *_along_the_session(study, comparison, shown),
-        _days(pairs, shown),
+        _shape("The drivers' differences are spread like a bell curve", (trials.means,)),
+        _single_driver(trials.participants, float(trials.means.mean()), _without_each(trials.means), shown),
+        _noise(trials, comparison),
+        _order(trials, comparison, shown),
+        _drift(study, comparison, shown),
+        _carry_over(study, comparison, shown),
+        _days(trials, shown),
     ]
 
 
-def _shape(means: Floats) -> AssumptionCheck:
+def _few_or_alike(groups: Sequence[Floats]) -> bool:
+    """Whether a group has too few drivers for a test, or drivers who do not differ."""
+    return min(len(one) for one in groups) < LEAST or min(float(np.ptp(one)) for one in groups) == 0
+
+
+def _shape(name: str, groups: Sequence[Floats]) -> AssumptionCheck:
     from scipy import stats
 
-    name = "The drivers' differences are spread like a bell curve"
     follows = "The first interval does not need it; Student's t and the mixed model do."
-    if len(means) < LEAST or float(np.ptp(means)) == 0:
-        return AssumptionCheck(name=name, found="cannot be told", holds=None, follows=follows)
-    chance = float(stats.shapiro(means).pvalue)
-    skew = float(stats.skew(means))
-    found = f"skewness {skew:+.1f}, p {probability(chance)} (Shapiro–Wilk)".replace("-", "−")
-    return AssumptionCheck(name=name, found=found, holds=chance >= SURE, follows=follows, needed=False)
+    if _few_or_alike(groups):
+        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
+    chances = [float(stats.shapiro(one).pvalue) for one in groups]
+    skews = " and ".join(f"{float(stats.skew(one)):+.1f}".replace("-", "−") for one in groups)
+    found = f"skewness {skews}, p {' and '.join(probability(one) for one in chances)} (Shapiro–Wilk)"
+    return AssumptionCheck(name=name, found=found, holds=min(chances) >= SURE, follows=follows, needed=False)
 
 
-def _single_driver(means: Floats, names: tuple[str, ...], shown: ShownMeasure) -> AssumptionCheck:
+def _without_each(values: Floats) -> Floats:
+    """The mean without each value in turn; NaN for a single one."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((values.sum() - values) / (len(values) - 1))
+
+
+def _single_driver_of_groups(groups: TwoGroups, shown: ShownMeasure) -> AssumptionCheck:
+    mean_a, mean_b = groups.a.mean(), groups.b.mean()
+    without = np.concatenate([_without_each(groups.a) - mean_b, mean_a - _without_each(groups.b)])
+    few = min(len(groups.a), len(groups.b)) < 3
+    names = () if few else (*groups.a_names, *groups.b_names)
+    return _single_driver(names, float(mean_a - mean_b), without, shown)
+
+
+def _single_driver(names: Sequence[str], mean: float, without: Floats, shown: ShownMeasure) -> AssumptionCheck:
+    """Whether the difference has the same sign without any one driver; `without` has it without each of them."""
     name = "No single driver makes the result"
-    count = len(means)
-    if count < 3:
-        return AssumptionCheck(name=name, found="cannot be told", holds=None, follows="Too few drivers.")
-    without = (means.sum() - means) / (count - 1)
-    far = int(np.argmax(np.abs(without - means.mean())))
-    changes = np.sign(without[far]) != np.sign(means.mean())
-    found = (
-        f"{names[far]} moves the mean the most; without him it is {shown.difference(float(without[far]))} "
-        f"{shown.difference_unit}"
-    )
+    if len(names) < 3:
+        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows="Too few drivers.")
+    far = int(np.argmax(np.abs(without - mean)))
     return AssumptionCheck(
         name=name,
-        found=found,
-        holds=not changes,
+        found=f"{names[far]} moves the mean the most; without him it is {shown.difference(float(without[far]))} "
+        f"{shown.difference_unit}",
+        holds=bool(np.sign(without[far]) == np.sign(mean)),
         follows="If it does not hold, look at that driver's trials before the result is used.",
     )
 
 
-def _noise(pairs: PairedTrials, comparison: PlannedDifference) -> AssumptionCheck:
+def _noise(pairs: PairedTrials, comparison: PlannedComparison) -> AssumptionCheck:
     """Noise is what remains in a condition when drivers and what the other factors do are taken out."""
     name = "Both conditions scatter alike from trial to trial"
     follows = "Paired differences do not need it. The mixed model has a noise for each condition."
@@ -94,14 +119,14 @@ def _noise(pairs: PairedTrials, comparison: PlannedDifference) -> AssumptionChec
         rest = rest - pairs.by_participant(rest)[pairs.owner]
         spreads.append(float(np.sqrt((rest**2).sum() / max(len(rest) - len(pairs.participants) - taken, 1))))
     if len(pairs.owner) < 2 * len(pairs.participants) or min(spreads) == 0:
-        return AssumptionCheck(name=name, found="cannot be told", holds=None, follows=follows)
+        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
     factor = max(spreads) / min(spreads)
     louder, quieter = (comparison.a, comparison.b) if spreads[0] > spreads[1] else (comparison.b, comparison.a)
     found = f"{louder} scatters {factor:.1f} times as much as {quieter}"
     return AssumptionCheck(name=name, found=found, holds=factor <= EVEN_NOISE, follows=follows, needed=False)
 
 
-def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasure) -> AssumptionCheck:
+def _order(pairs: PairedTrials, comparison: PlannedComparison, shown: ShownMeasure) -> AssumptionCheck:
     name = "It does not matter which condition came first"
     what = f"the difference “{comparison.a}” minus “{comparison.b}”, where “{comparison.a}” came first, is"
     tail = " than where it came second"
@@ -115,45 +140,37 @@ def _order(pairs: PairedTrials, comparison: PlannedDifference, shown: ShownMeasu
             means.append(sums / np.bincount(pairs.owner[mine], minlength=count))
     both = np.isfinite(means[0]) & np.isfinite(means[1])
     if both.sum() >= LEAST:
-        return _against_chance(
-            name,
-            follows,
-            means[0][both] - means[1][both],
-            shown,
-            (what, tail),
-        )
+        return _against_chance(name, follows, means[0][both] - means[1][both], shown, (what, tail))
     only = [one[np.isfinite(one)] for one in means]
     if min(len(one) for one in only) < LEAST:
-        return AssumptionCheck(name=name, found="cannot be told", holds=None, follows=follows)
+        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
     from scipy import stats
 
     chance = float(stats.ttest_ind(*only, equal_var=False).pvalue)
-    found = f"{what} {compared_words(shown, float(only[0].mean() - only[1].mean()), tail)}"
+    found = f"{what} {_compared_words(shown, float(only[0].mean() - only[1].mean()), tail)}"
     return AssumptionCheck(
         name=name, found=f"{found}, p {probability(chance)}", holds=not chance < SURE, follows=follows
     )
 
 
-def _along_the_session(study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure) -> list[AssumptionCheck]:
-    """Whether values drift from trial to trial, and whether a trial depends on the condition of the one before it."""
+def _carry_over(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) -> AssumptionCheck:
+    """Whether a trial depends on the condition of the one before it."""
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     driver, position = trials.participant[rows], trials.position[rows]
     rest = _unexplained(study, comparison, rows)
     carried = [
         _carried(study, comparison, str(one), position[driver == one], rest[driver == one]) for one in np.unique(driver)
     ]
-    found = np.array([one for one in carried if math.isfinite(one)])
-    return [
-        drift(study, comparison, shown),
-        _against_chance(
-            "A trial does not depend on the condition of the trial before",
-            "If it does, a break or another trial must lie between conditions.",
-            found, shown, (f"after “{comparison.a}”, the measure is", f" than after “{comparison.b}”"),
-        ),
-    ]  # fmt: skip
+    return _against_chance(
+        "A trial does not depend on the condition of the trial before",
+        "If it does, a break or another trial must lie between conditions.",
+        np.array([one for one in carried if math.isfinite(one)]),
+        shown,
+        (f"after “{comparison.a}”, the measure is", f" than after “{comparison.b}”"),
+    )
 
 
-def drift(study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure) -> AssumptionCheck:
+def _drift(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) -> AssumptionCheck:
     """Whether values drift from trial to trial of a driver."""
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     driver, position = trials.participant[rows], trials.position[rows].astype(np.float64)
@@ -169,7 +186,7 @@ def drift(study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure) -
     )  # fmt: skip
 
 
-def _unexplained(study: RunStudy, comparison: PlannedDifference, rows: Ints) -> Floats:
+def _unexplained(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> Floats:
     """What remains of each value without the mean of its conditions and of its driver, (trials,)."""
     trials = study.trials
     rest = trials.values[comparison.measure][rows].copy()
@@ -184,7 +201,7 @@ def _means(values: Floats, names: Texts) -> Floats:
     return np.asarray((np.bincount(index, weights=values) / np.bincount(index))[index])
 
 
-def _carried(study: RunStudy, comparison: PlannedDifference, driver: str, position: Ints, rest: Floats) -> float:
+def _carried(study: RunStudy, comparison: PlannedComparison, driver: str, position: Ints, rest: Floats) -> float:
     """What remains after trials at level a, less after trials at level b, of one driver; NaN where he lacks one."""
     trials = study.trials
     mine = trials.participant == driver
@@ -219,7 +236,7 @@ def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
     return AssumptionCheck(name=name, found=found, holds=holds, follows=follows)
 
 
-def compared_words(shown: ShownMeasure, difference: float, tail: str) -> str:
+def _compared_words(shown: ShownMeasure, difference: float, tail: str) -> str:
     """A difference in words with what it is compared with: `2.1 points lower than …`, or `the same as …`."""
     changed = shown.changed(difference)
     return changed + (tail.replace(" than ", " as ", 1) if changed == SAME else tail)
@@ -235,13 +252,101 @@ def _against_chance(
     from scipy import stats
 
     if len(values) < LEAST:
-        return AssumptionCheck(name=name, found="cannot be told", holds=None, follows=follows)
+        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
     if float(np.ptp(values)) == 0:
         return AssumptionCheck(name=name, found="no driver differs", holds=bool(values[0] == 0), follows=follows)
     chance = float(stats.ttest_1samp(values, 0.0).pvalue)
     return AssumptionCheck(
         name=name,
-        found=f"{what[0]} {compared_words(shown, float(values.mean()), what[1])}, p {probability(chance)}",
+        found=f"{what[0]} {_compared_words(shown, float(values.mean()), what[1])}, p {probability(chance)}",
         holds=chance >= SURE,
         follows=follows,
+    )
+
+
+def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> AssumptionCheck:
+    """Whether the groups are of one size and drove the same conditions equally often, at the same places."""
+    trials, others = study.trials, [one.name for one in study.plan.factors if one.name != comparison.factor]
+    sizes, shares, places = [], [], []
+    cells = np.array([" ".join(str(trials.levels[name][row]) for name in others) for row in rows], dtype=np.str_)
+    for level in (comparison.a, comparison.b):
+        mine = trials.levels[comparison.factor][rows] == level
+        sizes.append(len(np.unique(trials.participant[rows][mine])))
+        shares.append({str(cell): float(np.mean(cells[mine] == cell)) for cell in np.unique(cells)})
+        places.append(float(trials.position[rows][mine].mean()))
+    uneven = max(abs(shares[0][cell] - shares[1][cell]) for cell in shares[0])
+    said = f"{sizes[0]} and {sizes[1]} drivers; mean place in the order {places[0]:.1f} and {places[1]:.1f}"
+    if others:
+        said += f"; shares of the other conditions differ by at most {100 * uneven:.0f} %"
+    return AssumptionCheck(
+        name="The groups are of one size and drove the same conditions",
+        found=said,
+        holds=bool(max(sizes) <= 1.25 * min(sizes) and uneven <= 0.05),
+        follows="If they did not, the difference holds what the groups drove beside the factor.",
+    )
+
+
+def _people(study: RunStudy, groups: TwoGroups) -> Iterator[AssumptionCheck]:
+    """Whether the groups differ in who they are by more than a draw does (Welch, Bonferroni); nothing without data."""
+    from scipy import stats
+
+    if not study.people or min(len(groups.a), len(groups.b)) < LEAST:
+        return
+    names = list(next(iter(study.people.values())))
+    chances, sizes = [], []
+    for name in names:
+        a, b = (
+            np.array([study.people[one][name] for one in some if one in study.people])
+            for some in (groups.a_names, groups.b_names)
+        )
+        spread = float(np.sqrt(0.5 * (a.var(ddof=1) + b.var(ddof=1))))
+        sizes.append(abs(float(a.mean() - b.mean())) / spread if spread > 0 else 0.0)
+        chances.append(float(stats.ttest_ind(a, b, equal_var=False).pvalue) if spread > 0 else 1.0)
+    far = int(np.argmin(chances))
+    yield AssumptionCheck(
+        name="The groups are alike in who they are",
+        found=f"they differ most in {names[far]}, by {sizes[far]:.1f} standard deviations, p "
+        f"{probability(min(1.0, chances[far] * len(names)))} (corrected for {len(names)} parameters of the drivers)",
+        holds=chances[far] * len(names) >= SURE,
+        follows="Groups that are drawn differ by chance, and the interval has that in it. Pairs would not have it.",
+    )
+
+
+def _spread(groups: TwoGroups, comparison: PlannedComparison) -> AssumptionCheck:
+    """Brown and Forsythe's test: Levene's with medians."""
+    from scipy import stats
+
+    name = "Drivers differ as much in one group as in the other"
+    follows = "The intervals (resampled, and Welch's) do not need it; the mixed model does."
+    both = (groups.a, groups.b)
+    if _few_or_alike(both):
+        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
+    factor = float(groups.a.std(ddof=1) / groups.b.std(ddof=1))
+    wide, narrow = (comparison.a, comparison.b) if factor >= 1 else (comparison.b, comparison.a)
+    chance = float(stats.levene(*both, center="median").pvalue)
+    return AssumptionCheck(
+        name=name,
+        found=f"the standard deviation with {wide} is {max(factor, 1 / factor):.1f} times that with {narrow}, "
+        f"p {probability(chance)} (Brown–Forsythe)",
+        holds=chance >= SURE,
+        follows=follows,
+        needed=False,
+    )
+
+
+def _same_days(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> AssumptionCheck:
+    """Whether the groups met the same days; if not, luck with days is part of the noise."""
+    trials = study.trials
+    met = [set(trials.day[rows][trials.levels[comparison.factor][rows] == one]) for one in (comparison.a, comparison.b)]
+    common, whole = met[0] & met[1], met[0] | met[1]
+    name = "The groups met the same days"
+    if not common:
+        found = f"{len(met[0])} and {len(met[1])} days, none in common"
+        follows = 'Luck with days is part of the noise. Common days (days = "common") would take it out.'
+        return AssumptionCheck(name=name, found=found, holds=None, follows=follows)
+    follows = "The interval covers other such drivers, on these days."
+    if len(common) < LEAST:
+        follows += " With few days it is too narrow for others."
+    return AssumptionCheck(
+        name=name, found=f"{len(common)} of {len(whole)} days in common", holds=common == whole, follows=follows
     )

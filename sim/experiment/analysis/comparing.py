@@ -13,16 +13,20 @@ import numpy as np
 
 from das.domain.errors import DasError
 from sim.experiment.analysis.checks import AssumptionCheck, checks_of
-from sim.experiment.analysis.estimates import DifferenceEstimate, corrected, group_estimate, paired_estimate
-from sim.experiment.analysis.group_checks import group_checks_of
+from sim.experiment.analysis.differences import (
+    ComparedTrials,
+    DifferenceEstimate,
+    PairedTrials,
+    TwoGroups,
+    compared_trials,
+    corrected,
+    estimate_of,
+)
 from sim.experiment.analysis.mixed_model import MixedFit, fit_mixed_model
-from sim.experiment.analysis.pairs import PairedTrials, TwoGroups, is_paired, paired_trials, two_groups
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.power import normal_participants
-from sim.experiment.analysis.reading import Bools, Floats, RunStudy
-from sim.experiment.analysis.resampling import RESAMPLES
-from sim.experiment.analysis.shown import ShownMeasure
-from sim.experiment.analysis.spread import DriverSpread, sd_interval, spread_of
+from sim.experiment.analysis.reading import Bools, Floats, RunStudy, ShownMeasure
+from sim.experiment.analysis.resampling import RESAMPLES, DriverSpread, sd_interval, spread_of
+from sim.experiment.plan import PlannedComparison
 
 WANTED_POWER: Final = 0.8
 ASKED_POINTS: Final = (0.005, 0.01, 0.02)
@@ -61,17 +65,32 @@ class DifferencePart:
 class FoundDifference:
     """All that was found on a planned comparison. `model_missing` says why there is no model, where there is none."""
 
-    comparison: PlannedDifference
+    comparison: PlannedComparison
     shown: ShownMeasure
     estimate: DifferenceEstimate
     corrected: float
-    pairs: PairedTrials | None
-    groups: TwoGroups | None
+    trials: ComparedTrials
     model: MixedFit | None
     model_missing: str
     checks: tuple[AssumptionCheck, ...]
     needed: tuple[NeededParticipants, ...]
-    parts: tuple[DifferencePart, ...] = ()
+    parts: tuple[DifferencePart, ...]
+
+    @property
+    def pairs(self) -> PairedTrials | None:
+        """The pairs; None where two groups were compared."""
+        return self.trials if isinstance(self.trials, PairedTrials) else None
+
+    @property
+    def groups(self) -> TwoGroups | None:
+        """The two groups; None where every participant drove both conditions."""
+        return self.trials if isinstance(self.trials, TwoGroups) else None
+
+    @property
+    def title(self) -> str:
+        """The name of the comparison; the measure and the contrast where the design gave it no name of its own."""
+        short = self.comparison.title
+        return short if short == self.comparison.name else f"{self.shown.name}: {short}"
 
     @property
     def broken(self) -> list[AssumptionCheck]:
@@ -145,7 +164,9 @@ def analyse_study(
     return StudyFindings(
         study=study,
         measures=measures,
-        differences=tuple(_with(one, float(value)) for one, value in zip(found, after[: len(found)], strict=True)),
+        differences=tuple(
+            replace(one, corrected=float(value)) for one, value in zip(found, after[: len(found)], strict=True)
+        ),
         failed=tuple(failed),
         conditions=tuple(_conditions(study)),
     )
@@ -156,30 +177,24 @@ def generator(study: RunStudy, what: str) -> np.random.Generator:
     return np.random.default_rng([study.plan.seed % 2**32, zlib.crc32(what.encode())])
 
 
-def _with(found: FoundDifference, chance: float) -> FoundDifference:
-    return replace(found, corrected=chance)
-
-
 def _difference(
-    study: RunStudy, comparison: PlannedDifference, shown: ShownMeasure, effects: tuple[float, ...], resamples: int
+    study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure, effects: tuple[float, ...], resamples: int
 ) -> FoundDifference:
     rng = generator(study, comparison.name)
-    if not is_paired(study, comparison):
-        return _group_difference(study, comparison, shown, effects, (resamples, rng))
-    pairs = paired_trials(study, comparison)
-    means = pairs.by_participant(pairs.differences)
-    estimate = paired_estimate(means, resamples, rng)
-    model, missing = _model(study, comparison)
-    asked = [(one / shown.factor, ASKED) for one in effects]
-    return FoundDifference(
-        comparison=comparison, shown=shown, estimate=estimate, corrected=math.nan, pairs=pairs, groups=None,
-        model=model, model_missing=missing, checks=tuple(checks_of(study, comparison, pairs, shown)),
-        needed=tuple(_needed(estimate, asked, shown, study.plan.alpha, sd_interval(means, rng), groups=False)),
-        parts=tuple(_parts(study, comparison, resamples)),
+    trials = compared_trials(study, comparison)
+    found = FoundDifference(
+        comparison=comparison, shown=shown, estimate=estimate_of(trials, resamples, rng), corrected=math.nan,
+        trials=trials, model=None, model_missing="", checks=tuple(checks_of(study, comparison, trials, shown)),
+        needed=(), parts=tuple(_parts(study, comparison, resamples)),
     )  # fmt: skip
+    needed = tuple(_needed(found, effects, study.plan.alpha, sd_interval(trials.spread, rng)))
+    try:
+        return replace(found, needed=needed, model=fit_mixed_model(study, comparison))
+    except DasError as error:
+        return replace(found, needed=needed, model_missing=str(error))
 
 
-def _parts(study: RunStudy, comparison: PlannedDifference, resamples: int) -> Iterator[DifferencePart]:
+def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> Iterator[DifferencePart]:
     """The difference at each level of the other factors that the comparison leaves open; where it can be made."""
     for factor in study.plan.factors:
         if factor.name == comparison.factor or factor.name in comparison.where:
@@ -188,85 +203,36 @@ def _parts(study: RunStudy, comparison: PlannedDifference, resamples: int) -> It
             part = replace(comparison, where={**comparison.where, factor.name: level})
             rng = generator(study, f"{comparison.name} {factor.name} {level}")
             with contextlib.suppress(DasError):
-                yield DifferencePart(
-                    factor=factor.name,
-                    level=level,
-                    estimate=_estimate(study, part, min(resamples, PART_RESAMPLES), rng),
-                )
-
-
-def _estimate(
-    study: RunStudy, comparison: PlannedDifference, resamples: int, rng: np.random.Generator
-) -> DifferenceEstimate:
-    if is_paired(study, comparison):
-        pairs = paired_trials(study, comparison)
-        return paired_estimate(pairs.by_participant(pairs.differences), resamples, rng)
-    groups = two_groups(study, comparison)
-    return group_estimate(groups.a, groups.b, resamples, rng)
-
-
-def _group_difference(
-    study: RunStudy,
-    comparison: PlannedDifference,
-    shown: ShownMeasure,
-    effects: tuple[float, ...],
-    by: tuple[int, np.random.Generator],
-) -> FoundDifference:
-    """A comparison of two groups of participants, each of whom drove one of the conditions."""
-    groups, (resamples, rng) = two_groups(study, comparison), by
-    estimate = group_estimate(groups.a, groups.b, resamples, rng)
-    model, missing = _model(study, comparison)
-    asked = [(one / shown.factor, ASKED) for one in effects]
-    about = np.concatenate([groups.a - groups.a.mean(), groups.b - groups.b.mean()])
-    return FoundDifference(
-        comparison=comparison, shown=shown, estimate=estimate, corrected=math.nan, pairs=None, groups=groups,
-        model=model, model_missing=missing, checks=tuple(group_checks_of(study, comparison, groups, shown)),
-        needed=tuple(_needed(estimate, asked, shown, study.plan.alpha, sd_interval(about, rng), groups=True)),
-        parts=tuple(_parts(study, comparison, resamples)),
-    )  # fmt: skip
-
-
-def _model(study: RunStudy, comparison: PlannedDifference) -> tuple[MixedFit | None, str]:
-    """The mixed model, and why there is none."""
-    try:
-        return fit_mixed_model(study, comparison), ""
-    except DasError as error:
-        return None, str(error)
+                estimate = estimate_of(compared_trials(study, part), min(resamples, PART_RESAMPLES), rng)
+                yield DifferencePart(factor=factor.name, level=level, estimate=estimate)
 
 
 def _needed(
-    estimate: DifferenceEstimate,
-    asked: list[tuple[float, str]],
-    shown: ShownMeasure,
-    alpha: float,
-    spread: tuple[float, float],
-    *,
-    groups: bool,
-) -> list[NeededParticipants]:
+    found: FoundDifference, asked: tuple[float, ...], alpha: float, spread: tuple[float, float]
+) -> Iterator[NeededParticipants]:
     """How many participants (in each of two groups) find the difference that was found here, half of it, and others.
 
-    `spread` is the interval of the standard deviation between participants.
+    `asked` are differences as the report shows them, `spread` is the interval of the standard deviation between
+    participants.
     """
+    estimate, shown = found.estimate, found.shown
     if not estimate.resampled:
-        return []
-    low, high = spread
-    effects = [*asked, (estimate.mean, "as found here"), (estimate.mean / 2, "half of that")]
+        return
+
+    def participants(effect: float, sd: float) -> int | None:
+        groups = found.groups is not None
+        return normal_participants(effect / sd, alpha, WANTED_POWER, groups=groups) if sd > 0 else 2
+
+    effects = [(one / shown.factor, ASKED) for one in asked]
+    effects += [(estimate.mean, "as found here"), (estimate.mean / 2, "half of that")]
     if shown.factor != 1.0:
         effects += [(one, "") for one in ASKED_POINTS]
-    return [
-        NeededParticipants(
+    for effect, reason in effects:
+        yield NeededParticipants(
             effect=abs(effect), given=reason in ("", ASKED), reason=reason,
-            participants=_participants(effect, estimate.sd, alpha, groups=groups),
-            interval=(
-                _participants(effect, low, alpha, groups=groups), _participants(effect, high, alpha, groups=groups)
-            ),
-        )
-        for effect, reason in effects
-    ]  # fmt: skip
-
-
-def _participants(effect: float, sd: float, alpha: float, *, groups: bool) -> int | None:
-    return normal_participants(effect / sd, alpha, WANTED_POWER, groups=groups) if sd > 0 else 2
+            participants=participants(effect, estimate.sd),
+            interval=(participants(effect, spread[0]), participants(effect, spread[1])),
+        )  # fmt: skip
 
 
 def _conditions(study: RunStudy) -> list[ConditionValues]:

@@ -18,8 +18,8 @@ from typing import Any, Final
 import numpy as np
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.plan import PlannedDifference
 from sim.experiment.analysis.reading import Floats, RunStudy, Texts
+from sim.experiment.plan import PlannedComparison
 
 BOUNDARY: Final = 0.01
 """A variance below this share of the residual variance is taken as 0: the fit is singular. Searches end near 0, not at
@@ -61,16 +61,15 @@ class _Data:
     days: Texts | None
 
 
-def fit_mixed_model(study: RunStudy, comparison: PlannedDifference) -> MixedFit:
+def fit_mixed_model(study: RunStudy, comparison: PlannedComparison) -> MixedFit:
     """Fit the mixed model of a comparison; DasError where it cannot be."""
     data = _data(study, comparison)
     slopes = data.within and _told_apart(data)
     noisier = _noisier(data)
-    result, warned = _fitted(data, slopes, noisier)
-    return _as_fit(data, result, warned, slopes, noisier)
+    return _as_fit(data, _fitted(data, slopes, noisier), slopes, noisier)
 
 
-def _data(study: RunStudy, comparison: PlannedDifference) -> _Data:
+def _data(study: RunStudy, comparison: PlannedComparison) -> _Data:
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     values, driver = trials.values[comparison.measure][rows], trials.participant[rows]
     if len(np.unique(driver)) < LEAST_DRIVERS:
@@ -130,8 +129,8 @@ def _noisier(data: _Data) -> float:
     return max(scatter, key=lambda level: scatter[level])
 
 
-def _fitted(data: _Data, slopes: bool, noisier: float) -> tuple[Any, list[str]]:
-    """The fitted model of statsmodels and the texts of its warnings."""
+def _fitted(data: _Data, slopes: bool, noisier: float) -> Any:
+    """The fitted model of statsmodels; its warnings are left out, because `MixedFit` says what is wrong with a fit."""
     from statsmodels.regression.mixed_linear_model import MixedLM, VCSpec
 
     groups = sorted(set(data.driver.tolist()))
@@ -148,17 +147,16 @@ def _fitted(data: _Data, slopes: bool, noisier: float) -> tuple[Any, list[str]]:
         list(parts.values()),
     )
     random = np.column_stack([np.ones(len(data.values)), data.condition][: 2 if slopes else 1])
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         model = MixedLM(data.values, data.fixed, groups=data.driver, exog_re=random, exog_vc=spec if parts else None)
         try:
-            result = model.fit(reml=True, method=list(METHODS), maxiter=300)
+            return model.fit(reml=True, method=list(METHODS), maxiter=300)
         except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
             raise DasError(f"the fit broke off ({error})") from error
-    return result, [str(one.message) for one in caught]
 
 
-def _as_fit(data: _Data, result: Any, warned: list[str], slopes: bool, noisier: float) -> MixedFit:
+def _as_fit(data: _Data, result: Any, slopes: bool, noisier: float) -> MixedFit:
     from scipy import stats
 
     scale, residual = data.scale, float(result.scale)

@@ -2,35 +2,30 @@
 
 The differences of made-up participants come from those of a pilot study, drawn again with replacement (the part between
 participants and the part between trials apart: Carpenter, Goldstein and Rasbash, Applied Statistics 52 (2003) 431–443),
-or from bell curves of given standard deviations.
+or from bell curves of given standard deviations. `answer` is what `das-sim experiment power` does.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final, Protocol
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, Protocol
 
 import numpy as np
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.pairs import PairedTrials, TwoGroups
-from sim.experiment.analysis.reading import Floats
-from sim.experiment.analysis.resampling import (
-    group_probabilities_at_once,
-    probabilities_at_once,
-    weights,
-)
-from sim.experiment.analysis.spread import as_table, components
-from sim.experiment.files import LEAST_PARTICIPANTS
+from das.domain.files.reading import Fields
+from sim.experiment.analysis.differences import PairedTrials, TwoGroups, compared_trials
+from sim.experiment.analysis.reading import Floats, RunStudy, ShownMeasure, read_study
+from sim.experiment.analysis.resampling import as_table, components, resampled, weights
+from sim.experiment.plan import DEFAULT_ALPHA, LEAST_PARTICIPANTS, PlannedComparison, StudyPlan, plan_of, read_plan
 
 STUDIES: Final = 2000
 """Made-up studies for each number of participants: a power of 0.8 is known to ±0.02 (95 %)."""
 RESAMPLES: Final = 999
 MOST_PARTICIPANTS: Final = 2000
 """No experiment with more participants is looked for."""
-FEWEST: Final = LEAST_PARTICIPANTS
 AT_ONCE: Final = 250
 """Studies computed at once, so that memory stays below about 100 MB."""
 
@@ -122,7 +117,7 @@ def of_pilot(pairs: PairedTrials, pairs_each: int | None) -> PilotDifferences:
     differences, count = pairs.differences, len(pairs.participants)
     if count < 3:
         raise DasError(f"a pilot of {count} participants cannot tell how far participants differ: expected 3 or more")
-    means = pairs.by_participant(differences)
+    means = pairs.means
     usual = max(round(len(pairs.owner) / count), 1)
     centred = means - means.mean()
     if len(pairs.owner) == count:
@@ -164,9 +159,9 @@ class PowerPoint:
 
 
 def power_of(question: PowerQuestion, participants: int) -> PowerPoint:
-    """The power of an experiment with this many participants (at least `FEWEST`), in each group where there are two."""
-    if not FEWEST <= participants <= MOST_PARTICIPANTS:
-        raise DasError(f"{participants} participants: expected {FEWEST} to {MOST_PARTICIPANTS}")
+    """The power of an experiment with this many participants, in each group where there are two."""
+    if not LEAST_PARTICIPANTS <= participants <= MOST_PARTICIPANTS:
+        raise DasError(f"{participants} participants: expected {LEAST_PARTICIPANTS} to {MOST_PARTICIPANTS}")
     rng = np.random.default_rng([question.seed, participants])
     groups = 2 if question.source.groups else 1
     drawn = [weights(participants, RESAMPLES, rng) for _ in range(groups)]
@@ -175,27 +170,20 @@ def power_of(question: PowerQuestion, participants: int) -> PowerPoint:
         count = min(AT_ONCE, question.studies - start)
         values = question.source.draw(count, groups * participants, rng)
         values[:, :participants] += question.effect
-        if question.source.groups:
-            both = (values[:, :participants], values[:, participants:])
-            chances = group_probabilities_at_once(both, (drawn[0], drawn[1]))
-        else:
-            chances = probabilities_at_once(values, drawn[0])
+        chances = resampled(np.split(values, groups, axis=1), drawn).probabilities
         found += int(np.sum(chances < question.alpha))
     return PowerPoint(
         participants=participants, power=found / question.studies, interval=share_interval(found, question.studies)
     )
 
 
-def participants_needed(
-    question: PowerQuestion, wanted: float, progress: Callable[[int], None] = lambda _: None
-) -> int | None:
+def participants_needed(question: PowerQuestion, wanted: float) -> int | None:
     """Fewest participants with which enough studies find the difference; None above `MOST_PARTICIPANTS`."""
 
     def enough(participants: int) -> bool:
-        progress(participants)
         return power_of(question, participants).power >= wanted
 
-    low, high = FEWEST - 1, FEWEST
+    low, high = LEAST_PARTICIPANTS - 1, LEAST_PARTICIPANTS
     while not enough(high):
         if high == MOST_PARTICIPANTS:
             return None
@@ -248,6 +236,162 @@ def normal_participants(size: float, alpha: float, wanted: float, *, groups: boo
     return participants
 
 
-def smallest(values: Sequence[int | None]) -> int | None:
-    """The smallest of some numbers of participants, None standing for more than can be said."""
-    return min((one for one in values if one is not None), default=None)
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """The question as it was put: the arguments of the command; `effect` and `sd` in the unit that reports show."""
+
+    source: Path | None
+    effect: float
+    comparison: str | None
+    participants: tuple[int, ...]
+    wanted: float
+    sd: float | None
+    sd_of_pairs: float
+    pairs: int | None
+    alpha: float | None
+    seed: int
+    groups: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerAnswer:
+    """The power for each number of participants, alone and with corrected p, and how many are needed.
+
+    `strict` and `needed_strict` are empty and None where only one comparison is planned, or p is not corrected.
+    """
+
+    about: str
+    groups: bool
+    points: tuple[PowerPoint, ...]
+    strict: tuple[PowerPoint, ...]
+    wanted: float
+    needed: int | None
+    needed_strict: int | None
+
+    @property
+    def sentences(self) -> list[str]:
+        """How many participants are needed, in words."""
+
+        def many(count: int | None) -> str:
+            return f"more than {MOST_PARTICIPANTS}" if count is None else str(count)
+
+        who = "participants in each of the two groups" if self.groups else "participants"
+        said = [f"For a power of {self.wanted:.0%}: {many(self.needed)} {who}."]
+        if self.strict:
+            said.append(f"With p corrected for the planned comparisons: {many(self.needed_strict)} {who}.")
+        return said
+
+    def as_dict(self) -> dict[str, Any]:
+        """The answer for programs."""
+
+        return {
+            "about": self.about,
+            "participants_are": "in each of two groups" if self.groups else "all",
+            "power": [vars(one) for one in self.points],
+            "power_corrected": [vars(one) for one in self.strict] or None,
+            "wanted_power": self.wanted,
+            "participants_needed": self.needed,
+            "participants_needed_corrected": self.needed_strict,
+        }
+
+
+def answer(asked: Asked) -> PowerAnswer:
+    """Simulate the experiments that were asked for; DasError where something that is needed is missing."""
+    _check(asked)
+    plan, study = _source(asked.source)
+    source, effect, about = _made_up(asked, plan, study)
+    alpha = asked.alpha if asked.alpha is not None else (plan.alpha if plan else DEFAULT_ALPHA)
+    question = PowerQuestion(effect=effect, alpha=alpha, source=source, seed=asked.seed)
+    count = 1 if plan is None or plan.correction == "none" else len(plan.comparisons)
+    strict = replace(question, alpha=alpha / max(count, 1))  # the first step of Holm, and every step of Bonferroni
+    return PowerAnswer(
+        about=about,
+        groups=source.groups,
+        points=tuple(power_of(question, number) for number in asked.participants),
+        strict=tuple(power_of(strict, number) for number in asked.participants) if count > 1 else (),
+        wanted=asked.wanted,
+        needed=participants_needed(question, asked.wanted),
+        needed_strict=participants_needed(strict, asked.wanted) if count > 1 else None,
+    )
+
+
+def _check(asked: Asked) -> None:
+    for option, value in (("--power", asked.wanted), ("--alpha", asked.alpha)):
+        if value is not None and not 0.0 < value < 1.0:
+            raise DasError(f"{option} {value:g}: expected a number between 0 and 1")
+    if asked.sd is not None and not (math.isfinite(asked.sd) and asked.sd > 0):
+        raise DasError(f"--sd {asked.sd:g}: expected a number above 0")
+    if not (math.isfinite(asked.sd_of_pairs) and asked.sd_of_pairs >= 0):
+        raise DasError(f"--sd-pairs {asked.sd_of_pairs:g}: expected a number of at least 0")
+    if asked.sd_of_pairs and asked.sd is None:
+        raise DasError("--sd-pairs: expected together with --sd; a pilot tells this spread itself")
+    if asked.groups and asked.sd is None:
+        raise DasError("--groups: expected together with --sd; a pilot tells itself who drove what")
+
+
+def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
+    """The plan and, where the source is the folder of a study, the study; nothing for no source."""
+    if path is None:
+        return None, None
+    if path.is_dir():
+        study = read_study(path)
+        return study.plan, study
+    if path.suffix.lower() == ".json":
+        return read_plan(path), None
+    from sim.experiment.design import load_design, resolved
+
+    return plan_of(Fields.of(path, resolved(load_design(str(path))))), None
+
+
+def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
+    """What draws the differences, the true difference in the same unit, and a sentence about both."""
+    if asked.sd is not None:
+        groups = asked.groups or _in_groups(asked, plan)
+        curves = BellCurves(between_sd=asked.sd, within_sd=asked.sd_of_pairs, pairs=asked.pairs or 1, groups=groups)
+        single = "trials" if groups else "pairs"
+        among = f" and {asked.sd_of_pairs:g} between the {single} of one" if asked.sd_of_pairs else ""
+        among += ", who drive one of two conditions each" if groups else ""
+        about = f"bell curves with a standard deviation of {asked.sd:g} between participants{among}"
+        return curves, asked.effect, f"True difference {asked.effect:g}; {about}."
+    if plan is None or study is None:
+        raise DasError("--sd: expected the standard deviation between participants, or the folder of a pilot study")
+    comparison = plan.chosen(asked.comparison)
+    return _of_study(asked, study, comparison)
+
+
+def _in_groups(asked: Asked, plan: StudyPlan | None) -> bool:
+    """Whether the comparison of a design is one of two groups of participants."""
+    if plan is None or not plan.comparisons:
+        return False
+    return not plan.factor(plan.chosen(asked.comparison).factor).within
+
+
+def _of_study(asked: Asked, study: RunStudy, comparison: PlannedComparison) -> tuple[MadeUpDifferences, float, str]:
+    measure = comparison.measure
+    shown = ShownMeasure.of(measure, study.meanings[measure], study.trials.values[measure])
+    trials = compared_trials(study, comparison)
+    if isinstance(trials, TwoGroups):
+        if asked.pairs is not None:
+            raise DasError(
+                f"--pairs: comparison {comparison.name} is one of two groups, whose participants make no pairs; "
+                "expected no number, because each participant drives as many trials as in the pilot"
+            )
+        source: MadeUpDifferences = of_pilot_groups(trials)
+        falls = bool(trials.a.mean() < trials.b.mean())
+        drawn = (
+            f"two groups: {len(trials.a)} participants of the pilot with {comparison.a} and "
+            f"{len(trials.b)} with {comparison.b} are drawn again, each with as many trials as there."
+        )
+    else:
+        pilot = of_pilot(trials, asked.pairs)
+        source, falls = pilot, bool(trials.differences.mean() < 0)
+        drawn = (
+            f"{len(trials.participants)} participants of the pilot are drawn again, each with {pilot.pairs} "
+            f"{'pair' if pilot.pairs == 1 else 'pairs'} of trials."
+        )
+    about = (
+        f"True difference {asked.effect:g} {shown.difference_unit} of {shown.name} in the pilot's direction "
+        f"({comparison.name}); {drawn}"
+    )
+    # Differences may be skewed: power is not the same both ways.
+    return source, (-1.0 if falls else 1.0) * asked.effect / shown.factor, about

@@ -1,88 +1,26 @@
-"""The findings of a study in plain words and in rows of tables, for readers who were not there."""
+"""The findings of a study in plain words, and what was driven and designed, for readers who were not there."""
 
 from __future__ import annotations
 
-import math
-from typing import Any, Final
+from collections import Counter
+from typing import Final
 
 import numpy as np
 
-from sim.experiment.analysis.comparing import (
-    ConditionValues,
-    FoundDifference,
-    NeededParticipants,
-    StudyFindings,
-    conditions_of,
-)
-from sim.experiment.analysis.plan import PlannedDifference, StudyPlan
-from sim.experiment.analysis.shown import SAME, ShownMeasure, probability
+from sim.experiment.analysis.comparing import FoundDifference, NeededParticipants, StudyFindings, conditions_of
+from sim.experiment.analysis.reading import SAME, ShownMeasure, probability
+from sim.experiment.plan import FIXED, StudyPlan
 
-Row = dict[str, str]
 MOST_COUNTED: Final = 10_000
 """Numbers of participants above this are not told apart."""
 SIGNALS: Final = "signals_passed"
-COLUMNS_AT_ONCE: Final = 5
-"""Measures beside each other in the table of those that no comparison is about."""
-
-TERMS: Final = (
-    (
-        "Paired difference",
-        "Each driver drives the same day under both conditions. One value is taken from the other, so that what makes "
-        "a driver or a day different drops out. Then the mean is taken, first for each driver, and over the drivers.",
-    ),
-    (
-        "Points",
-        "The difference of two percentages: from 8 % to 6 % are 2 points.",
-    ),
-    (
-        "95 % interval",
-        "The range of differences that this study is compatible with. If the study were made again and again with "
-        "other drivers of the same kind, 95 of 100 such ranges would hold the true difference.",
-    ),
-    (
-        "Resampled drivers",
-        "The interval comes from drawing the study's drivers again at random, thousands of times, some twice and some "
-        "not at all, and looking how the mean moves (studentized bootstrap). It does not assume a bell curve.",
-    ),
-    (
-        "p",
-        "How often chance alone would show a difference at least this large if there were none, by the same resampled "
-        "drivers as the interval. A small p does not say that the difference is large, and a large p does not say that "
-        "there is none.",
-    ),
-    (
-        "Corrected p",
-        "Among many comparisons, chance alone makes some look large. The p is therefore raised for the number of "
-        "comparisons planned. By Holm's method the smallest is raised the most, and the largest not at all.",
-    ),
-    (
-        "Effect in standard deviations (d)",
-        "The mean difference, divided by how far the drivers' own differences lie apart (d_z, interval from the "
-        "noncentral t distribution). At 0.2 many drivers show the opposite; at 2 hardly any does. For two groups it is "
-        "divided by how far drivers of one group lie apart (d, interval by Bonett 2008), and is much smaller.",
-    ),
-    (
-        "Two groups",
-        "Where each driver drives one of the two conditions only, the means of two groups of drivers are compared. "
-        "What makes drivers different stays in the difference, so that many more of them are needed.",
-    ),
-    (
-        "Standard deviation",
-        "How far single values lie from their mean: about two thirds are closer than one standard deviation. It "
-        "is called spread here for short.",
-    ),
-    (
-        "Mixed model",
-        "A second computation of the same difference. It gives every driver a level and an effect of his own. It is "
-        "called singular where the trials cannot tell such a part from chance. Value = level + condition + day or "
-        "other conditions + place in the order + driver's own level + driver's own effect + noise of the condition, by "
-        "restricted maximum likelihood; its interval is Student's t with one degree of freedom less than drivers.",
-    ),
-)
+CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
+MOST_FAILED: Final = 3
+"""Failed trials that the page names; failed.csv has all."""
 
 
 def hangs_on(found: StudyFindings) -> list[str]:
-    """What the answer hangs on: said before any figure."""
+    """The assumptions on which the whole answer depends, stated before any figure."""
     plan, trials = found.study.plan, found.study.trials
     population = dict(plan.setting).get("drivers drawn from the population")
     drawn = f" from the population “{population}”" if population else ""
@@ -108,7 +46,7 @@ def in_short(found: StudyFindings) -> list[tuple[str, str]]:
     if not found.differences and not found.failed:
         return [("", "No comparison was planned; the tables describe the conditions.")]
     broken = [(name, f"It could not be made. {why}.") for name, why in found.failed]
-    said = [(short_title(one.comparison), verdict(one, found.study.plan)) for one in found.differences]
+    said = [(one.comparison.title, verdict(one, found.study.plan)) for one in found.differences]
     return [*said, *broken, *_safety(found)]
 
 
@@ -128,25 +66,8 @@ def _safety(found: StudyFindings) -> list[tuple[str, str]]:
     return [("Safety", f"{times} passed at danger in {int((~trials.practice).sum())} trials ({'; '.join(where)}).")]
 
 
-def title(comparison: PlannedDifference, shown: ShownMeasure) -> str:
-    """The name of a comparison, or in words where the design gave it none of its own."""
-    short = short_title(comparison)
-    return short if short == comparison.name else f"{shown.name}: {short}"
-
-
-def short_title(comparison: PlannedDifference) -> str:
-    """The name of a comparison, or what is taken from what where the design gave it no name of its own."""
-    return contrast(comparison) if comparison.name.startswith(f"{comparison.measure}: ") else comparison.name
-
-
-def contrast(comparison: PlannedDifference) -> str:
-    """What is taken from what, in words."""
-    where = "".join(f", {name}: {level}" for name, level in comparison.where.items())
-    return f"{comparison.a} minus {comparison.b}{where}"
-
-
 def verdict(one: FoundDifference, plan: StudyPlan) -> str:
-    """What was found on one comparison, and whether it stands out from chance."""
+    """The result of a comparison, and whether it stands out from chance."""
     comparison, shown, estimate = one.comparison, one.shown, one.estimate
     changed = shown.changed(estimate.mean)
     with_b = f"{'as' if changed == SAME else 'than'} with “{comparison.b}”"
@@ -195,79 +116,13 @@ def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:
     return f"{shown.value(near)} to {shown.with_unit(far)} {'lower' if high <= 0 else 'higher'}"
 
 
-def difference_rows(found: StudyFindings) -> list[Row]:
-    """The planned differences, the interval first."""
-    rows = []
-    for one in found.differences:
-        estimate, shown = one.estimate, one.shown
-        rows.append(
-            {
-                "name": title(one.comparison, shown),
-                "less": contrast(one.comparison),
-                "unit": shown.difference_unit,
-                "mean": shown.difference(estimate.mean),
-                "interval": shown.range(estimate.interval)
-                + ("" if estimate.resampled or not estimate.known else " (t)"),
-                "corrected": probability(one.corrected),
-                "plain": probability(estimate.probability),
-                "size": "" if math.isnan(estimate.size) else f"{estimate.size:+.2f}".replace("-", "−"),
-                "size_interval": _plain_range(estimate.size_interval),
-                "t": shown.range(estimate.t_interval),
-                "drivers": str(estimate.participants),
-                "pairs": "" if one.pairs is None else str(len(one.pairs.owner)),
-                "unpaired": "" if one.pairs is None else str(one.pairs.unpaired),
-            }
-        )
-    return rows
-
-
-def _plain_range(interval: tuple[float, float]) -> str:
-    low, high = interval
-    return "" if math.isnan(low) else f"{low:+.2f} to {high:+.2f}".replace("-", "−")
-
-
-def model_rows(found: StudyFindings) -> list[Row]:
-    """What the mixed model says on each comparison, beside the mean of the pairs."""
-    rows = []
-    for one in found.differences:
-        fit, shown = one.model, one.shown
-        row = {
-            "name": title(one.comparison, shown),
-            "unit": shown.difference_unit,
-            "pairs": shown.difference(one.estimate.mean),
-        }
-        if fit is None:
-            row |= dict.fromkeys(("effect", "interval", "level", "own", "noise_a", "noise_b"), "")
-            rows.append({**row, "remarks": f"No model: {one.model_missing}."})
-            continue
-        rows.append(
-            {
-                **row,
-                "effect": shown.difference(fit.effect),
-                "interval": shown.range(fit.interval),
-                "level": shown.value(fit.level_sd),
-                "own": shown.value(fit.effect_sd),
-                "noise_a": shown.value(fit.noise[0]),
-                "noise_b": shown.value(fit.noise[1]),
-                "remarks": " ".join(fit.remarks),
-            }
-        )
-    return rows
-
-
-def singular_fits(found: StudyFindings) -> list[str]:
-    """The comparisons whose mixed model is singular."""
-    fitted = [one for one in found.differences if one.model is not None and one.model.singular]
-    return [title(one.comparison, one.shown) for one in fitted]
-
-
-def needed_rows(one: FoundDifference) -> list[Row]:
+def needed_rows(one: FoundDifference) -> list[dict[str, str]]:
     """How many participants would find a difference."""
 
     def many(count: int | None) -> str:
         return f"over {MOST_COUNTED}" if count is None or count > MOST_COUNTED else str(count)
 
-    def row(need: NeededParticipants) -> Row:
+    def row(need: NeededParticipants) -> dict[str, str]:
         low, high = need.interval
         named = f" ({need.reason})" if need.reason else ""
         between = f"{many(low)} to {many(high)}"
@@ -282,68 +137,66 @@ def needed_rows(one: FoundDifference) -> list[Row]:
     return [row(need) for need in sorted(one.needed, key=lambda need: -need.effect)]
 
 
-def part_rows(found: StudyFindings) -> list[Row]:
-    """Each planned difference at each level of the other factors that it is a mean over."""
+def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
+    """How many trials were driven, and which are missing or failed."""
+    trials, plan = found.study.trials, found.study.plan
+    driven, failed = ~trials.practice, found.study.failed
+    counts = Counter(trials.participant[driven].tolist())
+    most = max(counts.values())
+    fewer = sorted(name for name, count in counts.items() if count < most)
+    missing = sum(most - count for count in counts.values())
+    without = {name: int(np.sum(~np.isfinite(values[driven]))) for name, values in trials.values.items()}
+    gaps = ", ".join(f"{found.shown(name).name}: {count}" for name, count in without.items() if count)
     return [
-        {
-            "name": title(one.comparison, one.shown),
-            "where": f"{part.factor}: {part.level}",
-            "unit": one.shown.difference_unit,
-            "mean": one.shown.difference(part.estimate.mean),
-            "interval": one.shown.range(part.estimate.interval),
-            "drivers": str(part.estimate.participants),
-        }
-        for one in found.differences
-        for part in one.parts
-    ]
+        ("drivers", str(len(counts))),
+        ("finished trials", str(int(driven.sum()))),
+        ("practice trials, left out", str(int(trials.practice.sum()))),
+        (
+            "missing trials",
+            f"{missing}, of {', '.join(fewer)}, against drivers who finished {most}" if fewer else "0: all drivers "
+            f"finished {most}",
+        ),
+        ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
+         if failed else "0 (a trial fails where the train does not reach its last stop)"),
+        ("trials without a value", gaps or "0"),
+        ("comparisons planned", f"{len(plan.comparisons)}, p corrected by {CORRECTION_NAMES[plan.correction]}"
+         if plan.correction != "none" else f"{len(plan.comparisons)}, p not corrected"),
+    ]  # fmt: skip
 
 
-def condition_rows(values: list[ConditionValues], shown: ShownMeasure) -> list[Row]:
-    """A measure in every condition."""
+def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
+    """The design as it was frozen before the run."""
+    plan = found.study.plan
+    rows = [("study", plan.name), ("design frozen with hash", plan.hash or "not frozen"), ("seed", str(plan.seed))]
+    rows += [row for name, value in plan.setting for row in (_fixed_rows(value) if name == FIXED else [(name, value)])]
+    for one in plan.factors:
+        kind = "every driver drives all" if one.within else "each driver drives one"
+        rows.append((one.name, f"{', '.join(one.levels)} ({kind})"))
+    rows += list(found.study.made.items())
+    return [*rows, ("stands out from chance", f"where the corrected p is below {plan.alpha:g}")]
+
+
+def _fixed_rows(value: str) -> list[tuple[str, str]]:
+    """A row for each factor that was the same on all trials, under the name that people know."""
+    from sim.experiment.factors import FACTORS
+
     rows = []
-    for one in values:
-        spread = one.spread
-        bounds = (math.nan, math.nan) if spread is None else spread.interval
-        between = "" if spread is None else shown.value(spread.between)
-        if between and math.isfinite(bounds[0]):
-            between += f" ({shown.value(bounds[0])} to {shown.value(bounds[1])})"
-        rows.append(
-            {
-                "condition": one.condition,
-                "trials": str(one.trials),
-                "drivers": str(len(one.means)),
-                "mean": shown.value(float(one.means.mean())) if len(one.means) else "",
-                "between": between,
-                "within": "" if spread is None or not spread.separate else shown.value(spread.within),
-                "range": f"{shown.value(float(one.means.min()))} to {shown.value(float(one.means.max()))}"
-                if len(one.means)
-                else "",
-            }
-        )
+    for one in value.split(", "):
+        name, _, level = one.partition(": ")
+        known = FACTORS.get(name)
+        if known is None:
+            rows.append((f"{FIXED}: {name}", level))
+            continue
+        unit = f" {known.unit}" if known.unit and level != "all" else ""
+        said = "simulated human driver" if (name, level) == ("driver", "human") else f"{level}{unit}"
+        rows.append((f"{FIXED}: {known.title[:1].lower()}{known.title[1:]}", f"{said} ({known.meaning})"))
     return rows
 
 
-def other_tables(found: StudyFindings) -> list[dict[str, Any]]:
-    """The measures that no comparison is about, a few beside each other: mean ± spread of the drivers."""
-    compared = {one.comparison.measure for one in found.differences}
-    others = [one for one in found.measures if one.column not in compared]
-    values = {(one.condition, one.measure): one for one in found.conditions}
-    conditions = list(dict.fromkeys(one.condition for one in found.conditions))
-    tables = []
-    for start in range(0, len(others), COLUMNS_AT_ONCE):
-        some = others[start : start + COLUMNS_AT_ONCE]
-        rows = [
-            {"condition": condition, "cells": [_mean_and_spread(values[condition, one.column], one) for one in some]}
-            for condition in conditions
-        ]
-        tables.append({"heads": [f"{one.name} ({one.unit})" for one in some], "rows": rows})
-    return tables
-
-
-def _mean_and_spread(one: ConditionValues, shown: ShownMeasure) -> str:
-    if not len(one.means):
-        return "–"
-    if not np.any(one.means):
-        return "0"
-    spread = shown.value(float(one.means.std(ddof=1))) if len(one.means) > 1 else ""
-    return f"{shown.value(float(one.means.mean()))}{f' ± {spread}' if spread else ''}"
+def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
+    """What the levels of each factor mean, as far as the data say it."""
+    rows = []
+    for one in found.study.plan.factors:
+        words = found.study.level_words.get(one.name, {})
+        rows += [(f"{one.name}: {level}", words[level]) for level in one.levels if level in words]
+    return rows

@@ -16,8 +16,8 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.messages import cab_view
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation
-from sim.experiment.describing import level_words
 from sim.experiment.factors import FactorLevel
+from sim.experiment.study_files import level_words
 from sim.recording.course import DrivenCourse
 from sim.review.cab_card import cards
 from sim.review.colors import DARK

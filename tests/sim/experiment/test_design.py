@@ -17,9 +17,17 @@ from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from sim.drivers.kinds import Presentation
 from sim.experiment import design as design_module
-from sim.experiment.design import Chances, ConditionOrder, Days, bundled_studies, load_design, read_design
-from sim.experiment.files import DESIGN_JSON, KEY_HASH
-from sim.experiment.freezing import freeze, resolved
+from sim.experiment.design import (
+    Chances,
+    ConditionOrder,
+    Days,
+    bundled_studies,
+    freeze,
+    load_design,
+    read_design,
+    resolved,
+)
+from sim.experiment.plan import DESIGN_JSON
 
 DESIGN = """
 schema_version = 1
@@ -145,15 +153,15 @@ def test_a_design_that_is_not_there_is_refused() -> None:
 
 
 def test_the_hash_is_of_what_the_design_means(write: Path, tmp_path: Path) -> None:
-    digest = resolved(read_design(write))[KEY_HASH]
+    digest = resolved(read_design(write))["hash"]
     write.write_text("# A remark\n" + DESIGN.replace("levels = [0, 5.5]", "levels = [ 0.0, 5.5 ]  # another"))
-    assert resolved(read_design(write))[KEY_HASH] == digest
+    assert resolved(read_design(write))["hash"] == digest
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     (elsewhere / "other.toml").write_text(DESIGN)
-    assert resolved(read_design(elsewhere / "other.toml"))[KEY_HASH] == digest
+    assert resolved(read_design(elsewhere / "other.toml"))["hash"] == digest
     write.write_text(DESIGN.replace("levels = [0, 5.5]", "levels = [5.5, 0]"))
-    assert resolved(read_design(write))[KEY_HASH] != digest
+    assert resolved(read_design(write))["hash"] != digest
 
 
 def test_a_frozen_design_cannot_be_changed_in_its_folder(write: Path, tmp_path: Path) -> None:

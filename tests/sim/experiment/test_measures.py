@@ -13,13 +13,10 @@ import pytest
 from das.domain.levels import Level
 from das.domain.units import KMH
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.experiment.driven import Driven
-from sim.experiment.driving import TrialCall, drive, service_of
-from sim.experiment.factors import factor_markdown
+from sim.experiment.driving import Driven, StudyTrial, drive, service_of
+from sim.experiment.factors import Setting, factor_markdown
 from sim.experiment.measures import MEASURES, measure_markdown, measured
-from sim.experiment.setting import Setting
-from sim.experiment.trial_files import events_file, series_file, trial_files
-from sim.experiment.trials import StudyTrial
+from sim.experiment.study_files import EVENTS, SERIES, trial_file, trial_files
 from tests.support.making import REPOSITORY
 
 UNITS = {"kwh": "kWh", "s": "s", "m": "m", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "per_min": "1/min"}
@@ -34,7 +31,7 @@ def trial(setting: Setting, *, person: int = 1, seed: int = 2) -> StudyTrial:
 
 
 def driven_with(setting: Setting, **more: int) -> Driven:
-    return drive(TrialCall(trial=trial(setting, **more), population="default"))
+    return drive(trial(setting, **more), "default")
 
 
 @pytest.fixture(scope="module")
@@ -47,12 +44,14 @@ def series(vector: Driven) -> dict[str, list[float]]:
     """The series of the trial, read back from its file."""
     parquet = pytest.importorskip("pyarrow.parquet")
     files = trial_files(trial(Setting(scenario="flat-6km")), vector)
-    found: dict[str, list[float]] = parquet.read_table(io.BytesIO(files[series_file(trial(Setting()))])).to_pydict()
+    found: dict[str, list[float]] = parquet.read_table(
+        io.BytesIO(files[trial_file(trial(Setting()), SERIES)])
+    ).to_pydict()
     return found
 
 
 def events(vector: Driven) -> list[dict[str, str]]:
-    content = trial_files(trial(Setting()), vector)[events_file(trial(Setting()))]
+    content = trial_files(trial(Setting()), vector)[trial_file(trial(Setting()), EVENTS)]
     return list(csv.DictReader(io.StringIO(content.decode()), delimiter="\t"))
 
 
@@ -163,5 +162,5 @@ def test_the_pages_say_what_the_program_does(page: str, table: str) -> None:
 
 
 def test_the_folder_of_a_trial_is_that_of_bids() -> None:
-    assert events_file(trial(Setting())) == "sub-01/ses-01/beh/sub-01_ses-01_task-drive_run-001_events.tsv"
-    assert Path(series_file(trial(Setting()))).parent == Path("sub-01/ses-01/beh")
+    assert trial_file(trial(Setting()), EVENTS) == "sub-01/ses-01/beh/sub-01_ses-01_task-drive_run-001_events.tsv"
+    assert Path(trial_file(trial(Setting()), SERIES)).parent == Path("sub-01/ses-01/beh")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,19 +11,14 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.experiment.checking import group_notes
-from sim.experiment.design import ConditionOrder, read_design
-from sim.experiment.jobs import Keep, in_order_of_work, jobs_of
-from sim.experiment.trials import StudyTrial, imbalances, order_of, trials_of, williams
+from sim.experiment.design import ConditionOrder, Design
+from sim.experiment.running import Keep, in_order_of_work, jobs_of
+from sim.experiment.trials import imbalances, order_of, trials_of, williams
 
-HEAD = "schema_version = 1\n[experiment]\nname = 'try'\ntitle = 'T'\nseed = 7\n[fixed]\nscenario = 'flat-6km'\n"
+Designed = Callable[[str], Design]
+FLAT = "[fixed]\nscenario = 'flat-6km'\n"
 THREE = "[[factors]]\nname = 'hold_s'\nlevels = [0, 5, 10]\n"
 BETWEEN = "[[factors]]\nname = 'presentation'\nlevels = ['none', 'vector']\nwithin = false\n"
-
-
-def planned(tmp_path: Path, text: str) -> list[StudyTrial]:
-    path = tmp_path / "design.toml"
-    path.write_text(HEAD + text)
-    return trials_of(read_design(path))
 
 
 @pytest.mark.parametrize("count", range(1, 10))
@@ -46,8 +42,8 @@ def test_the_full_order_takes_every_permutation_and_a_random_one_is_the_seeds() 
         order_of(ConditionOrder.FULL, 7, 0, (1,))
 
 
-def test_a_participant_meets_one_day_under_all_conditions(tmp_path: Path) -> None:
-    trials = planned(tmp_path, f"[participants]\ncount = 6\n[procedure]\nrepetitions = 2\n{THREE}")
+def test_a_participant_meets_one_day_under_all_conditions(designed: Designed) -> None:
+    trials = trials_of(designed(FLAT + f"[participants]\ncount = 6\n[procedure]\nrepetitions = 2\n{THREE}"))
     assert [trial.number for trial in trials] == list(range(1, 37))
     by_person = [[trial for trial in trials if trial.who == who] for who in range(1, 7)]
     for own in by_person:
@@ -58,19 +54,19 @@ def test_a_participant_meets_one_day_under_all_conditions(tmp_path: Path) -> Non
     assert len({trial.seed for trial in trials}) == 12
 
 
-def test_days_can_be_common_or_new_and_chances_paired(tmp_path: Path) -> None:
+def test_days_can_be_common_or_new_and_chances_paired(designed: Designed) -> None:
     people = "[participants]\ncount = 6\n[procedure]\n"
-    common = planned(tmp_path, f"{people}days = 'common'\nchances = 'paired'\n{THREE}")
+    common = trials_of(designed(FLAT + f"{people}days = 'common'\nchances = 'paired'\n{THREE}"))
     assert len({trial.seed for trial in common}) == 1
     assert {trial.stream for trial in common} == set(range(2, 8))  # those of participants 1 to 6 of a batch
-    new = planned(tmp_path, f"{people}days = 'new'\n{THREE}")
+    new = trials_of(designed(FLAT + f"{people}days = 'new'\n{THREE}"))
     assert len({trial.seed for trial in new}) == 18
 
 
-def test_practice_comes_first_and_breaks_begin_sessions(tmp_path: Path) -> None:
+def test_practice_comes_first_and_breaks_begin_sessions(designed: Designed) -> None:
     text = "[participants]\ncount = 2\nlearning = true\ntrips_before = 5\n"
     text += f"[procedure]\norder = 'listed'\npractice_trials = 2\nbreak_after = 3\n{THREE}"
-    own = planned(tmp_path, text)[:5]
+    own = trials_of(designed(FLAT + text))[:5]
     assert [trial.practice for trial in own] == [True, True, False, False, False]
     assert [trial.session for trial in own] == [1, 1, 1, 2, 2]
     assert [trial.trips for trial in own] == [5, 6, 7, 8, 9]
@@ -78,18 +74,15 @@ def test_practice_comes_first_and_breaks_begin_sessions(tmp_path: Path) -> None:
     assert [trial.condition for trial in own] == ["0", "5", "0", "5", "10"]
 
 
-def test_groups_meet_one_level_each_and_imbalance_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "design.toml"
-    path.write_text(f"{HEAD}[participants]\ncount = 12\n{BETWEEN}{THREE}")
-    design = read_design(path)
+def test_groups_meet_one_level_each_and_imbalance_is_said(designed: Designed) -> None:
+    design = designed(f"{FLAT}[participants]\ncount = 12\n{BETWEEN}{THREE}")
     trials = trials_of(design)
     met = {who: {trial.levels[0] for trial in trials if trial.who == who} for who in range(1, 13)}
     assert all(len(levels) == 1 for levels in met.values())
     assert Counter(next(iter(levels)) for levels in met.values()) == {"none": 6, "vector": 6}
     assert trials[0].condition == "none_0"
     assert imbalances(design, trials) == []
-    path.write_text(f"{HEAD}[participants]\ncount = 5\n{BETWEEN}{THREE}")
-    design = read_design(path)
+    design = designed(f"{FLAT}[participants]\ncount = 5\n{BETWEEN}{THREE}")
     said = imbalances(design, trials_of(design))
     assert said == [
         "5 participants cannot be divided equally among 2 groups",
@@ -101,14 +94,12 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(tmp_path: Path) -> Non
     assert [note[:24] for note in notes[1:]] == ["groups of 2: with fewer ", "the groups meet differen"]
 
 
-def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(tmp_path: Path) -> None:
+def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(designed: Designed, tmp_path: Path) -> None:
     """The two bundled scenarios share the line of Zürich to Luzern; the flat line is another one."""
-    text = HEAD.replace("[fixed]\nscenario = 'flat-6km'\n", "") + "[participants]\ncount = 2\n"
+    text = "[participants]\ncount = 2\n"
     text += "[[factors]]\nname = 'scenario'\nlevels = ['clear-day', 'flat-6km', 'signal-stop']\n"
     text += "[[factors]]\nname = 'loss_level'\nlevels = ['l2', 'l3']\n"
-    path = tmp_path / "design.toml"
-    path.write_text(text)
-    jobs = in_order_of_work(jobs_of(read_design(path), Keep.MEASURES, tmp_path))
+    jobs = in_order_of_work(jobs_of(designed(text), Keep.MEASURES, tmp_path))
     lines = [job.trial.setting.scenario == "flat-6km" for job in jobs]
     assert lines == sorted(lines) or lines == sorted(lines, reverse=True)
     numbers = [job.trial.number for job in jobs]

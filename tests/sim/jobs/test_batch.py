@@ -20,11 +20,9 @@ from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
-from sim.jobs.batch import Batch, BatchJob, make_run, parse_seeds
-from sim.jobs.journal import Journal
+from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds, write_table
 from sim.jobs.report import summary
-from sim.jobs.runner import attempted
-from sim.jobs.table import SCHEMA_NAMES, write_table
+from sim.jobs.runner import Journal, attempted
 from sim.world.outcome import SHARES
 from tests.support.making import REPOSITORY, das_sim
 

@@ -13,9 +13,7 @@ import pytest
 
 from das.domain.errors import DasError
 from precompute.workers import Workers
-from sim.jobs.driving import JobRecording
-from sim.jobs.journal import Journal
-from sim.jobs.runner import JobResult, JobWords, Runner
+from sim.jobs.runner import JobRecording, JobResult, JobWords, Journal, Runner
 
 pytestmark = pytest.mark.processes
 WORDS = JobWords("test", "jobs", "make")

@@ -16,7 +16,7 @@ from sim.drive.limits import Violations
 from sim.drive.stability import Restlessness
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
-from sim.jobs.table import FIGURES, SCHEMA_NAMES
+from sim.jobs.batch import FIGURES, SCHEMA_NAMES
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World

@@ -1,25 +1,72 @@
-"""The page of an analysis says first what the answer hangs on, holds everything itself, and says what is missing."""
+"""The page of an analysis says first what the answer hangs on, and what is missing; the how-to page makes it again."""
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import shutil
+import subprocess
+from contextlib import chdir, redirect_stdout
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 
 from sim.experiment.analysis.comparing import StudyFindings, analyse_study
 from sim.experiment.analysis.page import as_dict, page
-from sim.experiment.analysis.plan import VariedFactor
-from sim.experiment.analysis.reading import RunStudy
+from sim.experiment.analysis.reading import RunStudy, read_study
 from sim.experiment.analysis.words import hangs_on, in_short
-from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
+from tests.support.made_up_study import (
+    APART,
+    LEVELS,
+    MEASURE,
+    SAME,
+    Truth,
+    compared,
+    made_up_groups,
+    made_up_study,
+    write_study,
+)
 from tests.support.making import das_sim
 
 COMPARISONS = (compared("vector", "none"), compared("vector", "top-speed"))
+PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "analyse-an-experiment.md"
+TOLD = """
+said <- function(name, values) cat(name, format(values, digits = 15), "\\n")
+for (name in rownames(conditions)) said(name, unlist(conditions[name, ]))
+said("difference", c(mean(drivers$difference), test$conf.int, nrow(drivers)))
+said("model", c(effect + c(0, -1, 1) * qt(0.975, nrow(drivers) - 1) * sqrt(vcov(model)["condition", "condition"])))
+said("spreads", as.numeric(VarCorr(model)[1:2, "StdDev"]))
+"""
+
+
+def test_the_page_has_model_checks_and_numbers_for_groups(tmp_path: Path) -> None:
+    study = made_up_groups(replace(SAME, drivers=24), 1)
+    study = replace(study, plan=replace(study.plan, comparisons=(APART,)))
+    folder = write_study(study, tmp_path / "study")
+    rows = [f"sub-{number:03d}\tdefault\t{number}\tnone\t{number % 7}" for number in range(1, 25)]
+    head = "participant_id\tpopulation\tperson\tpresentation\treaction_median_s"
+    (folder / "participants.tsv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    found = analyse_study(read_study(folder), (0.78,), resamples=999)
+    text = re.sub(r"\s+", " ", page(found))
+    for said in (
+        "in each group",
+        "alike in who they are",
+        "reaction_median_s",
+        "of one size",
+        "two groups of 12 and 12",
+    ):
+        assert said in text
+    (row,) = as_dict(found)["differences"]
+    assert row["model"]["converged"]
+    assert row["effect_size_interval"][0] < row["effect_size"] < row["effect_size_interval"][1]
+    assert len(row["groups"]["a"]) == len(row["groups"]["b"]) == 12
+    assert row["participants_needed"][0]["participants"] > 12
+    assert json.dumps(as_dict(found), allow_nan=False)
 
 
 @cache
@@ -123,15 +170,6 @@ def test_one_driver_has_a_page() -> None:
     assert "because only one driver took part" in page(one)
 
 
-def test_groups_have_a_page() -> None:
-    study = made_up_study(Truth(drivers=16, days=3), 1)
-    level = np.where(study.trials.participant < "sub-009", "none", "vector")
-    plan = replace(study.plan, factors=(VariedFactor(name="presentation", levels=("none", "vector"), within=False),))
-    groups = analysed(replace(study, plan=plan, trials=replace(study.trials, levels={"presentation": level})))
-    assert "two groups of 8 and 8 drivers" in page(groups)
-    assert json.dumps(as_dict(groups), allow_nan=False)
-
-
 def test_a_study_without_comparisons_describes_its_conditions() -> None:
     study = made_up_study(Truth(drivers=6), 1)
     said = page(analysed(replace(study, plan=replace(study.plan, comparisons=()))))
@@ -190,3 +228,60 @@ def test_wrong_input_is_one_line(words: tuple[str, ...], message: str, tmp_path:
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: {message}")
     assert done.stderr.count("\n") == 1
+
+
+def test_the_python_of_the_page_makes_a_row_of_the_report_again(tmp_path: Path) -> None:
+    study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
+    (row,) = as_dict(analyse_study(study, resamples=999))["differences"]
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, object] = {}
+    with chdir(tmp_path), redirect_stdout(io.StringIO()):
+        exec(compile(code, PAGE.name, "exec"), names)
+    test, drivers = names["test"], names["drivers"]
+    assert len(drivers) == row["drivers"]
+    assert drivers.mean() == pytest.approx(row["mean"])
+    assert list(test.confidence_interval()) == pytest.approx(row["t_interval"])
+    assert dict(drivers) == pytest.approx(row["by_driver"])
+
+
+def r_of_the_page() -> str:
+    """All R of the page, from the top."""
+    return "\n".join(re.findall(r"```r\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
+
+
+@pytest.mark.more
+@pytest.mark.processes
+@pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
+def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) -> None:
+    study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
+    found = as_dict(analyse_study(study, resamples=999))
+    (tmp_path / "page.R").write_text(r_of_the_page() + TOLD, encoding="utf-8")
+    done = subprocess.run(
+        ["Rscript", "--vanilla", "page.R"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    if "no package called" in done.stderr:
+        pytest.skip("R has no nlme")
+    assert done.returncode == 0, done.stderr
+    lines = {name: rest for name, *rest in (line.split() for line in done.stdout.splitlines() if line.strip())}
+    told = {name: [float(one) for one in lines[name]] for name in (*LEVELS, "difference", "model", "spreads")}
+    for row in found["conditions"]:
+        names = ("trials", "drivers", "mean", "sd_between_drivers", "sd_within_driver")
+        assert told[row["condition"]][:5] == pytest.approx([row[name] for name in names])
+    (row,) = found["differences"]
+    assert told["difference"] == pytest.approx([row["mean"], *row["t_interval"], row["drivers"]])
+    model = row["model"]
+    # Two programs search for the best fit in different ways: they agree to the digits of the report.
+    assert told["model"] == pytest.approx([model["effect"], *model["interval"]], abs=5e-6)
+    assert told["spreads"] == pytest.approx([model["sd_of_levels"], model["sd_of_effects"]], rel=5e-3)
+
+
+def test_the_table_has_columns_under_names_that_r_leaves_alone(tmp_path: Path) -> None:
+    """`read.csv` changes names with other characters, and would stumble over quotes."""
+    folder = write_study(made_up_study(Truth(), 1), tmp_path / "study")
+    text = (folder / "trials.csv").read_text(encoding="utf-8")
+    columns = set(pandas.read_csv(folder / "trials.csv").columns)
+    assert all(re.fullmatch(r"[a-z][a-z0-9_]*", name) for name in columns)
+    assert not set(text) & set("\"'#\t")
+    used = set(re.findall(r"\b(practice|participant|seed|presentation|position|\w+_ratio)\b", r_of_the_page()))
+    assert used == {"practice", "participant", "seed", "presentation", "position", MEASURE}
+    assert used <= columns

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.plan import read_plan
 from sim.experiment.analysis.reading import read_study
+from sim.experiment.plan import read_plan
 from sim.experiment.study_files import checksums
 from sim.recording.inputs import sha256
 from tests.support.made_up_study import MEASURE, Truth, compared, made_up_study, write_study
@@ -132,7 +132,7 @@ BAD = {
     "one level": (of_design(lambda one: one["comparisons"][0].update(b="vector")), "expected another level than a"),
     "where of nothing": (
         of_design(lambda one: one["comparisons"][0].update(where={"colour": "red"})),
-        r"where.colour = 'red': expected a level of another factor",
+        r"where.colour = 'red': expected one of the keys",
     ),
     "two of a name": (
         of_design(lambda one: one["comparisons"][1].update(name="vector against none")),

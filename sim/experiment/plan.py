@@ -1,16 +1,54 @@
-"""What a study's frozen design says about its analysis: factors, measures, planned comparisons and their correction."""
+"""The names of the files of a study, and the plan of its analysis as its frozen design holds it.
+
+The plan has the factors, the measures, and the planned comparisons with their correction.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from das.domain.errors import MISSING, DasError
 from das.domain.files.reading import Fields, number, read_json
-from sim.experiment.files import CORRECTIONS, DEFAULT_ALPHA, DESIGN_JSON
 
+DESIGN_TEXT: Final = "design.toml"
+"""The frozen design as the user wrote it, with its comments."""
+DESIGN_JSON: Final = "design.json"
+"""The resolved design: every default written out, and the hash that freezes it."""
+TRIALS_TABLE: Final = "trials.csv"
+"""The tidy table: one row for each finished trial, by participant and then by position (UTF-8, comma, decimal point).
+
+A value that is missing is empty. No column depends on the wall clock: the same design gives the same bytes.
+"""
+TRIALS_SIDECAR: Final = "trials.json"
+"""What every column of the table means: column → {LongName, Description, Units}, as in BIDS."""
+
+FAILED_TABLE: Final = "failed.csv"
+"""The trials that failed, each with the reason; it is there only where some did."""
+
+PEOPLE_TABLE: Final = "participants.tsv"
+"""The participants: number in the population, group, and the parameters that were drawn."""
+PERSON_ID: Final = "participant_id"
+"""Column of the participants: the name that the table of trials has for them."""
+PERSON_NUMBER: Final = "person"
+"""Column of the participants: number in the population."""
+
+CHECKSUMS: Final = "checksums.json"
+"""The SHA-256 of the tables that are analysed, by their names: file → hash."""
+CHECKED_TABLES: Final = (TRIALS_TABLE, PEOPLE_TABLE)
+"""The tables whose hashes are kept."""
+
+PROVENANCE: Final = "provenance.json"
+"""Which program made the data from which files, when and how."""
+
+DEFAULT_ALPHA: Final = 0.05
+CORRECTIONS: Final = ("holm", "bonferroni", "none")
+"""How planned comparisons are corrected for their number; the first is the default."""
+LEAST_PARTICIPANTS: Final = 6
+"""With fewer participants (in a group) too few different resamples exist; Student's t is used alone."""
 MOST_COMPARISONS: Final = 200
 FIXED: Final = "not varied"
 """Name of the row that says what was the same on all trials."""
@@ -43,7 +81,7 @@ class VariedFactor:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedDifference:
+class PlannedComparison:
     """A comparison that was planned before the run: `measure` at level `a` of `factor`, less that at level `b`.
 
     `where` fixes levels of other factors; the comparison is over all levels of those that it does not name.
@@ -55,6 +93,15 @@ class PlannedDifference:
     a: str
     b: str
     where: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """The name of the comparison; its contrast where the design gave it no name of its own."""
+        return self.contrast() if self.name.startswith(f"{self.measure}: ") else self.name
+
+    def contrast(self, between: str = ", ") -> str:
+        """The difference in words: a minus b, and the levels that are fixed, each after `between`."""
+        return f"{self.a} minus {self.b}" + "".join(f"{between}{name}: {level}" for name, level in self.where.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +118,7 @@ class StudyPlan:
     seed: int
     factors: tuple[VariedFactor, ...]
     measures: tuple[str, ...]
-    comparisons: tuple[PlannedDifference, ...]
+    comparisons: tuple[PlannedComparison, ...]
     alpha: float = DEFAULT_ALPHA
     correction: str = CORRECTIONS[0]
     simulated: bool = True
@@ -81,7 +128,7 @@ class StudyPlan:
         """The factor of a name; KeyError where there is none."""
         return {one.name: one for one in self.factors}[name]
 
-    def chosen(self, name: str | None) -> PlannedDifference:
+    def chosen(self, name: str | None) -> PlannedComparison:
         """The planned comparison of a name, or the first one; DasError where there is none."""
         for one in self.comparisons:
             if name in (None, one.name):
@@ -116,9 +163,9 @@ def plan_of(fields: Fields) -> StudyPlan:
         seed=_seed(fields),
         factors=factors,
         measures=measures,
-        comparisons=_comparisons(fields, factors, measures),
+        comparisons=read_comparisons(fields, {one.name: partial(_level, one.levels) for one in factors}, measures),
         alpha=_alpha(fields),
-        correction=_correction(fields),
+        correction=read_correction(fields),
         simulated=fields.data.get("drivers", "simulated") != "people",
         setting=tuple(_setting(fields)),
     )
@@ -178,49 +225,51 @@ def _factors(fields: Fields) -> tuple[VariedFactor, ...]:
     return tuple(found)
 
 
-def _comparisons(
-    fields: Fields, factors: tuple[VariedFactor, ...], measures: tuple[str, ...]
-) -> tuple[PlannedDifference, ...]:
-    """The planned comparisons; none is no error, because a study may only describe."""
+def _level(levels: tuple[str, ...], fields: Fields, key: str) -> str:
+    value = fields.data.get(key, MISSING)
+    if value is MISSING or as_text(value) not in levels:
+        raise fields.error(key, value, f"one of the levels {', '.join(levels)}")
+    return as_text(value)
+
+
+def read_comparisons(
+    fields: Fields, levels: Mapping[str, Callable[[Fields, str], str]], measures: Sequence[str]
+) -> tuple[PlannedComparison, ...]:
+    """The planned comparisons of a design; none is no error, because a study may only describe.
+
+    `levels` has for each factor what reads the text of a level under a key of a table. Raises InputError.
+    """
     listed = fields.data.get("comparisons", [])
     if not isinstance(listed, list):
         raise fields.error("comparisons", listed, "a list of tables")
     fields.check_count("comparisons", listed, MOST_COMPARISONS)
-    levels = {one.name: one.levels for one in factors}
-    found = [
-        _comparison(Fields.of(fields.source, one, f"comparisons[{i}]."), levels, measures)
-        for i, one in enumerate(listed)
-    ]
+    tables = (Fields.of(fields.source, one, f"comparisons[{i}].") for i, one in enumerate(listed))
+    found = tuple(_comparison(one, levels, measures) for one in tables)
     names = [one.name for one in found]
     for name in names:
         if names.count(name) > 1:
             raise fields.error("comparisons", name, "a name of its own for each comparison")
-    return tuple(found)
+    return found
 
 
-def _comparison(fields: Fields, levels: Mapping[str, tuple[str, ...]], measures: tuple[str, ...]) -> PlannedDifference:
-    factor, measure = fields.text("factor"), fields.text("measure")
+def _comparison(
+    table: Fields, levels: Mapping[str, Callable[[Fields, str], str]], measures: Sequence[str]
+) -> PlannedComparison:
+    table.check_keys(list(PlannedComparison.__dataclass_fields__))
+    factor, measure = table.text("factor"), table.text("measure")
     if factor not in levels:
-        raise fields.error("factor", factor, f"one of the factors {', '.join(levels)}")
+        raise table.error("factor", factor, f"one of the factors {', '.join(levels)}")
     if measure not in measures:
-        raise fields.error("measure", measure, f"one of the measures {', '.join(measures)}")
-    a, b = (_level(fields, key, levels[factor]) for key in ("a", "b"))
+        raise table.error("measure", measure, f"one of the measures {', '.join(measures)}")
+    a, b = (levels[factor](table, key) for key in ("a", "b"))
     if a == b:
-        raise fields.error("b", b, "another level than a")
-    where = {}
-    fixed = fields.table("where") if fields.has("where") else Fields.of(fields.source, {}, fields.prefix)
-    for name in fixed.data:
-        if name not in levels or name == factor:
-            raise fixed.error(name, fixed.data[name], "a level of another factor of the design")
-        where[name] = _level(fixed, name, levels[name])
-    return PlannedDifference(name=fields.name("name"), measure=measure, factor=factor, a=a, b=b, where=where)
-
-
-def _level(fields: Fields, key: str, levels: tuple[str, ...]) -> str:
-    value: Any = fields.data.get(key, MISSING)
-    if value is MISSING or as_text(value) not in levels:
-        raise fields.error(key, value, f"one of the levels {', '.join(levels)}")
-    return as_text(value)
+        raise table.error("b", table.data["b"], "another level than a")
+    where = table.table("where") if table.has("where") else Fields.of(table.source, {})
+    where.check_keys([name for name in levels if name != factor])
+    fixed = {name: levels[name](where, name) for name in where.data}
+    only = "".join(f", {name} {level}" for name, level in fixed.items())
+    name = table.name("name", f"{measure}: {a} - {b}{only}")
+    return PlannedComparison(name=name, measure=measure, factor=factor, a=a, b=b, where=fixed)
 
 
 def _alpha(fields: Fields) -> float:
@@ -230,7 +279,8 @@ def _alpha(fields: Fields) -> float:
     return value
 
 
-def _correction(fields: Fields) -> str:
+def read_correction(fields: Fields) -> str:
+    """How the p of a design's comparisons are corrected; InputError for a way that is not known."""
     value = fields.text("correction", CORRECTIONS[0])
     if value not in CORRECTIONS:
         raise fields.error("correction", value, f"one of {', '.join(CORRECTIONS)}")

@@ -1,0 +1,314 @@
+"""The difference of a comparison: its pairs or its two groups of participants, and the estimate that they give.
+
+A pair is the same participant on the same day under two conditions, one less the other. An estimate has the mean, its
+interval, its probability under chance, and its size in standard deviations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from das.domain.errors import DasError
+from sim.experiment.analysis.reading import Bools, Floats, Ints, RunStudy, Texts
+from sim.experiment.analysis.resampling import NO_RANGE, resampled, weights
+from sim.experiment.plan import LEAST_PARTICIPANTS, PlannedComparison
+
+CONFIDENCE: Final = 0.95
+MOST_WITHOUT_SPREAD: Final = 0.005
+"""Largest share of resamples without spread; an interval of 95 % leaves out 2.5 % at either end."""
+
+
+class _Cell(NamedTuple):
+    """What two trials must have in common to be a pair: the participant, the day, and the levels of other factors."""
+
+    participant: str
+    day: str
+    others: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedTrials:
+    """The pairs of a comparison between conditions that every participant drove.
+
+    Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `others` names the
+    levels of the other factors, `cell` names these and its day, `a` and `b` are the values (means where a trial was
+    made twice), `a_first` says whether the trial at level a came before. `unpaired` counts trials without a partner,
+    which are left out.
+    `same_day` is False where no two trials had one day in common, and pairs were made by participant alone.
+    """
+
+    participants: tuple[str, ...]
+    owner: Ints
+    others: Texts
+    cell: Texts
+    a: Floats
+    b: Floats
+    a_first: Bools
+    unpaired: int
+    same_day: bool
+
+    @property
+    def differences(self) -> Floats:
+        """Value at a less value at b of each pair, (pairs,)."""
+        return self.a - self.b
+
+    @property
+    def means(self) -> Floats:
+        """Mean difference of each participant, (participants,)."""
+        return self.by_participant(self.differences)
+
+    @property
+    def spread(self) -> Floats:
+        """The values whose standard deviation says how far participants differ, (participants,)."""
+        return self.means
+
+    def by_participant(self, values: Floats) -> Floats:
+        """Mean over the pairs of each participant, (participants,)."""
+        return np.asarray(np.bincount(self.owner, weights=values) / np.bincount(self.owner))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoGroups:
+    """The means of the participants of two groups, for a factor of which each participant has one level."""
+
+    a: Floats
+    b: Floats
+    a_names: tuple[str, ...]
+    b_names: tuple[str, ...]
+
+    @property
+    def spread(self) -> Floats:
+        """The values whose standard deviation says how far participants differ: means less that of the group."""
+        return np.concatenate([self.a - self.a.mean(), self.b - self.b.mean()])
+
+
+ComparedTrials = PairedTrials | TwoGroups
+
+
+def compared_trials(study: RunStudy, comparison: PlannedComparison) -> ComparedTrials:
+    """The pairs of a comparison, or its two groups where each participant drove one of its conditions."""
+    within = study.plan.factor(comparison.factor).within
+    return paired_trials(study, comparison) if within else two_groups(study, comparison)
+
+
+def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrials:
+    """The pairs of a comparison; DasError where no participant drove both of its conditions."""
+    same_day = _paired(study, comparison, with_day=True)
+    found = same_day if len(same_day.owner) else _paired(study, comparison, with_day=False)
+    if not len(found.owner):
+        raise DasError(
+            f"{study.folder}: comparison {comparison.name}: no participant has finished trials with both "
+            f"{comparison.factor} = {comparison.a} and {comparison.b}"
+        )
+    return found
+
+
+def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -> PairedTrials:
+    trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
+    level, values = trials.levels[comparison.factor], trials.values[comparison.measure]
+    others = [trials.levels[one.name] for one in study.plan.factors if one.name != comparison.factor]
+    cells: dict[_Cell, dict[str, list[int]]] = defaultdict(lambda: {comparison.a: [], comparison.b: []})
+    for row in rows:
+        cell = _Cell(
+            str(trials.participant[row]),
+            str(trials.day[row]) if with_day else "",
+            tuple(str(one[row]) for one in others),
+        )
+        cells[cell][str(level[row])].append(int(row))
+    whole = {cell: (one[comparison.a], one[comparison.b]) for cell, one in sorted(cells.items()) if all(one.values())}
+    names = tuple(sorted({cell.participant for cell in whole}))
+    number = {name: index for index, name in enumerate(names)}
+    return PairedTrials(
+        participants=names,
+        owner=np.array([number[cell.participant] for cell in whole], dtype=np.int64),
+        others=np.array([" ".join(cell.others) for cell in whole], dtype=np.str_),
+        cell=np.array([" ".join((*cell.others, cell.day)) for cell in whole], dtype=np.str_),
+        a=np.array([values[a].mean() for a, _ in whole.values()]),
+        b=np.array([values[b].mean() for _, b in whole.values()]),
+        a_first=np.array(
+            [trials.position[a].mean() < trials.position[b].mean() for a, b in whole.values()], dtype=bool
+        ),
+        unpaired=len(rows) - sum(len(a) + len(b) for a, b in whole.values()),
+        same_day=with_day,
+    )
+
+
+def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
+    """The participants of each of two groups, by the mean of their trials; DasError where a group is empty."""
+    trials, kept = study.trials, study.chosen(comparison)
+    found = {}
+    for level in (comparison.a, comparison.b):
+        mine = kept & (trials.levels[comparison.factor] == level)
+        names = np.unique(trials.participant[mine])
+        if not len(names):
+            raise DasError(
+                f"{study.folder}: comparison {comparison.name}: no finished trial with {comparison.factor} = {level}"
+            )
+        values = trials.values[comparison.measure]
+        found[level] = (names, np.array([values[mine & (trials.participant == name)].mean() for name in names]))
+    (a_names, a), (b_names, b) = found[comparison.a], found[comparison.b]
+    return TwoGroups(a=a, b=b, a_names=tuple(map(str, a_names)), b_names=tuple(map(str, b_names)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferenceEstimate:
+    """A mean difference between two conditions, in the unit of its measure.
+
+    `interval` (95 %) and `probability` come from resampled participants, where there are enough that differ, else from
+    Student's t; `resampled` says which. `t_interval` and `t_probability` are Student's (Welch's for two groups).
+    `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups); its interval is
+    that of the noncentral t distribution, for two groups Bonett's.
+    """
+
+    mean: float
+    sd: float
+    participants: int
+    interval: tuple[float, float]
+    probability: float
+    t_interval: tuple[float, float]
+    t_probability: float
+    size: float
+    size_interval: tuple[float, float]
+    resampled: bool
+
+    @property
+    def known(self) -> bool:
+        """Whether there was any spread to judge the difference by."""
+        return math.isfinite(self.interval[0])
+
+    @property
+    def by_t(self) -> bool:
+        """Whether the interval is Student's, because too few participants differ to resample them."""
+        return self.known and not self.resampled
+
+
+def estimate_of(trials: ComparedTrials, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
+    """The estimate of a comparison, from its pairs or from its two groups."""
+    if isinstance(trials, TwoGroups):
+        return group_estimate(trials.a, trials.b, resamples, rng)
+    return paired_estimate(trials.means, resamples, rng)
+
+
+def paired_estimate(differences: Floats, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
+    """The mean of one difference for each participant (n,), with its interval."""
+    from scipy import stats
+
+    count, mean = len(differences), float(differences.mean())
+    if _without_spread(differences):
+        return _unknown(mean, 0.0 if count > 1 else math.nan, count)
+    sd = float(differences.std(ddof=1))
+    test, size = stats.ttest_1samp(differences, 0.0), size_interval(mean / sd, count)
+    return _estimate((differences,), sd, test, size, weights_of=(resamples, rng))
+
+
+def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
+    """The difference of the means of two groups of participants (a less b), each group resampled by itself."""
+    from scipy import stats
+
+    if min(len(a), len(b)) < 2 or (_without_spread(a) and _without_spread(b)):
+        return _unknown(float(a.mean() - b.mean()), math.nan, len(a) + len(b))
+    sd = math.sqrt(0.5 * (float(a.var(ddof=1)) + float(b.var(ddof=1))))
+    test, size = stats.ttest_ind(a, b, equal_var=False), group_size_interval(a, b)
+    return _estimate((a, b), sd, test, size, weights_of=(resamples, rng))
+
+
+def _estimate(
+    groups: tuple[Floats, ...],
+    sd: float,
+    test: Any,
+    size_interval: tuple[float, float],
+    *,
+    weights_of: tuple[int, np.random.Generator],
+) -> DifferenceEstimate:
+    """The estimate from a t test; its interval is resampled where enough participants differ."""
+    drawn = [weights(len(one), *weights_of) for one in groups] if min(map(len, groups)) >= LEAST_PARTICIPANTS else []
+    mean = float(groups[0].mean()) - (float(groups[1].mean()) if len(groups) > 1 else 0.0)
+    low, high = test.confidence_interval(CONFIDENCE)
+    t_interval, t_probability = (float(low), float(high)), float(test.pvalue)
+    interval, probability, enough = t_interval, t_probability, False
+    if drawn:
+        again = resampled([one[None, :] for one in groups], drawn)
+        # Where hardly any driver differs, many resamples draw equal ones only.
+        enough = float(np.mean(np.isinf(again.distances))) < MOST_WITHOUT_SPREAD
+    if enough:
+        low, high = np.quantile(again.distances[0], (0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2))
+        error = float(again.errors[0])
+        interval, probability = (float(mean - high * error), float(mean - low * error)), float(again.probabilities[0])
+    return DifferenceEstimate(
+        mean=mean, sd=sd, participants=sum(map(len, groups)), interval=interval, probability=probability,
+        t_interval=t_interval, t_probability=t_probability,
+        size=mean / sd, size_interval=size_interval, resampled=enough,
+    )  # fmt: skip
+
+
+def group_size_interval(a: Floats, b: Floats) -> tuple[float, float]:
+    """The 95 % interval of the difference of two groups in standard deviations (root of their mean variance).
+
+    The groups may differ in variance: Bonett, Psychological Methods 13 (2008) 99–109, equations 8 and 9.
+    """
+    from scipy import stats
+
+    variances = [float(one.var(ddof=1)) for one in (a, b)]
+    freedoms = [len(one) - 1 for one in (a, b)]
+    middle = 0.5 * sum(variances)
+    size = float(a.mean() - b.mean()) / math.sqrt(middle)
+    of_size = size**2 * sum(one**2 / free for one, free in zip(variances, freedoms, strict=True)) / (8.0 * middle**2)
+    of_means = sum(one / free for one, free in zip(variances, freedoms, strict=True)) / middle
+    reach = float(stats.norm.ppf(0.5 + CONFIDENCE / 2)) * math.sqrt(of_size + of_means)
+    return size - reach, size + reach
+
+
+def size_interval(size: float, participants: int) -> tuple[float, float]:
+    """The 95 % interval of an effect in standard deviations, from the noncentral t distribution.
+
+    Cumming and Finch, Educational and Psychological Measurement 61 (2001) 532–574.
+    """
+    from scipy import optimize, stats
+
+    root, freedom = math.sqrt(participants), participants - 1
+    found = abs(size) * root
+    around = 6.0 * math.sqrt(1.0 + found**2 / (2.0 * freedom))
+
+    def bound(share: float) -> float:
+        centre = optimize.brentq(lambda one: stats.nct.cdf(found, freedom, one) - share, found - around, found + around)
+        return float(centre) / root
+
+    try:
+        low, high = bound(0.5 + CONFIDENCE / 2), bound(0.5 - CONFIDENCE / 2)
+    except ValueError:  # no sign change: the effect is so large that the distribution cannot be computed
+        return NO_RANGE
+    return (low, high) if size >= 0 else (-high, -low)
+
+
+def _without_spread(values: Floats) -> bool:
+    """Whether all values are the same but for rounding."""
+    return len(values) < 2 or float(np.ptp(values)) <= 1e-12 * max(float(np.abs(values).max()), 1e-300)
+
+
+def _unknown(mean: float, sd: float, count: int) -> DifferenceEstimate:
+    """An estimate without interval: one participant, or no spread between them."""
+    nothing = 1.0 if mean == 0 and sd == 0 else math.nan
+    return DifferenceEstimate(
+        mean=mean, sd=sd, participants=count, interval=NO_RANGE, probability=nothing, t_interval=NO_RANGE,
+        t_probability=nothing, size=math.nan, size_interval=NO_RANGE, resampled=False,
+    )  # fmt: skip
+
+
+def corrected(probabilities: Floats, correction: str) -> Floats:
+    """Probabilities corrected for the number of planned comparisons; NaN stays NaN, but counts as a comparison.
+
+    `holm`: Holm, Scandinavian Journal of Statistics 6 (1979) 65–70. `bonferroni`: each times their number. `none`: as
+    they are.
+    """
+    from statsmodels.stats.multitest import multipletests
+
+    if correction == "none" or not len(probabilities):
+        return probabilities
+    unknown = np.isnan(probabilities)
+    raised = multipletests(np.where(unknown, 1.0, probabilities), method=correction)[1]
+    return np.asarray(np.where(unknown, np.nan, raised))

@@ -1,0 +1,133 @@
+"""Power: against the noncentral t distribution, and against how often made-up studies find what is planted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from sim.experiment.analysis.differences import (
+    TwoGroups,
+    paired_trials,
+)
+from sim.experiment.analysis.power import (
+    Asked,
+    BellCurves,
+    PowerQuestion,
+    answer,
+    normal_participants,
+    normal_power,
+    of_pilot,
+    of_pilot_groups,
+    participants_needed,
+    power_of,
+)
+from sim.experiment.analysis.reading import Floats
+from sim.experiment.analysis.resampling import resampled, weights
+from tests.support.made_up_study import (
+    APART,
+    SAME,
+    Truth,
+    compared,
+    made_up_groups,
+    made_up_study,
+    positive,
+    write_study,
+)
+
+
+@pytest.mark.slow
+def test_a_planted_point_is_found_as_often_as_power_predicts() -> None:
+    """The prediction comes from a pilot of 400 drivers, so that it is not off because its pilot was small."""
+    truth = Truth(drivers=48, means=(0.26, 0.25, 0.25), effect_sd=0.02)
+    pilot = made_up_study(Truth(drivers=400, means=truth.means, effect_sd=truth.effect_sd), 10_000)
+    source = of_pilot(paired_trials(pilot, compared("vector", "none")), None)
+    predicted = power_of(PowerQuestion(effect=-0.01, alpha=0.05, source=source), truth.drivers).power
+    assert 0.6 < predicted < 0.9
+    assert positive(truth, "vector", "none") == pytest.approx(predicted, abs=0.07)
+
+
+def test_power_of_bell_curves_is_that_of_the_noncentral_t_distribution() -> None:
+    source = BellCurves(between_sd=2.0, within_sd=1.5, pairs=3)
+    sd = float(np.hypot(2.0, 1.5 / np.sqrt(3.0)))
+    for participants in (16, 40, 90):
+        found = power_of(PowerQuestion(effect=0.8, alpha=0.05, source=source), participants)
+        assert found.power == pytest.approx(normal_power(0.8 / sd, participants, 0.05), abs=0.035)
+        assert found.interval[0] < found.power < found.interval[1]
+
+
+def test_the_first_estimate_of_76_pairs_is_found_again() -> None:
+    """L2 less L3 through a person: 0.78 points, where persons differ by 2.4 points (issue 17)."""
+    assert normal_participants(0.78 / 2.4, 0.05, 0.8) == 77
+    question = PowerQuestion(effect=0.78, alpha=0.05, source=BellCurves(between_sd=2.4), studies=800)
+    assert participants_needed(question, 0.8) == pytest.approx(77, abs=8)
+
+
+def test_what_no_number_of_participants_finds_is_said() -> None:
+    question = PowerQuestion(effect=1e-6, alpha=0.05, source=BellCurves(between_sd=1.0), studies=20)
+    assert participants_needed(question, 0.8) is None
+    assert normal_participants(0.0, 0.05, 0.8) is None
+
+
+def test_a_pilot_has_the_spread_between_drivers_and_between_their_pairs() -> None:
+    """More pairs for each driver take away noise, but not the differences between drivers."""
+    truth = Truth(drivers=600, days=4, effect_sd=0.02, noise=(0.0, 0.0, 0.03), skewed=False)
+    pairs = paired_trials(made_up_study(truth, 3), compared("vector", "none"))
+    rng = np.random.default_rng(1)
+    for each in (1, 4, 16):
+        values = of_pilot(pairs, each).draw(200, 100, rng)
+        assert values.std() == pytest.approx(np.hypot(0.02, 0.03 / np.sqrt(each)), rel=0.06)
+        assert values.mean() == pytest.approx(0.0, abs=0.001)
+
+
+def test_power_of_two_groups_is_that_of_the_noncentral_t_distribution() -> None:
+    source = BellCurves(between_sd=2.0, within_sd=1.0, pairs=2, groups=True)
+    sd = float(np.hypot(2.0, 1.0 / np.sqrt(2.0)))
+    for each in (16, 60):
+        found = power_of(PowerQuestion(effect=1.2, alpha=0.05, source=source, studies=1000), each).power
+        assert found == pytest.approx(normal_power(1.2 / sd, each, 0.05, groups=True), abs=0.045)
+    # Cohen (1988), table 2.4.1: d = 0.5 at a level of 0.05 and a power of 0.8 takes 64 in each group.
+    assert normal_participants(0.5, 0.05, 0.8, groups=True) == 64
+
+
+def test_a_planted_difference_of_groups_is_found_as_often_as_power_predicts() -> None:
+    """Skewed drivers, one group twice as wide as the other; a pilot of 400 in each group."""
+    rng = np.random.default_rng(5)
+
+    def drawn(shape: tuple[int, ...], sd: float) -> Floats:
+        return sd * (rng.gamma(3.0, size=shape) - 3.0) / np.sqrt(3.0)
+
+    names = tuple(f"sub-{number}" for number in range(400))
+    pilot = TwoGroups(a=drawn((400,), 2.0), b=drawn((400,), 1.0), a_names=names, b_names=names)
+    predicted = power_of(PowerQuestion(effect=1.0, alpha=0.05, source=of_pilot_groups(pilot)), 40).power
+    assert 0.6 < predicted < 0.95
+    both = (1.0 + drawn((600, 40), 2.0), drawn((600, 40), 1.0))
+    found = resampled(both, (weights(40, 999, rng), weights(40, 999, rng))).probabilities
+    assert np.mean(found < 0.05) == pytest.approx(predicted, abs=0.07)
+
+
+def asked(source: Path | None, **settings: object) -> Asked:
+    usual = {
+        "effect": 20.0, "comparison": None, "participants": (8,), "wanted": 0.8, "sd": None, "sd_of_pairs": 0.0,
+        "pairs": None, "alpha": None, "seed": 0,
+    }  # fmt: skip
+    return Asked(source=source, **{**usual, **settings})  # type: ignore[arg-type]
+
+
+def test_the_power_of_a_pilot_of_groups_is_for_each_group(tmp_path: Path) -> None:
+    study = made_up_groups(replace(SAME, drivers=16), 1)
+    study = replace(study, plan=replace(study.plan, comparisons=(APART,)))
+    folder = write_study(study, tmp_path / "pilot")
+    found = answer(asked(folder))
+    assert found.groups
+    assert "8 participants of the pilot with top-speed and 8 with none" in found.about
+    assert "in each of the two groups" in found.sentences[0]
+    with pytest.raises(DasError, match="is one of two groups, whose participants make no pairs"):
+        answer(asked(folder, pairs=3))
+    # A design tells whether its comparison is one of two groups.
+    assert answer(asked(folder / "design.json", sd=2.0)).groups
+    with pytest.raises(DasError, match="--groups: expected together with --sd"):
+        answer(asked(folder, groups=True))
