@@ -16,7 +16,7 @@ from sim.drive.drive import Drive
 from sim.drive.events.bookmarks import bookmarks
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, MODES, Meaning
 from sim.review.light import INK, TEXT_POINTS, legend, light_figure, named, stops
-from sim.review.report.words import told_causes
+from sim.review.report.sentences import told_causes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
