@@ -11,7 +11,7 @@ import numpy as np
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
-from sim.trips.rows import check_column, check_location, check_width, is_number, number, read_cells, read_rows
+from sim.trips.cells import check_column, check_location, check_width, is_number, number, read_cells
 
 COLUMNS: Final = {
     "latitude": ("latitude", "latitude_deg", "lat"),
@@ -133,20 +133,21 @@ def read_kilometre_posts(path: Path) -> Line:
 def _read_columns(path: Path) -> tuple[int, Floats]:
     """The number of the first line that is a post, and latitude, longitude, kilometre of all posts (3 × posts)."""
     rows, separator = read_cells(path, "list of posts", f"a header, or lines of {', '.join(COLUMNS)}")
-    if any(is_number(cell) for cell in rows[0]):
-        return 1, read_rows(path, tuple(COLUMNS), LEAST_POSTS, "list of posts").T.copy()
-    names = [cell.casefold() for cell in rows[0]]
-    index = {quantity: _column(path, names, quantity) for quantity in COLUMNS}
-    body = rows[1:]
+    header = not any(is_number(cell) for cell in rows[0])
+    names = [cell.casefold() for cell in rows[0]] if header else list(COLUMNS)
+    columns = {quantity: _column(path, names, quantity) for quantity in COLUMNS}
+    first = 2 if header else 1
+    body = rows[first - 1 :]
     if len(body) < LEAST_POSTS:
-        raise DasError(f"{path}: list of posts of {len(body)} posts, expected at least {LEAST_POSTS}")
+        posts = f"{len(body)} line{'s' * (len(body) != 1)}"
+        raise DasError(f"{path}: list of posts of {posts}, expected at least {LEAST_POSTS} lines of posts")
     values = np.empty((len(COLUMNS), len(body)))
     for i, cells in enumerate(body):
-        check_width(path, i + 2, cells, separator, tuple(names))
-        for j, (quantity, column) in enumerate(index.items()):
+        check_width(path, i + first, cells, separator, tuple(names))
+        for j, (quantity, column) in enumerate(columns.items()):
             cell = cells[column] if separator == "," else cells[column].replace(",", ".")
-            values[j, i] = number(path, i + 2, quantity, cell)
-    return 2, values
+            values[j, i] = number(path, i + first, quantity, cell)
+    return first, values
 
 
 def _column(path: Path, names: list[str], quantity: str) -> int:

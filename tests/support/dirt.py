@@ -13,8 +13,9 @@ import pytest
 from das.domain.route import Route
 from sim.trips.findings import FindingKind
 from sim.trips.line import EARTH_RADIUS_M
+from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
-from sim.trips.trip import Trip, Whereabouts, load_trip
+from sim.trips.trip import Trip, load_trip
 from tests.support.made_line import motion, north, posts_file, route
 
 LENGTH_M = 8000.0
@@ -76,7 +77,7 @@ def load(
     folder: Path, points: Points, on: Route | None = None, *, speeds: bool = True, **said: bool | str | None
 ) -> Trip:
     path = write(folder, points, speeds=speeds)
-    return load_trip(path, read_trip(path), on or route(), Whereabouts(line=long_posts(folder), **said))  # type: ignore[arg-type]
+    return load_trip(path, read_trip(path), on or route(), TripOptions(line=long_posts(folder), **said))  # type: ignore[arg-type]
 
 
 def counts(trip: Trip) -> dict[FindingKind, int]:

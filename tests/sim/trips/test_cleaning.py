@@ -18,9 +18,10 @@ from das.bus.topics import POSITION
 from das.domain.errors import DasError
 from sim.trips import cleaning
 from sim.trips.findings import FindingKind
+from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
 from sim.trips.settings import POSITIONS
-from sim.trips.trip import Whereabouts, load_trip
+from sim.trips.trip import load_trip
 from tests.support.dirt import (
     DEFECTS,
     EPOCH_S,
@@ -59,7 +60,7 @@ def test_all_defects_together_are_counted_apart(tmp_path: Path) -> None:
     check_truth(trip, clean(), speed_mps=0.9)
     report = trip.matched.report.cleaning
     assert report.read == len(all_together(clean()))
-    dropped = sum(f.count for f in report.findings if f.told.done in ("dropped", "cut"))
+    dropped = sum(f.count for f in report.findings if f.kind.done in ("dropped", "cut"))
     assert report.kept == report.read - dropped == len(trip.matched.s_m)
     assert "6 × position jump" not in report.summary
     assert "9 × position jump (dropped)" in report.summary
@@ -197,7 +198,7 @@ def test_invalid_positions_of_a_recording_stay_but_lead_nowhere(tmp_path: Path) 
         )
         file.add(POSITION, POSITION.key("t"), position, position.time_ns)
     file.close()
-    trip = load_trip(path, read_trip(path), route(), Whereabouts())
+    trip = load_trip(path, read_trip(path), route(), TripOptions())
     assert counts(trip) == {}
     assert np.flatnonzero(trip.matched.invalid).tolist() == list(range(100, 110))
     assert (np.diff(trip.matched.s_m) >= 0).all()

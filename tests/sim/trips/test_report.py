@@ -33,11 +33,10 @@ from sim.trips.estimate import (
     strongest_held_n,
 )
 from sim.trips.options import TripOptions
-from sim.trips.picture import FORCES_SHOWN_RATIO
 from sim.trips.reading import read_trip
-from sim.trips.sections import driven_sections
+from sim.trips.report import FORCES_SHOWN_RATIO
 from sim.trips.settings import ESTIMATE
-from sim.trips.trip import Trip, Whereabouts, load_trip
+from sim.trips.trip import Trip, driven_sections, load_trip
 from sim.world.processes.lockstep import Traffic
 from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, dropouts, late_end, spikes, write
 from tests.support.made_line import north, posts_file, route
@@ -53,7 +52,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Section, Ene
     """The clean trip on a level line with a lossless train of 100 t that feeds back all it can."""
     path = write(tmp_path_factory.mktemp("trip"), clean(), on_route=True)
     section = build_section(flat(LENGTH_M, LIMIT_MPS), make_train(resistance=(C0_N, 0.0, C2)))
-    trip = load_trip(path, read_trip(path), section.route, Whereabouts())
+    trip = load_trip(path, read_trip(path), section.route, TripOptions())
     return trip, section, energy_range(section, trip.matched)
 
 
@@ -102,7 +101,7 @@ def test_dirt_hardly_changes_the_energy(tmp_path: Path, driven: tuple[Trip, Sect
     _, section, found = driven
     path = write(tmp_path, all_together(clean()), on_route=False)
     on = replace(section.route, **_meridian())
-    trip = load_trip(path, read_trip(path), on, Whereabouts())
+    trip = load_trip(path, read_trip(path), on, TripOptions())
     run = trip.run
     assert estimate_run(section, run.time_s, run.s_m, run.speed_mps).ledger.input == pytest.approx(
         found.estimate_j, rel=0.01
@@ -278,7 +277,7 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
     path = write(
         tmp_path, [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)], on_route=True
     )
-    trip = load_trip(path, read_trip(path), section.route, Whereabouts())
+    trip = load_trip(path, read_trip(path), section.route, TripOptions())
     found = range_above(driven_sections(trip, front))
     least_j = best.ledger(section.vehicle, section.loss).input
     assert abs(found.estimate_j) < 0.01 * least_j

@@ -16,10 +16,10 @@ from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, EnergyBand, SectionEnergy, likely_band, range_above
 from sim.trips.estimate import estimate_run
+from sim.trips.options import TripOptions
 from sim.trips.profile import to_profile
 from sim.trips.reading import read_trip
-from sim.trips.sections import DrivenSection, driven_sections
-from sim.trips.trip import Trip, Whereabouts, load_trip
+from sim.trips.trip import DrivenSection, Trip, driven_sections, load_trip
 from tests.support.dirt import Point, write
 from tests.support.making import flat, make_train
 
@@ -46,7 +46,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Front, list[
         energies.append(best.ledger.input)
         t0 += trip_s + DWELL_S
     path = write(tmp_path_factory.mktemp("trip"), points, on_route=True)
-    trip = load_trip(path, read_trip(path), route, Whereabouts())
+    trip = load_trip(path, read_trip(path), route, TripOptions())
     return trip, solve_front(build_section(route, train)), energies
 
 

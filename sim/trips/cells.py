@@ -1,8 +1,13 @@
-"""Rows of CSV files as numbers, with errors that name the file, the line and the value."""
+"""Cells of a trip's file as numbers and as times, with errors that name the file, the line and the value.
+
+Times are whole ns since 1970, without the rounding of a double.
+"""
 
 from __future__ import annotations
 
 import csv
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +16,15 @@ from numpy.typing import NDArray
 from das.domain.errors import DasError, InputError
 from das.domain.files.reading import read_text
 from das.domain.route import Floats
+from das.domain.units import MS, NS
 
 ROUNDING = 1e-6
 """A negative speed this near to 0 (in its file's unit) comes from rounding."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_NS_PER_MICROSECOND = 1000
+LATEST_NS = round(9e9 / NS)
+"""The latest time (ns since 1970, year 2255) that fits in integer nanoseconds."""
+PER_UNIT_NS = {"time_ms": round(MS / NS), "time_s": round(1 / NS)}
 
 
 def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], str]:
@@ -32,21 +43,6 @@ def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], s
     if len(rows) != len(lines):
         raise DasError(f"{path}: a quoted cell goes over several lines, expected one line a row")
     return [[cell.strip() for cell in row] for row in rows], separator
-
-
-def read_rows(path: Path, names: tuple[str, ...], at_least: int, what: str) -> Floats:
-    """Rows of finite numbers (rows × len(names)) of a file without a header; row i is line i + 1 of the file.
-
-    Raises DasError for a missing or empty file and InputError (file, line, value) for an unusable line.
-    """
-    rows, separator = read_cells(path, what, f"lines of {', '.join(names)}")
-    values = []
-    for line, cells in enumerate(rows, 1):
-        check_width(path, line, cells, separator, names)
-        values.append([number(path, line, name, cell) for name, cell in zip(names, cells, strict=True)])
-    if len(values) < at_least:
-        raise DasError(f"{path}: {what} of {len(values)} line, expected at least {at_least} lines")
-    return np.array(values)
 
 
 def check_width(path: Path, line: int, cells: list[str], separator: str, names: tuple[str, ...]) -> None:
@@ -93,3 +89,32 @@ def check_location(path: Path, latitude_deg: Floats, longitude_deg: Floats, firs
     """Raise InputError for the first latitude beyond ±90° or longitude beyond ±180°."""
     check_column(path, "latitude", latitude_deg, np.abs(latitude_deg) > 90, "-90 to 90 deg", first)
     check_column(path, "longitude", longitude_deg, np.abs(longitude_deg) > 180, "-180 to 180 deg", first)
+
+
+def time_from_number(path: Path, key: str, text: str, column: str) -> int:
+    """An epoch time written as a number in the column's unit; InputError (file, key, value) otherwise."""
+    unit = column.rpartition("_")[2]
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        raise InputError(path, key, text, "a number") from None
+    if not value.is_finite():
+        raise InputError(path, key, text, "a finite number")
+    # A figure like 1e999999999 must not become an integer of so many digits.
+    if not 0 <= value <= LATEST_NS or not 0 <= (ns := value * PER_UNIT_NS[column]) <= LATEST_NS:
+        raise InputError(path, key, text, f"an epoch time in {unit}")
+    return round(ns)
+
+
+def time_from_iso(path: Path, key: str, text: str) -> int:
+    """An ISO 8601 time, UTC where it names no zone; InputError (file, key, value) otherwise."""
+    expected = "an ISO 8601 time like 2026-11-21T08:04:00Z"
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise InputError(path, key, text, expected) from None
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    ns = (moment - _EPOCH) // timedelta(microseconds=1) * _NS_PER_MICROSECOND
+    if not 0 <= ns <= LATEST_NS:
+        raise InputError(path, key, text, f"{expected}, 1970 to 2255")
+    return ns
