@@ -107,7 +107,7 @@ def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
 
 def panels(scene: ReviewScene) -> dict[str, Panel]:
     """The panels over time for which there is something to show, by name."""
-    found = {}
+    found: dict[str, Panel] = {}
     for name in OVER_TIME:
         if name == "lanes" and _lanes_of(scene):
             found[name] = Panel("", LANE_IN * len(_lanes_of(scene)), above_in=LEGEND_IN)

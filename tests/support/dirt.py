@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,6 +79,12 @@ def load(
 ) -> Trip:
     path = write(folder, points, speeds=speeds)
     return load_trip(path, read_trip(path), on or route(), TripOptions(line=long_posts(folder), **said))  # type: ignore[arg-type]
+
+
+def on_route(folder: Path, points: Points, on: Route | None = None, *, positions: bool = False, **said: Any) -> Trip:
+    """The trip of a record written as CSV, on a route with geometry unless another is given, without posts."""
+    path = write(folder, points, on_route=positions)
+    return load_trip(path, read_trip(path), on or route(geometry=True), TripOptions(**said))
 
 
 def counts(trip: Trip) -> dict[FindingKind, int]:

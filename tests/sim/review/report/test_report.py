@@ -34,10 +34,17 @@ BUNDLED = Path(__file__).parents[4] / "recordings" / "zurich-zug-late.mcap"
 
 
 @cache
-def day() -> Day:
+def day(more: str = "") -> Day:
     path = Path(mkdtemp()) / "flat.toml"
-    path.write_text(FLAT, encoding="utf-8")
+    path.write_text(f"{FLAT}\n{more}", encoding="utf-8")
     return make_day(service_of(path), 1)
+
+
+@cache
+def at_danger() -> Drive:
+    """The drive of a day with a signal at danger on the way."""
+    made = day(signal_at(3000.0, 900.0))
+    return Drive(source=recorded_day(made, PerfectDriver(made.service.line)), given=inputs_of_day(made))
 
 
 def subject(driver: Driver, name: str) -> ReviewedDrive:
@@ -130,12 +137,8 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     assert title(fast().drive) == "train, A – B, 21 November 2026 (fast)"
 
 
-def test_the_page_says_where_time_was_lost_and_by_what(tmp_path: Path) -> None:
-    path = tmp_path / "signal.toml"
-    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
-    day = make_day(service_of(path), 1)
-    recording = recorded_day(day, PerfectDriver(day.service.line))
-    found = Drive(source=recording, given=inputs_of_day(day))
+def test_the_page_says_where_time_was_lost_and_by_what() -> None:
+    found = at_danger()
     (told,) = where_time_went(found)
     assert re.match(r"From A to B it lost \d+ s against the timetable; on the way: a signal at danger, in sight", told)
     assert "The advice knows of no signals" in paragraph(found)
@@ -152,12 +155,8 @@ def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
     assert away.text in [row["text"] for row in tables.event_rows(found)]
 
 
-def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it(tmp_path: Path) -> None:
-    path = tmp_path / "signal.toml"
-    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
-    day = make_day(service_of(path), 1)
-    recording = recorded_day(day, PerfectDriver(day.service.line))
-    found = Drive(source=recording, given=inputs_of_day(day))
+def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it() -> None:
+    found = at_danger()
     signal, stand = (
         next(row for row in tables.bookmark_rows(found) if row["mark"] == mark)
         for mark in ("signal at danger", "unplanned stop")
@@ -195,19 +194,14 @@ def test_without_line_and_train_the_page_says_why_there_is_no_energy(tmp_path: P
     assert "Where the energy went cannot be said: its route" in page([found], None, "")
 
 
-def test_a_recording_that_was_cut_off_is_said_to_be(tmp_path: Path) -> None:
+def test_a_recording_that_was_cut_off_is_said_to_be_with_the_health_that_the_check_finds(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "drive.mcap", seconds=120)
     content = path.read_bytes()
     path.write_bytes(content[: 2 * len(content) // 3])
-    assert "The recording was cut off" in paragraph(subject_of(path).drive)
-
-
-def test_the_health_on_the_page_is_what_the_check_finds(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "drive.mcap", seconds=120)
-    content = path.read_bytes()
-    path.write_bytes(content[: 2 * len(content) // 3])
-    found, html = check_file(path), page([subject_of(path)], None, "")
-    assert as_dict([subject_of(path)], None, "")["drives"][0]["health"] == found.as_dict()
+    reviewed, found = subject_of(path), check_file(path)
+    html = page([reviewed], None, "")
+    assert "The recording was cut off" in paragraph(reviewed.drive)
+    assert as_dict([reviewed], None, "")["drives"][0]["health"] == found.as_dict()
     assert any("cut-off" in line for line in found.lines())
     for text in (*found.lines(), *found.figures.values(), *(row[0] for row in found.rate_rows())):
         assert str(escape(text)) in html
