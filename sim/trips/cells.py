@@ -45,10 +45,28 @@ def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], s
     return [[cell.strip() for cell in row] for row in rows], separator
 
 
-def check_width(path: Path, line: int, cells: list[str], separator: str, names: tuple[str, ...]) -> None:
-    """Raise InputError for a row with another number of columns."""
-    if len(cells) != len(names):
-        raise InputError(path, f"line {line}", separator.join(cells), f"{len(names)} columns: {', '.join(names)}")
+def read_columns(path: Path, what: str, names: tuple[str, ...]) -> tuple[tuple[str, ...], list[list[str]], int]:
+    """Names of the columns, rows of cells, and the line of the first row, of a CSV file with a header or without.
+
+    `names` are those of the columns of a file without a header. A comma in a cell is a decimal one unless it separates.
+    Raises DasError as `read_cells` does, and InputError for a row with another number of columns.
+    """
+    rows, separator = read_cells(path, what, f"a header, or lines of {', '.join(names)}")
+    first = 1
+    if not any(is_number(cell) for cell in rows[0]):
+        names, rows, first = tuple(cell.casefold() for cell in rows[0]), rows[1:], 2
+    for line, cells in enumerate(rows, first):
+        if len(cells) != len(names):
+            raise InputError(path, f"line {line}", separator.join(cells), f"{len(names)} columns: {', '.join(names)}")
+    if separator != ",":
+        rows = [[cell.replace(",", ".") for cell in cells] for cells in rows]
+    return names, rows, first
+
+
+def check_count(path: Path, what: str, rows: list[list[str]]) -> None:
+    """Raise DasError for a file with fewer than two rows."""
+    if len(rows) < 2:
+        raise DasError(f"{path}: {what} of {len(rows)} line{'s' * (not rows)}, expected at least 2 lines of points")
 
 
 def number(path: Path, line: int, name: str, cell: str) -> float:

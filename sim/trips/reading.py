@@ -19,12 +19,11 @@ from das.estimate.fix import Quality
 from sim.recording.opening import open_recording
 from sim.trips.cells import (
     check_column,
+    check_count,
     check_location,
-    check_width,
-    is_number,
     not_negative,
     number,
-    read_cells,
+    read_columns,
     time_from_iso,
     time_from_number,
 )
@@ -158,18 +157,9 @@ def read_csv(path: Path) -> Record:
 
     Raises DasError or InputError (file, line, value, expectation).
     """
-    rows, separator = read_cells(path, "trip", f"a header, or lines of {', '.join(WITHOUT_HEADER)}")
-    header = not any(is_number(cell) for cell in rows[0])
-    names = tuple(cell.casefold() for cell in rows[0]) if header else WITHOUT_HEADER
+    names, body, first = read_columns(path, "trip", WITHOUT_HEADER)
     columns = _columns(path, names)
-    first = 2 if header else 1
-    body = rows[first - 1 :]
-    if len(body) < 2:
-        raise DasError(f"{path}: trip of {len(body)} line{'s' * (not body)}, expected at least 2 lines of points")
-    for line, cells in enumerate(body, first):
-        check_width(path, line, cells, separator, names)
-    if separator != ",":  # then a comma is a decimal one
-        body = [[cell.replace(",", ".") for cell in cells] for cells in body]
+    check_count(path, "trip", body)
     latitude, longitude, position, speed, derived = (
         _values(path, quantity, columns.get(quantity), body, first) for quantity in COLUMNS if quantity != "time"
     )
@@ -246,7 +236,7 @@ def read_gpx(path: Path) -> Record:
         content = path.read_bytes()
     except OSError as error:
         raise DasError(f"{path}: cannot be read ({error.strerror})") from error
-    points = _Points(path)
+    points = _TrackPoints(path)
     try:
         points.parser.Parse(content, True)
     except (expat.ExpatError, LookupError) as error:  # the latter: an unknown encoding
@@ -265,7 +255,7 @@ def read_gpx(path: Path) -> Record:
 
 
 @dataclass
-class _Points:
+class _TrackPoints:
     """Takes track points from the parser's events: (line, time_ns, latitude, longitude, speed)."""
 
     path: Path
