@@ -34,7 +34,7 @@ FROM_ADVICE: Final = (
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
 """The quantities that are drawn over distance as well as over time."""
 USUAL_PERCENT: Final = (2.5, 97.5)
-"""The axis of force shows the advised force between these percentiles: the last metres before a stop go beyond."""
+"""Percentiles of the advised force that its axis shows: in the last metres before a stop the advice goes beyond."""
 
 HAPPENING_MEANINGS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
 """What the colours of marks mean, by kind of happening; others are in the colour of the ink."""
@@ -289,7 +289,7 @@ class AccountView:
 
     @classmethod
     def of(cls, account: Account) -> AccountView:
-        """What of an account is shown."""
+        """The view of an account."""
         return cls(
             text=_account_text(account),
             series=_account_series(account),

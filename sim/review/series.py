@@ -24,7 +24,7 @@ from sim.review.colors import Meaning
 
 EARTH_RADIUS_M: Final = 6_371_000.0
 UNKNOWN_S: Final = 10.0
-"""What was driven is not drawn where nothing is recorded of it for longer than this (s): a piece is lost."""
+"""The curves of what was driven have a gap where nothing was recorded for longer than this (s)."""
 
 
 class Quantity(NamedTuple):

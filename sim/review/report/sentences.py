@@ -32,7 +32,7 @@ MAIN_CAUSES: Final = 3
 NAMED_KWH: Final = 0.1
 """A cause of less than this is not named in the paragraph."""
 LASTS_S: Final = 3.0
-"""What a display shows counts for this long at most (s) until it says something again."""
+"""A display message counts as shown for at most this long (s) if no other follows."""
 RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
 DRIVERS: Final[Mapping[str, str]] = {
