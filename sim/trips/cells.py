@@ -9,6 +9,7 @@ import csv
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,28 +46,40 @@ def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], s
     return [[cell.strip() for cell in row] for row in rows], separator
 
 
-def read_columns(path: Path, what: str, names: tuple[str, ...]) -> tuple[tuple[str, ...], list[list[str]], int]:
-    """Names of the columns, rows of cells, and the line of the first row, of a CSV file with a header or without.
+class CellTable(NamedTuple):
+    """A CSV file: names of its columns, its rows of cells, the line of the first row, and what separates cells."""
 
-    `names` are those of the columns of a file without a header. A comma in a cell is a decimal one unless it separates.
-    Raises DasError as `read_cells` does, and InputError for a row with another number of columns.
-    """
-    rows, separator = read_cells(path, what, f"a header, or lines of {', '.join(names)}")
-    first = 1
-    if not any(is_number(cell) for cell in rows[0]):
-        names, rows, first = tuple(cell.casefold() for cell in rows[0]), rows[1:], 2
-    for line, cells in enumerate(rows, first):
-        if len(cells) != len(names):
-            raise InputError(path, f"line {line}", separator.join(cells), f"{len(names)} columns: {', '.join(names)}")
-    if separator != ",":
-        rows = [[cell.replace(",", ".") for cell in cells] for cells in rows]
-    return names, rows, first
+    path: Path
+    what: str
+    names: tuple[str, ...]
+    rows: list[list[str]]
+    first: int
+    separator: str
 
+    @classmethod
+    def read(cls, path: Path, what: str, names: tuple[str, ...]) -> CellTable:
+        """Read a file with a header or without; `names` are those of the columns of a file without.
 
-def check_count(path: Path, what: str, rows: list[list[str]]) -> None:
-    """Raise DasError for a file with fewer than two rows."""
-    if len(rows) < 2:
-        raise DasError(f"{path}: {what} of {len(rows)} line{'s' * (not rows)}, expected at least 2 lines of points")
+        Raises DasError as `read_cells` does.
+        """
+        rows, separator = read_cells(path, what, f"a header, or lines of {', '.join(names)}")
+        if any(is_number(cell) for cell in rows[0]):
+            return cls(path, what, names, rows, 1, separator)
+        return cls(path, what, tuple(cell.casefold() for cell in rows[0]), rows[1:], 2, separator)
+
+    def body(self) -> list[list[str]]:
+        """The rows with points as decimal signs, which are commas in a file that separates its cells otherwise.
+
+        Raises DasError for fewer than two rows, and InputError for one with another number of columns.
+        """
+        count, width = len(self.rows), f"{len(self.names)} columns: {', '.join(self.names)}"
+        if count < 2:
+            lines = f"{count} line{'s' * (not count)}"
+            raise DasError(f"{self.path}: {self.what} of {lines}, expected at least 2 lines of points")
+        for line, cells in enumerate(self.rows, self.first):
+            if len(cells) != len(self.names):
+                raise InputError(self.path, f"line {line}", self.separator.join(cells), width)
+        return self.rows if self.separator == "," else [[cell.replace(",", ".") for cell in row] for row in self.rows]
 
 
 def number(path: Path, line: int, name: str, cell: str) -> float:

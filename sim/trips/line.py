@@ -11,7 +11,7 @@ import numpy as np
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
-from sim.trips.cells import check_column, check_count, check_location, number, read_columns
+from sim.trips.cells import CellTable, check_column, check_location, number
 
 COLUMNS: Final = {
     "latitude": ("latitude", "latitude_deg", "lat"),
@@ -130,14 +130,13 @@ def read_kilometre_posts(path: Path) -> Line:
 
 def _read_columns(path: Path) -> tuple[int, Floats]:
     """The number of the first line that is a post, and latitude, longitude, kilometre of all posts (3 × posts)."""
-    names, body, first = read_columns(path, "list of posts", tuple(COLUMNS))
-    columns = {quantity: _column(path, names, quantity) for quantity in COLUMNS}
-    check_count(path, "list of posts", body)
+    table = CellTable.read(path, "list of posts", tuple(COLUMNS))
+    columns = {quantity: _column(path, table.names, quantity) for quantity in COLUMNS}
     values = [
         [number(path, line, quantity, cells[column]) for quantity, column in columns.items()]
-        for line, cells in enumerate(body, first)
+        for line, cells in enumerate(table.body(), table.first)
     ]
-    return first, np.array(values).T.copy()
+    return table.first, np.array(values).T.copy()
 
 
 def _column(path: Path, names: tuple[str, ...], quantity: str) -> int:

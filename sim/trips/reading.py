@@ -18,12 +18,11 @@ from das.domain.units import KM, KMH
 from das.estimate.fix import Quality
 from sim.recording.opening import open_recording
 from sim.trips.cells import (
+    CellTable,
     check_column,
-    check_count,
     check_location,
     not_negative,
     number,
-    read_columns,
     time_from_iso,
     time_from_number,
 )
@@ -157,9 +156,9 @@ def read_csv(path: Path) -> Record:
 
     Raises DasError or InputError (file, line, value, expectation).
     """
-    names, body, first = read_columns(path, "trip", WITHOUT_HEADER)
-    columns = _columns(path, names)
-    check_count(path, "trip", body)
+    table = CellTable.read(path, "trip", WITHOUT_HEADER)
+    names, first = table.names, table.first
+    columns, body = _columns(path, names), table.body()
     latitude, longitude, position, speed, derived = (
         _values(path, quantity, columns.get(quantity), body, first) for quantity in COLUMNS if quantity != "time"
     )
