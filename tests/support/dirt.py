@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.domain.route import Route
+from das.domain.route import Floats, Route
 from sim.trips.findings import FindingKind
 from sim.trips.line import EARTH_RADIUS_M
 from sim.trips.options import TripOptions
@@ -100,9 +100,16 @@ def check_truth(trip: Trip, points: Points, tolerance_m: float = 0.02, speed_mps
     measured = ~trip.matched.dropout
     assert trip.matched.speed_mps[measured] == pytest.approx(np.interp(at, t, v)[measured], abs=1e-6)
     assert trip.matched.speed_mps == pytest.approx(np.interp(at, t, v), abs=1.2)
+    true_m, true_mps = truth_of_run(trip, points)
+    assert trip.run.speed_mps == pytest.approx(true_mps, abs=speed_mps)
+    assert np.abs(trip.run.s_m - true_m).max() < 6.0
+
+
+def truth_of_run(trip: Trip, points: Points) -> tuple[Floats, Floats]:
+    """Positions (m) and speeds (m/s) of the clean record at the times of the smooth run."""
     grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
-    assert trip.run.speed_mps == pytest.approx(np.interp(grid, t, v), abs=speed_mps)
-    assert np.abs(trip.run.s_m - np.interp(grid, t, s)).max() < 6.0
+    t, s, v = (np.array([getattr(p, name) for p in points]) for name in ("t", "s_m", "v"))
+    return np.interp(grid, t, s), np.interp(grid, t, v)
 
 
 # Each plants one kind of defect; points 20 to 320 move.
