@@ -53,7 +53,7 @@ def analyse(
     from sim.experiment.analysis.page import as_dict, page
     from sim.experiment.analysis.reading import read_study
     from sim.experiment.analysis.words import hangs_on, in_short
-    from sim.review.report.printing import write_pdf
+    from sim.review.report.page import write_pdf
 
     study = read_study(folder)
     with busy("analysing the trials …"):
@@ -90,7 +90,7 @@ def _check(folder: Path, files: tuple[Path | None, Path | None], effects: Sequen
     for one in effects:
         _check_effect(one)
     if pdf is not None:
-        from sim.review.report.printing import browser
+        from sim.review.report.page import browser
 
         browser()
 

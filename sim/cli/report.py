@@ -37,9 +37,8 @@ def report(
     _check(files, out, pdf, overwrite=overwrite)
     with loading_solver():
         from das.domain.files.writing import write_whole
-        from sim.review.report.page import as_dict, compared, page, subject_of
-        from sim.review.report.printing import write_pdf
-        from sim.review.report.words import paragraph as in_words
+        from sim.review.report.page import as_dict, compared, page, subject_of, write_pdf
+        from sim.review.report.sentences import paragraph as in_words
 
     with busy("reading the recordings and solving their sections …"):
         subjects = [subject_of(path) for path in files]
@@ -72,6 +71,6 @@ def _check(files: list[Path], out: Path | None, pdf: Path | None, *, overwrite: 
             raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
     check_outputs(out, pdf, inputs=files, overwrite=overwrite)
     if pdf is not None:
-        from sim.review.report.printing import browser
+        from sim.review.report.page import browser
 
         browser()

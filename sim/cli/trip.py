@@ -36,7 +36,7 @@ def trip(
     if as_json:
         print(json.dumps(found))
         return
-    from sim.trips.tables import print_description
+    from sim.trips.report import print_description
 
     print_description(found, report)
     for path in (out, plot):
@@ -47,10 +47,8 @@ def trip(
 def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None) -> tuple[dict[str, Any], Any]:
     """Read the trip and write what is asked for; its description and what was cleaned."""
     from sim.trips.estimate import estimate_run
-    from sim.trips.opening import open_trip, trip_section
-    from sim.trips.picture import draw_trip
-    from sim.trips.report import describe
-    from sim.trips.writing import write_cleaned
+    from sim.trips.report import describe, draw_trip, write_cleaned
+    from sim.trips.trip import open_trip, trip_section
 
     with tempfile.TemporaryDirectory(prefix="das-trip-") as folder:
         options, read = open_trip(file, options, Path(folder))

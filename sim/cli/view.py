@@ -66,8 +66,7 @@ def view(
     from sim.recording.cutting import part_of
     from sim.recording.opening import open_recording
     from sim.review.colors import THEMES
-    from sim.review.rerun_view import open_view, save_view
-    from sim.review.whole_picture import save_picture
+    from sim.review.view import open_view, save_picture, save_view
 
     if theme not in THEMES:
         raise DasError(f"--theme {theme}: expected one of {', '.join(THEMES)}")

@@ -21,8 +21,8 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, driven_energy, over_unknowns
-from sim.trips.sections import DrivenSection
 from sim.trips.settings import SMOOTHING
+from sim.trips.trip import DrivenSection
 
 NOT_COMPARABLE: Final = "not comparable"
 """What every command says in the place of an energy above the optimum that cannot be stated."""

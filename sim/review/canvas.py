@@ -1,23 +1,21 @@
-"""What the pictures share: axes in a column, curves, marks, and the numbered list of happenings."""
+"""How matplotlib draws the parts of a picture: axes in a column, curves, patches, marks, and their numbered list."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
-from sim.drive.happenings import Happening, Span, where_and_when
-from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse, Floats, Times
+from sim.drive.happenings import Span
+from sim.recording.course import Floats, Times
 from sim.review.colors import Meaning, Theme
+from sim.review.scene import Mark
 from sim.review.series import STYLES
-
-KINDS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
-"""What the colours of marks mean, by kind of happening; others are in the colour of the ink."""
 
 WIDTH_IN, DPI = 11.0, 160
 LEFT_IN, RIGHT_IN, SPACE_IN = 0.8, 0.2, 0.14
@@ -28,8 +26,11 @@ SMALL: Final = 8.0
 DIGIT_SHARE: Final = 0.0085
 """Width of a digit of a mark's number, as a share of the axis."""
 
+FIRST: Final = (Meaning.NOTE, Meaning.WARNING, Meaning.NO_ADVICE, None)
+"""Joined marks have the colour of the first of these that is among them."""
+
 LISTED: Final = 40
-"""Most happenings that are listed; a recording with worse days has its list of events in the viewer."""
+"""Most marks that are listed; a recording with worse days has its list of events in the viewer."""
 
 ROW_IN: Final = 0.185
 LETTERS: Final = 78
@@ -93,7 +94,7 @@ def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None
     if np.isfinite(values).any():
         axis.plot(
             x, values, color=theme.of[style.meaning], linewidth=LINE_RATIO * style.width,
-            drawstyle="steps-post" if style.held else "default", label=style.label.rsplit(",", 1)[0],
+            drawstyle="steps-post" if style.held else "default", label=style.label,
             zorder=2.5 if name == "speed/limit" else 2.0,
         )  # fmt: skip
 
@@ -115,12 +116,19 @@ def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> N
         )  # fmt: skip
 
 
-def legend(axis: Any, theme: Theme) -> None:
-    """Draw the legend above the right end of the axis, because curves would always lie under it inside the axis."""
-    if axis.get_legend_handles_labels()[0]:
+def legend(axis: Any, theme: Theme, patches: Mapping[str, str] | None = None) -> None:
+    """Draw the legend above the right end of the axis, because curves would always lie under it inside the axis.
+
+    It names the curves, or patches by their colours if there are any.
+    """
+    looks: dict[str, Any] = {"ncols": 8, "handlelength": 1.6, "columnspacing": 1.4}
+    if patches is not None:
+        handles = [Patch(color=color, label=text) for text, color in patches.items()]
+        looks = {"handles": handles, "ncols": 12, "handlelength": 0.9, "handleheight": 0.7, "columnspacing": 1.0}
+    if patches is not None or axis.get_legend_handles_labels()[0]:
         axis.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, frameon=False, labelcolor=theme.ink, fontsize=SMALL,
-            borderaxespad=0.1, handlelength=1.6, columnspacing=1.4,
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, labelcolor=theme.ink, fontsize=SMALL,
+            borderaxespad=0.1, **looks,
         )  # fmt: skip
 
 
@@ -133,24 +141,22 @@ def bands(axis: Any, along: Along, spans: Iterable[Span], theme: Theme) -> None:
         axis.axvspan(start, end, color=color, alpha=0.35, linewidth=1.0, zorder=0.5, label=label)
 
 
-def marks(axis: Any, along: Along, happened: Sequence[Happening], theme: Theme) -> None:
-    """Draw a dotted line for every happening, with its number in the list at the top; numbers that would meet are
-    joined."""
-    if not happened:
+def numbered_marks(axis: Any, along: Along, found: Sequence[Mark], theme: Theme) -> None:
+    """Draw a dotted line for every mark, with its number in the list at the top; numbers that would meet are joined."""
+    if not found:
         return
-    places = along(_times(*(one.time_ns for one in happened)))
-    for place, one in zip(places, happened, strict=True):
-        axis.axvline(place, color=_color(one.kind, theme), linewidth=0.7, linestyle=":", alpha=0.8, zorder=0.6)
+    places = along(_times(*(one.time_ns for one in found)))
+    for place, one in zip(places, found, strict=True):
+        axis.axvline(place, color=one.color(theme), linewidth=0.7, linestyle=":", alpha=0.8, zorder=0.6)
     low, high = axis.get_xlim()
     transform = axis.get_xaxis_transform()
     numbered = sorted((float((x - low) / (high - low)), number) for number, x in enumerate(places, start=1))
     for middle, numbers in joined_labels(numbered):
-        kinds = [happened[number - 1].kind for number in numbers]
-        color = _color(next((kind for kind in ("note", "warning", "silence") if kind in kinds), "log"), theme)
+        first = min((found[number - 1] for number in numbers), key=lambda one: FIRST.index(one.meaning))
         axis.text(
             low + middle * (high - low), 0.955, _numbers(numbers), transform=transform, ha="center", va="center",
             fontsize=SMALL - 1.0, color=theme.background,
-            bbox={"boxstyle": "round,pad=0.2", "facecolor": color, "edgecolor": "none"},
+            bbox={"boxstyle": "round,pad=0.2", "facecolor": first.color(theme), "edgecolor": "none"},
         )  # fmt: skip
 
 
@@ -179,37 +185,29 @@ def _numbers(numbers: Sequence[int]) -> str:
     return " ".join(map(str, numbers))
 
 
-def _color(kind: str, theme: Theme) -> str:
-    """The colour of a mark of a kind of happening."""
-    return theme.of[KINDS[kind]] if kind in KINDS else theme.ink
-
-
-def listed(figure: Figure, trip: DrivenCourse, clock: DriveClock, happened: Sequence[Happening], theme: Theme) -> None:
-    """Draw the list of what happened in two columns at the bottom of the figure."""
+def listed(figure: Figure, found: Sequence[Mark], theme: Theme) -> None:
+    """Draw the list of the marks in two columns at the bottom of the figure."""
     height_in = figure.get_figheight()
-    rows = _list_rows(happened)
-    for index, one in enumerate(happened[:LISTED]):
+    rows = _list_rows(found)
+    for index, one in enumerate(found[:LISTED]):
         column, row = divmod(index, rows)
         x, y = (LEFT_IN + column * 0.5 * (WIDTH_IN - LEFT_IN)) / WIDTH_IN, ROW_IN * (rows - row - 0.2) / height_in
-        text = where_and_when(one, trip, clock)
-        text = text if len(text) <= LETTERS else f"{text[: LETTERS - 1]}…"
-        figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=_color(one.kind, theme), fontsize=SMALL, ha="right")
-        color = _color(one.kind, theme) if one.kind == "warning" else theme.ink
+        text = one.text if len(one.text) <= LETTERS else f"{one.text[: LETTERS - 1]}…"
+        figure.text(x - 0.06 / WIDTH_IN, y, str(index + 1), color=one.color(theme), fontsize=SMALL, ha="right")
+        color = one.color(theme) if one.meaning is Meaning.WARNING else theme.ink
         figure.text(x, y, text, color=color, fontsize=SMALL)
-    if len(happened) > LISTED:
-        more = f"and {len(happened) - LISTED} more"
-        figure.text(
-            1.0 - RIGHT_IN / WIDTH_IN, 0.3 * ROW_IN / height_in, more, color=theme.ink, fontsize=SMALL, ha="right"
-        )
+    if len(found) > LISTED:
+        x, more = 1.0 - RIGHT_IN / WIDTH_IN, f"and {len(found) - LISTED} more"
+        figure.text(x, 0.3 * ROW_IN / height_in, more, color=theme.ink, fontsize=SMALL, ha="right")
 
 
-def list_height_in(happened: Sequence[Happening]) -> float:
+def list_height_in(found: Sequence[Mark]) -> float:
     """The room (in) that the list takes."""
-    return ROW_IN * (_list_rows(happened) + 0.6)
+    return ROW_IN * (_list_rows(found) + 0.6)
 
 
-def _list_rows(happened: Sequence[Happening]) -> int:
-    return -(-min(len(happened), LISTED) // 2)
+def _list_rows(found: Sequence[Mark]) -> int:
+    return -(-min(len(found), LISTED) // 2)
 
 
 def _times(*time_ns: int) -> Times:

@@ -51,79 +51,37 @@ class Theme:
     of: dict[Meaning, str]
 
 
-DARK: Final = Theme(
-    name="dark",
-    background="#0d1011",
-    ink="#cad8de",
-    grid="#2b3236",
-    of={
-        Meaning.DRIVEN: "#4aa3ff",
-        Meaning.ADVISED: "#ff9a28",
-        Meaning.SHOWN: "#fff0a0",
-        Meaning.LIMIT: "#c8646e",
-        Meaning.OPTIMUM: "#35c995",
-        Meaning.OPERATOR: "#b08ce0",
-        Meaning.GRADIENT: "#b59a6a",
-        Meaning.LOST: "#ff7ab8",
-        Meaning.AGAINST: "#8be04a",
-        Meaning.ERROR: "#9ff0ff",
-        Meaning.MASS: "#d6b4ff",
-        Meaning.RESISTANCE: "#6fd0c5",
-        Meaning.NOTE: "#ff5ff0",
-        Meaning.WARNING: "#ffd21f",
-        Meaning.DANGER: "#ff3b30",
-        Meaning.NO_ADVICE: "#8a9499",
-    },
+_COLORS: Final = {
+    # on a dark background, on white, and in the viewer
+    Meaning.DRIVEN: ("#4aa3ff", "#0072b2", "#2f86d6"),
+    Meaning.ADVISED: ("#ff9a28", "#d55e00", "#d9730d"),
+    Meaning.SHOWN: ("#fff0a0", "#2a1fb0", "#4848f0"),
+    Meaning.LIMIT: ("#c8646e", "#8c1d18", "#b5313a"),
+    Meaning.OPTIMUM: ("#35c995", "#009e73", "#14996b"),
+    Meaning.OPERATOR: ("#b08ce0", "#6a3fb0", "#9673d3"),
+    Meaning.GRADIENT: ("#b59a6a", "#7d6437", "#9c8150"),
+    Meaning.LOST: ("#ff7ab8", "#c2185b", "#e0558f"),
+    Meaning.AGAINST: ("#8be04a", "#4c7a00", "#57a80a"),
+    Meaning.ERROR: ("#9ff0ff", "#00707f", "#1591a8"),
+    Meaning.MASS: ("#d6b4ff", "#9b6bd6", "#a800f0"),
+    Meaning.RESISTANCE: ("#6fd0c5", "#2a9d8f", "#5d9c93"),
+    Meaning.NOTE: ("#ff5ff0", "#c000b4", "#d43cc6"),
+    Meaning.WARNING: ("#ffd21f", "#b98900", "#b98900"),
+    Meaning.DANGER: ("#ff3b30", "#e3120b", "#ec3c31"),
+    Meaning.NO_ADVICE: ("#8a9499", "#7a858a", "#7c878d"),
+}
+DARK, LIGHT, VIEWER = (
+    Theme(name=name, background=background, ink=ink, grid=grid, of={key: found[i] for key, found in _COLORS.items()})
+    for i, (name, background, ink, grid) in enumerate(
+        (
+            ("dark", "#0d1011", "#cad8de", "#2b3236"),
+            ("light", "#ffffff", "#222222", "#d9d9d9"),
+            ("viewer", "#1c1f21", "#7c878d", "#7c878d"),
+        )
+    )
 )
-LIGHT: Final = Theme(
-    name="light",
-    background="#ffffff",
-    ink="#222222",
-    grid="#d9d9d9",
-    of={
-        Meaning.DRIVEN: "#0072b2",
-        Meaning.ADVISED: "#d55e00",
-        Meaning.SHOWN: "#2a1fb0",
-        Meaning.LIMIT: "#8c1d18",
-        Meaning.OPTIMUM: "#009e73",
-        Meaning.OPERATOR: "#6a3fb0",
-        Meaning.GRADIENT: "#7d6437",
-        Meaning.LOST: "#c2185b",
-        Meaning.AGAINST: "#4c7a00",
-        Meaning.ERROR: "#00707f",
-        Meaning.MASS: "#9b6bd6",
-        Meaning.RESISTANCE: "#2a9d8f",
-        Meaning.NOTE: "#c000b4",
-        Meaning.WARNING: "#b98900",
-        Meaning.DANGER: "#e3120b",
-        Meaning.NO_ADVICE: "#7a858a",
-    },
-)
-VIEWER: Final = Theme(
-    name="viewer",
-    background="#1c1f21",
-    ink="#7c878d",
-    grid="#7c878d",
-    of={
-        Meaning.DRIVEN: "#2f86d6",
-        Meaning.ADVISED: "#d9730d",
-        Meaning.SHOWN: "#4848f0",
-        Meaning.LIMIT: "#b5313a",
-        Meaning.OPTIMUM: "#14996b",
-        Meaning.OPERATOR: "#9673d3",
-        Meaning.GRADIENT: "#9c8150",
-        Meaning.LOST: "#e0558f",
-        Meaning.AGAINST: "#57a80a",
-        Meaning.ERROR: "#1591a8",
-        Meaning.MASS: "#a800f0",
-        Meaning.RESISTANCE: "#5d9c93",
-        Meaning.NOTE: "#d43cc6",
-        Meaning.WARNING: "#b98900",
-        Meaning.DANGER: "#ec3c31",
-        Meaning.NO_ADVICE: "#7c878d",
-    },
-)
-"""Colours for the viewer, whose ground is dark or light as the desktop is: middle tones that are readable on either."""
+"""The colours by what is behind them. The ground of the viewer is dark or light as the desktop is: its colours are
+middle tones that are readable on either."""
 VIEWER_GROUNDS: Final = ("#1c1f21", "#f2f2f2")
 THEMES: Final = {theme.name: theme for theme in (DARK, LIGHT)}
 

@@ -12,65 +12,68 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from das.bus.topics import ADVICE, CAB, EVENT, LOG
-from das.domain.units import NS
-from sim.review.distance_view import BOTTOM, FURNITURE, MARGIN, WIDTH
 from sim.review.lanes import COST, WAY, lane_entity
-from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, MapTrack
-from sim.review.story import Story
-from sim.review.timelines import DRIVE_CLOCK
+from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, CAB_CARD, DRIVE_CLOCK, ENERGY, FURNITURE, MARGIN, WIDTH
+from sim.review.scene import ReviewScene
+from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, QUANTITIES, MapTrack
 
 MARGIN_RATIO: Final = 0.02
 MAP_PX: Final = (380.0, 210.0)
 """Room (px) for the map in the window for which the layout is made."""
-ENERGY, CAB_CARD, BOOKMARKS = "account", "cab", "bookmarks"
-"""Entities of the account of the energy, of what the driver saw, and of the list that jumps."""
 
 
 class Row(NamedTuple):
-    """A view over time: title, origin of its entities, share of the height, corner of its legend, and its lanes."""
+    """A view over time: its quantity or its lanes, its share of the height, the corner of its legend, and its title.
 
-    title: str
+    The title is for lanes; a quantity brings its own along.
+    """
+
     origin: str
     share: float
     legend: Literal["LeftTop", "LeftBottom", "RightTop"] | None = None
     lanes: tuple[str, ...] = ()
+    title: str = ""
 
 
 DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
 NODE: Final = ("node", "no advice")
 """Lanes by name: of the driving, and of the node."""
-REVIEW: Final = (
-    Row("Speed (km/h)", "speed", 2.2),
-    Row("Stops, modes advised and shown, signals, and what the driving cost (kWh)", "mode", 0.8, lanes=DRIVING),
-    Row("Controller, shown and set: share of the largest effort (%)", "lever", 1.1),
-    Row("Energy lost above the optimum: by all driving, and by other efforts than advised (kWh)", "lost", 1.1),
-)
-MORE: Final = (
-    Row("Force at the wheels (kN)", "force", 1.6, "LeftBottom"),
-    Row("Energy at the current collector (kWh)", "energy", 1.2, "LeftTop"),
-    Row("Gradient (permille)", "gradient", 0.9),
-    Row("Deviation from the timetable, late > 0 (s)", "deviation", 1.2, "RightTop"),
-    Row("Buffer: time left over the least possible (%)", "buffer", 0.9),
-)
-KNOWN: Final = (
-    Row("State of the node, and times without advice", "mode", 0.2, lanes=NODE),
-    Row("Position as the node knows it (m)", "estimate", 2.0, "RightTop"),
-    Row("Mass and resistance as the node finds them, against the plan (%)", "calibration", 2.0, "RightTop"),
-)
+TABS: Final = {
+    "Over time": (
+        Row("speed", 2.2),
+        Row(
+            "mode", 0.8, lanes=DRIVING, title="Stops, modes advised and shown, signals, and what the driving cost (kWh)"
+        ),
+        Row("lever", 1.1),
+        Row("lost", 1.1),
+    ),
+    "Forces, energy": (
+        Row("force", 1.6, "LeftBottom"),
+        Row("energy", 1.2, "LeftTop"),
+        Row("gradient", 0.9),
+        Row("deviation", 1.2, "RightTop"),
+        Row("buffer", 0.9),
+    ),
+    "What the node knows": (
+        Row("mode", 0.2, lanes=NODE, title="State of the node, and times without advice"),
+        Row("estimate", 2.0, "RightTop"),
+        Row("calibration", 2.0, "RightTop"),
+    ),
+}
 ALWAYS: Final = {"lost", "energy"}
 """Views that are there from the beginning, because what they show comes when it is found."""
 LANE_SHARE: Final = 0.6
 """Each lane adds this much to the share of its view in the height."""
 
 
-def blueprint(story: Story, *, with_map: bool) -> rrb.Blueprint:
+def blueprint(scene: ReviewScene, *, with_map: bool) -> rrb.Blueprint:
     """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_over_distance(), _over_time(story), row_shares=[0.7, 1.0]),
+            rrb.Vertical(_over_distance(), _over_time(scene), row_shares=[0.7, 1.0]),
             rrb.Vertical(
-                rrb.Tabs(*_side(story, with_map=with_map), name="Now"),
-                rrb.Tabs(*_lists(story), name="What happened"),
+                rrb.Tabs(*_side(scene, with_map=with_map), name="Now"),
+                rrb.Tabs(*_lists(scene), name="What happened"),
             ),
             column_shares=[2.4, 1.0],
         ),
@@ -88,42 +91,40 @@ def _over_distance() -> rrb.View:
     return rrb.Spatial2DView(origin="distance", name="Over distance", visual_bounds=bounds, overrides=quiet)
 
 
-def _over_time(story: Story) -> rrb.Container:
-    tabs = [_rows(rows, story, name) for rows, name in ((REVIEW, "Over time"), (MORE, "Forces, energy"))]
-    tabs.append(_rows(KNOWN, story, "What the node knows"))
+def _over_time(scene: ReviewScene) -> rrb.Container:
+    tabs = [_rows(rows, scene, name) for name, rows in TABS.items()]
     return rrb.Tabs(*(tab for tab in tabs if tab is not None))
 
 
-def _side(story: Story, *, with_map: bool) -> list[rrb.View]:
+def _side(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
     """What is so at the moment of the cursor, and what is so of the whole drive."""
     found: list[rrb.View] = []
-    if story.recording.of(CAB) or story.recording.of(ADVICE):
+    if scene.recording.of(CAB) or scene.recording.of(ADVICE):
         found.append(rrb.TextDocumentView(origin=CAB_CARD, name="What the driver saw"))
     found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy by cause"))
-    way = story.way
+    way = scene.way
     if way is not None:
         found += [_track(way), *([_map(way)] if with_map else [])]
     return [*found, rrb.TextDocumentView(origin="summary", name="Summary")]
 
 
-def _lists(story: Story) -> list[rrb.View]:
+def _lists(scene: ReviewScene) -> list[rrb.View]:
     """The lists; a click on a time leads there."""
     columns = rrb.TextLogColumns(timeline_columns=[DRIVE_CLOCK], text_log_columns=["body"])
     found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Notes and bookmarks", columns=columns)]
-    if story.recording.of(EVENT) or story.recording.of(LOG):
+    if scene.recording.of(EVENT) or scene.recording.of(LOG):
         columns = rrb.TextLogColumns(timeline_columns=[DRIVE_CLOCK], text_log_columns=["loglevel", "body"])
         found.append(rrb.TextLogView(origin="events", name="Words of node and simulator", columns=columns))
     return found
 
 
-def _rows(rows: tuple[Row, ...], story: Story, name: str) -> rrb.Vertical | None:
+def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
     """The views for which there is something to show, one under the other; None if there are none."""
-    found = {series.split("/")[0] for series, (time_ns, _) in story.series.items() if len(time_ns)}
-    found |= ALWAYS
-    lanes = {lane.name for lane in story.lanes} | {COST}  # which comes when it is found
+    found = scene.quantities | ALWAYS
+    lanes = {lane.name for lane in scene.lanes} | {COST}  # which comes when it is found
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
     shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]
-    axis = _whole_trip(story)
+    axis = _whole_trip(scene)
     return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=shares, name=name) if shown else None
 
 
@@ -134,12 +135,12 @@ def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
     legend = rrb.PlotLegend(row.legend, visible=row.legend is not None)
     heights = rrb.ScalarAxis(range=BUFFER_PERCENT) if row.origin == "buffer" else None
     return rrb.TimeSeriesView(
-        origin=row.origin, name=row.title, axis_x=axis, axis_y=heights, plot_legend=legend,
+        origin=row.origin, name=QUANTITIES[row.origin].long_title, axis_x=axis, axis_y=heights, plot_legend=legend,
     )  # fmt: skip
 
 
-def _whole_trip(story: Story) -> rrb.TimeAxis:
-    start_s, end_s = ((story.trip.time_ns[[0, -1]] - story.clock.zero_ns) * NS).tolist()
+def _whole_trip(scene: ReviewScene) -> rrb.TimeAxis:
+    start_s, end_s = scene.ends_s
     margin_s = max(MARGIN_RATIO * (end_s - start_s), 1.0)
     ends = [rrb.TimeRangeBoundary.absolute(seconds=at_s) for at_s in (start_s - margin_s, end_s + margin_s)]
     return rrb.TimeAxis(view_range=rrb.TimeRange(*ends))

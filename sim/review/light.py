@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
 from sim.review.canvas import name_stops
@@ -56,14 +57,16 @@ def named(axis: Any, *, x: str = "", y: str = "") -> None:
         axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
 
 
-def legend(axis: Any, columns: int = 4) -> None:
-    """Draw the legend above the axis, where no curve lies under it."""
-    handles = axis.get_legend_handles_labels()[0]
-    if handles:
+def legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
+    """Draw the legend above the axis, where no curve lies under it: of its curves, or of patches by their colours."""
+    looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
+    if patches is not None:
+        handles = [Patch(color=color, label=name) for name, color in patches.items()]
+        looks = {"handles": handles, "ncols": 8, "borderaxespad": 0.1, "handlelength": 1.0, "columnspacing": 1.2}
+    if patches is not None or axis.get_legend_handles_labels()[0]:
         axis.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False, fontsize=TEXT_POINTS,
-            labelcolor=INK, borderaxespad=0.2, handlelength=2.4,
-        )  # fmt: skip
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks
+        )
 
 
 def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = True) -> None:

@@ -1,4 +1,9 @@
-"""The quantities of a trip in the units and colours of the pictures, and where the train was."""
+"""What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's way.
+
+A recording of the node alone lacks some of them. They are found from the files that it brings along and its positions:
+the gradient is that of the line; forces and energy are the estimate of inverse dynamics (docs/explanation/
+trip-energy.md), as `das-sim energy` makes it.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +15,58 @@ import numpy as np
 from das.advice.advice import Source
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.route import Route
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
+from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse, Floats, Times
 from sim.review.colors import Meaning
 
 EARTH_RADIUS_M: Final = 6_371_000.0
-
-
 UNKNOWN_S: Final = 10.0
-"""What was driven is not drawn where nothing is recorded of it for longer than this (s): a piece is lost."""
+"""The curves of what was driven have a gap where nothing was recorded for longer than this (s)."""
+
+
+class Quantity(NamedTuple):
+    """What an axis shows: a short name, its unit, and what it is in more words, where there is room for them."""
+
+    name: str
+    unit: str
+    words: str
+
+    @property
+    def title(self) -> str:
+        """The short name with the unit."""
+        return f"{self.name} ({self.unit})"
+
+    @property
+    def long_title(self) -> str:
+        """The words with the unit."""
+        return f"{self.words} ({self.spelt_unit})"
+
+    @property
+    def spelt_unit(self) -> str:
+        """The unit without a sign that the fonts of the viewer may lack."""
+        return self.unit.replace("‰", "permille")
+
+
+QUANTITIES: Final = {
+    "speed": Quantity("Speed", "km/h", "Speed"),
+    "force": Quantity("Force", "kN", "Force at the wheels"),
+    "gradient": Quantity("Gradient", "‰", "Gradient"),
+    "lever": Quantity("Controller", "%", "Controller, shown and set: share of the largest effort"),
+    "lost": Quantity("Lost", "kWh", "Energy lost above the optimum: by all driving, and by other efforts than advised"),
+    "energy": Quantity("Energy", "kWh", "Energy at the current collector"),
+    "deviation": Quantity("Late", "s", "Deviation from the timetable, late > 0"),
+    "buffer": Quantity("Buffer", "%", "Buffer: time left over the least possible"),
+    "estimate": Quantity("Position", "m", "Position as the node knows it"),
+    "calibration": Quantity("To plan", "%", "Mass and resistance as the node finds them, against the plan"),
+}
+"""The quantities; the name of a series begins with that of its quantity."""
 
 
 class Style(NamedTuple):
-    """How a series looks: label with unit, what its colour means, width, whether a value holds until the next."""
+    """How a series looks: label, what its colour means, width, and whether a value holds until the next."""
 
     label: str
     meaning: Meaning
@@ -31,29 +75,29 @@ class Style(NamedTuple):
 
 
 STYLES: Final = {
-    "speed/limit": Style("limit, km/h", Meaning.LIMIT, held=True),
-    "speed/optimum": Style("optimum from the start, km/h", Meaning.OPTIMUM, width=1.2),
-    "speed/advised": Style("advised, km/h", Meaning.ADVISED, width=3.0),
-    "speed/shown": Style("shown to the driver, km/h", Meaning.SHOWN, width=1.0, held=True),
-    "speed/driven": Style("driven, km/h", Meaning.DRIVEN),
-    "force/advised": Style("advised, kN", Meaning.ADVISED, width=3.0),
-    "force/driven": Style("driven, kN", Meaning.DRIVEN),
-    "energy/optimum": Style("optimum for the same times, kWh", Meaning.OPTIMUM),
-    "energy/driven": Style("driven, kWh", Meaning.DRIVEN),
-    "lost/driving": Style("lost by the driving so far, kWh", Meaning.LOST),
-    "lost/advice": Style("of it, by other efforts than advised, kWh", Meaning.AGAINST),
-    "gradient/permille": Style("gradient, permille", Meaning.GRADIENT, held=True),
-    "lever/shown": Style("shown, %", Meaning.SHOWN, width=3.0, held=True),
-    "lever/set": Style("set by the driver, %", Meaning.DRIVEN, held=True),
-    "deviation/operator": Style("known to the operator, s", Meaning.OPERATOR, held=True),
-    "deviation/predicted": Style("predicted arrival, s", Meaning.ADVISED),
-    "buffer/percent": Style("buffer, %", Meaning.ADVISED),
-    "estimate/sd": Style("standard deviation the node states, m", Meaning.ADVISED),
-    "estimate/error": Style("estimated less true position, m", Meaning.ERROR),
-    "calibration/mass": Style("mass, %", Meaning.MASS),
-    "calibration/mass_sd": Style("its standard deviation, %", Meaning.MASS, width=0.7),
-    "calibration/resistance": Style("resistance, %", Meaning.RESISTANCE),
-    "calibration/resistance_sd": Style("its standard deviation, %", Meaning.RESISTANCE, width=0.7),
+    "speed/limit": Style("limit", Meaning.LIMIT, held=True),
+    "speed/optimum": Style("optimum from the start", Meaning.OPTIMUM, width=1.2),
+    "speed/advised": Style("advised", Meaning.ADVISED, width=3.0),
+    "speed/shown": Style("shown to the driver", Meaning.SHOWN, width=1.0, held=True),
+    "speed/driven": Style("driven", Meaning.DRIVEN),
+    "force/advised": Style("advised", Meaning.ADVISED, width=3.0),
+    "force/driven": Style("driven", Meaning.DRIVEN),
+    "energy/optimum": Style("optimum for the same times", Meaning.OPTIMUM),
+    "energy/driven": Style("driven", Meaning.DRIVEN),
+    "lost/driving": Style("lost by the driving so far", Meaning.LOST),
+    "lost/advice": Style("of it, by other efforts than advised", Meaning.AGAINST),
+    "gradient/permille": Style("gradient", Meaning.GRADIENT, held=True),
+    "lever/shown": Style("shown", Meaning.SHOWN, width=3.0, held=True),
+    "lever/set": Style("set by the driver", Meaning.DRIVEN, held=True),
+    "deviation/operator": Style("known to the operator", Meaning.OPERATOR, held=True),
+    "deviation/predicted": Style("predicted arrival", Meaning.ADVISED),
+    "buffer/percent": Style("buffer", Meaning.ADVISED),
+    "estimate/sd": Style("standard deviation the node states", Meaning.ADVISED),
+    "estimate/error": Style("estimated less true position", Meaning.ERROR),
+    "calibration/mass": Style("mass", Meaning.MASS),
+    "calibration/mass_sd": Style("its standard deviation", Meaning.MASS, width=0.7),
+    "calibration/resistance": Style("resistance", Meaning.RESISTANCE),
+    "calibration/resistance_sd": Style("its standard deviation", Meaning.RESISTANCE, width=0.7),
 }
 """The style of each series, in drawing order. An advised curve is wider and lies under the driven one, so that both are
 visible where they agree."""
@@ -226,3 +270,67 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
             time_ns, values = np.append(time_ns, trip.time_ns[-1]), np.append(values, values[-1])
             keep = np.append(keep, True)
     return time_ns[keep], values[keep]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FilledIn:
+    """Series by the names of `STYLES`, the train's way on the map, and the source.
+
+    `source` says in a sentence what is estimated, or why nothing could be; it is empty where nothing was missing.
+    """
+
+    series: Found
+    source: str
+    way: MapTrack | None = None
+
+
+def filled_in(drive: Drive) -> FilledIn:
+    """What is missing in a recording without a simulator; nothing where the simulator was recorded."""
+    recording = drive.recording
+    if recording.of(topics.TRUTH) or not recording.of(topics.JOURNEY):
+        return FilledIn(series={}, source="")
+    try:
+        return _estimate(drive)
+    except DasError as error:
+        why = str(error).removeprefix(f"{recording.path}: ")
+        return FilledIn(series={}, source=f"force, energy and gradient are not known: {why}")
+
+
+def _estimate(drive: Drive) -> FilledIn:
+    from das.solver.section import build_section
+    from sim.trips.estimate import estimate_run
+
+    trip, inputs, motion = drive.course, drive.inputs, drive.motion
+    section = build_section(
+        inputs.route,
+        inputs.vehicle,
+        level=inputs.level,
+        start_m=max(float(motion.s_m[0]), 0.0),
+        end_m=min(float(motion.s_m[-1]), inputs.route.length_m),
+    )
+    since_s = (motion.time_ns - motion.time_ns[0]) * NS
+    inside = np.clip(motion.s_m, section.start_m, section.end_m)
+    driven = estimate_run(section, since_s, inside, motion.speed_mps)
+    run, at = driven.trajectory, motion.time_ns[driven.index]
+    within = (at >= trip.time_ns[0]) & (at <= trip.time_ns[-1])
+    found = {
+        "energy/driven": (at[within], kwh(driven.energy_input_j[within])),
+        "gradient/permille": (at[:-1][within[:-1]], run.grade_ratio[within[:-1]] / PERMILLE),
+    }
+    if not drive.recording.of(topics.EFFORT):
+        force_n = (run.force_el_n + run.force_friction_n)[within[:-1]]
+        found["force/driven"] = (at[:-1][within[:-1]], force_n / KN)
+    return FilledIn(
+        series=found,
+        source=f"force and energy are estimated from positions, nobody measured them ({inputs.source})",
+        way=_way(inputs.route, trip),
+    )
+
+
+def _way(route: Route, trip: DrivenCourse) -> MapTrack | None:
+    """Where the train was on the map by the line's geometry; None for a line without one."""
+    if not len(route.geometry_position_m):
+        return None
+    places = (route.geometry_latitude_deg, route.geometry_longitude_deg)
+    degrees = np.column_stack([np.interp(trip.s_m, route.geometry_position_m, one) for one in places])
+    return MapTrack.through(trip.time_ns, degrees)

@@ -19,7 +19,7 @@ from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import GAPS, POSITIONS, SPEEDS
 
 _Strays = Callable[[Ints, Any], Floats]
-"""Tells how far earlier points i and a later point j (one, or one for each) are from fitting; 1 only just fits."""
+"""How badly later points j (one, or one for each i) fit earlier points i: they fit up to a value of 1."""
 
 
 def in_order(record: Record, log: FindingLog) -> Record:

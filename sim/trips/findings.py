@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,64 +15,42 @@ from sim.trips.record import Record
 
 
 class FindingKind(StrEnum):
-    """Everything that cleaning looks for."""
-
-    NEWEST_FIRST = "newest_first"
-    OTHER_WAY = "other_way"
-    DUPLICATE_TIME = "duplicate_time"
-    TIME_BACK = "time_back"
-    NO_POSITION = "no_position"
-    OFF_LINE = "off_line"
-    POSITION_FROZEN = "position_frozen"
-    POSITION_JUMP = "position_jump"
-    FAR_APART = "far_apart"
-    BEFORE_SECTION = "before_section"
-    AFTER_SECTION = "after_section"
-    LONG_STAND_AT_START = "long_stand_at_start"
-    LONG_STAND_AT_END = "long_stand_at_end"
-    STANDING_DRIFT = "standing_drift"
-    SLOWS_TO_STAND = "slows_to_stand"
-    STEP_BACK = "step_back"
-    SPEED_MISSING = "speed_missing"
-    SPEED_DROPOUT = "speed_dropout"
-    SPEED_SPIKE = "speed_spike"
-    GAP = "gap"
-    STARTS_MOVING = "starts_moving"
-    ENDS_MOVING = "ends_moving"
-
-
-class KindWords(NamedTuple):
-    """A kind of finding in words, what is done about it, and whether `--strict` refuses it."""
+    """All that cleaning looks for: a name, words, what is done about it, and whether `--strict` refuses it."""
 
     words: str
     done: str
-    refused: bool = False
+    refused: bool
+
+    def __new__(cls, name: str, words: str, done: str, refused: bool = False) -> FindingKind:
+        """A kind of finding, whose value is its name."""
+        kind = str.__new__(cls, name)
+        kind._value_, kind.words, kind.done, kind.refused = name, words, done, refused
+        return kind
+
+    NEWEST_FIRST = "newest_first", "newest point first", "turned round", True
+    OTHER_WAY = "other_way", "trip runs the other way", "driven the other way", True
+    DUPLICATE_TIME = "duplicate_time", "time given twice", "dropped", True
+    TIME_BACK = "time_back", "time running back", "dropped", True
+    NO_POSITION = "no_position", "no position", "dropped", True
+    OFF_LINE = "off_line", "off the line before or after", "cut", True
+    POSITION_FROZEN = "position_frozen", "position frozen while moving", "dropped", True
+    POSITION_JUMP = "position_jump", "position jump", "dropped", True
+    FAR_APART = "far_apart", "other part of the record, beyond a long gap", "cut", True
+    BEFORE_SECTION = "before_section", "before the section", "cut", True
+    AFTER_SECTION = "after_section", "after the section", "cut", True
+    LONG_STAND_AT_START = "long_stand_at_start", "long stand at the start", "cut"
+    LONG_STAND_AT_END = "long_stand_at_end", "long stand at the end", "cut"
+    STANDING_DRIFT = "standing_drift", "position drifts while standing", "put together"
+    SLOWS_TO_STAND = "slows_to_stand", "slows down to a stand at an end of the record", "taken for a stand"
+    STEP_BACK = "step_back", "small step back", "made flat"
+    SPEED_MISSING = "speed_missing", "no usable speed", "speed from positions"
+    SPEED_DROPOUT = "speed_dropout", "speed dropout", "speed from positions"
+    SPEED_SPIKE = "speed_spike", "impossible speed", "speed from positions"
+    GAP = "gap", "gap in time", "bridged"
+    STARTS_MOVING = "starts_moving", "starts moving", "left open"
+    ENDS_MOVING = "ends_moving", "ends moving, no final stop", "left open"
 
 
-TOLD = {
-    FindingKind.NEWEST_FIRST: KindWords("newest point first", "turned round", True),
-    FindingKind.OTHER_WAY: KindWords("trip runs the other way", "driven the other way", True),
-    FindingKind.DUPLICATE_TIME: KindWords("time given twice", "dropped", True),
-    FindingKind.TIME_BACK: KindWords("time running back", "dropped", True),
-    FindingKind.NO_POSITION: KindWords("no position", "dropped", True),
-    FindingKind.OFF_LINE: KindWords("off the line before or after", "cut", True),
-    FindingKind.POSITION_FROZEN: KindWords("position frozen while moving", "dropped", True),
-    FindingKind.POSITION_JUMP: KindWords("position jump", "dropped", True),
-    FindingKind.FAR_APART: KindWords("other part of the record, beyond a long gap", "cut", True),
-    FindingKind.BEFORE_SECTION: KindWords("before the section", "cut", True),
-    FindingKind.AFTER_SECTION: KindWords("after the section", "cut", True),
-    FindingKind.LONG_STAND_AT_START: KindWords("long stand at the start", "cut"),
-    FindingKind.LONG_STAND_AT_END: KindWords("long stand at the end", "cut"),
-    FindingKind.STANDING_DRIFT: KindWords("position drifts while standing", "put together"),
-    FindingKind.SLOWS_TO_STAND: KindWords("slows down to a stand at an end of the record", "taken for a stand"),
-    FindingKind.STEP_BACK: KindWords("small step back", "made flat"),
-    FindingKind.SPEED_MISSING: KindWords("no usable speed", "speed from positions"),
-    FindingKind.SPEED_DROPOUT: KindWords("speed dropout", "speed from positions"),
-    FindingKind.SPEED_SPIKE: KindWords("impossible speed", "speed from positions"),
-    FindingKind.GAP: KindWords("gap in time", "bridged"),
-    FindingKind.STARTS_MOVING: KindWords("starts moving", "left open"),
-    FindingKind.ENDS_MOVING: KindWords("ends moving, no final stop", "left open"),
-}
 _REMOVING = ("dropped", "cut")
 
 
@@ -85,10 +63,6 @@ class TripFinding:
     first: str
     first_time_ns: int
     detail: str
-
-    @property
-    def told(self) -> KindWords:
-        return TOLD[self.kind]
 
     @property
     def first_time(self) -> str:
@@ -108,7 +82,7 @@ class CleaningReport:
     @property
     def summary(self) -> str:
         """The report in one line."""
-        parts = [f"{f.count} × {f.told.words} ({f.told.done})" for f in self.findings]
+        parts = [f"{f.count} × {f.kind.words} ({f.kind.done})" for f in self.findings]
         return f"{self.kept} of {self.read} points kept; " + ("; ".join(parts) or "nothing to clean")
 
     def as_object(self) -> dict[str, Any]:
@@ -121,7 +95,7 @@ class CleaningReport:
                 {
                     "kind": str(f.kind),
                     "count": f.count,
-                    "done": f.told.done,
+                    "done": f.kind.done,
                     "first": f.first,
                     "first_time": f.first_time,
                     "first_time_ns": f.first_time_ns,
@@ -150,11 +124,10 @@ class FindingLog:
         if not len(points):
             return
         first = int(points[0])
-        told = TOLD[kind]
-        if self.strict and told.refused:
+        if self.strict and kind.refused:
             seen = f", {detail}" if detail else ""
             raise DasError(
-                f"{record.source}: {record.where(first)}: {told.words}{seen} ({len(points)} in all; --strict)"
+                f"{record.source}: {record.where(first)}: {kind.words}{seen} ({len(points)} in all; --strict)"
             )
         self.found.append(
             TripFinding(
@@ -168,5 +141,5 @@ class FindingLog:
 
     def report(self, kept: int, unread: tuple[str, ...]) -> CleaningReport:
         """All findings, those that removed points first."""
-        ordered = sorted(self.found, key=lambda f: (f.told.done not in _REMOVING, list(FindingKind).index(f.kind)))
+        ordered = sorted(self.found, key=lambda f: (f.kind.done not in _REMOVING, list(FindingKind).index(f.kind)))
         return CleaningReport(read=self.read, kept=kept, findings=tuple(ordered), unread=unread)

@@ -11,7 +11,7 @@ import numpy as np
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
-from sim.trips.rows import check_column, check_location, check_width, is_number, number, read_cells, read_rows
+from sim.trips.cells import CellTable, check_column, check_location, number
 
 COLUMNS: Final = {
     "latitude": ("latitude", "latitude_deg", "lat"),
@@ -19,8 +19,6 @@ COLUMNS: Final = {
     "kilometre": ("kilometre", "kilometer", "km", "position_km"),
 }
 """What a list of posts says about each post, and the names that its column may have."""
-LEAST_POSTS: Final = 2
-"""A line has at least this many posts."""
 EARTH_RADIUS_M: Final = 6_371_008.8
 """Mean radius of the Earth (m, IUGG)."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
@@ -132,24 +130,16 @@ def read_kilometre_posts(path: Path) -> Line:
 
 def _read_columns(path: Path) -> tuple[int, Floats]:
     """The number of the first line that is a post, and latitude, longitude, kilometre of all posts (3 × posts)."""
-    rows, separator = read_cells(path, "list of posts", f"a header, or lines of {', '.join(COLUMNS)}")
-    if any(is_number(cell) for cell in rows[0]):
-        return 1, read_rows(path, tuple(COLUMNS), LEAST_POSTS, "list of posts").T.copy()
-    names = [cell.casefold() for cell in rows[0]]
-    index = {quantity: _column(path, names, quantity) for quantity in COLUMNS}
-    body = rows[1:]
-    if len(body) < LEAST_POSTS:
-        raise DasError(f"{path}: list of posts of {len(body)} posts, expected at least {LEAST_POSTS}")
-    values = np.empty((len(COLUMNS), len(body)))
-    for i, cells in enumerate(body):
-        check_width(path, i + 2, cells, separator, tuple(names))
-        for j, (quantity, column) in enumerate(index.items()):
-            cell = cells[column] if separator == "," else cells[column].replace(",", ".")
-            values[j, i] = number(path, i + 2, quantity, cell)
-    return 2, values
+    table = CellTable.read(path, "list of posts", tuple(COLUMNS))
+    columns = {quantity: _column(path, table.names, quantity) for quantity in COLUMNS}
+    values = [
+        [number(path, line, quantity, cells[column]) for quantity, column in columns.items()]
+        for line, cells in enumerate(table.body(), table.first)
+    ]
+    return table.first, np.array(values).T.copy()
 
 
-def _column(path: Path, names: list[str], quantity: str) -> int:
+def _column(path: Path, names: tuple[str, ...], quantity: str) -> int:
     """The column of a quantity; InputError where there is none, or more than one."""
     found = [i for i, name in enumerate(names) if name in COLUMNS[quantity]]
     if len(found) != 1:

@@ -1,4 +1,4 @@
-"""Putting a record on the route: positions that never decrease, speeds without dropouts, and how well it fits."""
+"""A record on the route, cut to its section: positions that never decrease, and speeds without dropouts."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from das.domain.errors import DasError
 from das.domain.route import Floats, Route, Stop
 from das.domain.units import KMH, NS
 from sim.trips import cleaning
-from sim.trips.cutting import section_of
 from sim.trips.findings import CleaningReport, FindingKind, FindingLog
 from sim.trips.line import Line
-from sim.trips.points import Points, fitting_points, measured_mps
+from sim.trips.points import Points, Stand, fitting_points, left_over, measured_mps, stands, visits
 from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import PLACING, POSITIONS, STANDS
-from sim.trips.standing import Stand, left_over, stands
+
+SAME_TIME_S = 1e-6
+"""Times nearer to each other than this (s) are the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,3 +297,92 @@ def _departure_and_arrival(points: Points) -> tuple[int, int]:
     """The last point of the stand at the start and the first of that at the end; the ends where there is no stand."""
     moving = np.flatnonzero(~points.standing)
     return max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(points) - 1)
+
+
+def section_of(
+    record: Record,
+    points: Points,
+    found: list[Stand],
+    stops: tuple[Stop, Stop],
+    log: FindingLog,
+    *,
+    whole_stands: bool,
+) -> slice:
+    """The points of the section: from the last stand at the first stop to the first stand at the last stop after it.
+
+    `points` have positions on the route, `found` are their standstills. Where the train does not stand at a stop, the
+    record is cut where the train passes it, or not at all if it is never more than 300 m beyond. Of the stand at either
+    end 30 s are kept, or all if `whole_stands`. Raises DasError if nothing is left.
+    """
+    start, end = _stands_of_section(points, found, stops)
+    last = end.last if end else _passing_end(points, start, stops[1])
+    first = start.first if start else _passing_start(points, last, stops[0])
+    s_m = points.along_m[first : last + 1]
+    if last - first < 1 or np.ptp(s_m) <= PLACING.least_moved_m:
+        raise DasError(
+            f"{record.source}: the trip does not run from {stops[0].name} towards {stops[1].name}: it covers "
+            f"{np.ptp(s_m) if len(s_m) else 0.0:.0f} m between them"
+        )
+    beyond = (stops[0].position_m - points.along_m[:first], points.along_m[last + 1 :] - stops[1].position_m)
+    log.add(FindingKind.BEFORE_SECTION, record, points.point[:first], _how_far(beyond[0], stops[0], "before"))
+    log.add(FindingKind.AFTER_SECTION, record, points.point[last + 1 :], _how_far(beyond[1], stops[1], "beyond"))
+    if whole_stands:
+        return slice(first, last + 1)
+    return _without_long_stands(record, points, found, (first, last), log)
+
+
+def _stands_of_section(
+    points: Points, found: list[Stand], stops: tuple[Stop, Stop]
+) -> tuple[Stand | None, Stand | None]:
+    starts = visits(found, points.along_m, stops[0].position_m, last=False)
+    ends = visits(found, points.along_m, stops[1].position_m, last=True)
+    for end in ends:
+        before = [start for start in starts if start.last < end.first]
+        if before:
+            return before[-1], end
+    if starts:
+        return starts[-1], None
+    return None, ends[0] if ends else None
+
+
+def _passing_start(points: Points, last: int, stop: Stop) -> int:
+    """Index of the first point after the train passed a stop; 0 if it was never well before the stop."""
+    before = np.flatnonzero(points.along_m[: last + 1] < stop.position_m)
+    if not len(before) or points.along_m[before].min() >= stop.position_m - STANDS.at_stop_m:
+        return 0
+    return int(before[-1]) + 1
+
+
+def _passing_end(points: Points, start: Stand | None, stop: Stop) -> int:
+    """Index of the last point before the train passed a stop without standing; the last if it was never well beyond."""
+    first = start.last if start else 0
+    beyond = first + np.flatnonzero(points.along_m[first:] > stop.position_m)
+    if not len(beyond) or points.along_m[beyond].max() <= stop.position_m + STANDS.at_stop_m:
+        return len(points) - 1
+    return int(beyond[0]) - 1
+
+
+def _how_far(beyond_m: np.ndarray, stop: Stop, where: str) -> str:
+    return f"up to {beyond_m.max():.0f} m {where} {stop.name}" if len(beyond_m) and beyond_m.max() > 0 else ""
+
+
+def _without_long_stands(
+    record: Record, points: Points, found: list[Stand], ends: tuple[int, int], log: FindingLog
+) -> slice:
+    """The points between the ends, with only the last and the first 30 s of a stand at the start and at the end."""
+    (first, last), time_s, kept_s = ends, points.time_s, STANDS.stand_kept_s
+
+    def cut(kind: FindingKind, which: slice, stood_s: float) -> None:
+        log.add(kind, record, points.point[which], f"{stood_s:.0f} s, {kept_s:.0f} s kept")
+
+    for stand in found:
+        came_s, left_s = time_s[stand.first], time_s[stand.last]
+        if stand.first <= first < stand.last:
+            begin = int(np.searchsorted(time_s, left_s - kept_s - SAME_TIME_S))
+            cut(FindingKind.LONG_STAND_AT_START, slice(first, begin), left_s - time_s[first])
+            first = max(first, begin)
+        if stand.first < last <= stand.last:
+            end = int(np.searchsorted(time_s, came_s + kept_s + SAME_TIME_S, side="right"))
+            cut(FindingKind.LONG_STAND_AT_END, slice(end, last + 1), time_s[last] - came_s)
+            last = min(last, end - 1)
+    return slice(first, last + 1)

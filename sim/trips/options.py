@@ -22,7 +22,8 @@ from sim.options import LineOption, OfTrainOption
 class TripOptions:
     """What is said about a trip besides its file; None means: as the recording says, or the default.
 
-    `reverse` None: nobody says in which direction the trip ran.
+    `reverse` None: nobody says in which direction the trip ran. Stops None: the route's first and last. `line` are
+    kilometre posts. `strict` refuses a trip of which points would be dropped, or that runs the other way.
     """
 
     route: RecordedRouteOption = None
@@ -36,3 +37,8 @@ class TripOptions:
     loss_map: LossMapOption = None
     point_mass: PointMassOption = False
     of_train: OfTrainOption = None
+
+    @property
+    def direction_said(self) -> bool:
+        """Whether the user said the direction."""
+        return self.reverse is not None or None not in (self.from_stop, self.to_stop)

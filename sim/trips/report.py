@@ -1,18 +1,42 @@
-"""What is in a trip, as an object: cleaning, matching, stands, energies, and what cannot be known."""
+"""What is told of a trip: an object for programs, tables and notes for people, a picture, and the cleaned record."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from rich.table import Table
 
-from das.domain.units import KMH, KN, NS, kwh
+from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.printing import print_table, tell
+from das.domain.files.writing import write_whole
+from das.domain.units import KM, KMH, KN, MS, NS, kwh
 from das.solver.section import Section
-from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
-from sim.trips.findings import FindingKind
-from sim.trips.settings import SMOOTHING
+from sim.trips.estimate import DrivenEstimate, EnergyRange, energy_range, estimate_run, strongest_held_n
+from sim.trips.findings import CleaningReport, FindingKind
+from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
+
+LEGEND: Final = {
+    "from, to": "what the energy may have been at least and at most, whatever the unknowns are",
+}
+"""What is said below the table of energies."""
+LEDGER_WORDS = {
+    "resistance": "running resistance",
+    "component_loss": "losses of the train and auxiliaries",
+    "friction_brake": "friction brake",
+    "unreturned": "braked, but not taken back by the line",
+    "kinetic": "speed gained from start to end",
+    "potential": "height gained from start to end",
+}
+"""The shares of a ledger in words; shares that round to 0 are not shown."""
+PANEL_HEIGHTS = (3, 1, 2)
+FORCES_SHOWN_RATIO = 1.3
+"""Forces are drawn up to this many times the strongest held force, so that no spike of a second sets the scale."""
+COLUMNS = ("time_ms", "position_m", "speed_mps", "speed_from_positions", "latitude_deg", "longitude_deg")
+_NS_PER_MS = round(MS / NS)
 
 
 def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
@@ -160,3 +184,186 @@ def _unseen_s(trip: Trip) -> float:
 def _iso(time_ns: int) -> str:
     """A time (ns) as UTC text, to the second."""
     return f"{datetime.fromtimestamp(round(time_ns * NS), UTC):%Y-%m-%d %H:%M:%S}"
+
+
+def print_description(found: dict[str, Any], report: CleaningReport) -> None:
+    """Print the tables and notes of `das-sim trip`."""
+    tell(f"{found['format']}, {found['route']}: {found['from']} – {found['to']}")
+    print_table(cleaning_table(report))
+    print_table(_matching_table(found))
+    print_table(_stands_table(found["stands"]))
+    if found["energy"] is not None:
+        print_table(_energy_table(found["energy"]), LEGEND)
+    if found["line_not_used"]:
+        tell(f"note: {found['line_not_used']}")
+    for note in found["not_known"]:
+        tell(f"not known: {note}")
+    if found["energy"] is not None and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
+        share = 100 * found["energy"]["beyond_vehicle_ratio"]
+        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has")
+
+
+def cleaning_table(report: CleaningReport) -> Table:
+    """What was cleaned, kind by kind."""
+    table = Table(title=f"cleaning: {report.kept} of {report.read} points kept", title_justify="left")
+    for name, right in (("count", True), ("what", False), ("done", False), ("first at", False), ("seen", False)):
+        table.add_column(name, justify="right" if right else "left")
+    for f in report.findings:
+        table.add_row(str(f.count), f.kind.words, f.kind.done, f"{f.first}, {f.first_time[11:]}", f.detail)
+    if not report.findings:
+        table.add_row("0", "nothing to clean", "", "", "")
+    if report.unread:
+        table.caption = f"columns not read: {', '.join(report.unread)}"
+    return table
+
+
+def _matching_table(found: dict[str, Any]) -> Table:
+    table = Table(title="trip", title_justify="left", show_header=False)
+    matching = found["matching"]
+    table.add_row("departure (UTC)", found["departure"])
+    table.add_row("time, distance", f"{found['trip_time_s']:.0f} s, {found['distance_m'] / KM:.2f} km")
+    table.add_row("highest speed", f"{found['max_speed_kmh']:.0f} km/h")
+    if matching["median_m"] is not None:
+        figures = " / ".join(f"{matching[name]:.1f}" for name in ("median_m", "p95_m", "max_m"))
+        table.add_row("distance from the line, median / 95 % / most", f"{figures} m")
+    anchored = {"route": "the route's geometry", "positions": "positions of the record"}
+    anchor = anchored.get(matching["anchor"], f"stands at {matching['anchor']}, scale {matching['scale']:.5f}")
+    table.add_row("position from", anchor)
+    if matching["stand_uncertainty_m"] > 0:
+        table.add_row("stands at the ends known to", f"{matching['stand_uncertainty_m']:.1f} m")
+    table.add_row("record against its smooth run, RMS", f"{matching['along_rms_m']:.1f} m")
+    table.add_row("reported speed comes late by", f"{matching['speed_lag_s']:.2f} s")
+    return table
+
+
+def _stands_table(stands: list[dict[str, Any]]) -> Table:
+    table = Table(title="where it stood", title_justify="left")
+    for name in ("stop", "km", "off by", "arrival", "departure", "stood", "running time"):
+        table.add_column(name, justify="left" if name == "stop" else "right")
+    for s in stands:
+        table.add_row(
+            s["stop"] or "on the line",
+            f"{s['position_m'] / KM:.3f}",
+            "" if s["off_m"] is None else f"{round(s['off_m'])} m",
+            "" if s["arrival"] is None else s["arrival"][11:19],
+            "" if s["departure"] is None else s["departure"][11:19],
+            "" if s["dwell_s"] is None else f"{s['dwell_s']:.0f} s",
+            "" if s["running_time_s"] is None else f"{s['running_time_s']:.0f} s",
+        )
+    return table
+
+
+def _energy_table(energy: dict[str, Any]) -> Table:
+    title = f"energy as driven, estimated: {energy['vehicle']}, level {energy['level']}"
+    table = Table(title=title, title_justify="left")
+    for name in ("kWh at the current collector", "estimate", "from", "to"):
+        table.add_column(name, justify="left" if "kWh" in name else "right")
+    low, high = energy["input_low_kwh"], energy["input_high_kwh"]
+    table.add_row("net input", f"{energy['input_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
+    for u in energy["unknowns"]:
+        table.add_row(f"  by {u['name']} ({u['assumed']})", "", f"{u['low_kwh']:.1f}", f"{u['high_kwh']:.1f}")
+    for name, words in LEDGER_WORDS.items():
+        share = f"{energy[f'{name}_kwh']:z.1f}"
+        if float(share):
+            table.add_row(f"  of it {words}", share, "", "")
+    table.add_row(
+        f"strongest traction / braking held for {ESTIMATE.held_s} s, kN",
+        f"{energy['strongest_traction_kn']:.0f}",
+        "",
+        f"{energy['strongest_braking_kn']:.0f}",
+    )
+    return table
+
+
+def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
+    """Draw a trip over the position; without an estimate there are no forces.
+
+    The suffix of `path` (.png, .pdf, .svg) decides the kind of picture. Raises DasError without matplotlib.
+    """
+    pyplot = offscreen_pyplot()
+    heights = PANEL_HEIGHTS[: 2 if driven is None else 3]
+    figure, axes = pyplot.subplots(
+        len(heights), 1, figsize=(12, 3 + sum(heights)), sharex=True, height_ratios=heights, layout="constrained"
+    )
+    _speeds(axes[0], trip)
+    _distances(axes[1], trip)
+    if driven is not None:
+        draw_forces(axes[2], driven)
+    axes[-1].set_xlabel("position, km")
+    save_figure(path, figure)
+    pyplot.close(figure)
+
+
+def _speeds(axis: Any, trip: Trip) -> None:
+    matched, run = trip.matched, trip.run
+    axis.plot(run.s_m / KM, trip.route.limits_mps.at(run.s_m) / KMH, color="0.45", linewidth=1, label="limit")
+    axis.plot(run.s_m / KM, run.speed_mps / KMH, color="tab:blue", label="smooth run")
+    for which, colour, label in (
+        (~matched.dropout, "black", "measured"),
+        (matched.dropout, "tab:red", "from positions"),
+    ):
+        shown = which & ~matched.invalid
+        if shown.any():
+            axis.plot(matched.s_m[shown] / KM, matched.speed_mps[shown] / KMH, ".", color=colour, ms=3, label=label)
+    axis.set_ylabel("speed, km/h")
+    axis.set_ylim(bottom=0)
+    axis.legend(loc="lower center", ncols=4)
+    kept = f"{matched.report.cleaning.kept} of {matched.report.cleaning.read} points"
+    axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}")
+
+
+def _distances(axis: Any, trip: Trip) -> None:
+    matched, run = trip.matched, trip.run
+    since_s = (matched.time_ns - run.start_time_ns) * NS
+    apart_m = matched.s_m - np.interp(since_s, run.time_s, run.s_m)
+    axis.plot(matched.s_m[~matched.invalid] / KM, apart_m[~matched.invalid], ".", color="black", ms=3)
+    axis.axhline(0, color="0.3", linewidth=0.5)
+    axis.set_ylabel("record − run, m")
+
+
+def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
+    """Draw the wheel forces of motors and friction brake; peaks shorter than the held ones are cut, and told so."""
+    at_km = driven.trajectory.s_m / KM
+    axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
+    if driven.trajectory.force_friction_n.any():
+        axis.stairs(driven.trajectory.force_friction_n / KN, at_km, baseline=0, color="tab:red", label="friction brake")
+    axis.axhline(0, color="0.3", linewidth=0.5)
+    axis.set_ylabel("wheel force, kN")
+    force_kn = (driven.trajectory.force_el_n + driven.trajectory.force_friction_n) / KN
+    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(driven)) / KN
+    cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
+    if cut:
+        axis.set_ylim(-shown_kn, shown_kn)
+        axis.set_title(f"cut, as shorter than {ESTIMATE.held_s} s: {', '.join(cut)}", fontsize="small")
+    axis.legend(loc="upper right")
+
+
+def write_cleaned(path: Path, trip: Trip) -> None:
+    """Write the points that are left, with positions as in the route's file, to 1 µm.
+
+    Points a recording calls invalid are left out. DasError where the file cannot be written.
+    """
+    matched = trip.matched
+    s_m = trip.route.length_m - matched.s_m if trip.reversed else matched.s_m
+    lines = [",".join(COLUMNS)]
+    for i in np.flatnonzero(~matched.invalid):
+        cells = (
+            _milliseconds(int(matched.time_ns[i])),
+            f"{round(s_m[i], 6) + 0.0:.6f}",
+            f"{matched.speed_mps[i]:.6f}",
+            f"{matched.dropout[i]:d}",
+            _degrees(matched.latitude_deg[i]),
+            _degrees(matched.longitude_deg[i]),
+        )
+        lines.append(",".join(cells))
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+
+
+def _milliseconds(time_ns: int) -> str:
+    """A time (ns) in ms: whole milliseconds and, if there is one, their fraction digit by digit."""
+    whole, rest = divmod(time_ns, _NS_PER_MS)
+    return f"{whole}.{rest:06d}".rstrip("0") if rest else f"{whole}"
+
+
+def _degrees(angle: float) -> str:
+    return "" if np.isnan(angle) else repr(float(angle))

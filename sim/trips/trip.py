@@ -1,26 +1,36 @@
-"""A trip to replay or to look at: read, cleaned, and put on its route in its direction, with its smooth run."""
+"""A trip to replay or to look at: opened, cleaned, put on its route as a smooth run; its stands and its sections."""
 
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from das.bus.recording import Recording
+from das.command_line.loading import load_route, load_vehicle
 from das.domain.errors import DasError
+from das.domain.files import load
+from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route, Stop, section_stops
-from das.domain.units import KMH
+from das.domain.units import KMH, NS
+from das.solver.front import Front
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solve import solve_front
+from sim.recording.attached import AttachedFiles
 from sim.trips.cleaning import find_gaps, in_order
 from sim.trips.findings import FindingKind, FindingLog
 from sim.trips.line import Line, read_kilometre_posts
-from sim.trips.matching import MatchedTrip, match_trip
-from sim.trips.points import runs_back
+from sim.trips.matching import MatchedTrip, RunEnds, match_trip
+from sim.trips.options import TripOptions
+from sim.trips.points import Stand, runs_back, stands
 from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.reading import Reading
+from sim.trips.reading import Reading, read_trip, reading_of
 from sim.trips.record import Record
-from sim.trips.schedule import StandFound, stands_found
 from sim.trips.settings import PLACING, POSITIONS, STANDS
 
 
@@ -75,31 +85,11 @@ class Trip:
         return " ".join(f"{name} {shlex.quote(stop)}" for name, stop, is_ in options if stop and stop != is_.name)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Whereabouts:
-    """What the user says about where a trip was driven.
-
-    `reverse` None: nothing is said about the direction. Stops None: the route's first and last. `line` are kilometre
-    posts. `strict` refuses a trip of which points would be dropped, or that runs the other way.
-    """
-
-    reverse: bool | None = None
-    from_stop: str | None = None
-    to_stop: str | None = None
-    line: Path | None = None
-    strict: bool = False
-
-    @property
-    def direction_said(self) -> bool:
-        """Whether the user said the direction."""
-        return self.reverse is not None or None not in (self.from_stop, self.to_stop)
-
-
-def load_trip(path: Path, reading: Reading, route: Route, said: Whereabouts) -> Trip:
+def load_trip(path: Path, reading: Reading, route: Route, said: TripOptions) -> Trip:
     """Clean a trip and put it on a route, which is given as in its file.
 
     A GPS record needs kilometre posts or a route with geometry, unless it has positions on the route. A trip that runs
-    the other way than `said` is driven the other way if no stops are named. Raises DasError or InputError for anything
+    the other way than said is driven the other way if no stops are named. Raises DasError or InputError for anything
     unusable.
     """
     log = FindingLog(strict=said.strict, read=len(reading.record))
@@ -156,7 +146,7 @@ def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
             raise DasError(f"{record.source}: the trip {what}, more than {STANDS.at_stop_m:.0f} m outside the section")
 
 
-def _direction(record: Record, route: Route, said: Whereabouts, log: FindingLog) -> tuple[Route, bool, Line | None]:
+def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog) -> tuple[Route, bool, Line | None]:
     """The route as driven, whether that is against its file, and the line; None if the record's positions count."""
     ways, reverse = (route, route.reversed()), bool(said.reverse)
     line = _line(record, ways[reverse], said.line)
@@ -172,7 +162,7 @@ def _direction(record: Record, route: Route, said: Whereabouts, log: FindingLog)
     return other, not reverse, line
 
 
-def _check_turn(record: Record, said: Whereabouts, line: Line | None) -> None:
+def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
     """Raise DasError for a trip with named stops that runs the other way: the stops say which way it should run."""
     if said.from_stop is None and said.to_stop is None:
         return
@@ -186,3 +176,177 @@ def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
     if record.on_route:
         return None
     return read_kilometre_posts(posts) if posts is not None else Line.from_route(driven)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandFound:
+    """A standstill: its place, the stop of the route there if any, and when it began and ended.
+
+    `off_m` is how far beyond the stop the train stood. A time is None if the record begins or ends with the stand.
+    """
+
+    s_m: float
+    stop: str | None
+    off_m: float | None
+    arrival_ns: int | None
+    departure_ns: int | None
+
+    @property
+    def dwell_s(self) -> float | None:
+        if self.arrival_ns is None or self.departure_ns is None:
+            return None
+        return (self.departure_ns - self.arrival_ns) * NS
+
+
+def stands_found(matched: MatchedTrip, route: Route, speed_lag_s: float) -> tuple[StandFound, ...]:
+    """The stands of a trip in order; their times come from the speeds, which are late by `speed_lag_s`."""
+    found = []
+    last = len(matched.time_ns) - 1
+    time_ns = np.clip(matched.time_ns - round(speed_lag_s / NS), matched.time_ns[0], matched.time_ns[-1])
+    for stand in stands(matched.standing):
+        inside = stand.first > 0 and stand.last < last
+        if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < STANDS.shortest_stand_s:
+            continue
+        s_m = float(matched.s_m[stand.last])
+        stop = min(route.stops, key=lambda stop: abs(stop.position_m - s_m))
+        there = abs(stop.position_m - s_m) <= STANDS.at_stop_m
+        found.append(
+            StandFound(
+                s_m=s_m,
+                stop=stop.name if there else None,
+                off_m=s_m - stop.position_m if there else None,
+                arrival_ns=int(time_ns[stand.first]) if stand.first > 0 else None,
+                departure_ns=int(time_ns[stand.last]) if stand.last < last else None,
+            )
+        )
+    return tuple(found)
+
+
+def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[TripOptions, Trip]:
+    """Read, clean and match a trip; returns the options completed from the recording, and the trip.
+
+    Files that a recording brings along are put into `folder`. Raises DasError for anything unusable.
+    """
+    reading = read_trip(trip_path, options.of_train)
+    options = _completed(reading, options, folder)
+    if options.route is None:
+        raise DasError(f"{trip_path}: a trip without a journey needs --route")
+    trip = load_trip(trip_path, reading, load_route(options.route), options)
+    return replace(options, reverse=trip.reversed, line=None if trip.line_not_used else options.line), trip
+
+
+def recorded_trip(recording: Recording, driven: Route) -> Trip:
+    """The trip of a recording on its line as driven; DasError for positions that cannot be used."""
+    reading = reading_of(recording)
+    start, end = reading.ends or (None, None)
+    return load_trip(recording.path, reading, driven, TripOptions(reverse=False, from_stop=start, to_stop=end))
+
+
+def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOptions:
+    """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
+    journey, recording, ends = reading.journey, reading.recording, reading.ends
+    if journey is None or recording is None or ends is None:
+        return options
+    if options.reverse is not None:
+        raise DasError("--reverse: the recording says itself in which direction it drives")
+    files = AttachedFiles(recording, folder)
+    route = options.route or files.find("routes", journey.route_id, load.load_route)[1]
+    start, end = ends if load_route(route).id == journey.route_id else (None, None)
+    return replace(
+        options,
+        route=route,
+        vehicle=options.vehicle or files.find("vehicles", journey.vehicle_id, load.load_vehicle)[1],
+        reverse=journey.reversed,
+        from_stop=options.from_stop or start,
+        to_stop=options.to_stop or end,
+    )
+
+
+def trip_section(trip: Trip, options: TripOptions) -> Section:
+    """The section of a trip with the chosen vehicle; raises DasError if none is chosen or it cannot run there."""
+    if options.vehicle is None:
+        raise DasError(f"{trip.path}: a trip without a journey needs --vehicle")
+    vehicle = load_vehicle(options.vehicle)
+    if options.loss_map is not None:
+        vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
+    return build_section(
+        trip.route,
+        vehicle,
+        level=options.level,
+        start_m=trip.start.position_m,
+        end_m=trip.end.position_m,
+        options=SectionOptions(point_mass=options.point_mass),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenSection:
+    """A section of a trip: its stops, all its best runs, the record of it, and how long it was driven (s)."""
+
+    start: str
+    end: str
+    front: Front
+    matched: MatchedTrip
+    trip_s: float
+
+
+def driven_sections(trip: Trip, front: Front) -> tuple[DrivenSection, ...]:
+    """The sections of a trip, of which `front` has the best runs without a stop on the way.
+
+    A trip that stood at stops on the way is compared section by section: the optimum stands there for as long.
+    """
+    whole = DrivenSection(
+        start=trip.start.name,
+        end=trip.end.name,
+        front=front,
+        matched=trip.matched,
+        trip_s=float(trip.run.time_s[-1]),
+    )
+    return tuple(_cut(trip, front.section)) if trip.stops_on_the_way else (whole,)
+
+
+def _cut(trip: Trip, section: Section) -> Iterator[DrivenSection]:
+    names = [trip.start.name, *trip.stops_on_the_way, trip.end.name]
+    last = len(trip.matched.time_ns) - 1
+    kept = [Stand(0, trip.matched.ends.departure), *_on_the_way(trip), Stand(trip.matched.ends.arrival, last)]
+    for (before, behind), (start, end) in zip(pairwise(kept), pairwise(names), strict=True):
+        matched = _part(trip.matched, before, behind)
+        place = trip.matched.s_m
+        part = build_section(
+            section.route,
+            section.vehicle,
+            level=section.level,
+            start_m=section.start_m if before is kept[0] else float(place[before.last]),
+            end_m=section.end_m if behind is kept[-1] else float(place[behind.first]),
+            options=SectionOptions(point_mass=section.train_length_m == 0, brakes=section.brakes),
+        )
+        trip_s = float(to_profile(matched).time_s[-1])
+        yield DrivenSection(start=start, end=end, front=solve_front(part), matched=matched, trip_s=trip_s)
+
+
+def _on_the_way(trip: Trip) -> list[Stand]:
+    """The stands at the stops on the way, in order."""
+    time_ns = trip.matched.time_ns
+    at_stops = [one for one in trip.stands if one.dwell_s is not None and one.stop in trip.stops_on_the_way]
+    found = [
+        next(stand for stand in stands(trip.matched.standing) if float(trip.matched.s_m[stand.last]) == one.s_m)
+        for one in at_stops
+    ]
+    return sorted(found, key=lambda stand: int(time_ns[stand.first]))
+
+
+def _part(matched: MatchedTrip, before: Stand, behind: Stand) -> MatchedTrip:
+    """The record from one stand to the next, both with it."""
+    points = slice(before.first, behind.last + 1)
+    fields = ("time_ns", "s_m", "speed_mps", "latitude_deg", "longitude_deg", "dropout", "invalid", "uncertainty_m")
+    ends = matched.ends
+    return replace(
+        matched,
+        **{name: getattr(matched, name)[points].copy() for name in (*fields, "standing")},
+        ends=RunEnds(
+            departure=before.last - before.first,
+            arrival=behind.first - before.first,
+            starts_standing=ends.starts_standing if before.first == 0 else True,
+            ends_standing=ends.ends_standing if behind.last == len(matched.time_ns) - 1 else True,
+        ),
+    )

@@ -6,15 +6,17 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from das.domain.route import Route
+from das.domain.route import Floats, Route
 from sim.trips.findings import FindingKind
 from sim.trips.line import EARTH_RADIUS_M
+from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
-from sim.trips.trip import Trip, Whereabouts, load_trip
+from sim.trips.trip import Trip, load_trip
 from tests.support.made_line import motion, north, posts_file, route
 
 LENGTH_M = 8000.0
@@ -76,7 +78,13 @@ def load(
     folder: Path, points: Points, on: Route | None = None, *, speeds: bool = True, **said: bool | str | None
 ) -> Trip:
     path = write(folder, points, speeds=speeds)
-    return load_trip(path, read_trip(path), on or route(), Whereabouts(line=long_posts(folder), **said))  # type: ignore[arg-type]
+    return load_trip(path, read_trip(path), on or route(), TripOptions(line=long_posts(folder), **said))  # type: ignore[arg-type]
+
+
+def on_route(folder: Path, points: Points, on: Route | None = None, *, positions: bool = False, **said: Any) -> Trip:
+    """The trip of a record written as CSV, on a route with geometry unless another is given, without posts."""
+    path = write(folder, points, on_route=positions)
+    return load_trip(path, read_trip(path), on or route(geometry=True), TripOptions(**said))
 
 
 def counts(trip: Trip) -> dict[FindingKind, int]:
@@ -92,9 +100,16 @@ def check_truth(trip: Trip, points: Points, tolerance_m: float = 0.02, speed_mps
     measured = ~trip.matched.dropout
     assert trip.matched.speed_mps[measured] == pytest.approx(np.interp(at, t, v)[measured], abs=1e-6)
     assert trip.matched.speed_mps == pytest.approx(np.interp(at, t, v), abs=1.2)
+    true_m, true_mps = truth_of_run(trip, points)
+    assert trip.run.speed_mps == pytest.approx(true_mps, abs=speed_mps)
+    assert np.abs(trip.run.s_m - true_m).max() < 6.0
+
+
+def truth_of_run(trip: Trip, points: Points) -> tuple[Floats, Floats]:
+    """Positions (m) and speeds (m/s) of the clean record at the times of the smooth run."""
     grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
-    assert trip.run.speed_mps == pytest.approx(np.interp(grid, t, v), abs=speed_mps)
-    assert np.abs(trip.run.s_m - np.interp(grid, t, s)).max() < 6.0
+    t, s, v = (np.array([getattr(p, name) for p in points]) for name in ("t", "s_m", "v"))
+    return np.interp(grid, t, s), np.interp(grid, t, v)
 
 
 # Each plants one kind of defect; points 20 to 320 move.

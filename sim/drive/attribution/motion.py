@@ -16,7 +16,7 @@ from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import NS
 from sim.drive.calls import KeptCall
-from sim.trips.opening import recorded_trip
+from sim.trips.trip import recorded_trip
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from matplotlib.patches import Patch
 
 from das.advice.modes import Mode, mode_name
 from das.bus import topics
@@ -15,8 +14,8 @@ from sim.drive.attribution.judging import OVER_MPS
 from sim.drive.drive import Drive
 from sim.drive.events.bookmarks import bookmarks
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, MODES, Meaning
-from sim.review.light import INK, TEXT_POINTS, legend, light_figure, named, stops
-from sim.review.report.words import told_causes
+from sim.review.light import INK, legend, light_figure, named, stops
+from sim.review.report.sentences import told_causes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,11 +112,7 @@ def _modes(axis: Any, drive: Drive) -> None:
     axis.set_ylim(0.0, 1.0)
     axis.set_yticks([0.5], ["advised\nto do"])
     axis.grid(visible=False)
-    axis.legend(
-        handles=[Patch(color=color, label=name) for name, color in used.items()], loc="lower left",
-        bbox_to_anchor=(0.0, 1.0), ncols=8, frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, borderaxespad=0.1,
-        handlelength=1.0, columnspacing=1.2,
-    )  # fmt: skip
+    legend(axis, used)
 
 
 def _lateness(drive: Drive) -> tuple[Any, Any]:

@@ -1,7 +1,11 @@
-"""The page of a report: everything found out about one drive or several, filled into the template."""
+"""The page of a report: everything found out about one drive or several, as HTML, for programs, and as PDF."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -11,6 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from das import __version__
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from sim.drive.attribution.rows import as_dict as energy_dict
 from sim.drive.attribution.rows import worst_places
@@ -24,11 +29,13 @@ from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
 from sim.review.colors import LIGHT
 from sim.review.light import as_image, comparison_figure
-from sim.review.report import figures, words
-from sim.review.report.circumstances import rests_on
-from sim.review.report.lateness import where_time_went
+from sim.review.report import figures, tables
+from sim.review.report.sentences import compliance, paragraph, title, where_time_went
 
 TEMPLATE: Final = "page.html.j2"
+BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+LONGEST_S: Final = 120.0
+"""Printing a page takes no longer than this (s)."""
 
 
 class ReviewedDrive(NamedTuple):
@@ -63,7 +70,7 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    names = "; ".join(words.title(subject.drive) for subject in subjects)
+    names = "; ".join(title(subject.drive) for subject in subjects)
     return environment.get_template(TEMPLATE).render(
         title=f"Report: {names}",
         version=__version__,
@@ -80,24 +87,24 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
     worst = [] if account is None else worst_places(account)
     return {
         "name": drive.name,
-        "paragraph": words.paragraph(drive),
+        "paragraph": paragraph(drive),
         "lateness": " ".join(where_time_went(drive)),
-        "rests_on": rests_on(drive),
-        "figures": words.figures(drive),
-        "stops": words.stop_rows(drive),
-        "causes": [] if account is None else words.cause_rows(account),
-        "times": [] if account is None else words.time_rows(account),
-        "legs": [] if account is None else words.leg_rows(account),
+        "rests_on": tables.rests_on(drive),
+        "figures": tables.figures(drive),
+        "stops": tables.stop_rows(drive),
+        "causes": [] if account is None else tables.cause_rows(account),
+        "times": [] if account is None else tables.time_rows(account),
+        "legs": [] if account is None else tables.leg_rows(account),
         "worst": [
             (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
         ],
         "why_not": drive.why_no_account,
-        "events": words.event_rows(drive),
-        "left_out": words.left_out(drive),
-        "advice": words.advice_rows(drive),
-        "bookmarks": words.bookmark_rows(drive),
+        "events": tables.event_rows(drive),
+        "left_out": tables.left_out(drive),
+        "advice": tables.advice_rows(drive),
+        "bookmarks": tables.bookmark_rows(drive),
         "health": subject.checked,
-        "inputs": words.input_rows(drive),
+        "inputs": tables.input_rows(drive),
         "images": _images(drive),
     }
 
@@ -155,10 +162,10 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
     return {
         "recording": str(drive.recording.path),
         "complete": drive.recording.complete,
-        "in_words": words.paragraph(drive),
+        "in_words": paragraph(drive),
         "zero_ns": drive.clock.zero_ns,
-        "within_shown_speed_ratio": words.compliance(drive),
-        "stops": words.stop_rows(drive),
+        "within_shown_speed_ratio": compliance(drive),
+        "stops": tables.stop_rows(drive),
         "likely_above_optimum_kwh": None
         if drive.likely is None
         else [kwh(drive.likely.low_j), kwh(drive.likely.high_j)],
@@ -166,5 +173,43 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "no_energy_because": drive.why_no_account or None,
         "events": as_rows(drive.events, drive.clock),
         "health": subject.checked.as_dict(),
-        "inputs": dict(words.input_rows(drive)),
+        "inputs": dict(tables.input_rows(drive)),
     }
+
+
+def browser() -> str:
+    """The program of a Chromium; DasError where none is installed."""
+    for name in BROWSERS:
+        found = shutil.which(name)
+        if found is not None:
+            return found
+    raise DasError(f"--pdf needs one of {', '.join(BROWSERS)}, and none is installed; print the page instead")
+
+
+def write_pdf(page: str, path: Path) -> None:
+    """Write a page as PDF; DasError where the browser does not print it, or the file cannot be written."""
+    program = browser()
+    with tempfile.TemporaryDirectory(prefix="das-report-") as folder:
+        source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"
+        source.write_text(page, encoding="utf-8")
+        command = [
+            program,
+            "--headless",
+            "--disable-gpu",
+            "--no-pdf-header-footer",
+            f"--user-data-dir={folder}/profile",
+        ]
+        if os.geteuid() == 0:
+            command.append("--no-sandbox")  # Chromium refuses to run as root with its sandbox
+        try:
+            done = subprocess.run(
+                [*command, f"--print-to-pdf={target}", source.as_uri()],
+                capture_output=True,
+                timeout=LONGEST_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise DasError(f"{path}: {program} did not print the page within {LONGEST_S:.0f} s") from None
+        if done.returncode or not target.is_file():
+            raise DasError(f"{path}: {program} did not print the page (exit code {done.returncode})")
+        write_whole(path, target.read_bytes())

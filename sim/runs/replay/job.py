@@ -30,11 +30,9 @@ from sim.recording.inputs import input_files, sha256
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run
-from sim.trips.opening import open_trip, trip_section
 from sim.trips.options import TripOptions
 from sim.trips.profile import to_profile
-from sim.trips.sections import DrivenSection, driven_sections
-from sim.trips.trip import Trip
+from sim.trips.trip import DrivenSection, Trip, driven_sections, open_trip, trip_section
 from sim.world.processes.crew import Crew
 
 LONGEST_S = 86400.0

@@ -38,7 +38,7 @@ def test_a_part_of_a_drive_has_the_stops_of_that_part() -> None:
 
 def test_a_picture_names_the_stops_over_distance_and_over_time() -> None:
     pytest.importorskip("matplotlib")
-    from sim.review.whole_picture import picture_of
+    from sim.review.picture import picture_of
 
     figure = picture_of(drive(stops=STOPS))
     over_distance, over_time = figure.axes[0], figure.axes[3]

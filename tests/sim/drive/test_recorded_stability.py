@@ -16,7 +16,7 @@ from sim.drive.drive import Drive
 from sim.drive.stability import recorded_restlessness
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
-from sim.review.summary import summary
+from sim.review.words import summary
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.link import Told

@@ -19,9 +19,9 @@ from sim.drivers.presentations.presenter import presenter_of, shown_presentation
 from sim.experiment.factors import FactorLevel
 from sim.experiment.study_files import level_words
 from sim.recording.course import DrivenCourse
-from sim.review.cab_card import cards
 from sim.review.colors import DARK
 from sim.review.lanes import lanes
+from sim.review.words import cards
 from sim.world.day import make_day
 from sim.world.scenario import load_scenario
 from sim.world.service import prepare_service

@@ -11,7 +11,7 @@ from das.domain.errors import DasError
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse
 from sim.recording.cutting import part_of
-from sim.review.story import Story
+from sim.review.scene import ReviewScene
 from tests.support.recordings import SECONDS, START_NS, write_recording
 
 
@@ -30,11 +30,11 @@ def test_what_is_in_the_part(whole: Recording) -> None:
     assert since_s(part, topics.DELAY) == [60, 120, 180]  # the one that still holds, and those that came
     assert since_s(part, topics.PLAN) == list(range(0, 181, 10))  # the first plan is the optimum from the start
     assert part.of(topics.JOURNEY) == whole.of(topics.JOURNEY)
-    story = Story.of(Drive(source=part))
-    assert story.trip.time_ns[0] == START_NS + 90 * 10**9
-    assert np.ptp(story.trip.time_ns) == 90 * 10**9
-    speeds = story.series["speed/driven"][1]
-    assert speeds == pytest.approx(Story.of(Drive(source=whole)).series["speed/driven"][1][90:181])
+    scene = ReviewScene.of(Drive(source=part))
+    assert scene.trip.time_ns[0] == START_NS + 90 * 10**9
+    assert np.ptp(scene.trip.time_ns) == 90 * 10**9
+    speeds = scene.series["speed/driven"][1]
+    assert speeds == pytest.approx(ReviewScene.of(Drive(source=whole)).series["speed/driven"][1][90:181])
 
 
 def test_either_end_may_be_left_out(whole: Recording) -> None:

@@ -18,9 +18,10 @@ from das.bus.topics import POSITION
 from das.domain.errors import DasError
 from sim.trips import cleaning
 from sim.trips.findings import FindingKind
+from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
 from sim.trips.settings import POSITIONS
-from sim.trips.trip import Whereabouts, load_trip
+from sim.trips.trip import load_trip
 from tests.support.dirt import (
     DEFECTS,
     EPOCH_S,
@@ -38,6 +39,7 @@ from tests.support.dirt import (
     late_end,
     load,
     spikes,
+    truth_of_run,
 )
 from tests.support.made_line import route
 
@@ -59,7 +61,7 @@ def test_all_defects_together_are_counted_apart(tmp_path: Path) -> None:
     check_truth(trip, clean(), speed_mps=0.9)
     report = trip.matched.report.cleaning
     assert report.read == len(all_together(clean()))
-    dropped = sum(f.count for f in report.findings if f.told.done in ("dropped", "cut"))
+    dropped = sum(f.count for f in report.findings if f.kind.done in ("dropped", "cut"))
     assert report.kept == report.read - dropped == len(trip.matched.s_m)
     assert "6 × position jump" not in report.summary
     assert "9 × position jump (dropped)" in report.summary
@@ -79,11 +81,9 @@ def test_defects_are_counted_in_noise_too(tmp_path: Path, seed: int) -> None:
     for mended in (FindingKind.STANDING_DRIFT, FindingKind.STEP_BACK):
         found.pop(mended, None)
     assert found == TOGETHER_COUNTS
-    run = trip.run
-    grid = run.time_s + run.start_time_ns * 1e-9 - EPOCH_S
-    t, s, v = (np.array([getattr(p, name) for p in clean()]) for name in ("t", "s_m", "v"))
-    assert np.abs(run.s_m - np.interp(grid, t, s)).max() < 15
-    assert np.abs(run.speed_mps - np.interp(grid, t, v)).max() < 1.5
+    true_m, true_mps = truth_of_run(trip, clean())
+    assert np.abs(trip.run.s_m - true_m).max() < 15
+    assert np.abs(trip.run.speed_mps - true_mps).max() < 1.5
 
 
 def test_the_report_says_where_first_and_what(tmp_path: Path) -> None:
@@ -113,10 +113,9 @@ def test_a_record_without_speeds_is_led_by_its_positions(tmp_path: Path) -> None
     trip = load(tmp_path, clean(), speeds=False)
     assert counts(trip) == {FindingKind.SPEED_MISSING: len(clean())}
     assert trip.matched.dropout.all()
-    grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
-    t, s, v = (np.array([getattr(p, name) for p in clean()]) for name in ("t", "s_m", "v"))
-    assert trip.run.speed_mps == pytest.approx(np.interp(grid, t, v), abs=1.0)
-    assert np.abs(trip.run.s_m - np.interp(grid, t, s)).max() < 5
+    true_m, true_mps = truth_of_run(trip, clean())
+    assert trip.run.speed_mps == pytest.approx(true_mps, abs=1.0)
+    assert np.abs(trip.run.s_m - true_m).max() < 5
 
 
 @pytest.mark.parametrize("factor", [3.6, 1 / 3.6])
@@ -197,7 +196,7 @@ def test_invalid_positions_of_a_recording_stay_but_lead_nowhere(tmp_path: Path) 
         )
         file.add(POSITION, POSITION.key("t"), position, position.time_ns)
     file.close()
-    trip = load_trip(path, read_trip(path), route(), Whereabouts())
+    trip = load_trip(path, read_trip(path), route(), TripOptions())
     assert counts(trip) == {}
     assert np.flatnonzero(trip.matched.invalid).tolist() == list(range(100, 110))
     assert (np.diff(trip.matched.s_m) >= 0).all()
@@ -213,9 +212,7 @@ def test_a_minute_of_positions_far_off_is_not_the_trip(tmp_path: Path, ahead_m: 
     trip = load(tmp_path, shifted, speeds=speeds)
     assert counts(trip)[FindingKind.POSITION_JUMP] == 60
     assert not {FindingKind.SPEED_DROPOUT, FindingKind.SPEED_SPIKE} & counts(trip).keys()
-    t, s = np.array([p.t for p in points]), np.array([p.s_m for p in points])
-    grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
-    assert np.abs(trip.run.s_m - np.interp(grid, t, s)).max() < 15
+    assert np.abs(trip.run.s_m - truth_of_run(trip, points)[0]).max() < 15
 
 
 @pytest.mark.parametrize("spiked", [True, False])

@@ -12,9 +12,10 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.route import Floats, Stop
 from sim.trips.findings import FindingKind
+from sim.trips.options import TripOptions
+from sim.trips.points import slowed_to
 from sim.trips.reading import read_trip
-from sim.trips.standing import slowed_to
-from sim.trips.trip import Whereabouts, load_trip
+from sim.trips.trip import Trip, load_trip
 from tests.support.dirt import (
     LENGTH_M,
     STOOD_S,
@@ -26,6 +27,7 @@ from tests.support.dirt import (
     counts,
     load,
     long_posts,
+    on_route,
     write,
 )
 from tests.support.made_line import motion, route
@@ -59,8 +61,7 @@ def test_points_before_and_after_the_section_are_cut(tmp_path: Path) -> None:
 def test_with_geometry_points_beyond_the_line_are_cut(tmp_path: Path) -> None:
     """The line goes on straight beyond its ends; a point far off it is not on it, before and after."""
     points = changed(beyond_both_ends(), range(30), east_m=700.0)
-    path = write(tmp_path, points)
-    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+    trip = on_route(tmp_path, points)
     one = len(motion(3000.0)[0]) + 20
     assert counts(trip)[FindingKind.OFF_LINE] == 30
     assert counts(trip)[FindingKind.BEFORE_SECTION] == one - 1 - 30
@@ -70,8 +71,7 @@ def test_with_geometry_points_beyond_the_line_are_cut(tmp_path: Path) -> None:
 
 def test_a_train_that_passes_the_stops_is_cut_there(tmp_path: Path) -> None:
     points = clean(LENGTH_M + 6000, start_m=-3000.0)
-    path = write(tmp_path, points)
-    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+    trip = on_route(tmp_path, points)
     before, after = sum(p.s_m < 0 for p in points), sum(p.s_m > LENGTH_M for p in points)
     assert counts(trip) == {
         FindingKind.BEFORE_SECTION: before,
@@ -117,9 +117,8 @@ def test_stops_on_the_way_give_the_schedule(tmp_path: Path) -> None:
     assert (trip.stops_on_the_way, trip.better_stops) == (("M",), "")
     part = load(tmp_path, first, on, to_stop="M")
     assert part.whole
-    path = write(tmp_path, second)
     mapped = replace(route(geometry=True), stops=on.stops)
-    assert load_trip(path, read_trip(path), mapped, Whereabouts()).better_stops == "--from M"
+    assert on_route(tmp_path, second, mapped).better_stops == "--from M"
 
 
 def test_parts_far_apart_in_time_are_not_joined(tmp_path: Path) -> None:
@@ -137,27 +136,31 @@ def test_a_trip_the_other_way_is_driven_the_other_way(tmp_path: Path, kind: str)
     """Clean, written from B to A, and not said to be reversed."""
     back = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()]
     path = write(tmp_path, back, on_route=kind == "positions")
-    said = Whereabouts(line=long_posts(tmp_path) if kind == "posts" else None)
-    trip = load_trip(path, read_trip(path), route(geometry=kind == "geometry"), said)
+    line = long_posts(tmp_path) if kind == "posts" else None
+
+    def driven(**said: Any) -> Trip:
+        options = TripOptions(line=line, **said)
+        return load_trip(path, read_trip(path), route(geometry=kind == "geometry"), options)
+
+    trip = driven()
     assert counts(trip) == {FindingKind.OTHER_WAY: 1}
     (finding,) = trip.matched.report.cleaning.findings
-    posts = f", or turn the list {said.line} round" if said.line else ""
+    posts = f", or turn the list {line} round" if line else ""
     assert finding.detail == f"B to A: give --reverse{posts}"
     assert (trip.reversed, trip.start.name, trip.end.name) == (True, "B", "A")
     check_truth(trip, clean())
     if kind != "posts":  # there the other direction turns the trip against the posts
-        told = load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, reverse=True))
+        told = driven(reverse=True)
         assert counts(told) == {}
         assert np.array_equal(told.matched.s_m, trip.matched.s_m)
     with pytest.raises(DasError, match="line 2: trip runs the other way, B to A: give --reverse"):
-        load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, strict=True))
+        driven(strict=True)
     with pytest.raises(DasError, match=r"runs the other way.*give --reverse, and change --from and --to"):
-        load_trip(path, read_trip(path), route(geometry=kind == "geometry"), replace(said, from_stop="A", to_stop="B"))
+        driven(from_stop="A", to_stop="B")
 
 
 def test_reverse_where_the_trip_is_not_is_left_out(tmp_path: Path) -> None:
-    path = write(tmp_path, clean())
-    trip = load_trip(path, read_trip(path), route(geometry=True), Whereabouts(reverse=True))
+    trip = on_route(tmp_path, clean(), reverse=True)
     assert not trip.reversed
     (finding,) = trip.matched.report.cleaning.findings
     assert finding.detail == "A to B: leave out --reverse"
@@ -229,6 +232,5 @@ def test_posts_do_not_tell_the_direction(tmp_path: Path, said: dict[str, Any], b
 
 
 def test_geometry_and_positions_tell_the_direction(tmp_path: Path) -> None:
-    for on_route in (True, False):
-        path = write(tmp_path, clean(), on_route=on_route)
-        assert load_trip(path, read_trip(path), route(geometry=True), Whereabouts()).direction_known
+    for positions in (True, False):
+        assert on_route(tmp_path, clean(), positions=positions).direction_known

@@ -11,9 +11,10 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.trips.findings import FindingKind
+from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
-from sim.trips.trip import Trip, Whereabouts, load_trip
-from sim.trips.writing import write_cleaned
+from sim.trips.report import write_cleaned
+from sim.trips.trip import Trip, load_trip
 from tests.support.dirt import (
     LENGTH_M,
     Points,
@@ -30,6 +31,7 @@ from tests.support.dirt import (
     long_posts,
     newest_first,
     no_position,
+    on_route,
     spikes,
     times_back,
     write,
@@ -42,7 +44,7 @@ def reread(folder: Path, trip: Trip, name: str) -> tuple[bytes, Trip]:
     path = folder / name
     write_cleaned(path, trip)
     on = trip.route.reversed() if trip.reversed else trip.route
-    return path.read_bytes(), load_trip(path, read_trip(path), on, Whereabouts(reverse=trip.reversed))
+    return path.read_bytes(), load_trip(path, read_trip(path), on, TripOptions(reverse=trip.reversed))
 
 
 @pytest.mark.parametrize("speeds", [True, False])
@@ -52,7 +54,7 @@ def test_a_cleaned_trip_reads_back_as_the_same(tmp_path: Path, reverse: bool, sp
     if reverse:
         points = [replace(p, s_m=LENGTH_M - p.s_m) for p in points]
     path = write(tmp_path, points, speeds=speeds)
-    first = load_trip(path, read_trip(path), route(geometry=True), Whereabouts(reverse=reverse))
+    first = load_trip(path, read_trip(path), route(geometry=True), TripOptions(reverse=reverse))
     written, again = reread(tmp_path, first, "cleaned.csv")
     rewritten, _ = reread(tmp_path, again, "again.csv")
     assert rewritten == written
@@ -77,9 +79,8 @@ def test_any_dirt_is_refused_in_a_line_or_reads_back_as_cleaned(tmp_path: Path, 
     for name in rng.choice(list(RANDOM), size=rng.integers(2, 5)):
         i, length = int(rng.integers(0, max(len(points) - 1, 1))), int(rng.choice([1, 4, 40, 150]))
         points = RANDOM[name](points, i, i + length)
-    path = write(tmp_path, points)
     try:
-        first = load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+        first = on_route(tmp_path, points)
     except DasError as refused:
         lines = str(refused).splitlines()
     else:
@@ -167,16 +168,14 @@ def test_what_nothing_sensible_remains_of_is_refused(
 
 
 def test_what_no_train_runs_is_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, [replace(p, t=p.t / 5) for p in clean()])
     with pytest.raises(DasError, match=r"the positions lead to 5\d\d km/h, faster than trains run"):
-        load_trip(path, read_trip(path), route(geometry=True), Whereabouts())
+        on_route(tmp_path, [replace(p, t=p.t / 5) for p in clean()])
 
 
 def test_posts_are_not_used_where_positions_are_on_the_route(tmp_path: Path) -> None:
-    path = write(tmp_path, clean(), on_route=True)
     posts = long_posts(tmp_path)
-    trip = load_trip(path, read_trip(path), route(), Whereabouts(line=posts))
-    without = load_trip(path, read_trip(path), route(), Whereabouts())
+    trip = on_route(tmp_path, clean(), route(), positions=True, line=posts)
+    without = on_route(tmp_path, clean(), route(), positions=True)
     assert (trip.line_not_used, without.line_not_used) == (posts, None)
     assert trip.direction_known
     assert np.array_equal(trip.matched.s_m, without.matched.s_m)

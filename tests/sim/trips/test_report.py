@@ -25,7 +25,6 @@ from sim.runs.replay import report as replay_report
 from sim.runs.replay.job import prepare, trip_energies
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayOutcome
-from sim.trips import picture as trip_picture
 from sim.trips.estimate import (
     EnergyRange,
     energy_range,
@@ -33,13 +32,11 @@ from sim.trips.estimate import (
     strongest_held_n,
 )
 from sim.trips.options import TripOptions
-from sim.trips.picture import FORCES_SHOWN_RATIO
-from sim.trips.reading import read_trip
-from sim.trips.sections import driven_sections
+from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
 from sim.trips.settings import ESTIMATE
-from sim.trips.trip import Trip, Whereabouts, load_trip
+from sim.trips.trip import Trip, driven_sections
 from sim.world.processes.lockstep import Traffic
-from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, dropouts, late_end, spikes, write
+from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
 from tests.support.made_line import north, posts_file, route
 from tests.support.making import das_sim, flat, in_a_process, make_train
 from tests.support.tracks import as_gpx
@@ -48,12 +45,15 @@ C0_N, C2, LIMIT_MPS = 2000.0, 8.0, 35.0
 ELECTRIC, FRICTION = BrakePolicy.ELECTRIC, BrakePolicy.FRICTION
 
 
+def lossless() -> Section:
+    return build_section(flat(LENGTH_M, LIMIT_MPS), make_train(resistance=(C0_N, 0.0, C2)))
+
+
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Section, EnergyRange]:
     """The clean trip on a level line with a lossless train of 100 t that feeds back all it can."""
-    path = write(tmp_path_factory.mktemp("trip"), clean(), on_route=True)
-    section = build_section(flat(LENGTH_M, LIMIT_MPS), make_train(resistance=(C0_N, 0.0, C2)))
-    trip = load_trip(path, read_trip(path), section.route, Whereabouts())
+    section = lossless()
+    trip = on_route(tmp_path_factory.mktemp("trip"), clean(), section.route, positions=True)
     return trip, section, energy_range(section, trip.matched)
 
 
@@ -100,19 +100,12 @@ def test_each_unknown_moves_the_energy_as_it_must(driven: tuple[Trip, Section, E
 
 def test_dirt_hardly_changes_the_energy(tmp_path: Path, driven: tuple[Trip, Section, EnergyRange]) -> None:
     _, section, found = driven
-    path = write(tmp_path, all_together(clean()), on_route=False)
-    on = replace(section.route, **_meridian())
-    trip = load_trip(path, read_trip(path), on, Whereabouts())
-    run = trip.run
-    assert estimate_run(section, run.time_s, run.s_m, run.speed_mps).ledger.input == pytest.approx(
-        found.estimate_j, rel=0.01
-    )
-
-
-def _meridian() -> dict[str, Any]:
-    with_geometry = route(LENGTH_M, geometry=True)
     names = ("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg")
-    return {name: getattr(with_geometry, name) for name in names}
+    mapped = route(LENGTH_M, geometry=True)
+    on = replace(section.route, **{name: getattr(mapped, name) for name in names})
+    run = on_route(tmp_path, all_together(clean()), on).run
+    energy_j = estimate_run(section, run.time_s, run.s_m, run.speed_mps).ledger.input
+    assert energy_j == pytest.approx(found.estimate_j, rel=0.01)
 
 
 @pytest.mark.processes
@@ -172,26 +165,24 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
     assert energy["input_low_kwh"] < float(said[1]) < energy["input_high_kwh"]
 
 
-def _unwritable(points: Points, folder: Path) -> dict[str, tuple[dict[str, Any], str]]:
-    trip = write(folder, points, on_route=True)
-    return {
-        "itself": ({"out": trip}, "the file to write is one that is read"),
-        "nowhere": ({"plot": folder / "no" / "x.png"}, "no such folder"),
-        "strict": ({"strict": True}, "line 43: time given twice"),
-        "stops": ({"from_stop": "nowhere"}, "no stop 'nowhere'"),
-        "no route": ({"route": None}, "a trip without a journey needs --route"),
-        "a train that is none": ({"vehicle": "none"}, "not a bundled vehicle"),
-    }
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "itself": ({"out": "trip.csv"}, "the file to write is one that is read"),
+    "nowhere": ({"plot": "no/x.png"}, "no such folder"),
+    "strict": ({"strict": True}, "line 43: time given twice"),
+    "stops": ({"from_stop": "nowhere"}, "no stop 'nowhere'"),
+    "no route": ({"route": None}, "a trip without a journey needs --route"),
+    "a train that is none": ({"vehicle": "none"}, "not a bundled vehicle"),
+}
 
 
-@pytest.mark.parametrize("name", ["itself", "nowhere", "strict", "stops", "no route", "a train that is none"])
-def test_the_command_refuses_before_it_writes(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(("changed", "expected"), REFUSED.values(), ids=REFUSED)
+def test_the_command_refuses_before_it_writes(tmp_path: Path, changed: dict[str, Any], expected: str) -> None:
     dirty = [q for i, p in enumerate(clean(6000.0)) for q in ([p, p] if i == 40 else [p])]
-    changed, expected = _unwritable(dirty, tmp_path)[name]
-    said = {"route": "flat-6km", **{key: value for key, value in changed.items() if key not in ("out", "plot")}}
-    written = {"out": tmp_path / "out.csv", **{key: changed[key] for key in ("out", "plot") if key in changed}}
+    trip = write(tmp_path, dirty, on_route=True)
+    files = {"out": "out.csv", **{key: changed[key] for key in ("out", "plot") if key in changed}}
+    said = {"route": "flat-6km", **{key: value for key, value in changed.items() if key not in files}}
     with pytest.raises(DasError, match=expected):
-        trip_command.trip(tmp_path / "trip.csv", TripOptions(**said), **written)
+        trip_command.trip(trip, TripOptions(**said), **{key: tmp_path / name for key, name in files.items()})
     assert not (tmp_path / "out.csv").exists()
 
 
@@ -219,7 +210,7 @@ def test_the_picture_is_scaled_to_forces_that_are_held(driven: tuple[Trip, Secti
 
     axis = Figure().subplots()
     found = estimate_run(driven[1], *braked_hard_at_last())
-    trip_picture.draw_forces(axis, found)
+    draw_forces(axis, found)
     shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(found)) / 1e3
     assert axis.get_ylim() == pytest.approx((-shown_kn, shown_kn))
     assert axis.get_title() == "cut, as shorter than 8 s: -148 kN"
@@ -270,15 +261,13 @@ def test_trains_that_could_not_have_arrived_are_left_out(driven: tuple[Trip, Sec
 
 def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> None:
     """The optimum's own trajectory as a record once a second: nothing is above it, and nothing is claimed."""
-    section = build_section(flat(LENGTH_M, LIMIT_MPS), make_train(resistance=(C0_N, 0.0, C2)))
+    section = lossless()
     front = solve_front(section)
     best = front.trajectory(340.0).trajectory
     t = np.arange(0.0, 341.0)
     s, v = np.interp(t, best.t_s, best.s_m), np.interp(t, best.t_s, best.v_mps)
-    path = write(
-        tmp_path, [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)], on_route=True
-    )
-    trip = load_trip(path, read_trip(path), section.route, Whereabouts())
+    points = [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)]
+    trip = on_route(tmp_path, points, section.route, positions=True)
     found = range_above(driven_sections(trip, front))
     least_j = best.ledger(section.vehicle, section.loss).input
     assert abs(found.estimate_j) < 0.01 * least_j

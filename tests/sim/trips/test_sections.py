@@ -17,10 +17,8 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, EnergyBand, SectionEnergy, likely_band, range_above
 from sim.trips.estimate import estimate_run
 from sim.trips.profile import to_profile
-from sim.trips.reading import read_trip
-from sim.trips.sections import DrivenSection, driven_sections
-from sim.trips.trip import Trip, Whereabouts, load_trip
-from tests.support.dirt import Point, write
+from sim.trips.trip import DrivenSection, Trip, driven_sections
+from tests.support.dirt import Point, on_route
 from tests.support.making import flat, make_train
 
 LENGTH_M, MIDDLE_M, DWELL_S = 8000.0, 3000.0, 45
@@ -45,8 +43,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Front, list[
         points += [Point(t0 + trip_s + i, end_m, 0.0) for i in range(1, DWELL_S)]
         energies.append(best.ledger.input)
         t0 += trip_s + DWELL_S
-    path = write(tmp_path_factory.mktemp("trip"), points, on_route=True)
-    trip = load_trip(path, read_trip(path), route, Whereabouts())
+    trip = on_route(tmp_path_factory.mktemp("trip"), points, route, positions=True)
     return trip, solve_front(build_section(route, train)), energies
 
 

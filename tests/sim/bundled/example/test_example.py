@@ -20,8 +20,9 @@ from das.domain.units import KMH
 from sim.bundled.example.making import KEPT, example_files
 from sim.trips.findings import FindingKind
 from sim.trips.line import Line, read_kilometre_posts
+from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
-from sim.trips.trip import Whereabouts, load_trip
+from sim.trips.trip import load_trip
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
 from tests.support.making import das_precompute, das_sim
@@ -98,7 +99,7 @@ def test_the_recorded_trip_is_that_of_a_train_with_a_receivers_noise(folder: Pat
         folder / "trip.csv",
         read_trip(folder / "trip.csv"),
         load_route(str(folder / "route.toml")),
-        Whereabouts(reverse=True, line=folder / "posts.csv"),
+        TripOptions(reverse=True, line=folder / "posts.csv"),
     )
     report = trip.matched.report
     assert trip.whole
@@ -115,7 +116,7 @@ def test_the_recorded_trip_is_that_of_a_train_with_a_receivers_noise(folder: Pat
 
 def test_the_trip_fits_the_map_of_the_route_as_well(folder: Path) -> None:
     route = load_route(str(folder / "route.toml"))
-    trip = load_trip(folder / "trip.csv", read_trip(folder / "trip.csv"), route, Whereabouts(reverse=True))
+    trip = load_trip(folder / "trip.csv", read_trip(folder / "trip.csv"), route, TripOptions(reverse=True))
     assert trip.whole
     assert trip.matched.report.anchor == "route"
 

@@ -21,12 +21,9 @@ from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.cab import Driver
 from sim.drivers.perfect import PerfectDriver
 from sim.recording.check import check_contents, check_file
-from sim.review.report import words
-from sim.review.report.circumstances import rests_on
-from sim.review.report.lateness import where_time_went
-from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
-from sim.review.report.printing import write_pdf
-from sim.review.report.words import title
+from sim.review.report import tables
+from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of, write_pdf
+from sim.review.report.sentences import paragraph, title, where_time_went
 from sim.world.day import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import das_sim
@@ -37,10 +34,17 @@ BUNDLED = Path(__file__).parents[4] / "recordings" / "zurich-zug-late.mcap"
 
 
 @cache
-def day() -> Day:
+def day(more: str = "") -> Day:
     path = Path(mkdtemp()) / "flat.toml"
-    path.write_text(FLAT, encoding="utf-8")
+    path.write_text(f"{FLAT}\n{more}", encoding="utf-8")
     return make_day(service_of(path), 1)
+
+
+@cache
+def at_danger() -> Drive:
+    """The drive of a day with a signal at danger on the way."""
+    made = day(signal_at(3000.0, 900.0))
+    return Drive(source=recorded_day(made, PerfectDriver(made.service.line)), given=inputs_of_day(made))
 
 
 def subject(driver: Driver, name: str) -> ReviewedDrive:
@@ -62,7 +66,7 @@ def other(recording: Recording | None = None, **known: object) -> Drive:
 
 
 def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
-    text = words.paragraph(fast().drive)
+    text = paragraph(fast().drive)
     account = fast().drive.account
     assert account is not None
     assert "ran the 6.0 km from" in text
@@ -74,7 +78,7 @@ def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
 def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() -> None:
     """A share of an optimum that is none is nonsense: −339 % and 540 % were told of one real trip."""
     found = other(_any_account=DasError("fast.mcap: not comparable: this train cannot arrive as early"))
-    text = words.paragraph(found)
+    text = paragraph(found)
     assert "Where its energy went cannot be said: not comparable: this train cannot arrive as early." in text
     assert "%" not in text.partition("While a speed")[0]
     assert "best possible" not in text
@@ -86,14 +90,14 @@ def test_the_paragraph_tells_a_train_that_is_too_fast_for_its_file_from_one_abov
     over = DriveEvent(
         time_ns=0, kind=EventKind.BEYOND_TRAIN, text="", s_m=0.0, facts={"over_kmh": 24.3, "lasted_s": 328.0}
     )
-    text = words.paragraph(other(events=(over,)))
+    text = paragraph(other(events=(over,)))
     assert "The train was faster than the vehicle file says the train can go once, for 328 s in all" in text
     assert "It kept every limit." in text
 
 
 def told_of(**run: str) -> str:
     """The paragraph of a drive whose recording says this about how it was made."""
-    return words.paragraph(other(replace(fast().drive.recording, metadata={"run": run})))
+    return paragraph(other(replace(fast().drive.recording, metadata={"run": run})))
 
 
 def test_the_paragraph_says_how_the_drive_came_about() -> None:
@@ -111,7 +115,7 @@ def test_the_paragraph_says_how_the_drive_came_about() -> None:
 
 def test_the_page_answers_what_a_reviewer_asks() -> None:
     """Questions that a page could not answer when somebody read it who was not there."""
-    figures, text = dict(words.figures(fast().drive)), words.paragraph(fast().drive)
+    figures, text = dict(tables.figures(fast().drive)), paragraph(fast().drive)
     assert figures["temporary restrictions told"] == "none (an empty list was told)"
     assert "Advice was never withdrawn." in text
     assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh \(against the advice", text)
@@ -121,7 +125,7 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     assert above is not None  # the share is that of the energy driven, as everywhere
     assert float(above[3]) == pytest.approx(100.0 * float(above[2]) / float(above[1]), abs=0.7)
     assert float(above[2]) == pytest.approx(float(above[1]) - float(above[4]), abs=0.15)
-    rests = dict(rests_on(fast().drive))
+    rests = dict(tables.rests_on(fast().drive))
     assert rests["energies"] == "measured by the simulator"
     assert "t, train length" in rests["planned mass"]
     ran = re.search(r"in (\d+) min (\d+) s\. It left at (\S+) UTC.* arrived at (\S+) ", text)
@@ -133,15 +137,11 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     assert title(fast().drive) == "train, A – B, 21 November 2026 (fast)"
 
 
-def test_the_page_says_where_time_was_lost_and_by_what(tmp_path: Path) -> None:
-    path = tmp_path / "signal.toml"
-    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
-    day = make_day(service_of(path), 1)
-    recording = recorded_day(day, PerfectDriver(day.service.line))
-    found = Drive(source=recording, given=inputs_of_day(day))
+def test_the_page_says_where_time_was_lost_and_by_what() -> None:
+    found = at_danger()
     (told,) = where_time_went(found)
     assert re.match(r"From A to B it lost \d+ s against the timetable; on the way: a signal at danger, in sight", told)
-    assert "The advice knows of no signals" in words.paragraph(found)
+    assert "The advice knows of no signals" in paragraph(found)
 
 
 def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
@@ -151,27 +151,23 @@ def test_attention_that_was_away_is_listed_and_is_no_answer() -> None:
         facts={"away_s": 12.0},
     )  # fmt: skip
     found = other(events=(*fast().drive.events, away))
-    assert words.figures(found) == words.figures(fast().drive)
-    assert away.text in [row["text"] for row in words.event_rows(found)]
+    assert tables.figures(found) == tables.figures(fast().drive)
+    assert away.text in [row["text"] for row in tables.event_rows(found)]
 
 
-def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it(tmp_path: Path) -> None:
-    path = tmp_path / "signal.toml"
-    path.write_text(f"{FLAT}\n{signal_at(3000.0, 900.0)}", encoding="utf-8")
-    day = make_day(service_of(path), 1)
-    recording = recorded_day(day, PerfectDriver(day.service.line))
-    found = Drive(source=recording, given=inputs_of_day(day))
+def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_around_it() -> None:
+    found = at_danger()
     signal, stand = (
-        next(row for row in words.bookmark_rows(found) if row["mark"] == mark)
+        next(row for row in tables.bookmark_rows(found) if row["mark"] == mark)
         for mark in ("signal at danger", "unplanned stop")
     )
     assert re.fullmatch(r"\d+ km/h", signal["driven"])
     assert re.fullmatch(r"[a-z ]+, \d+ km/h", signal["shown"])
     assert stand["driven"] in ("0 km/h", "1 km/h")  # between the last sample that moves and the first that stands
-    listed = [row for row in words.event_rows(found) if row["kind"] == "advice"]
+    listed = [row for row in tables.event_rows(found) if row["kind"] == "advice"]
     counted = sum(one.kind is EventKind.ADVICE for one in found.events)
     assert 0 < len(listed) < counted
-    assert words.left_out(found).startswith(f"{counted - len(listed)} changes of the advice elsewhere")
+    assert tables.left_out(found).startswith(f"{counted - len(listed)} changes of the advice elsewhere")
 
 
 def test_the_page_needs_nothing_besides_itself() -> None:
@@ -198,19 +194,14 @@ def test_without_line_and_train_the_page_says_why_there_is_no_energy(tmp_path: P
     assert "Where the energy went cannot be said: its route" in page([found], None, "")
 
 
-def test_a_recording_that_was_cut_off_is_said_to_be(tmp_path: Path) -> None:
+def test_a_recording_that_was_cut_off_is_said_to_be_with_the_health_that_the_check_finds(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "drive.mcap", seconds=120)
     content = path.read_bytes()
     path.write_bytes(content[: 2 * len(content) // 3])
-    assert "The recording was cut off" in words.paragraph(subject_of(path).drive)
-
-
-def test_the_health_on_the_page_is_what_the_check_finds(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "drive.mcap", seconds=120)
-    content = path.read_bytes()
-    path.write_bytes(content[: 2 * len(content) // 3])
-    found, html = check_file(path), page([subject_of(path)], None, "")
-    assert as_dict([subject_of(path)], None, "")["drives"][0]["health"] == found.as_dict()
+    reviewed, found = subject_of(path), check_file(path)
+    html = page([reviewed], None, "")
+    assert "The recording was cut off" in paragraph(reviewed.drive)
+    assert as_dict([reviewed], None, "")["drives"][0]["health"] == found.as_dict()
     assert any("cut-off" in line for line in found.lines())
     for text in (*found.lines(), *found.figures.values(), *(row[0] for row in found.rate_rows())):
         assert str(escape(text)) in html

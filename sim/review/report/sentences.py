@@ -1,0 +1,270 @@
+"""The drive in plain sentences: how it came about, when it ran, what it took and why, and where it lost time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from das.bus import topics
+from das.domain.units import KM, NS, kmh, kwh
+from sim.drive.attribution.account import Account
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.attribution.rows import worst_places
+from sim.drive.calls import KeptCall
+from sim.drive.drive import Drive
+from sim.drive.events.advice_events import place_text
+from sim.drive.events.event import DriveEvent, EventKind
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.presentations.presenter import presenter_of
+from sim.recording.clock import spell
+from sim.recording.metadata import WHAT_IF
+from sim.runs.what_if.origin import CHANGED, OF
+from sim.world.disturbances import NOTHING
+
+MAIN_CAUSES: Final = 3
+"""Causes that the paragraph names."""
+NAMED_KWH: Final = 0.1
+"""A cause of less than this is not named in the paragraph."""
+LASTS_S: Final = 3.0
+"""A display message counts as shown for at most this long (s) if no other follows."""
+RIGHT_TRAIN: Final = "Is it the right train?"
+LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
+DRIVERS: Final[Mapping[str, str]] = {
+    DriverKind.PERFECT: "a driver who follows advice exactly",
+    DriverKind.FAST: "a driver who runs as fast as he may",
+    DriverKind.RMS: "a driver who keeps a reduced maximum speed",
+    DriverKind.TIMETABLE: "a driver who keeps the timetable",
+    DriverKind.HUMAN: "a simulated human",
+}
+TOLD_S: Final = 3.0
+"""A change of the lateness by less than this (s) is not told."""
+HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
+"""Events that take time."""
+
+
+def title(drive: Drive) -> str:
+    """Train, way, day and file, for the head of the page."""
+    calls = [call for call in drive.calls if call.reached]
+    way = f"{calls[0].name} – {calls[-1].name}, " if len(calls) > 1 else ""
+    return f"{drive.recording.train}, {way}{_day(drive)} ({drive.name})"
+
+
+def _day(drive: Drive) -> str:
+    """The date of a drive in words."""
+    return f"{datetime.fromtimestamp(drive.clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
+
+
+def paragraph(drive: Drive) -> str:
+    """The figures of a drive in a few sentences."""
+    cut = [] if drive.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
+    return " ".join([*cut, *_ran(drive), *came_about(drive), *_took(drive), *_kept(drive)])
+
+
+def _ran(drive: Drive) -> list[str]:
+    """When the train ran from where to where, and how late it was."""
+    trip, clock, served, day = drive.course, drive.clock, drive.served, _day(drive)
+    km = (float(trip.s_m[-1]) - float(trip.s_m[0])) / KM
+    if len(served) < 2 or not served[0].departed_ns or not served[-1].arrived_ns:
+        lasted = spell(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
+        return [f"The recording of {drive.recording.train} on {day} covers {km:.1f} km in {lasted}."]
+    first, last = served[0], served[-1]
+    km = (last.s_m - first.s_m) / KM
+    # Of the times as they are shown, to the second, so that they add up.
+    ran = spell(round(last.arrived_ns * NS) - round(first.departed_ns * NS))
+    told = [
+        f"On {day}, {drive.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
+        f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
+        f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
+    ]
+    missed = [call.name for call in drive.calls if not call.served and call.reached]
+    return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else [])]
+
+
+def _late(late_s: float) -> str:
+    if math.isnan(late_s):
+        return ""
+    return " (on time)" if abs(late_s) < 0.5 else f" ({abs(late_s):.0f} s {'late' if late_s > 0 else 'early'})"
+
+
+def came_about(drive: Drive) -> list[str]:
+    """Sentences about how the drive came about; none where the recording does not say."""
+    run = drive.recording.metadata.get("run", {})
+    told = []
+    if run.get("kind") == "run":
+        driver, shown = run.get("driver", ""), run.get("advice", "")
+        told.append(
+            f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): "
+            f"{DRIVERS.get(driver, driver)} drove and was shown {_presentation(shown)}."
+        )
+        happens = run.get("happens", NOTHING)
+        told.append("Nothing was to go wrong on this day." if happens == NOTHING else f"On this day: {happens}.")
+    elif run.get("kind") == "replay":
+        told.append(f"It is a replay of {run.get('trip', 'a trip')}: nobody saw the advice.")
+    if WHAT_IF in run:
+        of, changed = run.get(OF, "?"), run.get(CHANGED, "?")
+        told.append(f"It is a what-if of {of}, {run[WHAT_IF]}; otherwise: {changed}.")
+    return told
+
+
+def _presentation(name: str) -> str:
+    """A presentation in words; one that is not known by its name."""
+    return presenter_of(Presentation(name)).phrase if name in list(Presentation) else name
+
+
+def _took(drive: Drive) -> list[str]:
+    """How much energy the drive took, how much more than the best, and why."""
+    account = drive.account
+    if account is None:
+        return [f"Where its energy went cannot be said: {drive.why_no_account}."]
+    driven, more, best = kwh(account.driven_j), kwh(account.difference_j), kwh(account.optimum_j)
+    ratio = account.above.ratio
+    word = "above" if more >= 0 else "below"
+    how = "It drew" if account.measured else "By its positions it drew about"
+    share = "" if ratio is None else f" ({abs(ratio):.1%})"
+    told = [
+        f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
+        f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
+        "signal and no temporary restriction."
+    ]
+    if drive.likely is not None:
+        low, high = kwh(drive.likely.low_j), kwh(drive.likely.high_j)
+        told.append(
+            f"Mass, resistance and wind are not known; by these alone it is likely {low:.1f} to {high:.1f} kWh."
+        )
+        if not math.isnan(drive.likely.by_friction_j):
+            told.append(f"If the train braked by friction alone, it is {kwh(drive.likely.by_friction_j):.0f} kWh.")
+    named = told_causes(account)[:MAIN_CAUSES]
+    words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
+    if words:
+        told.append(f"Most of that is: {', '.join(words)}.")
+    worst = worst_places(account, 1)
+    if worst and kwh(worst[0].more_j) >= NAMED_KWH:
+        causes = " and ".join(cause.label for cause in worst[0].causes)
+        told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}).")
+    return told
+
+
+def told_causes(account: Account) -> list[tuple[EnergyCause, float]]:
+    """The causes with their energies (J), the largest first; without those that nobody could measure."""
+    parts = [one for one in account.by_cause.items() if one[1] or account.measured]
+    return sorted(parts, key=lambda one: -one[1])
+
+
+def _kept(drive: Drive) -> list[str]:
+    """How limits and advice were kept."""
+    events = drive.events
+    told = _fast(events, EventKind.OVERSPEED, "above the limit")
+    told = told or (["It kept every limit."] if drive.limit_known else [LIMIT_UNKNOWN])
+    told += _fast(events, EventKind.BEYOND_TRAIN, "faster than the vehicle file says the train can go")
+    told += [RIGHT_TRAIN] if any(one.kind is EventKind.BEYOND_TRAIN for one in events) else []
+    followed = compliance(drive)
+    if followed is not None:
+        lasted = spell(shown_s(drive))
+        told.append(
+            f"While a speed to keep was shown (for {lasted}), it drove within {kmh(OVER_MPS):.0f} km/h of it "
+            f"{followed:.0%} of the time."
+        )
+    gone = [one for one in events if one.kind is EventKind.WITHDRAWAL]
+    if gone:
+        lasted = sum(one.facts["lasted_s"] for one in gone)
+        told.append(f"Advice was withdrawn {_times(len(gone))}, for {lasted:.0f} s in all.")
+    elif drive.recording.of(topics.ADVICE):
+        told.append("Advice was never withdrawn.")
+    told += at_signals(drive)
+    return told
+
+
+def _fast(events: Sequence[DriveEvent], kind: EventKind, words: str) -> list[str]:
+    """How often, how long and by how much the train was faster than allowed or possible; nothing where it was not."""
+    over = [one.facts for one in events if one.kind is kind]
+    if not over:
+        return []
+    worst_kmh, lasted_s = max(one["over_kmh"] for one in over), sum(one["lasted_s"] for one in over)
+    return [f"The train was {words} {_times(len(over))}, for {lasted_s:.0f} s in all, by up to {worst_kmh:.0f} km/h."]
+
+
+def _times(count: int) -> str:
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def at_signals(drive: Drive) -> list[str]:
+    """What the advice was worth at a signal at danger; nothing where the driver saw none, or no advice."""
+    seen = [one for one in drive.events if one.kind is EventKind.SIGNAL]
+    if not seen or not drive.shown.any_shown:
+        return []
+    return ["The advice knows of no signals: while one was at danger, the driver had to go by the signal alone."]
+
+
+def compliance(drive: Drive) -> float | None:
+    """Share of the time with a shown speed to keep in which the train was within 2 km/h of it, or below a top speed."""
+    shown, trip = drive.shown, drive.course
+    speed_mps = trip.at(shown.time_ns, trip.speed_mps)
+    given = shown.comparable & (speed_mps > 1.0)
+    if not given.any():
+        return None
+    apart_mps = (speed_mps - shown.speed_mps)[given]
+    apart_mps = np.where(shown.top_only[given], np.maximum(apart_mps, 0.0), apart_mps)
+    return float((np.abs(apart_mps) <= OVER_MPS).mean())
+
+
+def shown_s(drive: Drive) -> float:
+    """For how long (s) a speed to keep was shown while the train moved."""
+    shown, trip = drive.shown, drive.course
+    if len(shown.time_ns) < 2:
+        return 0.0
+    given = shown.comparable & (trip.at(shown.time_ns, trip.speed_mps) > 1.0)
+    lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, LASTS_S)
+    return float(lasts_s[given].sum())
+
+
+def where_time_went(drive: Drive) -> list[str]:
+    """A sentence for each leg and each stop at which the lateness changed; nothing without a timetable."""
+    calls = drive.served
+    told = []
+    for before, after in pairwise(calls):
+        told += _at_stop(before)
+        change_s = after.arrived_late_s - before.departed_late_s
+        if not math.isnan(change_s) and abs(change_s) >= TOLD_S:
+            word = "lost" if change_s > 0 else "made up"
+            told.append(
+                f"From {before.name} to {after.name} it {word} {abs(change_s):.0f} s against the timetable"
+                f"{_because(drive, before, after)}."
+            )
+    if calls and not told and not math.isnan(calls[-1].arrived_late_s):
+        told.append(f"Nowhere did it lose or make up more than {TOLD_S:.0f} s against the timetable.")
+    return told
+
+
+def _at_stop(call: KeptCall) -> list[str]:
+    change_s = call.departed_late_s - (0.0 if math.isnan(call.arrived_late_s) else max(call.arrived_late_s, 0.0))
+    if math.isnan(change_s) or abs(change_s) < TOLD_S:
+        return []
+    if change_s < 0:
+        return [f"At {call.name} it made up {abs(change_s):.0f} s."]
+    return [f"At {call.name} it stayed {change_s:.0f} s longer than it had to."]
+
+
+def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
+    """What took time on the way between two stops, in words."""
+    on_way = [
+        one for one in drive.events if one.kind in HELD_UP and before.departed_ns <= one.time_ns <= after.arrived_ns
+    ]
+    words = [_held_up(one) for one in on_way]
+    return f"; on the way: {'; '.join(words)}" if words else ""
+
+
+def _held_up(one: DriveEvent) -> str:
+    lasted_s = (one.last_ns - one.time_ns) * NS
+    match one.kind:
+        case EventKind.SIGNAL:
+            return f"a signal at danger, in sight from {place_text(one.s_m)} for {lasted_s:.0f} s"
+        case EventKind.STAND:
+            return f"a stand of {lasted_s:.0f} s at {place_text(one.s_m)}"
+        case _:
+            return one.text

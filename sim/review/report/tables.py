@@ -1,0 +1,284 @@
+"""The tables of a report: figures, stops, causes, legs, events, bookmarks, and what it all rests on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from das.advice.modes import mode_name
+from das.bus import topics
+from das.bus.restrictions import meant
+from das.domain.levels import Level
+from das.domain.units import NS, kmh, kwh
+from sim.drive.attribution.account import OTHER_TRAIN, Account
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.attribution.rows import seconds_by_cause
+from sim.drive.drive import Drive
+from sim.drive.events.advice_events import place_text
+from sim.drive.events.bookmarks import bookmarks
+from sim.drive.events.event import DriveEvent, EventKind, Filter
+from sim.drivers.kinds import DriverKind, FrictionPolicy
+from sim.recording.clock import minutes, spell
+from sim.review.report.sentences import compliance, shown_s, told_causes
+from sim.review.words import readable
+
+BEFORE_S: Final = 10.0
+"""Changes of the advice are listed from this long (s) before a bookmark …"""
+AFTER_S: Final = 5.0
+"""… to this long (s) after it was over."""
+TOLD: Final = tuple(
+    kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
+)
+"""The kinds of events that the page lists; it counts the others."""
+NONE_TOLD: Final = "none (an empty list was told)"
+FRICTION: Final[Mapping[str, str]] = {
+    FrictionPolicy.AS_MEASURED: "the simulated driver's habit: he brakes a share by friction, whatever is shown",
+    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver brakes by friction only where the motors cannot",
+    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while he follows advice on effort",
+}
+LOSSES: Final[Mapping[str, str]] = {
+    Level.L0_NOREG: "none, and nothing is fed back (level L0 without regeneration)",
+    Level.L0_REG: "none (level L0)",
+    Level.L1: "a constant efficiency (level L1)",
+    Level.L2: "of each component, by power (level L2)",
+    Level.L3: "of each component, by speed and force (level L3)",
+}
+Row = dict[str, Any]
+
+
+def figures(drive: Drive) -> list[tuple[str, str]]:
+    """The figures of a drive, by name."""
+    account, events = drive.account, drive.events
+    rows: list[tuple[str, str]] = []
+    if account is not None:
+        rows += _energy_rows(account)
+    for one in () if drive.likely is None else drive.likely.unknowns:
+        spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
+        rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
+    told = restrictions_told(drive)
+    rows += [("temporary restrictions told", told)] if told else []
+    followed = compliance(drive)
+    if followed is not None:
+        share = f"{followed:.0%} of {spell(shown_s(drive))}"
+        rows.append((f"within {kmh(OVER_MPS):.0f} km/h of a speed shown to keep", share))
+    answers = [one.facts for one in events if "followed" in one.facts]
+    if answers:
+        seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
+        rows.append(("advice followed, of the changes that asked for something", f"{len(seconds)} of {len(answers)}"))
+        if seconds:
+            rows.append(("median time until he followed", f"{float(np.median(seconds)):.0f} s"))
+    return rows
+
+
+def _energy_rows(account: Account) -> list[tuple[str, str]]:
+    """From the optimum for the timetable to the energy as driven, in steps that sum."""
+    rows = []
+    against = account.against_timetable
+    if against is not None and account.timetable_j is not None:
+        rows.append(("optimum for the timetable", f"{kwh(account.timetable_j):.1f} kWh"))
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
+            rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
+        if account.other_train_j:
+            rows.append((OTHER_TRAIN, f"{kwh(account.other_train_j):+.1f} kWh"))
+    return [
+        *rows,
+        ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
+        ("above that optimum", account.above.words),
+        ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
+    ]
+
+
+def restrictions_told(drive: Drive) -> str:
+    """The temporary restrictions that the node was told, in words; nothing where no list was heard."""
+    lists = drive.recording.of(topics.RESTRICTION)
+    if not lists:
+        return ""
+    told = dict.fromkeys(one for entry in lists for one in meant(entry.message.restrictions))
+    words = (
+        f"{kmh(one.limit_mps):.0f} km/h from km {one.start_m / 1000:.2f} to {one.end_m / 1000:.2f}{one.window_words()}"
+        for one in told
+    )
+    nothing = "none that anybody can mean" if any(x.message.restrictions for x in lists) else NONE_TOLD
+    return "; ".join(words) or nothing
+
+
+def rests_on(drive: Drive) -> list[tuple[str, str]]:
+    """What the figures of the page rest on, by name."""
+    run, account = drive.recording.metadata.get("run", {}), drive.account
+    simulated = run.get("kind") == "run"
+    rows = [("the day", "simulated: train, driver, sensors and what went wrong")] if simulated else []
+    rows += [(name, run[key]) for name, key in (("line", "route"), ("train", "vehicle")) if key in run]
+    if account is not None:
+        vehicle = account.inputs.vehicle
+        measured = "measured by the simulator" if account.measured else "estimated from positions; nobody measured them"
+        rows += [
+            ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),
+            ("energies", measured),
+            ("losses of the optimum", LOSSES.get(account.inputs.level, str(account.inputs.level))),
+        ]
+    friction = FRICTION.get(run.get("friction_policy", ""), "")
+    if friction and run.get("driver") == DriverKind.HUMAN:
+        rows.append(("who chose the friction brake", friction))
+    known = "as the scenario says" if simulated else "not known"
+    return [*rows, ("wind, adhesion, passengers", known), ("times of day", "UTC")]
+
+
+def stop_rows(drive: Drive) -> list[Row]:
+    """How every stop was kept."""
+    clock = drive.clock
+
+    def at(time_ns: int) -> str:
+        return clock.of_day(time_ns) if time_ns else ""
+
+    def late(late_s: float) -> str:
+        return "" if math.isnan(late_s) else f"{late_s:+.0f} s"
+
+    return [
+        {
+            "name": call.name,
+            "place": place_text(call.s_m),
+            "due": at(call.due_arrival_ns),
+            "arrived": at(call.arrived_ns) if index else "",
+            "arrived_late": late(call.arrived_late_s),
+            "leaves": at(call.due_departure_ns),
+            "departed": at(call.departed_ns) if index < len(drive.calls) - 1 else "",
+            "departed_late": late(call.departed_late_s),
+            "remark": "" if call.served else ("passed without stopping" if call.reached else "not reached"),
+        }
+        for index, call in enumerate(drive.calls)
+    ]
+
+
+def cause_rows(account: Account) -> list[Row]:
+    """Every cause with its energy, its share, how long it went on and what it means."""
+    lasted, whole_j = seconds_by_cause(account), account.difference_j
+    always = (EnergyCause.FRICTION, EnergyCause.TRAIN)
+    return [
+        {
+            "label": cause.label,
+            "kwh": f"{kwh(energy_j):+.1f}",
+            "share": f"{energy_j / whole_j:.0%}" if kwh(abs(whole_j)) >= 1.0 else "",
+            "time": "" if cause in always else minutes(lasted.get(cause, 0.0)),
+            "meaning": cause.meaning,
+        }
+        for cause, energy_j in told_causes(account)
+    ]
+
+
+def time_rows(account: Account) -> list[Row]:
+    """What the times themselves cost against the timetable; nothing without one."""
+    against = account.against_timetable
+    return [
+        {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL)
+        if against is not None
+    ]
+
+
+def leg_rows(account: Account) -> list[Row]:
+    """Every leg with its times and energies."""
+    return [
+        {
+            "name": f"{leg.leg.start.name} – {leg.leg.end.name}",
+            "time": minutes(leg.leg.trip_s),
+            "timetable": "" if leg.leg.timetable_s is None else minutes(leg.leg.timetable_s),
+            "driven": f"{kwh(leg.driven_j):.1f}",
+            "optimum": f"{kwh(leg.optimum_j):.1f}",
+            "more": f"{kwh(leg.driven_j - leg.optimum_j):+.1f}",
+            "late": "" if leg.recovered_j is None else f"{kwh(leg.recovered_j):+.1f}",
+            "early": "" if leg.early_j is None else f"{kwh(leg.early_j):+.1f}",
+        }
+        for leg in account.legs
+    ]
+
+
+def event_rows(drive: Drive) -> list[Row]:
+    """What happened: everything but the single changes of the advice, and answers that were as they should be."""
+    told = Filter(kinds=TOLD).choose(drive.events)
+    unanswered = [
+        one
+        for one in drive.events
+        if one.kind is EventKind.DRIVER and not one.facts.get("followed")  # refused, or attention was away
+    ]
+    return _rows(drive, sorted([*told, *unanswered, *_advice_at_marks(drive)], key=lambda one: one.time_ns))
+
+
+def advice_rows(drive: Drive) -> list[Row]:
+    """Every change of the advice and every new plan, with its reason."""
+    return _rows(drive, Filter(kinds=(EventKind.ADVICE, EventKind.REPLAN)).choose(drive.events))
+
+
+def bookmark_rows(drive: Drive) -> list[Row]:
+    """What a reviewer wants to see first, with the notes of people; and what was driven and shown then."""
+    found = bookmarks(drive.events)
+    moments = [dict(zip(("driven", "shown"), _moment_words(drive, one.time_ns), strict=True)) for one in found]
+    rows = zip(_rows(drive, found), moments, strict=True)
+    return [{**row, **moment, "mark": row["mark"] or "note"} for row, moment in rows]
+
+
+def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
+    """Events with their times and places as all tables show them."""
+    clock = drive.clock
+    return [
+        {
+            "time": clock.shown(one.time_ns),
+            "utc": clock.of_day(one.time_ns),
+            "place": place_text(one.s_m),
+            "kind": str(one.kind),
+            "text": one.text,
+            "mark": one.mark,
+        }
+        for one in events
+    ]
+
+
+def _advice_at_marks(drive: Drive) -> list[DriveEvent]:
+    """The changes of the advice around the bookmarks that are about the train or the line."""
+    marks = [one for one in drive.events if one.mark and one.kind is not EventKind.DRIVER]
+    before_ns, after_ns = round(BEFORE_S / NS), round(AFTER_S / NS)
+    return [
+        one
+        for one in drive.events
+        if one.kind is EventKind.ADVICE
+        and any(mark.time_ns - before_ns <= one.time_ns <= mark.last_ns + after_ns for mark in marks)
+    ]
+
+
+def left_out(drive: Drive) -> str:
+    """How many events the page does not list, in words."""
+    counts = {kind: sum(one.kind is kind for one in drive.events) for kind in (EventKind.ADVICE, EventKind.REPLAN)}
+    counts[EventKind.ADVICE] -= len(_advice_at_marks(drive))
+    return f"{counts[EventKind.ADVICE]} changes of the advice elsewhere and {counts[EventKind.REPLAN]} new plans"
+
+
+def _moment_words(drive: Drive, time_ns: int) -> tuple[str, str]:
+    """How fast the train was at a moment, and what the driver was shown then."""
+    trip = drive.course
+    driven = f"{kmh(float(trip.at(np.array([time_ns]), trip.speed_mps)[0])):.0f} km/h"
+    seen = drive.shown.at(time_ns)
+    if seen is None:
+        return driven, "nothing"
+    if seen.top_only:
+        return driven, f"at most {kmh(seen.speed_mps):.0f} km/h"
+    speed = "" if np.isnan(seen.speed_mps) else f", {kmh(seen.speed_mps):.0f} km/h"
+    return driven, f"{mode_name(seen.mode)}{speed}"
+
+
+def input_rows(drive: Drive) -> list[tuple[str, str]]:
+    """What the drive was made from: metadata, hashes and files."""
+    rows = [
+        readable(key, value)
+        for entries in drive.recording.metadata.values()
+        for key, value in entries.items()
+        if key != "drawn"
+    ]
+    if drive.account is not None:
+        rows.append(("line and train of this page", drive.account.inputs.source))
+        rows.append(("energies", "measured" if drive.account.measured else "estimated from positions"))
+    said = [] if drive.said is None else drive.said.rows()
+    rows += [(f"said by the recording: {name}", text) for name, text in said]
+    return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]

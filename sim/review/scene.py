@@ -1,0 +1,378 @@
+"""The scene of a review: everything that is shown of a drive, found once, as plain data.
+
+Two renderers draw it: `rerun_drawing` for the viewer and `picture` for a file. What things are called, their units and
+what their colours mean is said here and in `series` and `lanes`; where things go in a window or on a page is the
+renderer's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import KMH, NS, kwh
+from sim.drive.attribution.account import Account, LegAccount
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.drive import Drive
+from sim.drive.events.advice_events import place_text
+from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
+from sim.recording.clock import DriveClock
+from sim.recording.course import DrivenCourse, Floats
+from sim.review.colors import Meaning, Theme
+from sim.review.lanes import COST, Change, Lane, lanes
+from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, series
+
+FROM_ADVICE: Final = (
+    "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
+)  # fmt: skip
+OVER_DISTANCE: Final = ("speed", "force", "gradient")
+"""The quantities that are drawn over distance as well as over time."""
+USUAL_PERCENT: Final = (2.5, 97.5)
+"""Percentiles of the advised force that its axis shows: in the last metres before a stop the advice goes beyond."""
+
+HAPPENING_MEANINGS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
+"""What the colours of marks mean, by kind of happening; others are in the colour of the ink."""
+ROUTINE: Final = (
+    EventKind.ADVICE, EventKind.REPLAN, EventKind.DRIVER, EventKind.DELAY, EventKind.JOURNEY, EventKind.LOG,
+)  # fmt: skip
+"""Events that happen all the time, or that another event tells as well; `das-sim events` lists them."""
+BOOKMARK_MEANINGS: Final = {
+    EventKind.NOTE: Meaning.NOTE,
+    EventKind.WARNING: Meaning.WARNING,
+    EventKind.OVERSPEED: Meaning.WARNING,
+    EventKind.BEYOND_TRAIN: Meaning.WARNING,
+    EventKind.MISSED_STOP: Meaning.WARNING,
+    EventKind.SIGNAL: Meaning.DANGER,
+    EventKind.RESTRICTION: Meaning.LIMIT,
+    EventKind.TARGET: Meaning.OPERATOR,
+    EventKind.WITHDRAWAL: Meaning.NO_ADVICE,
+    EventKind.LAPSE: Meaning.NO_ADVICE,
+}
+"""What the colours of bookmarks mean; others are in the colour of the ink."""
+
+LEAST_KWH: Final = 0.05
+"""A span that cost less than this (kWh) is not in the lane of costs."""
+OTHER_THAN_ADVISED: Final = (EnergyCause.AGAINST_ADVICE, EnergyCause.LATE_COASTING)
+"""The causes by which the effort set differed from the effort advised."""
+COST_MEANINGS: Final = {
+    EnergyCause.SIGNAL: Meaning.DANGER,
+    EnergyCause.RESTRICTION: Meaning.LIMIT,
+    EnergyCause.AS_ADVISED: Meaning.ADVISED,
+    EnergyCause.LATENESS: Meaning.WARNING,
+    EnergyCause.REST: Meaning.NO_ADVICE,
+    **dict.fromkeys(OTHER_THAN_ADVISED, Meaning.AGAINST),
+}
+"""What the colours of costs mean; the other causes are energy lost."""
+
+
+class LinePlace(NamedTuple):
+    """Something at a place of the line: from where to where (m), what it says, and its limit (m/s) if it is one.
+
+    Its meaning tells what it is: a restriction (LIMIT), a signal at danger (DANGER), or a target (OPERATOR).
+    """
+
+    meaning: Meaning
+    start_m: float
+    end_m: float
+    text: str
+    limit_mps: float = np.inf
+
+
+class Mark(NamedTuple):
+    """Something that happened: when (ns since 1970), in words with time and place, and what its colour means."""
+
+    time_ns: int
+    text: str
+    meaning: Meaning | None
+
+    def color(self, theme: Theme) -> str:
+        """The colour of the mark; that of the ink where it means nothing in particular."""
+        return theme.ink if self.meaning is None else theme.of[self.meaning]
+
+
+class RestrictedTime(NamedTuple):
+    """From when to when (ns since 1970) the train's head was on a temporary restriction, and its limit (m/s)."""
+
+    start_ns: int
+    end_ns: int
+    limit_mps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReviewScene:
+    """A drive, the series to plot, the lanes of states, and what stood and happened on the way."""
+
+    drive: Drive
+    series: Found
+    lanes: tuple[Lane, ...]
+    stops: tuple[tuple[str, float], ...]
+    """The stops of the journey by name, with their positions (m)."""
+    places: tuple[LinePlace, ...]
+    marks: tuple[Mark, ...]
+    """What happened on the day beside the driving, in order of time."""
+    bookmarks: tuple[Mark, ...]
+    """The events of the drive that are worth a look, and people's notes, in order of time."""
+    way: MapTrack | None = None
+    """The way on the map; None where neither places nor the line's geometry are known."""
+    filled_from: str = ""
+    """What is estimated because it was not recorded, in a sentence; empty where nothing is."""
+    account: AccountView | None = None
+    """Where the energy went; None until `with_account` has found it, and where it is not known."""
+
+    @classmethod
+    def of(cls, drive: Drive) -> ReviewScene:
+        """The scene of a recorded drive, without its account; DasError if it has no position at all."""
+        recording, trip, clock = drive.recording, drive.course, drive.clock
+        filled = filled_in(drive)
+        happened = happenings(recording, trip, drive.silences)
+        return cls(
+            drive=drive,
+            series={
+                "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
+                **_without_silence(series(recording, trip), drive.silences),
+                **filled.series,
+            },
+            lanes=lanes(drive),
+            stops=tuple(
+                (stop.name, stop.s_m) for one in recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
+            ),
+            places=tuple(_places(drive)),
+            marks=tuple(_mark(one, trip, clock) for one in happened),
+            bookmarks=tuple(_bookmark(one, clock) for one in drive.events if one.kind not in ROUTINE),
+            way=MapTrack.of(recording) or filled.way,
+            filled_from=filled.source,
+        )
+
+    def with_account(self) -> ReviewScene:
+        """The scene with where the energy went, which takes a while to find; the same scene where that is not known."""
+        if self.drive.account is None:
+            return self
+        shown = AccountView.of(self.drive.account)
+        within = {name: on_trip(self.trip, *one, held=False) for name, one in shown.series.items()}
+        return replace(self, series={**self.series, **within}, account=shown)
+
+    @property
+    def recording(self) -> Recording:
+        """The recording of the drive."""
+        return self.drive.recording
+
+    @property
+    def trip(self) -> DrivenCourse:
+        """Where the train was, and how fast."""
+        return self.drive.course
+
+    @property
+    def clock(self) -> DriveClock:
+        """The clock of the drive."""
+        return self.drive.clock
+
+    @property
+    def quantities(self) -> set[str]:
+        """The quantities of which there is something to show."""
+        return {name.split("/")[0] for name, (time_ns, _) in self.series.items() if len(time_ns)}
+
+    @property
+    def ends_s(self) -> tuple[float, float]:
+        """The first and the last moment of the trip (s on the drive's clock)."""
+        start_s, end_s = ((self.trip.time_ns[[0, -1]] - self.clock.zero_ns) * NS).tolist()
+        return start_s, end_s
+
+    def places_of(self, meaning: Meaning) -> list[LinePlace]:
+        """The restrictions (LIMIT), the signals at danger (DANGER) or the targets (OPERATOR)."""
+        return [one for one in self.places if one.meaning is meaning]
+
+    def over_distance(self) -> Iterator[tuple[str, Floats, Floats]]:
+        """Name, positions (m) and values of the series that are drawn over distance, in drawing order."""
+        trip, plan = self.trip, FirstPlans.of(self.recording)
+        for name in STYLES:
+            if name.split("/")[0] not in OVER_DISTANCE or name not in self.series:
+                continue
+            time_ns, values = self.series[name]
+            at_m = trip.at(time_ns, trip.s_m)
+            if name == "speed/optimum" and plan is not None:  # it would be elsewhere than the train was at its times
+                within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
+                at_m, values = plan.s_m[within], plan.speed_mps[within] / KMH
+            if np.isfinite(values).any():
+                yield name, at_m, values
+
+    def extent(self, quantity: str) -> tuple[float, float] | None:
+        """The least and the highest value of a quantity to show, or None if it has none."""
+        ends: list[float] = []
+        for name, (_, values) in self.series.items():
+            known = values[np.isfinite(values)]
+            if name.startswith(f"{quantity}/") and len(known):
+                usual = name == "force/advised"
+                ends += np.percentile(known, USUAL_PERCENT).tolist() if usual else [known.min(), known.max()]
+        return (min(ends), max(ends)) if ends else None
+
+    def restricted_times(self) -> Iterator[RestrictedTime]:
+        """When the train's head was on each of the restrictions, as far as it was."""
+        trip = self.trip
+        for limit in self.drive.temporary_limits:
+            one = limit.restriction
+            over = (trip.s_m >= one.start_m) & (trip.s_m <= one.end_m) & limit.holds_at(trip.time_ns)
+            if over.any():
+                start_ns, end_ns = trip.time_ns[over][[0, -1]].tolist()
+                yield RestrictedTime(start_ns, end_ns, one.limit_mps)
+
+
+def speed_text(limit_mps: float) -> str:
+    """The limit of a restriction as it is written beside it."""
+    return f"{limit_mps / KMH:.0f} km/h"
+
+
+def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
+    """The series, with a gap in those that come with the advice where the node was not heard."""
+    gaps = np.array([span.start_ns for span in silent if span.text == NOT_HEARD], dtype=np.int64)
+    broken = dict(found)
+    for name in FROM_ADVICE:
+        at, values = found[name]
+        if len(at):
+            places = np.searchsorted(at, gaps)
+            broken[name] = np.insert(at, places, gaps), np.insert(values, places, np.nan)
+    return broken
+
+
+def _places(drive: Drive) -> Iterator[LinePlace]:
+    """The restrictions and targets that the node was told, and the signals at danger that the driver saw."""
+    for limit in drive.temporary_limits:
+        one = limit.restriction
+        yield LinePlace(Meaning.LIMIT, one.start_m, one.end_m, speed_text(one.limit_mps), one.limit_mps)
+    for signal in drive.signals:
+        yield LinePlace(Meaning.DANGER, signal.s_m, signal.s_m, "at danger")
+    for point in points(drive.recording, drive.course):
+        yield LinePlace(Meaning.OPERATOR, point.s_m, point.s_m, point.text)
+
+
+def _mark(one: Happening, trip: DrivenCourse, clock: DriveClock) -> Mark:
+    return Mark(one.time_ns, where_and_when(one, trip, clock), HAPPENING_MEANINGS.get(one.kind))
+
+
+def _bookmark(one: DriveEvent, clock: DriveClock) -> Mark:
+    """A bookmark with its time as all tables show it, because rerun shows seconds."""
+    text = f"{clock.shown(one.time_ns)}  {place_text(one.s_m)}  {one.kind}: {one.text}"
+    return Mark(one.time_ns, text, BOOKMARK_MEANINGS.get(one.kind))
+
+
+class CostSpan(NamedTuple):
+    """A time (ns since 1970) to which energy above the optimum (J) belongs, all of it by one cause."""
+
+    start_ns: int
+    end_ns: int
+    cause: EnergyCause
+    energy_j: float
+
+    @property
+    def meaning(self) -> Meaning:
+        """What the colour of the span says."""
+        return COST_MEANINGS.get(self.cause, Meaning.LOST)
+
+    @property
+    def worth(self) -> bool:
+        """Whether the span cost enough to be shown."""
+        return abs(kwh(self.energy_j)) >= LEAST_KWH
+
+
+@dataclass(frozen=True, kw_only=True)
+class AccountView:
+    """Where the energy went, as it is shown: a text (Markdown), series by the names of `STYLES`, and spans of cost."""
+
+    text: str
+    series: Found
+    spans: tuple[CostSpan, ...]
+
+    @classmethod
+    def of(cls, account: Account) -> AccountView:
+        """The view of an account."""
+        return cls(
+            text=_account_text(account),
+            series=_account_series(account),
+            spans=tuple(span for leg in account.legs for span in spans_of(leg)),
+        )
+
+    @property
+    def lane(self) -> Lane:
+        """The lane of what the driving cost: a cause and its energy where it is worth a word, else nothing."""
+        changes: list[Change] = []
+        colors: dict[str, str | Meaning] = {}
+        for span in self.spans:
+            text = f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" if span.worth else ""
+            if text:
+                colors[text] = span.meaning
+            while changes and changes[-1].time_ns >= span.start_ns:
+                changes.pop()
+            changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
+        return Lane(COST, tuple(changes), colors)
+
+
+def spans_of(leg: LegAccount) -> Iterator[CostSpan]:
+    """The times of a leg with one cause each, in order of time."""
+    time_ns = leg.leg.motion.time_ns[leg.committed.sample]
+    open_: CostSpan | None = None
+    for rise in leg.committed.rises():
+        start_ns, end_ns = int(time_ns[rise.first]), int(time_ns[rise.last])
+        if open_ is not None and open_.cause is rise.cause:
+            open_ = open_._replace(end_ns=end_ns, energy_j=open_.energy_j + rise.energy_j)
+            continue
+        if open_ is not None:
+            yield open_
+        open_ = CostSpan(start_ns, end_ns, rise.cause, rise.energy_j)
+    if open_ is not None:
+        yield open_
+
+
+def _account_series(account: Account) -> Found:
+    """Energy above the optimum over time: all that the driving cost, and what was other than advised; the optimum's."""
+    rises = [
+        (int(leg.leg.motion.time_ns[leg.committed.sample][rise.last]), rise.cause, rise.energy_j)
+        for leg in account.legs
+        for rise in leg.committed.rises()
+    ]
+    at_ns = np.array([time_ns for time_ns, _, _ in rises], dtype=np.int64)
+    lost_j = np.cumsum([energy_j for _, _, energy_j in rises])
+    other_j = np.cumsum([energy_j if cause in OTHER_THAN_ADVISED else 0.0 for _, cause, energy_j in rises])
+    best: tuple[list[int], list[float]] = [], []
+    before_j = 0.0
+    for leg in account.legs:
+        run = leg.optimum.trajectory
+        drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(leg.optimum.section.loss)))))
+        start_ns = int(leg.leg.motion.time_ns[0])
+        best[0].extend((start_ns + np.rint(run.t_s / NS).astype(np.int64)).tolist())
+        best[1].extend((before_j + drawn_j).tolist())
+        before_j += float(drawn_j[-1])
+    # Of the true train the energy of the optimum is known, not its way: the planned train's curve leads to that energy.
+    to_known = account.optimum_j / before_j if before_j > 0.0 else 1.0
+    found = {
+        "lost/driving": (at_ns, kwh(lost_j)),
+        "lost/advice": (at_ns, kwh(other_j)),
+        "energy/optimum": (np.array(best[0], dtype=np.int64), to_known * kwh(np.array(best[1]))),
+    }
+    return found if account.advice_shown else {name: one for name, one in found.items() if name != "lost/advice"}
+
+
+def _account_text(account: Account) -> str:
+    """The account as a table (Markdown)."""
+    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in account.by_cause.items()]
+    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in account.by_cause]
+    source = "measured by the simulator" if account.measured else "estimated from positions; nobody measured it"
+    return "\n".join(
+        [
+            f"### Above the optimum for the same times: {account.above.words}",
+            "",
+            "| | kWh |",
+            "|---|---:|",
+            f"| optimum for the same times | {kwh(account.optimum_j):.1f} |",
+            *rows,
+            f"| **as driven** | **{kwh(account.driven_j):.1f}** |",
+            "",
+            f"Energy at the current collector, {source}.",
+            "",
+            *meanings,
+        ]
+    )

@@ -1,0 +1,187 @@
+"""A recording to look at: in the rerun viewer, as a file for it with our own layout, or as a picture.
+
+Rerun and matplotlib need not be installed: what draws with them is imported when it is needed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from das.bus.recording import Recording
+from das.command_line.outputs import check_picture, save_figure
+from das.command_line.running import interrupt_on_termination
+from das.domain.errors import DasError
+from das.domain.files.writing import check_writable, write_whole
+from sim.review.colors import LIGHT, Theme
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    from sim.review.scene import ReviewScene
+
+APPLICATION: Final = "das-review"
+CLOSING_S: Final = 5.0
+"""How long (s) a viewer that is asked to end may take before it is killed."""
+
+
+def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -> None:
+    """Write a recording as a rerun file with our layout in it, and with where the energy went.
+
+    Raises DasError for a recording without positions, a place that cannot be written to, or where rerun is not
+    installed.
+    """
+    _check_installed("rerun", "rerun_cli")
+    check_writable(rrd_path, overwrite=True)
+    with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
+        whole = Path(folder) / "view.rrd"
+        write_view(recording, whole, with_map=with_map)
+        write_whole(rrd_path, whole.read_bytes())
+
+
+def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> None:
+    """Write a rerun file with our layout; what is there is lost, and stays half written where this fails."""
+    from sim.review.rerun_drawing import send, send_account
+
+    scene = _scene_of(recording)
+    with _stream(scene) as out:
+        out.save(path, default_blueprint=_blueprint(scene, with_map=with_map))
+        send(out, scene, with_map=with_map)
+        send_account(out, scene.with_account())
+        out.flush()
+        out.disconnect()
+
+
+def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT) -> None:
+    """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
+
+    Raises DasError for a recording without positions, a place that cannot be written to, or where matplotlib is not
+    installed.
+    """
+    _check_installed("matplotlib")
+    check_picture(picture_path)
+    check_writable(picture_path, overwrite=True)
+    from sim.review.canvas import DPI
+    from sim.review.picture import picture_of
+
+    save_figure(picture_path, picture_of(recording, theme), dpi=DPI, facecolor=theme.background)
+
+
+def open_view(recording: Recording, *, with_map: bool = False) -> None:
+    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and a request to end close it.
+
+    The viewer opens with what was recorded; where the energy went follows as soon as that is found. It listens on
+    127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
+    """
+    _check_installed("rerun", "rerun_cli")
+    _check_display()
+    scene, port = _scene_of(recording), _free_port()
+    interrupt_on_termination()
+    run_viewer(port, lambda: _feed_viewer(scene, port, with_map=with_map))
+
+
+def _feed_viewer(scene: ReviewScene, port: int, *, with_map: bool) -> None:
+    """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the account.
+
+    A viewer that is closed meanwhile is no error; rerun's own words about it are kept from the terminal.
+    """
+    os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
+    from sim.review.rerun_drawing import send, send_account
+
+    with _stream(scene) as out:
+        out.connect_grpc(_viewer_address(port), default_blueprint=_blueprint(scene, with_map=with_map))
+        send(out, scene, with_map=with_map)
+        out.flush()
+        send_account(out, scene.with_account())
+        out.flush()
+
+
+def _scene_of(recording: Recording) -> ReviewScene:
+    from sim.drive.drive import Drive
+    from sim.review.scene import ReviewScene
+
+    return ReviewScene.of(Drive(source=recording))
+
+
+def _stream(scene: ReviewScene) -> rr.RecordingStream:
+    """A stream to write or send the view of a scene to."""
+    import rerun as rr
+
+    return rr.RecordingStream(APPLICATION, recording_id=scene.drive.name)
+
+
+def _blueprint(scene: ReviewScene, *, with_map: bool) -> rrb.Blueprint:
+    from sim.review.layout import blueprint
+
+    return blueprint(scene, with_map=with_map)
+
+
+def _check_installed(*names: str) -> None:
+    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    if missing:
+        raise DasError(f"{missing[0]} is not installed: pip install '.[view]' in the checkout")
+
+
+def _check_display() -> None:
+    """Raise DasError where there is no screen to open a viewer on."""
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise DasError("no display to open a viewer on: write the view to a file with --save FILE.rrd instead")
+
+
+def _free_port() -> int:
+    """A port of this machine on which nobody listens now."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def _viewer_address(port: int) -> str:
+    """Where a viewer on a port of this machine takes data."""
+    return f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def viewer_command(port: int) -> list[str]:
+    """The command that starts a viewer, which listens on a port of this machine only."""
+    viewer = [sys.executable, "-m", "rerun_cli", "--bind", "127.0.0.1", "--port", str(port)]
+    return [*viewer, "--hide-welcome-screen", "--expect-data-soon"]
+
+
+def viewer_environment() -> dict[str, str]:
+    """The environment of the viewer. Setting `CI` is the only way to stop it from sending usage data in one run."""
+    kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
+    return {"RUST_LOG": "error", **kept, "CI": "1"}
+
+
+def run_viewer(port: int, feed: Callable[[], None]) -> None:
+    """Start a viewer, feed it beside, and wait until it is closed; DasError where it ends with an error.
+
+    The feeding ends with the viewer, finished or not.
+    """
+    viewer = subprocess.Popen(viewer_command(port), env=viewer_environment(), start_new_session=True)
+    try:
+        threading.Thread(target=feed, daemon=True).start()
+        code = viewer.wait()
+    finally:
+        close(viewer)
+    if code != 0:
+        raise DasError(f"the rerun viewer ended with code {code}")
+
+
+def close(viewer: subprocess.Popen[bytes]) -> None:
+    """End the viewer if it still runs, together with the program that its starter runs: both are one process group."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        if viewer.poll() is None:
+            os.killpg(viewer.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                viewer.wait(CLOSING_S)

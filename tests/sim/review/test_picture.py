@@ -1,0 +1,98 @@
+"""The picture of a recording: everything where it was, nothing over something else, every panel."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from das.bus import topics
+from das.domain.errors import DasError
+from das.domain.units import KM
+from sim.drive.drive import Drive
+from sim.recording.opening import open_recording
+from sim.review import view
+from sim.review.colors import DARK
+from sim.review.scene import ReviewScene
+from tests.support.hand_recorded import day, recorded
+from tests.support.making import das_sim
+from tests.support.recordings import write_recording
+
+pytest.importorskip("matplotlib")
+from sim.review.canvas import half_width_ratio, joined_labels
+from sim.review.picture import panels, picture_of
+
+
+def test_the_picture_shows_them_where_they_were() -> None:
+    shown, empty = (picture_of(one, DARK) for one in (day(), recorded()))
+    for figure in (shown, empty):
+        figure.canvas.draw()
+
+    def colour(figure: Any, s_m: float, speed_kmh: float) -> Any:
+        x, y = figure.axes[0].transData.transform((s_m / KM, speed_kmh))
+        pixels = np.asarray(figure.canvas.buffer_rgba())[::-1][round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
+        return np.median(pixels[..., :3].reshape(-1, 3), axis=0) / 255.0
+
+    plain = colour(empty, 1450.0, 50.0)
+    assert np.ptp(colour(shown, 1450.0, 50.0) - plain) < 0.05  # grey, and lighter
+    assert colour(shown, 1450.0, 50.0).min() > plain.max() + 0.1
+    assert colour(shown, 450.0, 60.0)[0] > colour(shown, 450.0, 60.0)[1:].max() + 0.03  # reddish above 36 km/h
+    assert colour(shown, 450.0, 15.0) == pytest.approx(plain, abs=0.01)
+    assert colour(shown, 1000.0, 4.0)[0] > 0.6  # the signal
+    assert colour(shown, 1100.0, 50.0) == pytest.approx(plain, abs=0.01)
+
+
+def test_numbers_of_marks_do_not_cover_each_other() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        places = np.sort(rng.uniform(0.0, 1.0, 25) ** 2)
+        found = joined_labels([(float(x), number) for number, x in enumerate(places, start=1)])
+        assert sorted(number for _, numbers in found for number in numbers) == list(range(1, 26))
+        ends = [(middle - half_width_ratio(numbers), middle + half_width_ratio(numbers)) for middle, numbers in found]
+        assert all(a[1] <= b[0] + 1e-12 for a, b in pairwise(ends))
+
+
+def test_the_whole_picture_has_every_panel() -> None:
+    full, least = (panels(ReviewScene.of(Drive(source=one))) for one in (day(), recorded()))
+    assert list(full) == ["speed", "lanes", "lever", "deviation", "buffer", "estimate", "calibration"]
+    assert list(least) == ["speed"]
+    assert len(picture_of(day()).axes) == 3 + len(full)
+
+
+@pytest.mark.parametrize("only", [(topics.POSITION,), (topics.ADVICE,), topics.RECORDED])
+@pytest.mark.parametrize("seconds", [1, 30])
+def test_png_of_little(tmp_path: Path, only: tuple[topics.Topic, ...], seconds: int) -> None:
+    write_recording(tmp_path / "little.mcap", only=only, seconds=seconds)
+    answer = das_sim("view", "little.mcap", "--png", "little.png", cwd=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    assert (tmp_path / "little.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["little.mcap", "little.png"]
+
+
+@pytest.mark.parametrize(("suffix", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_the_suffix_decides_the_kind_of_picture(tmp_path: Path, suffix: str, begins: bytes) -> None:
+    recording = write_recording(tmp_path / "r.mcap", seconds=2)
+    view.save_picture(open_recording(recording), tmp_path / f"x.{suffix}")
+    assert (tmp_path / f"x.{suffix}").read_bytes().startswith(begins)
+
+
+def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = write_recording(tmp_path / "r.mcap", seconds=2)
+    before = recording.read_bytes()
+    for arguments, reason in (
+        (["--save", str(recording)], "is one that is read"),
+        (["--png", str(tmp_path / "nowhere" / "x.png")], "no such folder"),
+        (["--plot", str(tmp_path / "x.svg"), "--save", str(tmp_path / "x.svg")], "name the same file"),
+        (["--plot", str(tmp_path / "x.jpg")], "expected a file name that ends in .png, .pdf or .svg"),
+    ):
+        answer = das_sim("view", str(recording), *arguments, cwd=tmp_path)
+        assert answer.returncode == 2
+        assert reason in answer.stderr
+    assert recording.read_bytes() == before
+    monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(DasError, match=r"matplotlib is not installed.*\[view\]"):
+        view.save_picture(open_recording(recording), tmp_path / "x.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["r.mcap"]

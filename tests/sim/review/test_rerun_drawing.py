@@ -1,0 +1,97 @@
+"""What the viewer holds: every entity on its timelines, and the plane over distance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.bus import topics
+from das.bus.recording import read_recording
+from sim.drive.drive import Drive
+from sim.recording.course import DrivenCourse
+from sim.recording.opening import open_recording
+from sim.review import view
+from sim.review.scene import ROUTINE, ReviewScene
+from sim.review.series import series
+from tests.support.hand_recorded import day
+from tests.support.recordings import SECONDS, publish_before, write_recording
+
+chunk = pytest.importorskip("rerun.chunk")
+from sim.review.rerun_drawing import WIDTH, Plane, stepped, unbroken  # noqa: E402 - it needs rerun
+
+
+def test_the_plane_keeps_the_shape_of_the_trip() -> None:
+    plane = Plane.of(ReviewScene.of(Drive(source=day())))  # 0 to 2 km at 72 km/h
+    x = plane.x(np.array([0.0, 1000.0, 2000.0]))
+    assert x.tolist() == [0.0, WIDTH / 2, WIDTH]
+    rows = plane.y("speed", np.array([0.0, 72.0, 144.0, 1e6]))
+    assert rows[0] > rows[1] > rows[2] >= rows[3]  # upwards; what is beyond lies at the edge
+    assert rows[0] - rows[1] == pytest.approx(rows[1] - rows[2], rel=0.1)
+
+
+def test_lines_have_gaps_and_corners() -> None:
+    gap = unbroken(np.arange(5.0), np.arange(5.0), np.array([1.0, np.nan, 1.0, 1.0, np.nan]))
+    assert [piece[:, 0].tolist() for piece in gap] == [[0.0], [2.0, 3.0]]
+    assert stepped(np.array([[0.0, 1.0], [2.0, 5.0]])).tolist() == [[0.0, 1.0], [2.0, 1.0], [2.0, 5.0]]
+
+
+def rows_by_entity(rrd: Path) -> dict[str, int]:
+    """Rows in time of each entity of a rerun file; 0 for what is static only."""
+    reader = chunk.RrdReader(rrd)
+    assert len(reader.blueprints()) == 1
+    found: dict[str, int] = {}
+    for piece in reader.stream(store=reader.recordings()[0]).to_chunks():
+        rows = 0 if piece.is_static else piece.num_rows
+        assert piece.is_static or set(piece.timeline_names) == {"drive_clock", "time_of_day", "position_m"}
+        found[piece.entity_path] = found.get(piece.entity_path, 0) + rows
+    return found
+
+
+def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
+    rrd = tmp_path / "view.rrd"
+    view.save_view(open_recording(whole), rrd)
+    found = rows_by_entity(rrd)
+    every_second = (
+        "speed/limit", "speed/advised", "speed/driven", "force/advised", "force/driven", "gradient/permille",
+        "energy/driven", "deviation/predicted", "buffer/percent", "track/train", "distance/train", "distance/here",
+    )  # fmt: skip
+    for name in every_second:
+        assert found[f"/{name}"] == SECONDS, name
+    assert found["/deviation/operator"] == 11  # held to the end of the trip
+    assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
+    assert found["/mode/node"] == 3
+    assert found["/mode/no_advice"] == 2  # withdrawn, and back
+    chronicle = Drive(source=open_recording(whole))
+    worth = [one for one in chronicle.events if one.kind not in ROUTINE]
+    assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
+    assert found["/events"] == 3  # the node's and the simulator's
+    assert {"/summary", "/account", "/distance/speed/driven", "/distance/names", "/track/stops"} <= found.keys()
+    assert "/map/way" not in found  # no tiles are asked for without being told
+    assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
+
+
+@pytest.mark.parametrize("only", [(topics.POSITION,), (topics.ADVICE,), (topics.TRUTH, topics.LOCATION)])
+@pytest.mark.parametrize("seconds", [1, 20])
+def test_view_of_little(tmp_path: Path, only: tuple[topics.Topic, ...], seconds: int) -> None:
+    path = write_recording(tmp_path / "little.mcap", only=only, seconds=seconds)
+    view.save_view(open_recording(path), tmp_path / "view.rrd")
+    assert rows_by_entity(tmp_path / "view.rrd")["/speed/driven"] == seconds
+
+
+def test_view_of_a_cut_recording(cut: Path, tmp_path: Path) -> None:
+    view.save_view(open_recording(cut), tmp_path / "view.rrd")
+    assert 0 < rows_by_entity(tmp_path / "view.rrd")["/speed/driven"] < SECONDS
+
+
+def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "early.mcap", seconds=30, before=publish_before)
+    recording = read_recording(path)
+    data = series(recording, DrivenCourse.of(recording))
+    assert data["deviation/operator"][1].tolist() == [20.0, 30.0, 30.0]
+    assert len(data["speed/advised"][0]) == 30
+    view.save_view(open_recording(path), tmp_path / "view.rrd")
+    found = rows_by_entity(tmp_path / "view.rrd")
+    assert found["/mode/node"] == 1
+    assert found["/mode/advised"] == 1

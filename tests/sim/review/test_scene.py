@@ -1,0 +1,196 @@
+"""What the scene of a review holds: limits in force, silences, signals, targets, lanes, marks, and the account."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from das.bus import das_pb2, topics
+from das.bus.recording import read_recording
+from das.domain.units import kwh
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.drive import Drive
+from sim.drive.events.notes import Note, add_note
+from sim.drive.happenings import NOT_HEARD, happenings, points, signals, silences
+from sim.drive.limits import temporary_limits
+from sim.recording.course import DrivenCourse
+from sim.recording.opening import open_recording
+from sim.review.colors import Meaning
+from sim.review.lanes import lanes
+from sim.review.scene import ReviewScene
+from tests.support.hand_recorded import LINE_MPS, SECONDS, SPEED_MPS, advice, cab, logged, recorded, told, withdrawn
+from tests.support.making import das_sim
+from tests.support.recordings import START_NS, at_ns, write_recording
+
+
+def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
+    one, other, late = (400.0, 600.0, 10.0), (500.0, 800.0, 15.0), (1000.0, 1400.0, 12.0)
+    recording = recorded(told(5, one, other), told(60, one, other, late), told(65))
+    trip = DrivenCourse.of(recording)
+    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
+    for t, limit in zip((at - START_NS) / 1e9, limit_mps, strict=True):
+        s_m = SPEED_MPS * t
+        in_force = [v for since, (a, b, v) in ((5, one), (5, other), (60, late)) if since <= t < 65 and a <= s_m <= b]
+        assert limit == min([LINE_MPS, *in_force]), t
+    found = {(x.restriction.start_m, x.told_ns, x.lifted_ns) for x in temporary_limits(recording, trip)}
+    assert found == {(400.0, at_ns(5), at_ns(65)), (500.0, at_ns(5), at_ns(65)), (1000.0, at_ns(60), at_ns(65))}
+    assert ReviewScene.of(Drive(source=recording)).series["speed/limit"][1].min() == pytest.approx(36.0)
+
+
+def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open() -> None:
+    window = {"valid_from_ns": at_ns(30), "valid_until_ns": at_ns(40)}
+    one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=2_000.0, limit_mps=10.0, **window)
+    list_of_one = topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(5), restrictions=[one])
+    recording = recorded(list_of_one, told(90))
+    trip = DrivenCourse.of(recording)
+    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
+    slow = (at[limit_mps == 10.0] - START_NS) / 1e9
+    assert (slow.min(), slow.max()) == (30.0, 39.0)
+    (span,) = temporary_limits(recording, trip)
+    assert [(round((at_ns - START_NS) / 1e9), word) for at_ns, word in span.changes()] == [
+        (5, "told"), (30, "begins"), (40, "ends"), (90, "lifted"),
+    ]  # fmt: skip
+
+
+def test_behind_a_restriction_the_tail_counts_as_long_as_the_node_says() -> None:
+    tail = [advice(t, limit_mps=10.0 if 20 <= t <= 38 else LINE_MPS) for t in range(SECONDS)]
+    recording = recorded(told(5, (400.0, 600.0, 10.0)), *tail)
+    trip = DrivenCourse.of(recording)
+    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
+    slow = (at[limit_mps == 10.0] - START_NS) / 1e9
+    assert (slow.min(), slow.max()) == (20.0, 38.0)
+    lower = [advice(t, limit_mps=1.0) for t in range(SECONDS)]  # a node's own limit is not the line's
+    recording = recorded(told(5, (400.0, 600.0, 10.0)), *lower)
+    assert Drive(source=recording).limit_mps.min() == 10.0
+
+
+def test_a_restriction_that_is_none_is_left_out() -> None:
+    recording = recorded(told(5, (600.0, 400.0, 10.0), (0.0, math.nan, 10.0), (0.0, 900.0, 0.0)))
+    trip = DrivenCourse.of(recording)
+    assert temporary_limits(recording, trip) == ()
+    assert set(Drive(source=recording).limit_mps) == {LINE_MPS}
+
+
+def test_silences_have_their_reasons() -> None:
+    said = [advice(t) for t in range(5, 20)] + [advice(t) for t in range(30, 50)] + [advice(t) for t in range(60, 91)]
+    reasons = [withdrawn(t, f"the position is {t - 46}.0 s old") for t in range(50, 55)]
+    reasons += [withdrawn(t, "outside the section") for t in range(55, 60)]
+    recording = recorded(*said, *reasons)
+    found = [
+        (round((x.start_ns - START_NS) / 1e9), round((x.end_ns - START_NS) / 1e9), x.text)
+        for x in silences(recording, DrivenCourse.of(recording))
+    ]
+    assert found == [
+        (0, 5, NOT_HEARD), (22, 30, NOT_HEARD), (50, 55, "the position is 4.0 s old"),
+        (55, 60, "outside the section"), (93, 100, NOT_HEARD),
+    ]  # fmt: skip
+    nobody = recorded()
+    assert silences(nobody, DrivenCourse.of(nobody)) == ()
+
+
+def test_what_is_advised_has_a_gap_where_the_node_is_not_heard() -> None:
+    said = [advice(t, advised_speed_mps=10.0, mode=3, s_m=20.0 * t, position_sd_m=1.0) for t in (*range(20), 40, 41)]
+    scene = ReviewScene.of(Drive(source=recorded(*said)))
+    for name in ("speed/advised", "estimate/error"):
+        at, values = scene.series[name]
+        assert np.all(np.diff(at) > 0)
+        assert at[np.isnan(values)].tolist() == [at_ns(22), at_ns(44)]
+    advised = next(lane for lane in scene.lanes if lane.name == "advised")
+    assert [x.state for x in advised.changes] == ["cruise", "", "cruise", ""]
+
+
+def test_signals_are_seen_once_each() -> None:
+    seen = {10: 700.0, 11: 700.0, 12: math.nan, 13: 900.0, 14: 1100.0, 15: 1100.0, 16: math.nan, 17: 1100.0}
+    recording = recorded(cab(9, signal_m=0.0), *(cab(t, signal_m=s_m) for t, s_m in seen.items()))
+    found = [(x.s_m, (x.start_ns - START_NS) // 10**9, (x.end_ns - START_NS) // 10**9) for x in signals(recording)]
+    assert found == [(700.0, 10, 11), (900.0, 13, 13), (1100.0, 14, 15), (1100.0, 17, 17)]
+
+
+def test_targets_say_what_they_ask() -> None:
+    stops = [das_pb2.Journey.Stop(name="A"), das_pb2.Journey.Stop(name="B", s_m=1900.0)]
+    window = das_pb2.Targets.Target(s_m=800.0, earliest_ns=at_ns(50), latest_ns=at_ns(70))
+    later = das_pb2.Targets.Target(stop="B", arrival_ns=at_ns(120))
+    recording = recorded(
+        (topics.JOURNEY, das_pb2.Journey(stops=stops)),
+        (topics.TARGET, das_pb2.Targets(time_ns=at_ns(20), targets=[window])),
+        (topics.TARGET, das_pb2.Targets(time_ns=at_ns(30), targets=[window, later])),
+    )
+    found = [(x.s_m, x.text) for x in points(recording, DrivenCourse.of(recording))]
+    assert found == [(800.0, "not before 0:50, not after 1:10"), (1900.0, "arrival 2:00")]
+
+
+def test_what_happened_is_told_once_and_in_order() -> None:
+    recording = recorded(
+        *(advice(t) for t in range(40)), *(withdrawn(t, "the clock was set") for t in range(40, 101)),
+        logged(70, "signal clear"), logged(-7, "departed"), logged(50, "mode", topics.EVENT),
+        logged(40, "no advice: the clock was set", topics.EVENT, Log.WARNING),
+        logged(30, "position rejected", topics.EVENT, Log.WARNING),
+    )  # fmt: skip
+    trip = DrivenCourse.of(recording)
+    found = [(x.kind, x.text) for x in happenings(recording, trip, silences(recording, trip))]
+    assert found == [
+        ("log", "(7 s before) departed"), ("warning", "position rejected"),
+        ("silence", "no advice for 60 s: the clock was set"), ("log", "signal clear"),
+    ]  # fmt: skip
+
+
+def test_lanes() -> None:
+    recording = recorded(
+        *(advice(t, mode=3 if t < 50 else 4) for t in range(80)), cab(0, presentation=1, mode=3),
+        cab(10, presentation=3, mode=4), cab(20, presentation=0, mode=4), cab(30, presentation=1, mode=8),
+        cab(40, presentation=3, mode=99), cab(50, signal_m=1500.0), cab(60),
+    )  # fmt: skip
+    found = {lane.name: [change.state for change in lane.changes] for lane in lanes(Drive(source=recording))}
+    assert found == {
+        "advised": ["cruise", "coast", ""], "shown": ["a top speed", "coast", "", "stop", "99", ""],
+        "no advice": [NOT_HEARD, ""], "signal": ["at danger, km 1.5", ""],
+    }  # fmt: skip
+
+
+def test_notes_are_bookmarks(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.mcap", seconds=300)
+    add_note(path, Note(time_ns=at_ns(100), end_ns=at_ns(100), text="braked late", tags=("braking",)))
+    found = ReviewScene.of(Drive(source=open_recording(path))).bookmarks
+    (note,) = (one for one in found if one.meaning is Meaning.NOTE)
+    assert note.text.endswith("  note: braked late [braking]")
+    assert [one.time_ns for one in found] == sorted(one.time_ns for one in found)
+    assert not [one for one in found if "  advice: " in one.text]
+
+
+@pytest.mark.more
+@pytest.mark.slow
+@pytest.mark.processes
+def test_the_account_in_the_viewer_sums_to_the_account(tmp_path: Path) -> None:
+    from sim.review.picture import picture_of
+    from sim.review.scene import LEAST_KWH, OTHER_THAN_ADVISED, AccountView, spans_of
+
+    path = tmp_path / "run.mcap"
+    answer = das_sim("run", "clear-day", "--driver", "human", "--seed", "2", "--out", str(path), cwd=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    account = Drive(source=read_recording(path)).known_account
+    shown = AccountView.of(account)
+    beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
+    driving = sum(energy_j for cause, energy_j in account.by_cause.items() if cause not in beside)
+    motion = sum(leg.energies.motors_j[-1] - leg.committed.energy_j[0] for leg in account.legs)
+    assert shown.series["lost/driving"][1][-1] == pytest.approx(kwh(motion), abs=1e-6)
+    assert shown.series["lost/driving"][1][-1] == pytest.approx(kwh(driving), abs=0.1)
+    other = sum(account.by_cause.get(cause, 0.0) for cause in OTHER_THAN_ADVISED)
+    assert shown.series["lost/advice"][1][-1] == pytest.approx(kwh(other), abs=1e-6)
+    assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(account.optimum_j), rel=1e-6)
+    times = [change.time_ns for change in shown.lane.changes]
+    assert times == sorted(set(times))
+    spans = [span for leg in account.legs for span in spans_of(leg)]
+    assert sum(span.energy_j for span in spans) == pytest.approx(motion, rel=1e-9)
+    worth = [span for span in spans if abs(kwh(span.energy_j)) >= LEAST_KWH]
+    in_lane = [change.state for change in shown.lane.changes if change.state]
+    assert in_lane == [f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" for span in worth]
+    assert f"Above the optimum for the same times: {kwh(account.difference_j):+.1f} kWh" in shown.text
+    names = [
+        axis.get_ylabel() or axis.get_yticklabels()[0].get_text() for axis in picture_of(read_recording(path)).axes
+    ]
+    assert {"cost (kWh)", "Lost (kWh)"} <= set(names)
+    assert names.index("cost (kWh)") == names.index("Controller (%)") + 1  # under the effort shown and set

@@ -1,0 +1,74 @@
+"""How a recording is written for the viewer, how the viewer is started and closed, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from sim.recording.opening import open_recording
+from sim.review import view
+from tests.support.recordings import write_recording
+
+
+def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rerun")
+    rrd = tmp_path / "view.rrd"
+    rrd.write_bytes(b"before")
+
+    def fail(recording: Recording, path: Path, *, with_map: bool) -> None:
+        path.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(view, "write_view", fail)
+    with pytest.raises(KeyboardInterrupt):
+        view.save_view(open_recording(whole), rrd)
+    assert rrd.read_bytes() == b"before"
+    assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
+    with pytest.raises(DasError, match="no such folder"):
+        view.save_view(open_recording(whole), tmp_path / "nowhere" / "view.rrd")
+    only_events = write_recording(tmp_path / "events.mcap", only=(topics.EVENT,))
+    monkeypatch.undo()
+    with pytest.raises(DasError, match="no positions"):
+        view.save_view(open_recording(only_events), rrd)
+
+
+def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(view.sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: object())
+    with pytest.raises(DasError, match="no display"):
+        view.open_view(open_recording(whole))
+    monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(DasError, match=r"rerun is not installed.*\[view\]"):
+        view.save_view(open_recording(whole), tmp_path / "view.rrd")
+
+
+@pytest.mark.processes
+def test_the_viewer_is_closed_and_private(monkeypatch: pytest.MonkeyPatch) -> None:
+    command = view.viewer_command(1234)
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    assert view.viewer_environment()["CI"] == "1"
+    assert "FORCE_RERUN_ANALYTICS" not in view.viewer_environment()
+    monkeypatch.setattr(view, "viewer_command", lambda port: [view.sys.executable, "-c", "raise SystemExit(3)"])
+    with pytest.raises(DasError, match="code 3"):
+        view.run_viewer(1234, lambda: None)
+    started: list[view.subprocess.Popen[bytes]] = []
+
+    class Interrupted(view.subprocess.Popen):  # type: ignore[type-arg]
+        def wait(self, timeout: float | None = None) -> int:
+            if not started:
+                started.append(self)
+                raise KeyboardInterrupt
+            return super().wait(timeout)
+
+    monkeypatch.setattr(view.subprocess, "Popen", Interrupted)
+    monkeypatch.setattr(view, "viewer_command", lambda port: [view.sys.executable, "-c", "import time; time.sleep(60)"])
+    with pytest.raises(KeyboardInterrupt):
+        view.run_viewer(1234, lambda: None)
+    assert started[0].poll() is not None

@@ -1,0 +1,90 @@
+"""What a review says in words: the summary, the headline, and what the driver saw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from das.bus.recording import read_recording
+from das.domain.units import KM
+from sim.drive.drive import Drive
+from sim.recording.course import DrivenCourse
+from sim.review.scene import ReviewScene
+from sim.review.words import LETTERS, NODE_ALONE, cards, headline, on_this_day, summary
+from tests.support.hand_recorded import SECONDS, SPEED_MPS, cab, day, recorded
+from tests.support.recordings import at_ns, write_recording
+
+
+def test_headline() -> None:
+    run = {"scenario": "signal-stop", "driver": "human", "advice": "vector", "seed": "3"}
+    recording = recorded()
+    recording.metadata["run"] = run
+    line = headline(Drive(source=recording))
+    assert line.startswith("t1 · signal-stop · driver human · advice vector · seed 3 · ")
+    assert f"{SPEED_MPS * SECONDS / KM:.2f} km · 100 s" in line
+
+
+def test_a_picture_says_what_the_scenario_let_happen() -> None:
+    recording = recorded()
+    assert on_this_day(recording) == []
+    recording.metadata["run"] = {"happens": "nothing"}
+    assert on_this_day(recording) == []
+    happens = "; ".join(["slippery rail from km 0.0 to 6.0, adhesion × 0.33"] * 4)
+    recording.metadata["run"] = {"happens": happens}
+    lines = on_this_day(recording)
+    assert " ".join(lines).endswith(happens)
+    assert len(lines) == 2
+    assert max(map(len, lines)) <= LETTERS
+
+
+def test_what_is_lost_is_not_drawn_and_is_said(tmp_path: Path) -> None:
+    """Of a recording with a damaged piece: the driven speed has a gap there, and the picture says why."""
+    content = bytearray(write_recording(tmp_path / "whole.mcap").read_bytes())
+    places = [i for i in range(len(content) // 2) if content.startswith(b"\x04\0\0\0zstd", i)]
+    for place in places[100:120]:  # 20 s
+        content[place + 40] ^= 0x10
+    (tmp_path / "damaged.mcap").write_bytes(content)
+    recording = read_recording(tmp_path / "damaged.mcap", skip_damage=True)
+    _, driven = ReviewScene.of(Drive(source=recording)).series["speed/driven"]
+    assert np.isnan(driven).sum() == 1
+    assert any("damaged: " in line for line in on_this_day(recording))
+
+
+def test_what_the_driver_saw() -> None:
+    held: dict[str, Any] = {"presentation": 3, "mode": 3, "advised_speed_mps": 20.0, "advised_lever_ratio": 0.4}
+    held |= {"next_mode": 4, "next_change_s": 12.0}
+    top_speed: dict[str, Any] = {"presentation": 1, "mode": 3, "advised_speed_mps": 20.0, "limit_mps": 40.0}
+    recording = recorded(cab(0, **held), cab(1, **held), cab(2, signal_m=1500.0, **top_speed), cab(3))
+    seen = cards(recording, DrivenCourse.of(recording))
+    assert [card.time_ns for card in seen] == [at_ns(0), at_ns(2), at_ns(3)]  # each text once
+    first, top, nothing = (card.text for card in seen)
+    assert first.startswith("## cruise, 72 km/h")
+    assert "| next | coast in 12 s |" in first
+    assert "| effort advised | +40 % |" in first
+    assert top.startswith("## top speed 72 km/h")
+    assert "| signal at danger | km 1.50 |" in top
+    assert "| limit | 144 km/h |" in top
+    assert nothing.startswith("## No advice")
+    alone = day()
+    alone.messages.pop("cab")
+    assert all(NODE_ALONE in card.text for card in cards(alone, DrivenCourse.of(alone)))
+
+
+def test_what_the_driver_saw_of_how_to_depart() -> None:
+    to_depart: dict[str, Any] = {"mode": 9, "next_mode": 1, "next_speed_mps": 25.0, "next_effort_ratio": 1.0}
+    top_speed: dict[str, Any] = {"presentation": 1, "mode": 9, "display_speed_mps": 25.0}
+    recording = recorded(cab(0, presentation=4, display_speed_mps=25.0, **to_depart), cab(1, **top_speed))
+    coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording)))
+    assert coach.startswith("## depart when cleared\n")
+    assert "| when cleared | full traction, 90 km/h, +100 % |" in coach
+    assert "effort advised" not in coach
+    assert top.startswith("## depart when cleared, top speed 90 km/h")
+
+
+def test_summary(whole: Path, cut: Path) -> None:
+    text = summary(Drive(source=read_recording(whole)))
+    for part in ("Train t1", "| route | route |", "A – B", "1.0 kWh", "0123456789ab… |", "das-sim run", "route.toml"):
+        assert part in text
+    assert "cut off" in summary(Drive(source=read_recording(cut)))
