@@ -24,8 +24,9 @@ from das.domain.units import KM, KWH, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.pages import DOCS, write_table
-from sim.drive.attribution.account import Account, LikelyRange, likely_range
+from sim.drive.attribution.account import Account
 from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.compared import LikelyRange, likely_range
 from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.drive import Drive
 from sim.review.colors import LIGHT, SEVERAL, Meaning

@@ -61,6 +61,14 @@ def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
     return tuple(found)
 
 
+def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Told = frozenset()) -> Section:
+    """The section from stand to stand with restrictions; DasError where the train cannot run there."""
+    first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
+    route = inputs.route.with_restrictions(sorted(told)) if told else inputs.route
+    start_m, end_m = max(first_m, 0.0), min(last_m, route.length_m)
+    return build_section(route, inputs.vehicle, level=inputs.level, start_m=start_m, end_m=end_m)
+
+
 class Knowledge:
     """The best runs of a leg on the line as it was known at a time; each line is solved once, when it is asked for."""
 
@@ -77,17 +85,7 @@ class Knowledge:
 
     def section(self, told: Told = frozenset()) -> Section:
         """The section from stand to stand with restrictions; DasError where the train cannot run there."""
-        first_m, last_m = float(self.leg.motion.s_m[0]), float(self.leg.motion.s_m[-1])
-        route = self.inputs.route
-        if told:
-            route = route.with_restrictions(sorted(told))
-        return build_section(
-            route,
-            self.inputs.vehicle,
-            level=self.inputs.level,
-            start_m=max(first_m, 0.0),
-            end_m=min(last_m, route.length_m),
-        )
+        return section_of_leg(self.inputs, self.leg, told)
 
     def front(self, told: Told = frozenset()) -> Front:
         """The best runs with restrictions, for every time."""

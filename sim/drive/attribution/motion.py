@@ -15,8 +15,9 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import NS
-from sim.drive.calls import KeptCall
+from sim.drive.calls import KeptCall, knows_truth
 from sim.trips.opening import recorded_trip
+from sim.trips.profile import DrivenRun
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -38,6 +39,12 @@ class DrivenMotion:
     speed_mps: Floats
     input_j: Floats | None = None
     friction_j: Floats | None = None
+
+    @classmethod
+    def of_run(cls, run: DrivenRun) -> DrivenMotion:
+        """The motion of a smoothed record, of which no energy was measured."""
+        return cls(time_ns=run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64), s_m=run.s_m,
+                   speed_mps=run.speed_mps)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,10 +89,10 @@ def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
     DasError where the recording has no positions that can be used.
     """
-    fields = ("time_ns", "s_m", "speed_mps", "energy_input_j", "friction_brake_j", "resistance_j")
+    fields = ("time_ns", "s_m", "speed_mps", "energy_input_j", "friction_brake_j")
     truth = recording.columns(topics.TRUTH, *fields)
     if len(truth["time_ns"]) > 1:
-        measured = bool(truth["resistance_j"].any())
+        measured = knows_truth(recording)
         return DrivenMotion(
             time_ns=truth["time_ns"],
             s_m=truth["s_m"],
@@ -93,10 +100,8 @@ def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
             input_j=truth["energy_input_j"] if measured else None,
             friction_j=truth["friction_brake_j"] if measured else None,
         )
-    run = recorded_trip(recording, line()).run
-    time_ns = run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64)
-    friction_j = _friction_j(recording, time_ns, run.speed_mps)
-    return DrivenMotion(time_ns=time_ns, s_m=run.s_m, speed_mps=run.speed_mps, friction_j=friction_j)
+    motion = DrivenMotion.of_run(recorded_trip(recording, line()).run)
+    return replace(motion, friction_j=_friction_j(recording, motion.time_ns, motion.speed_mps))
 
 
 def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floats | None:

@@ -14,9 +14,9 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.section import build_section
 from sim.drive.attribution.energies import leg_energies
 from sim.drive.attribution.inputs import DriveInputs
+from sim.drive.attribution.knowledge import section_of_leg
 from sim.drive.attribution.motion import DrivenLeg, DrivenMotion
 from sim.drive.drive import Drive
 
@@ -116,11 +116,10 @@ def _energy_j(inputs: DriveInputs, motion: DrivenMotion, legs: tuple[DrivenLeg, 
     if motion.input_j is not None:
         energy_j = np.interp(time_ns, motion.time_ns, motion.input_j)
         return np.asarray(energy_j - energy_j[0])
-    total_j, route = np.zeros(len(time_ns)), inputs.route
+    total_j = np.zeros(len(time_ns))
     for leg in legs:
-        first_m, last_m = max(float(leg.motion.s_m[0]), 0.0), min(float(leg.motion.s_m[-1]), route.length_m)
-        section = build_section(route, inputs.vehicle, level=inputs.level, start_m=first_m, end_m=last_m)
-        total_j += np.interp(time_ns, leg.motion.time_ns, leg_energies(section, leg).ledger_j)
+        energies = leg_energies(section_of_leg(inputs, leg), leg)
+        total_j += np.interp(time_ns, leg.motion.time_ns, energies.ledger_j)
     return total_j
 
 
