@@ -66,7 +66,7 @@ def events(
 def _print(found: tuple[DriveEvent, ...], drive: Drive) -> None:
     from rich.table import Table
 
-    from sim.drive.events.advice_events import place_text
+    from sim.drive.events.chronicle import place_text
 
     clock = drive.clock
     table = Table()

@@ -16,8 +16,7 @@ from sim.options import OfTrainOption
 from sim.progress import progress_bar
 
 if TYPE_CHECKING:
-    from sim.runs.reproduce.comparison import Difference
-    from sim.runs.reproduce.reproduce import Reproduction
+    from sim.runs.reproduce.reproduce import Difference, Reproduction
 
 EXIT_DIFFERENT = 1
 MOST_FIELDS = 12

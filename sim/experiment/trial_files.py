@@ -11,8 +11,7 @@ from typing import Any, Final
 
 from das.advice.modes import Mode, mode_name
 from das.domain.units import NS
-from sim.drive.export.columns import Column, DataTable
-from sim.drive.export.writing import as_parquet
+from sim.drive.export.tables import Column, DataTable, as_parquet
 from sim.drivers.presentations.presenter import Shown
 from sim.experiment.describing import EVENT_COLUMNS, NO_UNIT, SERIES_COLUMNS, Sidecar
 from sim.experiment.driven import Driven

@@ -13,7 +13,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.bus import topics
 from das.bus.recording import Stamped
 from das.domain.units import KMH, NS
-from sim.drive.events.advice_events import place_text
+from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent
 from sim.recording.course import Floats, Times
 from sim.review.account_view import AccountView

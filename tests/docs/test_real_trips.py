@@ -7,7 +7,7 @@ import pytest
 
 from das.domain.units import KM, kwh
 from docs.studies import real_trips
-from docs.studies.real_trips import PARTS, TRIPS, _lost_j, place_table, above_table, trip_accounts
+from docs.studies.real_trips import PARTS, TRIPS, _lost_j, above_table, place_table, trip_accounts
 from tests.support.benchmark import shared_data
 
 pytestmark = [pytest.mark.reference, pytest.mark.slow, pytest.mark.processes]

@@ -28,8 +28,7 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.runs.replay.job import prepare
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import replay
-from sim.runs.reproduce.comparison import COMPARED, TOLERANCES
-from sim.runs.reproduce.reproduce import EXTRACT, SAID_FROM, SAID_TO, reproduce
+from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
 from sim.world.day import make_day
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import bundled_scenarios, read_scenario

@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 from das.advice.modes import Mode, mode_name
 from das.bus import topics
 from das.domain.units import KM, KMH, KN, kmh, kwh
-from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.attribution.causes import OVER_MPS
 from sim.drive.drive import Drive
-from sim.drive.events.bookmarks import bookmarks
+from sim.drive.events.event import bookmarks
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, MODES, Meaning
 from sim.review.light import INK, TEXT_POINTS, legend, light_figure, named, stops
 from sim.review.report.words import told_causes

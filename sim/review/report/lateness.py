@@ -9,7 +9,7 @@ from typing import Final
 from das.domain.units import NS
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
-from sim.drive.events.advice_events import place_text
+from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 
 TOLD_S: Final = 3.0

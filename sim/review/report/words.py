@@ -12,13 +12,11 @@ import numpy as np
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.attribution.account import OTHER_TRAIN, Account
-from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.attribution.rows import seconds_by_cause, worst_places
 from sim.drive.drive import Drive
-from sim.drive.events.advice_events import place_text
-from sim.drive.events.bookmarks import bookmarks
-from sim.drive.events.event import DriveEvent, EventKind, Filter
+from sim.drive.events.chronicle import place_text
+from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
 from sim.recording.clock import minutes, spell
 from sim.review.report.circumstances import at_signals, came_about, moment_words, restrictions_told
 from sim.review.summary import readable

@@ -22,9 +22,8 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from sim.cli.replay import bundled_recording
 from sim.cli.reproduce import reproduce as reproduce_command
-from sim.runs.reproduce.comparison import IGNORED, TOLERANCES, compare, tolerance
 from sim.runs.reproduce.hearing import Said
-from sim.runs.reproduce.reproduce import Reproduction, reproduce
+from sim.runs.reproduce.reproduce import IGNORED, TOLERANCES, Reproduction, compare, reproduce, tolerance
 from sim.world.scenario import bundled_scenarios
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER, REPLAY, names
