@@ -23,7 +23,7 @@ from das.bus.topics import CONTROL, STATUS
 from das.cab.warm_up import warm_up
 from das.domain.clocks import Clocks
 from das.domain.units import NS
-from sim.cli.replay import bundled_recording
+from sim.cli.trips import bundled_recording
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.runs.replay.job import prepare
 from sim.runs.replay.options import ReplayOptions

@@ -13,7 +13,6 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import NS
 from sim.drive.events.notes import Note
-from sim.drivers.cab import AT_STOP_M
 from sim.recording.course import DrivenCourse
 
 
@@ -134,6 +133,8 @@ REFUSED: Final = "advice not followed"
 
 def _mark(one: DriveEvent) -> str:
     """Why an event is a bookmark; nothing where it is none."""
+    from sim.drivers.cab import AT_STOP_M  # imports the compiler, for which no help of a command should wait
+
     lasted_s = (one.last_ns - one.time_ns) * NS
     match one.kind:
         case EventKind.MISSED_STOP:

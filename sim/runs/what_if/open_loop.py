@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.node.building import CabPlan, plan_cab
+from sim.options import NodeSaid
 from sim.recording.inputs import sha256, vehicle_files
 from sim.recording.metadata import NODE_ARGUMENTS, WhatIfKind
 from sim.recording.writing import whole_recording
@@ -29,14 +29,6 @@ from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 
 OWN_FILES = ("vehicle", "loss_map")
 """The attached files that another vehicle takes the place of."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NodeSaid:
-    """What a recording's node was started with, where the user says it, and where its tables are."""
-
-    node: str | None = None
-    tables: Path | None = None
 
 
 def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, progress: HeardAgain) -> list[str]:

@@ -20,7 +20,7 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
-from sim.cli import trip as trip_command
+from sim.cli import trips as trip_command
 from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
 from sim.drive.attribution.legs import DrivenLeg
 from sim.runs.replay import report as replay_report

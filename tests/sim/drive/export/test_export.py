@@ -16,7 +16,7 @@ from das.bus import topics
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.cli.replay import bundled_recording
+from sim.cli.trips import bundled_recording
 from sim.drive.export import tables as writing
 from sim.drive.export.export import STEP_M, ExportSettings, FileFormat, export
 from sim.drive.export.tables import UNITS

@@ -16,7 +16,7 @@ from das.domain.route import Stop
 from das.domain.units import KMH
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.cli.replay import bundled_recording
+from sim.cli.trips import bundled_recording
 from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.drive import Drive
 from sim.runs.replay.job import TripEnergies, driven_legs, prepare, trip_energies

@@ -21,19 +21,20 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
-from sim.cli.replay import bundled_recording
+from sim.cli.trips import bundled_recording
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.attribution.inputs import inputs_of
 from sim.drive.comparison.aligned import AlignedDrives
 from sim.drive.comparison.on_track import drives_on_track
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.options import NodeSaid
 from sim.recording.check import check_file
 from sim.recording.inputs import sha256
 from sim.recording.metadata import WhatIfKind
 from sim.runs.reproduce.reproduce import reproduce
 from sim.runs.what_if.anew import _window, attached_scenario, day_again, drive_again, scenario_of_drive
 from sim.runs.what_if.difference import changed
-from sim.runs.what_if.open_loop import NodeSaid, advise_otherwise
+from sim.runs.what_if.open_loop import advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 from sim.world.day import make_day
