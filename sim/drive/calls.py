@@ -23,6 +23,8 @@ NEAR_M: Final = 100.0
 """A stand this near (m) to a stop may be the one at that stop; the nearest stand is."""
 NEAR_ON_THE_WAY_M: Final = 300.0
 """The same of a stop on the way, at which no journey calls: a long train may stand far from it."""
+POSITION_ERROR_M: Final = 3.0
+"""Positions of a receiver are wrong by some metres (m); a way shorter than this tells no time."""
 
 
 class StandingTime(NamedTuple):
@@ -126,7 +128,7 @@ def kept_calls(
     """How stops were kept, each with `name`, `s_m`, `arrival_ns` and `departure_ns`.
 
     `trip` tells where the train stood, and when. Where `measured`, the course of a receiver, shows the stand as well,
-    its reported speeds tell when: positions with an error of metres tell nothing within a second.
+    that tells when.
     """
     found: list[KeptCall] = []
     known, seen = stands(trip), () if measured is None else stands(measured)
@@ -163,10 +165,24 @@ def calls_on_the_way(
 
 
 def _rest_ns(measured: DrivenCourse, stand: StandingTime) -> tuple[int, int]:
-    """When the train came to rest and left by reported speeds alone (ns since 1970; 0: not in the record)."""
-    rest, last = at_rest(measured, stand), len(measured.time_ns) - 1
-    came_ns = 0 if rest.first == 0 else int(measured.time_ns[rest.first])
-    return came_ns, 0 if rest.last == last else int(measured.time_ns[rest.last])
+    """When the train came to rest and left, by the course of a receiver (ns since 1970; 0: not in the record).
+
+    Where the way to the stand is within the error of its positions, that is halfway between the samples at rest and in
+    motion: to take the sample at rest would make trips too long.
+    """
+    rest, at = at_rest(measured, stand), measured.time_ns
+    came_ns, left_ns = arrival_ns(measured, rest), departure_ns(measured, rest)
+    if came_ns and _is_lost(measured, rest.first - 1, rest.first - 1):
+        came_ns = int(at[rest.first - 1] + at[rest.first]) // 2
+    if left_ns and _is_lost(measured, rest.last + 1, rest.last):
+        left_ns = int(at[rest.last] + at[rest.last + 1]) // 2
+    return came_ns, left_ns
+
+
+def _is_lost(measured: DrivenCourse, moving: int, first: int) -> bool:
+    """Whether the way from or to a stand, at constant deceleration, is within the error of a receiver's positions."""
+    over_s = float(measured.time_ns[first + 1] - measured.time_ns[first]) * NS
+    return 0.5 * float(measured.speed_mps[moving]) * over_s < POSITION_ERROR_M
 
 
 def _nearest(known: Sequence[StandingTime], s_m: float, near_m: float) -> StandingTime | None:

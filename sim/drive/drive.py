@@ -33,7 +33,7 @@ from sim.recording.opening import open_recording
 if TYPE_CHECKING:  # they import the solver, which events, notes and stops do not need
     from sim.drive.attribution.account import Account
     from sim.drive.attribution.compared import LikelyRange
-    from sim.drive.attribution.legs import DrivenLeg, DrivenMotion
+    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion
 
 _Found = TypeVar("_Found")
 
@@ -176,7 +176,7 @@ class Drive(DrivenWay):
     @cached_property
     def motion(self) -> DrivenMotion:
         """The motion with what was measured of its energy; DasError where it cannot be known."""
-        from sim.drive.attribution.legs import motion_of
+        from sim.drive.attribution.driven_legs import motion_of
 
         return motion_of(self.recording, lambda: self.inputs.route)
 
@@ -186,7 +186,7 @@ class Drive(DrivenWay):
 
         A replay stood at stops on the way as well, which its journey does not name.
         """
-        from sim.drive.attribution.legs import legs_of
+        from sim.drive.attribution.driven_legs import legs_of
 
         names = [] if self.said is None else [one.start for one in self.said.sections[1:]]
         on_the_way = [name for name in names if name not in {one.name for one in self.calls}]

@@ -22,8 +22,8 @@ from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.causes import EnergyCause, ShownAdvice
 from sim.drive.attribution.committed import Committed, Knowledge, committed, epochs_of, spacing
 from sim.drive.attribution.compared import ComparedLeg
+from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.legs import DrivenLeg, LegEnergies
 from sim.drive.happenings import Signal, signals
 from sim.recording.course import Floats
 

@@ -26,8 +26,8 @@ from das.solver.section import Section, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.attribution.causes import EnergyCause, Judge, Moment, ShownAdvice, coasts_to_brake, effort_ratio
+from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.legs import DrivenLeg, LegEnergies
 from sim.drive.happenings import Signal
 from sim.drive.limits import told_lists
 from sim.recording.course import Floats

@@ -14,7 +14,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import EnergyBand, SectionEnergy
-from sim.drive.attribution.legs import DrivenLeg, LegEnergies, leg_energies
+from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies, leg_energies
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, one_by_one, over_unknowns
 
 if TYPE_CHECKING:

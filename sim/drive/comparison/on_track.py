@@ -14,8 +14,8 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.drive.attribution.committed import section_of_leg
+from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, leg_energies
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.legs import DrivenLeg, DrivenMotion, leg_energies
 from sim.drive.drive import Drive
 from sim.recording.course import Floats, Times
 

@@ -21,8 +21,8 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, EnergyBand, why_not_comparable
 from sim.drive.attribution.committed import section_of_leg
 from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
+from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, legs_of
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.legs import DrivenLeg, DrivenMotion, legs_of
 from sim.drive.calls import calls_on_the_way, kept_calls
 from sim.options import speed_factor
 from sim.recording.course import DrivenCourse

@@ -22,7 +22,7 @@ from das.domain.units import NS
 from das.estimate.fix import PositionFix, Quality
 from das.solver.front import Front
 from das.solver.solution import Solution
-from sim.drive.attribution.legs import DrivenLeg
+from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.trips.estimate import DrivenEstimate
 from sim.trips.trip import Trip
 from sim.world.processes.crew import Crew

@@ -22,7 +22,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli import trips as trip_command
 from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
-from sim.drive.attribution.legs import DrivenLeg
+from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.runs.replay import report as replay_report
 from sim.runs.replay.job import driven_legs, prepare, trip_energies
 from sim.runs.replay.options import ReplayOptions

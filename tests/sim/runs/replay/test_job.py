@@ -136,14 +136,14 @@ def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(
 
 
 def test_a_recorded_trip_and_its_replay_are_one_drive(tmp_path: Path) -> None:
-    """The bundled recording: left 90 s late, and came 24 s early, by the stands that its receiver reported."""
+    """The bundled recording: it left 90 s late and drove for 1133 s, and its receiver tells so once a second."""
     job = prepare(bundled_recording(), ReplayOptions(), tmp_path / "out.mcap", "test")
     source, again = Drive.read(bundled_recording()), Drive(source=recorded(job))
     for drive in (source, again):
-        assert drive.calls[0].departed_late_s == pytest.approx(90.0)
-        assert drive.late_s == pytest.approx(-24.0)
+        assert drive.calls[0].departed_late_s == pytest.approx(90.0, abs=0.6)
+        assert drive.late_s == pytest.approx(-25.0, abs=0.6)
     for leg in (*source.legs, *job.legs):
-        assert leg.trip_s == pytest.approx(1134.0)
+        assert leg.trip_s == pytest.approx(1133.0, abs=0.6)
     np.testing.assert_allclose(source.legs[0].motion.s_m, job.legs[0].motion.s_m)
 
 
