@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from das.command_line.options import TablesOption
 from das.domain.errors import DasError
 
 LineOption = Annotated[
@@ -45,6 +47,22 @@ PopulationOption = Annotated[
         show_default=False,
     ),
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeSaid:
+    """What a recording's node was started with, where the user says it, and where its tables are."""
+
+    node: Annotated[
+        str | None,
+        typer.Option(
+            "--node", metavar="OPTIONS", show_default=False,
+            help="What das-node was started with, in quotes [default: as the recording says].",
+        ),
+    ] = None  # fmt: skip
+    tables: TablesOption = None
+
+
 SLOWEST, FASTEST = 0.01, 1e6
 """Range of `--speed` in times real time."""
 

@@ -60,7 +60,7 @@ class Group:
     """Commands of a program that belong together under one word: `das-sim experiment run`.
 
     `name`: the word. `summary`: what the program's help says of it. `where`: module and name of the tuple of its
-    entries, like "sim.cli.experiment_commands:ENTRIES".
+    entries, like "sim.cli.program:EXPERIMENTS".
     """
 
     name: str

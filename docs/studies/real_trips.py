@@ -24,8 +24,9 @@ from das.domain.units import KM, KWH, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
-from sim.drive.attribution.account import Account, LikelyRange, likely_range
+from sim.drive.attribution.account import Account
 from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.compared import LikelyRange, likely_range
 from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.drive import Drive
 from sim.review.colors import LIGHT, SEVERAL, Meaning
@@ -118,8 +119,8 @@ def _train(data: Path, train: str) -> Path:
     return data / "ttobench" / "trains" / TRAINS[train]
 
 
-def saving_table(found: Sequence[TripAccount]) -> Iterator[str]:
-    """How much could have been saved, by trip and train."""
+def above_table(found: Sequence[TripAccount]) -> Iterator[str]:
+    """How far above the optimum the trips were, by trip and train."""
     wanted = ("driven", "optimum", "above it", "likely", "if the entry had to be slow", "if friction braked")
     yield f"| trip | train assumed | {' | '.join(wanted)} |"
     yield "|---|---|---:|---:|---:|---:|---:|---:|"
@@ -205,8 +206,8 @@ def _held(values: Any, nodes_m: Any) -> Any:
     return values if len(values) == len(nodes_m) else np.append(values, values[-1])
 
 
-def saving_figure(found: Sequence[TripAccount]) -> Figure:
-    """What could have been saved on each trip with each train: the estimate, its likely range, and the worst case."""
+def above_figure(found: Sequence[TripAccount]) -> Figure:
+    """The energy above the optimum of each trip with each train: the estimate, its likely range, and the worst case."""
     figure, (axis,) = light_figure((2.6,))
     for row, one in enumerate(found[::-1]):
         low, high = kwh(one.likely.low_j), kwh(one.likely.high_j)
@@ -234,12 +235,12 @@ def main() -> None:
     found = trip_accounts(parser.parse_args().data)
     possible = [one for one in found if one.possible]
     for name, lines in (
-        ("saving", saving_table(found)),
+        ("above", above_table(found)),
         ("causes", cause_table(possible)),
         ("places", place_table(possible)),
     ):
         write_table(PAGE, name, lines)
-    save_figure(PICTURES / "real-trips-saving.png", saving_figure(possible))
+    save_figure(PICTURES / "real-trips-above.png", above_figure(possible))
     for number, trip in enumerate(TRIPS, start=1):
         of_trip = [one for one in possible if one.trip == trip]
         save_figure(PICTURES / f"real-trips-{number}.png", trip_figure(of_trip))

@@ -15,6 +15,7 @@ import typer
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption
 from das.command_line.printing import busy
 from das.domain.errors import DasError
+from sim.cli.options import WorkersOption
 
 if TYPE_CHECKING:
     from sim.experiment.design import Design
@@ -55,9 +56,7 @@ def check(
 def run(
     design: DesignArgument,
     out: OutFolder,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Number of processes [default: one a core].", min=1, max=1024)
-    ] = None,
+    workers: WorkersOption = None,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Dask scheduler that drives the trials, like tcp://10.0.0.1:8786."),

@@ -2,38 +2,102 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
 
 from das.command_line.options import JsonOption, OverwriteOption, SeedOption
-from das.command_line.outputs import check_outputs
-from das.command_line.printing import busy, paragraph, print_table, tell
+from das.command_line.printing import busy, paragraph, print_table
 from das.domain.errors import DasError
-from sim.cli.experiment_analysis_options import (
-    DEFAULT_PARTICIPANTS,
-    AlphaOption,
-    ComparisonOption,
-    EffectOption,
-    EffectsOption,
-    GroupsOption,
-    NumbersOption,
-    PageOption,
-    PairsOption,
-    PdfOption,
-    PilotArgument,
-    SdOfPairsOption,
-    SdOption,
-    StudyArgument,
-    WantedOption,
-)
+from sim.cli.options import PageOption, PdfOption, check_packages, check_page, tell_written, write_page
 from sim.experiment.plan import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer
+
+
+DEFAULT_PARTICIPANTS: Final = "12,24,36,48,76,100,150"
+
+StudyArgument = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Folder of a study that das-sim experiment run made.")
+]
+EffectsOption = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--effect",
+        metavar="X",
+        help="Also say how many participants would show a difference of X, in the unit of the report (points for a "
+        "ratio); may be given several times.",
+        show_default=False,
+    ),
+]
+PilotArgument = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="DIR|DESIGN",
+        help="Folder of a pilot study, whose drivers are drawn again; or a design (design file, frozen design.json or "
+        "bundled study), for its level and number of comparisons (then --sd is needed).",
+        show_default=False,
+    ),
+]
+EffectOption = Annotated[
+    float,
+    typer.Option(
+        "--effect", metavar="X", help="True difference to be found, in the unit of the report (points for a ratio)."
+    ),
+]
+ComparisonOption = Annotated[
+    str | None,
+    typer.Option("--comparison", metavar="NAME", help="Planned comparison [default: the first].", show_default=False),
+]
+NumbersOption = Annotated[
+    str, typer.Option("--participants", metavar="LIST", help="Numbers of participants, with commas between.")
+]
+WantedOption = Annotated[
+    float, typer.Option("--power", metavar="X", help="Share of studies that are to find the difference.")
+]
+SdOption = Annotated[
+    float | None,
+    typer.Option(
+        "--sd",
+        metavar="X",
+        help="Standard deviation between participants (bell curve) of their difference, or with --groups of their "
+        "means; instead of a pilot's drivers.",
+        show_default=False,
+    ),
+]
+SdOfPairsOption = Annotated[
+    float,
+    typer.Option("--sd-pairs", metavar="X", help="With --sd: standard deviation between pairs of one participant."),
+]
+PairsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--pairs",
+        metavar="N",
+        min=1,
+        help="Pairs of trials that each participant drives [default: as in the pilot, or 1].",
+        show_default=False,
+    ),
+]
+GroupsOption = Annotated[
+    bool,
+    typer.Option(
+        "--groups",
+        help="With --sd: each participant drives one of the two conditions, and numbers are those of each group.",
+    ),
+]
+AlphaOption = Annotated[
+    float | None,
+    typer.Option(
+        "--alpha", metavar="X", help="Level of the test [default: the design's, or 0.05].", show_default=False
+    ),
+]
+
 
 MOST_ROWS = 50
 
@@ -48,24 +112,15 @@ def analyse(
 ) -> None:
     """Analyse a study that was run: paired differences with intervals, a mixed model, checks."""
     _check(folder, (out, pdf), effect or (), overwrite=overwrite)
-    from das.domain.files.writing import write_whole
     from sim.experiment.analysis.comparing import analyse_study
     from sim.experiment.analysis.page import as_dict, page
     from sim.experiment.analysis.reading import read_study
     from sim.experiment.analysis.words import hangs_on, in_short
-    from sim.review.report.page import write_pdf
 
     study = read_study(folder)
     with busy("analysing the trials …"):
         found = analyse_study(study, tuple(effect or ()))
-    if out is not None or pdf is not None:
-        with busy("drawing the page …"):
-            content = page(found)
-        if out is not None:
-            write_whole(out, content.encode())
-        if pdf is not None:
-            with busy(f"printing {pdf} …"):
-                write_pdf(content, pdf)
+    write_page(lambda: page(found), out, pdf)
     if as_json:
         print(json.dumps(as_dict(found)))
         return
@@ -73,37 +128,21 @@ def analyse(
         paragraph(line)
     for name, line in in_short(found):
         paragraph(f"{name}: {line}" if name else line)
-    for path in (out, pdf):
-        if path is not None:
-            tell(f"written: {path}")
+    tell_written(out, pdf)
 
 
 def _check(folder: Path, files: tuple[Path | None, Path | None], effects: Sequence[float], *, overwrite: bool) -> None:
     """DasError where an output cannot be made or an option is wrong; asked before the work begins."""
-    _check_extra("jinja2", "matplotlib", "scipy", "statsmodels")
-    out, pdf = files
-    for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
-        if path is not None and path.suffix.lower() not in suffixes:
-            raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
+    check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
     read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
-    check_outputs(out, pdf, inputs=read, overwrite=overwrite)
+    check_page(*files, read, overwrite=overwrite)
     for one in effects:
         _check_effect(one)
-    if pdf is not None:
-        from sim.review.report.page import browser
-
-        browser()
 
 
 def _check_effect(effect: float) -> None:
     if not (math.isfinite(effect) and effect > 0):
         raise DasError(f"--effect {effect:g}: expected a number above 0")
-
-
-def _check_extra(*names: str) -> None:
-    missing = [name for name in names if importlib.util.find_spec(name) is None]
-    if missing:
-        raise DasError(f"{missing[0]} is not installed: pip install '.[experiment]' in the checkout")
 
 
 def power(
@@ -121,7 +160,7 @@ def power(
     as_json: JsonOption = False,
 ) -> None:
     """Say how often an experiment would find a difference, and how many participants it needs."""
-    _check_extra("scipy")
+    check_packages("experiment", "scipy")
     _check_effect(effect)
     from sim.experiment.analysis.power import Asked, answer
 

@@ -1,12 +1,21 @@
-"""Options of das-sim that no other program has; each is declared once, with its type, its spelling and its help."""
+"""What commands of das-sim have in common: options that no other program has, and where their results go."""
 
 from __future__ import annotations
 
+import importlib.util
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, TypeVar
 
 import typer
 
+from das.command_line.outputs import check_outputs
+from das.command_line.printing import busy, tell
+from das.domain.errors import DasError
+from das.domain.files.writing import new_file, write_whole
 from sim.drivers.kinds import FrictionPolicy, Presentation
 
 DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
@@ -16,6 +25,28 @@ TripArgument = Annotated[
     Path, typer.Argument(metavar="TRIP", help="Recorded trip: CSV, GPX, or a recording (.mcap) of das-sim.")
 ]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.mcap) to read.")]
+FromTimeOption = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="TIME",
+        help="Only from here on: 12:34 on the drive's clock, or 08:16:34Z.",
+        show_default=False,
+    ),
+]
+ToTimeOption = Annotated[
+    str | None, typer.Option("--to", metavar="TIME", help="Only up to here, in the same form.", show_default=False)
+]
+PageOption = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html) [default: print in words].")
+]
+PdfOption = Annotated[
+    Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", metavar="N", help="Number of processes [default: one a core].", min=1, max=1024),
+]
 DriverOption = Annotated[
     str,
     typer.Option(
@@ -26,6 +57,10 @@ DriverOption = Annotated[
     ),
 ]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
+AdviceListOption = Annotated[
+    str,
+    typer.Option("--advice", metavar="LIST", help="What the display shows, with commas between (see das-sim run -h)."),
+]
 FrictionOption = Annotated[
     FrictionPolicy,
     typer.Option(
@@ -82,3 +117,76 @@ ParticipantsOption = Annotated[
         show_default=False,
     ),
 ]
+
+
+Kind = TypeVar("Kind", bound=StrEnum)
+
+
+def chosen(kind: type[Kind], option: str, text: str) -> Kind:
+    """The member of an enumeration with a name; DasError for any other text."""
+    if text not in list(kind):
+        raise DasError(f"{option} {text}: expected one of {', '.join(kind)}")
+    return kind(text)
+
+
+def new_recording(kind: str) -> Path:
+    """A new file in ./recordings, named by its kind and the time."""
+    folder = Path("recordings")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
+    return new_file(folder / f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap")
+
+
+@contextmanager
+def removed_if_unused(reserved: Path | None) -> Iterator[None]:
+    """Where a block fails before anything was recorded, take the empty file away that `new_recording` made for it."""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            if reserved is not None and reserved.stat().st_size == 0:
+                reserved.unlink()
+        raise
+
+
+def check_packages(extra: str, *names: str) -> None:
+    """Raise DasError where a package is missing that an extra of the installation brings."""
+    for name in names:
+        if importlib.util.find_spec(name) is None:
+            raise DasError(f"{name} is not installed: pip install '.[{extra}]' in the checkout")
+
+
+def check_page(out: Path | None, pdf: Path | None, inputs: Iterable[Path], *, overwrite: bool) -> None:
+    """Raise DasError where a page or its PDF cannot be made; asked before the work begins."""
+    for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
+        if path is not None and path.suffix.lower() not in suffixes:
+            raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
+    check_outputs(out, pdf, inputs=inputs, overwrite=overwrite)
+    if pdf is not None:
+        from sim.review.report.page import browser
+
+        browser()
+
+
+def write_page(draw: Callable[[], str], out: Path | None, pdf: Path | None) -> None:
+    """Draw a page and write it, as HTML and as PDF where these are asked for."""
+    if out is None and pdf is None:
+        return
+    with busy("drawing the page …"):
+        content = draw()
+    if out is not None:
+        write_whole(out, content.encode())
+    if pdf is not None:
+        from sim.review.report.page import write_pdf
+
+        with busy(f"printing {pdf} …"):
+            write_pdf(content, pdf)
+
+
+def tell_written(*paths: Path | None) -> None:
+    """Tell which of some files were written; None stands for one that was not asked for."""
+    for path in paths:
+        if path is not None:
+            tell(f"written: {path}")

@@ -7,17 +7,54 @@ from typing import Final
 from das.command_line.application import Entry, Group, application
 from das.command_line.running import run_app
 
+EXPERIMENTS: Final = (
+    Entry(
+        name="check",
+        where="sim.cli.experiment:check",
+        summary="Check a design: trials, balance, duration, and whether the driver senses every factor; freeze it.",
+        examples=("das-sim experiment check smoke", "das-sim experiment check design.toml -o study"),
+    ),
+    Entry(
+        name="run",
+        where="sim.cli.experiment:run",
+        summary="Drive all trials of a design; an experiment that was stopped goes on where it was.",
+        examples=("das-sim experiment run smoke -o study", "das-sim experiment run design.toml -o study --workers 4"),
+    ),
+    Entry(
+        name="studies",
+        where="sim.cli.experiment:studies",
+        summary="List the bundled studies and where their files are.",
+        examples=("das-sim experiment studies",),
+    ),
+    Entry(
+        name="analyse",
+        where="sim.cli.experiment_analysis:analyse",
+        summary="Analyse a study that was run: paired differences with intervals, a mixed model, checks.",
+        examples=("das-sim experiment analyse study -o report.html", "das-sim experiment analyse study --effect 0.78"),
+    ),
+    Entry(
+        name="power",
+        where="sim.cli.experiment_analysis:power",
+        summary="Say how often an experiment would find a difference, and how many participants it needs.",
+        examples=(
+            "das-sim experiment power pilot --effect 1 --participants 24,48,76",
+            "das-sim experiment power --effect 0.78 --sd 2.4",
+        ),
+    ),
+)
+
+
 NAME: Final = "das-sim"
 ENTRIES: Final = (
     Entry(
         name="replay",
-        where="sim.cli.replay:replay",
+        where="sim.cli.trips:replay",
         summary="Replay a recorded trip: the advice node answers every second, and everything is recorded.",
         examples=("das-sim replay trip.csv --route route.toml --vehicle train.toml --line posts.csv --reverse",),
     ),
     Entry(
         name="trip",
-        where="sim.cli.trip:trip",
+        where="sim.cli.trips:trip",
         summary="Look at a recorded trip: what was cleaned, how it fits the line, its energy.",
         examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --line posts.csv --plot trip.png",),
     ),
@@ -29,7 +66,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="drive",
-        where="sim.cli.external_driver:drive",
+        where="sim.cli.drivers:drive",
         summary="Drive a run from a process of its own, over the bus.",
         examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
@@ -42,65 +79,65 @@ ENTRIES: Final = (
     Group(
         name="experiment",
         summary="Human-factors experiments: check a design, drive its trials, analyse the data.",
-        where="sim.cli.experiment_commands:ENTRIES",
+        where="sim.cli.program:EXPERIMENTS",
     ),
     Entry(
         name="sensitivity",
-        where="sim.cli.sensitivity:sensitivity",
+        where="sim.cli.batch:sensitivity",
         summary="Say how much each parameter of the human driver matters for the energy.",
         examples=("das-sim sensitivity clear-day --advice vector,coach --seeds 0-3",),
     ),
     Entry(
         name="view",
-        where="sim.cli.view:view",
+        where="sim.cli.recordings:view",
         summary="Look at a recording in the rerun viewer, or draw it as a picture.",
         examples=("das-sim view recordings/run.mcap --plot run.png",),
     ),
     Entry(
         name="check",
-        where="sim.cli.check:check",
+        where="sim.cli.recordings:check",
         summary="Check a recording: checksums, holes, topics, rates, gaps, late advice, versions, input files.",
         examples=("das-sim check recordings/run.mcap", "das-sim check run.mcap --json"),
     ),
     Entry(
         name="recover",
-        where="sim.cli.recover:recover",
+        where="sim.cli.recordings:recover",
         summary="Save what is sound in a cut or damaged recording into a new file, and say what is gone.",
         examples=("das-sim recover cut.mcap -o saved.mcap",),
     ),
     Entry(
         name="reproduce",
-        where="sim.cli.reproduce:reproduce",
+        where="sim.cli.recordings:reproduce",
         summary="Let today's cab hear a recording again, and compare all that it says with what was recorded.",
         examples=("das-sim reproduce recordings/run.mcap",),
     ),
     Entry(
         name="export",
-        where="sim.cli.export:export",
+        where="sim.cli.recordings:export",
         summary="Write a recording as tables: one a topic, one by time, one by position; units are in their columns.",
         examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
     ),
     Entry(
         name="events",
-        where="sim.cli.events:events",
+        where="sim.cli.review:events",
         summary="List what happened on a recorded drive, when, where and why.",
         examples=("das-sim events run.mcap --kind withdrawal --kind overspeed",),
     ),
     Entry(
         name="energy",
-        where="sim.cli.energy:energy",
+        where="sim.cli.review:energy",
         summary="Say where the energy of a recorded drive went, by cause and by place.",
         examples=("das-sim energy run.mcap --json",),
     ),
     Entry(
         name="report",
-        where="sim.cli.report:report",
+        where="sim.cli.review:report",
         summary="Write one page about recorded drives, for the screen and for paper.",
         examples=("das-sim report run.mcap -o report.html",),
     ),
     Entry(
         name="compare",
-        where="sim.cli.compare:compare",
+        where="sim.cli.review:compare",
         summary="Compare recorded drives at the same places of the line.",
         examples=("das-sim compare before.mcap after.mcap --plot both.png",),
     ),
@@ -115,7 +152,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="note",
-        where="sim.cli.events:note",
+        where="sim.cli.review:note",
         summary="Add a note to a recording, or list its notes.",
         examples=('das-sim note run.mcap --at 12:34 "braked late for the limit" --tag braking',),
     ),
@@ -133,13 +170,13 @@ ENTRIES: Final = (
     ),
     Entry(
         name="example",
-        where="sim.cli.example:example",
+        where="sim.cli.trips:example",
         summary="Write a working set of own files: route, vehicle, plan, trip, posts, scenario.",
         examples=("das-sim example my-line",),
     ),
     Entry(
         name="make-trip",
-        where="sim.cli.make_trip:make_trip",
+        where="sim.cli.trips:make_trip",
         summary="Make a recorded trip by simulation.",
         examples=("das-sim make-trip --route zurich-luzern --vehicle re460-ic --to Zug --delay 90 --out trip.mcap",),
     ),
@@ -151,7 +188,7 @@ ABOUT: Final = (
 
 
 def _replay_bundled() -> None:
-    from sim.cli.replay import replay_bundled
+    from sim.cli.trips import replay_bundled
 
     replay_bundled()
 

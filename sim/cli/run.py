@@ -36,8 +36,9 @@ from sim.cli.options import (
     FrictionOption,
     InProcessOption,
     ScenarioArgument,
+    new_recording,
+    removed_if_unused,
 )
-from sim.cli.shared import new_recording, removed_if_unused
 from sim.drivers.kinds import (
     EXTERNAL,
     DriverKind,

@@ -15,15 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from das.command_line.compiling import loading_solver
-from das.command_line.options import JsonOption, OverwriteOption, TablesOption
+from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy, paragraph, print_table, tell, typed
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from sim.cli.options import RecordingArgument
-from sim.cli.shared import removed_if_unused
-from sim.options import OfTrainOption
+from sim.cli.options import RecordingArgument, removed_if_unused
+from sim.options import NodeSaid, OfTrainOption
 from sim.progress import progress_bar
 from sim.recording.metadata import WhatIfKind
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
@@ -36,20 +35,6 @@ WAYS = {
     WhatIfKind.OPEN_LOOP: "the recorded drive, and the advice that it would have had",
     WhatIfKind.DRIVEN_ANEW: "the recorded day, driven by a simulated driver",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class NodeGivenHere:
-    """What the recording may not say about its node."""
-
-    node: Annotated[
-        str | None,
-        typer.Option(
-            "--node", metavar="OPTIONS", show_default=False,
-            help="What das-node was started with, in quotes [default: as the recording says].",
-        ),
-    ] = None  # fmt: skip
-    tables: TablesOption = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +77,7 @@ class WhatIfAsked:
 def what_if(
     file: RecordingArgument,
     asked: WhatIfAsked,
-    said: NodeGivenHere,
+    said: NodeSaid,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write [default: beside the old one]."),
@@ -148,13 +133,13 @@ def _place(file: Path, out: Path | None) -> Iterator[Path]:
         yield out or reserved or file
 
 
-def _make(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeGivenHere, out: Path) -> list[str]:
+def _make(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out: Path) -> list[str]:
     """Write the what-if; returns what should be known about it."""
     if kind is WhatIfKind.OPEN_LOOP:
-        from sim.runs.what_if.open_loop import NodeSaid, advise_otherwise
+        from sim.runs.what_if.open_loop import advise_otherwise
 
         with progress_bar(f"hearing {origin.path.name} again", "solving the first section", "messages") as progress:
-            return advise_otherwise(origin, new, NodeSaid(node=said.node, tables=said.tables), out, progress)
+            return advise_otherwise(origin, new, said, out, progress)
     from sim.runs.what_if.anew import day_again, drive_again
 
     if said.tables is not None:

@@ -8,21 +8,16 @@ by this module, and refuse it with the same words.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.domain.errors import DasError
 from das.domain.units import kwh
-from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solution import Fit, Solution
-from das.solver.solve import solve_front
-from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, driven_energy, over_unknowns
-from sim.trips.settings import SMOOTHING
-from sim.trips.trip import DrivenSection
+
+if TYPE_CHECKING:
+    from das.solver.solution import Solution
 
 NOT_COMPARABLE: Final = "not comparable"
 """What every command says in the place of an energy above the optimum that cannot be stated."""
@@ -59,6 +54,8 @@ class SectionEnergy:
     @classmethod
     def of(cls, start: str, end: str, trip_s: float, driven_j: float, best: Solution) -> SectionEnergy:
         """The energies of a section that took a time (s), with the best run in that time."""
+        from das.solver.solution import Fit  # imports the solver, which reading a recording does not need
+
         return cls(
             start=start,
             end=end,
@@ -219,67 +216,3 @@ def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True,
     if not whole:
         return "the trip does not run from standstill to standstill at the stops"
     return "" if direction_known else "the direction of the trip is not known"
-
-
-def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
-    """The likely band of an energy: its unknowns are independent of each other, so that deviations add as squares.
-
-    How the train braked is no deviation but another train; it is in the outermost range alone.
-    """
-    spread = [one for one in unknowns if one.name != BRAKING]
-    low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
-    high_j = math.hypot(*(max(one.high_j - middle_j, 0.0) for one in spread))
-    return EnergyBand(middle_j - low_j, middle_j + high_j)
-
-
-def range_above(sections: Sequence[DrivenSection]) -> EnergyRange:
-    """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
-
-    Train, wind and brakes are the same on both sides and in all sections; the smoothing concerns the record alone. A
-    case in which the train could not have driven a section in its time is left out; the train as assumed could.
-    """
-    each = [_above(section) for section in sections]
-
-    def above_j(case: DrivenCase) -> float | None:
-        found = [above(case) for above in each]
-        return None if any(one is None for one in found) else math.fsum(one for one in found if one is not None)
-
-    return over_unknowns(above_j)
-
-
-def _above(driven: DrivenSection) -> Callable[[DrivenCase], float | None]:
-    """The energy above the optimum of a section (J) in a case; None where the train could not have driven it so."""
-    section = driven.front.section
-    driven_j = driven_energy(section, driven.matched)
-
-    @cache
-    def optimum_j(case: DrivenCase) -> float | None:
-        try:
-            other = driven.front if case == DrivenCase() else solve_front(section_in(section, case))
-        except DasError:  # such a train cannot run here
-            return None
-        found = other.trajectory(driven.trip_s)
-        return None if found.fit is Fit.LATE else found.ledger.input
-
-    def above_j(case: DrivenCase) -> float | None:
-        least_j = optimum_j(replace(case, jerk_psd_m2ps5=SMOOTHING.jerk_psd_m2ps5))
-        return None if least_j is None else driven_j(case) - least_j
-
-    return above_j
-
-
-def section_in(section: Section, case: DrivenCase) -> Section:
-    """The section with the train and the brakes of a case; raises DasError if that train cannot run there."""
-    return build_section(
-        section.route,
-        case.train(section.vehicle),
-        level=section.level,
-        start_m=section.start_m,
-        end_m=section.end_m,
-        options=SectionOptions(
-            start_speed_mps=section.start_speed_mps,
-            end_speed_mps=section.end_speed_mps,
-            point_mass=section.train_length_m == 0,
-            brakes=case.brakes(section),
-        ),
-    )

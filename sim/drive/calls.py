@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from das.bus import topics
 from das.bus.recording import Recording
+from das.cab.heard import OrderedStop
+from das.domain.route import Stop
 from das.domain.units import NS
 from sim.recording.course import DrivenCourse
 
@@ -19,6 +21,10 @@ STANDING_MPS: Final = 0.3
 """A train that is slower than this (m/s) stands: receivers report a few cm/s at rest."""
 NEAR_M: Final = 100.0
 """A stand this near (m) to a stop may be the one at that stop; the nearest stand is."""
+NEAR_ON_THE_WAY_M: Final = 300.0
+"""The same of a stop on the way, at which no journey calls: a long train may stand far from it."""
+POSITION_ERROR_M: Final = 3.0
+"""Positions of a receiver are wrong by some metres (m); a way shorter than this tells no time."""
 
 
 class StandingTime(NamedTuple):
@@ -94,26 +100,95 @@ def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
 
 def calls_of(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
     """How each stop of the last journey was kept; empty without a journey."""
+    measured = reported_course(recording)
+    return tuple(
+        call for entry in recording.of(topics.JOURNEY)[-1:] for call in kept_calls(entry.message.stops, trip, measured)
+    )
+
+
+def reported_course(recording: Recording) -> DrivenCourse | None:
+    """The positions that the node was told; None where there are none, or where a simulator knew better.
+
+    The truth of a replay is a smooth estimate in steps of a second. Its positions tell better when the train stood.
+    """
+    if knows_truth(recording) or not recording.of(topics.POSITION):
+        return None
+    messages = {topics.POSITION.name: recording.of(topics.POSITION)}
+    return DrivenCourse.of(replace(recording, messages=messages))
+
+
+def knows_truth(recording: Recording) -> bool:
+    """Whether a recording holds the truth of a simulated train; that of a replay, an estimate, knows no resistance."""
+    return bool(recording.columns(topics.TRUTH, "resistance_j")["resistance_j"].any())
+
+
+def kept_calls(
+    stops: Iterable[Any], trip: DrivenCourse, measured: DrivenCourse | None = None, near_m: float = NEAR_M
+) -> tuple[KeptCall, ...]:
+    """How stops were kept, each with `name`, `s_m`, `arrival_ns` and `departure_ns`.
+
+    `trip` tells where the train stood, and when. Where `measured`, the course of a receiver, shows the stand as well,
+    that tells when.
+    """
     found: list[KeptCall] = []
-    known = stands(trip)
-    for entry in recording.of(topics.JOURNEY)[-1:]:
-        for stop in entry.message.stops:
-            near = [one for one in known if abs(one.s_m - stop.s_m) <= NEAR_M]
-            stand = min(near, key=lambda one: abs(one.s_m - stop.s_m), default=None)
-            found.append(
-                KeptCall(
-                    name=stop.name,
-                    s_m=stop.s_m,
-                    due_arrival_ns=stop.arrival_ns,
-                    due_departure_ns=stop.departure_ns,
-                    arrived_ns=0 if stand is None else arrival_ns(trip, at_rest(trip, stand)),
-                    departed_ns=0 if stand is None else departure_ns(trip, at_rest(trip, stand)),
-                    stood_m=math.nan if stand is None else stand.s_m,
-                    stand=stand,
-                    reached=bool(trip.s_m.max() >= stop.s_m - NEAR_M),
-                )
+    known, seen = stands(trip), () if measured is None else stands(measured)
+    for stop in stops:
+        stand, told = (_nearest(some, stop.s_m, near_m) for some in (known, seen))
+        came_ns = left_ns = 0
+        if stand is not None and measured is not None and told is not None:
+            came_ns, left_ns = _rest_ns(measured, told)
+        elif stand is not None:
+            rest = at_rest(trip, stand)
+            came_ns, left_ns = arrival_ns(trip, rest), departure_ns(trip, rest)
+        found.append(
+            KeptCall(
+                name=stop.name,
+                s_m=stop.s_m,
+                due_arrival_ns=stop.arrival_ns,
+                due_departure_ns=stop.departure_ns,
+                arrived_ns=came_ns,
+                departed_ns=left_ns,
+                stood_m=math.nan if stand is None else stand.s_m,
+                stand=stand,
+                reached=bool(trip.s_m.max() >= stop.s_m - near_m),
             )
+        )
     return tuple(found)
+
+
+def calls_on_the_way(
+    stops: Iterable[Stop], trip: DrivenCourse, measured: DrivenCourse | None = None
+) -> tuple[KeptCall, ...]:
+    """How the train stood at stops of the route at which its journey does not call."""
+    ordered = (OrderedStop(one.name, one.position_m) for one in stops)
+    return kept_calls(ordered, trip, measured, near_m=NEAR_ON_THE_WAY_M)
+
+
+def _rest_ns(measured: DrivenCourse, stand: StandingTime) -> tuple[int, int]:
+    """When the train came to rest and left, by the course of a receiver (ns since 1970; 0: not in the record).
+
+    Where the way to the stand is within the error of its positions, that is halfway between the samples at rest and in
+    motion: to take the sample at rest would make trips too long.
+    """
+    rest, at = at_rest(measured, stand), measured.time_ns
+    came_ns, left_ns = arrival_ns(measured, rest), departure_ns(measured, rest)
+    if came_ns and _is_lost(measured, rest.first - 1, rest.first - 1):
+        came_ns = int(at[rest.first - 1] + at[rest.first]) // 2
+    if left_ns and _is_lost(measured, rest.last + 1, rest.last):
+        left_ns = int(at[rest.last] + at[rest.last + 1]) // 2
+    return came_ns, left_ns
+
+
+def _is_lost(measured: DrivenCourse, moving: int, first: int) -> bool:
+    """Whether the way from or to a stand, at constant deceleration, is within the error of a receiver's positions."""
+    over_s = float(measured.time_ns[first + 1] - measured.time_ns[first]) * NS
+    return 0.5 * float(measured.speed_mps[moving]) * over_s < POSITION_ERROR_M
+
+
+def _nearest(known: Sequence[StandingTime], s_m: float, near_m: float) -> StandingTime | None:
+    """The stand that is nearest to a position; None where none is near."""
+    near = [one for one in known if abs(one.s_m - s_m) <= near_m]
+    return min(near, key=lambda one: abs(one.s_m - s_m), default=None)
 
 
 def at_stops(made: Sequence[KeptCall], trip: DrivenCourse) -> tuple[AtStop, ...]:

@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum
-from sim.drive.attribution.account import Account, LikelyRange, account_of, likely_range
+from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.attribution.inputs import DriveInputs, inputs_of
-from sim.drive.attribution.motion import DrivenLeg, DrivenMotion, legs_of, motion_of
-from sim.drive.attribution.shown import ShownAdvice
-from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of
+from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
 from sim.drive.events.chronicle import events_of
 from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
@@ -31,6 +29,11 @@ from sim.drive.stability import Restlessness, recorded_restlessness
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse, Floats
 from sim.recording.opening import open_recording
+
+if TYPE_CHECKING:  # they import the solver, which events, notes and stops do not need
+    from sim.drive.attribution.account import Account
+    from sim.drive.attribution.compared import LikelyRange
+    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion
 
 _Found = TypeVar("_Found")
 
@@ -173,12 +176,26 @@ class Drive(DrivenWay):
     @cached_property
     def motion(self) -> DrivenMotion:
         """The motion with what was measured of its energy; DasError where it cannot be known."""
+        from sim.drive.attribution.driven_legs import motion_of
+
         return motion_of(self.recording, lambda: self.inputs.route)
 
     @cached_property
     def legs(self) -> tuple[DrivenLeg, ...]:
-        """The motion between the stops that were served; DasError where the train served no two stops."""
-        return legs_of(self.recording.path, self.motion, self.calls)
+        """The motion between the stops that were served; DasError where the train served no two stops.
+
+        A replay stood at stops on the way as well, which its journey does not name.
+        """
+        from sim.drive.attribution.driven_legs import legs_of
+
+        names = [] if self.said is None else [one.start for one in self.said.sections[1:]]
+        on_the_way = [name for name in names if name not in {one.name for one in self.calls}]
+        calls = self.calls
+        if on_the_way:
+            stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
+            more = calls_on_the_way(stops, self.course, reported_course(self.recording))
+            calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
+        return legs_of(self.recording.path, self.motion, calls)
 
     @cached_property
     def said(self) -> AboveOptimum | None:
@@ -194,6 +211,8 @@ class Drive(DrivenWay):
 
     @cached_property
     def _any_account(self) -> Account | DasError:
+        from sim.drive.attribution.account import account_of
+
         return _or_error(lambda: account_of(self.recording, self.inputs, self.legs, self.shown, self.said))
 
     @property
@@ -233,8 +252,16 @@ class Drive(DrivenWay):
 
     @cached_property
     def likely(self) -> LikelyRange | None:
-        """The likely range of an estimated energy above the optimum; None where that is measured, or not known."""
-        return None if self.account is None else likely_range(self.account)
+        """The likely range of an estimated energy above the optimum; None where that is measured, or not known.
+
+        A replay recorded its range, to which the smoothing of its record belongs as well.
+        """
+        from sim.drive.attribution.compared import likely_range
+
+        found = None if self.account is None else likely_range(self.account)
+        if found is None or self.said is None or self.said.likely is None:
+            return found
+        return replace(found, low_j=self.said.likely.low_j, high_j=self.said.likely.high_j)
 
 
 def _or_error(find: Callable[[], _Found]) -> _Found | DasError:

@@ -17,8 +17,7 @@ from das import __version__
 from das.advice.modes import Mode, mode_name
 from das.domain.levels import Level
 from das.domain.units import NS
-from sim.drive.export.columns import Column, DataTable
-from sim.drive.export.writing import as_parquet
+from sim.drive.export.tables import Column, DataTable, as_parquet
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.population import load_population

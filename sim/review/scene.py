@@ -19,7 +19,7 @@ from das.domain.units import KMH, NS, kwh
 from sim.drive.attribution.account import Account, LegAccount
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events.advice_events import place_text
+from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
 from sim.recording.clock import DriveClock

@@ -14,13 +14,9 @@ from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
-from sim.cli.check import check
-from sim.cli.export import export
-from sim.cli.recover import recover
-from sim.cli.replay import bundled_recording
-from sim.cli.reproduce import reproduce
-from sim.cli.trip import trip
-from sim.cli.view import view
+from sim.cli.recordings import check, export, recover, reproduce, view
+from sim.cli.trips import bundled_recording, trip
+from sim.options import NodeSaid
 from sim.recording import opening
 from sim.runs.replay.job import prepare
 from sim.runs.replay.options import ReplayOptions
@@ -78,7 +74,7 @@ def test_damage_is_told_by_reproduce(tmp_path: Path, capfd: pytest.CaptureFixtur
     """Without what it heard in the damaged chunk, the cab says something else: that is told as well."""
     opening.forget_warnings()
     with pytest.raises(typer.Exit):
-        reproduce(damaged(FOLDER / "clear-day.mcap", tmp_path / "damaged.mcap"))
+        reproduce(damaged(FOLDER / "clear-day.mcap", tmp_path / "damaged.mcap"), NodeSaid())
     said = "".join(capfd.readouterr())
     assert "it is left out" in said
     assert "messages differ" in said

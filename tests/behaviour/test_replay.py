@@ -21,7 +21,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
-from sim.cli.replay import bundled_recording
+from sim.cli.trips import bundled_recording
 from sim.trips.estimate import estimate_run
 from tests.support.making import das_sim, in_a_process
 from tests.support.recordings import advices_so_far

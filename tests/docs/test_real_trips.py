@@ -7,7 +7,7 @@ import pytest
 
 from das.domain.units import KM, kwh
 from docs.studies import real_trips
-from docs.studies.real_trips import PARTS, TRIPS, _lost_j, place_table, saving_table, trip_accounts
+from docs.studies.real_trips import PARTS, TRIPS, _lost_j, above_table, place_table, trip_accounts
 from tests.support.benchmark import shared_data
 
 pytestmark = [pytest.mark.reference, pytest.mark.slow, pytest.mark.processes]
@@ -28,7 +28,7 @@ def test_a_real_trip_is_accounted_for_and_the_page_says_so(monkeypatch: pytest.M
     assert 0.0 < possible.entry_j < account.difference_j  # a forced slow entry explains a part, not all
     assert possible.likely.low_j < account.difference_j < possible.likely.high_j
     page = real_trips.PAGE.read_text(encoding="utf-8")
-    for line in saving_table([possible, impossible]):
+    for line in above_table([possible, impossible]):
         assert line in page
     assert len(list(place_table([possible]))) == 2 + len(PARTS)
     assert np.isfinite(kwh(possible.likely.by_friction_j))

@@ -23,13 +23,12 @@ from das.bus.topics import CONTROL, STATUS
 from das.cab.warm_up import warm_up
 from das.domain.clocks import Clocks
 from das.domain.units import NS
-from sim.cli.replay import bundled_recording
+from sim.cli.trips import bundled_recording
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.runs.replay.job import prepare
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import replay
-from sim.runs.reproduce.comparison import COMPARED, TOLERANCES
-from sim.runs.reproduce.reproduce import EXTRACT, SAID_FROM, SAID_TO, reproduce
+from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
 from sim.world.day import make_day
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import bundled_scenarios, read_scenario

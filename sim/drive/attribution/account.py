@@ -1,64 +1,121 @@
-"""The account of a recorded drive: how much energy each leg took above the optimum for its times, by what, and how
-sure that is."""
+"""The account of a recorded drive: how much energy each leg took above the optimum, where and by what.
+
+At each place counts the energy at the current collector less the rise of the kinetic energy, E(s) − m·ρ·v(s)²/2, driven
+minus optimum. The potential energy is the same on both sides. What a train carries on as speed is therefore not
+counted where it was drawn, but where it is lost; both runs begin and end standing, so that the differences sum to that
+of the whole leg.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.bus.recording import Recording
-from das.domain.errors import DasError
-from das.solver.solution import Fit, Solution
-from das.solver.solve import solve_front
-from sim.drive.above_optimum import AboveOptimum, SectionEnergy, likely_band, section_in, why_not_comparable
-from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.committed import Committed, committed, spacing
-from sim.drive.attribution.energies import LegEnergies, leg_energies
+from das.solver.section import Section
+from das.solver.solution import Solution
+from sim.drive.above_optimum import AboveOptimum, why_not_comparable
+from sim.drive.attribution.causes import EnergyCause, ShownAdvice
+from sim.drive.attribution.committed import Committed, Knowledge, committed, epochs_of, spacing
+from sim.drive.attribution.compared import ComparedLeg
+from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.knowledge import Knowledge, epochs_of
-from sim.drive.attribution.motion import DrivenLeg
-from sim.drive.attribution.places import Places, even_edges, limit_edges, places_between
-from sim.drive.attribution.shown import ShownAdvice
 from sim.drive.happenings import Signal, signals
-from sim.trips.estimate import DrivenCase, Unknown, one_by_one
+from sim.recording.course import Floats
 
-Floats = NDArray[np.float64]
+PLACE_M = 100.0
+"""Length of a place (m)."""
 
-MOST_LEGS: Final = 3
-"""The likely range of a drive of more legs is not asked for: every unknown solves each leg twice anew."""
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Places:
+    """Stretches of a leg, arrays of shape (stretches,): ends (m), times (s) and energies (J), driven and optimum.
+
+    `driven_j` and `optimum_j` are drawn at the current collector there (fed back: negative). `lost_more_j` is by how
+    much more energy the drive lost there than the optimum.
+    """
+
+    start_m: Floats
+    end_m: Floats
+    driven_s: Floats
+    optimum_s: Floats
+    driven_j: Floats
+    optimum_j: Floats
+    lost_more_j: Floats
+
+
+def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution) -> Places:
+    """The energies between rising positions, of which the first and the last are the ends of the leg."""
+    run, section, motion = optimum.trajectory, optimum.section, leg.motion
+    inertial_kg = section.vehicle.inertial_mass_kg
+    best_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(section.loss)))))
+    moving = _rising(motion.s_m)
+    # A train that stood a little beyond the end of the route was driven there all the same.
+    driven_edges_m = np.concatenate((motion.s_m[:1], edges_m[1:-1], motion.s_m[-1:]))
+
+    def driven(values: Floats) -> Floats:
+        return np.diff(np.interp(driven_edges_m, motion.s_m[moving], values[moving]))
+
+    def best(values: Floats) -> Floats:
+        return np.diff(np.interp(edges_m, run.s_m, values))
+
+    driven_kinetic_j, best_kinetic_j = 0.5 * inertial_kg * motion.speed_mps**2, 0.5 * inertial_kg * run.v_mps**2
+    return Places(
+        start_m=edges_m[:-1],
+        end_m=edges_m[1:],
+        driven_s=driven(leg.time_s),
+        optimum_s=best(run.t_s),
+        driven_j=driven(energies.ledger_j),
+        optimum_j=best(best_j),
+        lost_more_j=driven(energies.ledger_j - driven_kinetic_j) - best(best_j - best_kinetic_j),
+    )
+
+
+def even_edges(first_m: float, last_m: float) -> Floats:
+    """The ends of the leg and every full 100 m between them (m)."""
+    inside = np.arange(np.ceil(first_m / PLACE_M), np.floor(last_m / PLACE_M) + 1) * PLACE_M
+    return _edges(first_m, inside, last_m)
+
+
+def limit_edges(section: Section) -> Floats:
+    """The ends of the leg and every change of its limit between them (m)."""
+    changes = section.node_m[1:-1][np.diff(section.limit_mps) != 0]
+    return _edges(section.start_m, changes, section.end_m)
+
+
+def _edges(first_m: float, inside_m: Floats, last_m: float) -> Floats:
+    kept = inside_m[(inside_m > first_m + 1.0) & (inside_m < last_m - 1.0)]
+    return np.concatenate(([first_m], kept, [last_m]))
+
+
+def _rising(s_m: Floats) -> NDArray[np.intp]:
+    """Samples at places that rise: of those at one place the last, and at the end of the leg all are one."""
+    return np.append(np.flatnonzero(np.diff(s_m) > 0), len(s_m) - 1)
+
+
 OTHER_TRAIN: Final = "the true train, wind and rail"
 """What the optimum of the true train takes more than that of the plan's, in words."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LegAccount:
+class LegAccount(ComparedLeg):
     """The account of one leg.
 
-    `optimum` is the best run of the plan's train in the time as driven, on the line without temporary restrictions.
     `true_optimum_j` is that of the true train (J), as a simulator recorded it; None where only the plan's is known.
     `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
     departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
     """
 
-    leg: DrivenLeg
-    optimum: Solution
     true_optimum_j: float | None
-    energies: LegEnergies
     committed: Committed
     timetable_j: float | None
     left_j: float | None
     even: Places
     by_limit: Places
-
-    @property
-    def driven_j(self) -> float:
-        """Energy at the current collector as driven (J)."""
-        return float(self.energies.ledger_j[-1])
 
     @property
     def optimum_j(self) -> float:
@@ -118,13 +175,6 @@ class LegAccount:
         parts = self.by_cause
         parts[EnergyCause.TRAIN] += self.other_train_j
         return {**parts, EnergyCause.RECOVERED: self.recovered_j, EnergyCause.ARRIVAL: self.early_j}
-
-    @property
-    def section_energy(self) -> SectionEnergy:
-        """The energies of the leg as driven and of its optimum."""
-        names = self.leg.start.name, self.leg.end.name
-        found = SectionEnergy.of(*names, self.leg.trip_s, self.driven_j, self.optimum)
-        return replace(found, optimum_j=self.optimum_j)
 
 
 def _between(sum_j: Floats, first: int, last: int) -> float:
@@ -217,79 +267,19 @@ def account_of(
 def _leg_account(
     knowledge: Knowledge, true_optimum_j: float | None, shown: ShownAdvice, seen: tuple[Signal, ...], every: int
 ) -> LegAccount:
-    leg, front = knowledge.leg, knowledge.front()
-    section, optimum = front.section, front.trajectory(leg.trip_s)
-    energies = leg_energies(section, leg)
-    least_s = optimum.least_time_s
+    found = ComparedLeg.of(knowledge.leg, knowledge.front())
+    leg, front, optimum, energies = found.leg, found.front, found.optimum, found.energies
+    section, least_s = front.section, optimum.least_time_s
 
     def least_j(time_s: float | None) -> float | None:
         return None if time_s is None else front.trajectory(max(time_s, least_s)).ledger.input
 
     return LegAccount(
-        leg=leg,
-        optimum=optimum,
+        **vars(found),
         true_optimum_j=true_optimum_j,
-        energies=energies,
         committed=committed(knowledge, energies, shown, seen, every),
         timetable_j=least_j(leg.timetable_s),
         left_j=least_j(leg.left_s),
         even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),
         by_limit=places_between(limit_edges(section), leg, energies, optimum),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class LikelyRange:
-    """The likely range (J) of the energy above the optimum, and that of each unknown on its own.
-
-    Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
-    no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
-    and in its optimum; NaN where such a train could not have driven so, or where forces were measured.
-    """
-
-    low_j: float
-    high_j: float
-    by_friction_j: float
-    unknowns: tuple[Unknown, ...]
-
-
-def likely_range(account: Account) -> LikelyRange | None:
-    """The likely range of what an estimated drive took above the optimum; None where it was measured, or is long.
-
-    Train, wind and brakes are the same for the drive and its optimum in every case.
-    """
-    if account.measured or len(account.legs) > MOST_LEGS:
-        return None
-
-    def above_j(case: DrivenCase) -> float | None:
-        found = [_above_j(leg, case) for leg in account.legs]
-        return None if any(one is None for one in found) else sum(one for one in found if one is not None)
-
-    unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
-    likely = likely_band(account.difference_j, unknowns)
-    known = any(leg.leg.motion.friction_j is not None for leg in account.legs)
-    friction_j = None if known else above_j(DrivenCase(all_friction=True))
-    return LikelyRange(
-        low_j=likely.low_j,
-        high_j=likely.high_j,
-        by_friction_j=math.nan if friction_j is None else friction_j,
-        unknowns=unknowns,
-    )
-
-
-def _above_j(leg: LegAccount, case: DrivenCase) -> float | None:
-    """The energy above the optimum (J) of a leg in a case; None where such a train could not have driven so."""
-    section, motion = leg.optimum.section, leg.leg.motion
-    case = replace(case, jerk_psd_m2ps5=DrivenCase().jerk_psd_m2ps5)  # the motion is already smooth
-    if motion.friction_j is not None:
-        case = replace(case, all_friction=False)  # how the train braked was measured
-    if case == DrivenCase():
-        return leg.driven_j - leg.optimum_j
-    try:
-        other = section_in(section, case)
-        best = solve_front(other).trajectory(leg.leg.trip_s)
-    except DasError:
-        return None
-    if best.fit is Fit.LATE:
-        return None
-    return float(leg_energies(other, leg.leg).ledger_j[-1]) - best.ledger.input

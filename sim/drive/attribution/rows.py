@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import KM, NS, kwh
-from sim.drive.attribution.account import Account, LegAccount
+from sim.drive.attribution.account import Account, LegAccount, Places
 from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.places import Places
 
 
 def as_dict(account: Account) -> dict[str, Any]:

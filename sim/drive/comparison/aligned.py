@@ -9,14 +9,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.advice.modes import Mode, mode_name
 from das.domain.errors import DasError
 from das.domain.units import KM, kmh
 from sim.drive.comparison.on_track import DriveOnTrack, check_one_line
-
-Floats = NDArray[np.float64]
+from sim.recording.course import Floats
 
 STEP_M = 10.0
 """Distance of the positions (m), unless another is asked for."""

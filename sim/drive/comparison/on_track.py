@@ -7,21 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.advice.advice import Source
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.section import build_section
-from sim.drive.attribution.energies import leg_energies
+from sim.drive.attribution.committed import section_of_leg
+from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, leg_energies
 from sim.drive.attribution.inputs import DriveInputs
-from sim.drive.attribution.motion import DrivenLeg, DrivenMotion
 from sim.drive.drive import Drive
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from sim.recording.course import Floats, Times
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +37,7 @@ class DriveOnTrack:
     speed_mps: Floats
     energy_j: Floats
     measured: bool
-    advised_mode: Ints
+    advised_mode: Times
     advised_mps: Floats
 
     @property
@@ -60,7 +56,7 @@ class DriveOnTrack:
         first = np.append(True, np.diff(self.s_m) > 0)
         return np.asarray(np.interp(s_m, self.s_m[first], values[first]), dtype=np.float64)
 
-    def advice_at(self, s_m: Floats) -> tuple[Ints, Floats]:
+    def advice_at(self, s_m: Floats) -> tuple[Times, Floats]:
         """Mode and speed that were advised when the train came to positions; the last before each."""
         index = np.maximum(np.searchsorted(self.s_m, s_m + 1e-9, side="right") - 1, 0)
         first = np.searchsorted(self.s_m, self.s_m[index])  # of a stand the moment of coming to it
@@ -111,20 +107,19 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
 
 
-def _energy_j(inputs: DriveInputs, motion: DrivenMotion, legs: tuple[DrivenLeg, ...], time_ns: Ints) -> Floats:
+def _energy_j(inputs: DriveInputs, motion: DrivenMotion, legs: tuple[DrivenLeg, ...], time_ns: Times) -> Floats:
     """Energy since the first departure (J): measured, or estimated on the legs, where nothing is drawn at stops."""
     if motion.input_j is not None:
         energy_j = np.interp(time_ns, motion.time_ns, motion.input_j)
         return np.asarray(energy_j - energy_j[0])
-    total_j, route = np.zeros(len(time_ns)), inputs.route
+    total_j = np.zeros(len(time_ns))
     for leg in legs:
-        first_m, last_m = max(float(leg.motion.s_m[0]), 0.0), min(float(leg.motion.s_m[-1]), route.length_m)
-        section = build_section(route, inputs.vehicle, level=inputs.level, start_m=first_m, end_m=last_m)
-        total_j += np.interp(time_ns, leg.motion.time_ns, leg_energies(section, leg).ledger_j)
+        energies = leg_energies(section_of_leg(inputs, leg), leg)
+        total_j += np.interp(time_ns, leg.motion.time_ns, energies.ledger_j)
     return total_j
 
 
-def _advised(recording: Recording, time_ns: Ints) -> tuple[Ints, Floats]:
+def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
     """Mode and speed of the last advice at or before times; 0 and NaN where there was none."""
     advice = recording.columns(topics.ADVICE, "time_ns", "source", "mode", "advised_speed_mps")
     given = advice["source"] != Source.NONE

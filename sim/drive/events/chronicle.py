@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from das.advice.advice import Source
+from das.advice.cause import Cause
+from das.advice.modes import Mode, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
 from sim.drive.calls import KeptCall
-from sim.drive.events.advice_events import advice_events, replan_events, withdrawal_events
-from sim.drive.events.bookmarks import deviation_events, with_marks
 from sim.drive.events.driving_events import (
     call_events,
     decision_events,
@@ -24,12 +26,177 @@ from sim.drive.events.driving_events import (
     stand_events,
     top_speed_events,
 )
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.events.event import DriveEvent, EventKind, deviation_events, with_marks
 from sim.drive.events.notes import read_notes
-from sim.drive.happenings import Span, points, signals
+from sim.drive.happenings import NOT_HEARD, Span, points, signals
 from sim.drive.limits import temporary_limits
+from sim.drivers.kinds import Presentation
+from sim.drivers.presentations.presenter import Presenter, ShownMode, presenter_of, shown_presentation
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse, Floats
+
+NEWS_NS: Final = 3_000_000_000
+"""A plan made within this time (ns) after news counts as made because of them: the node solves anew first."""
+OFF_PLAN_MPS: Final = 0.3
+"""A train this far (m/s) from the plan's speed has left the plan; below, the plan was refreshed."""
+OFF_PLAN_S: Final = 1.0
+"""Likewise for its time at this place (s)."""
+
+REPLANS: Final = {
+    2: "the time of arrival is another one",
+    3: "limits, line or train are other ones",
+    4: "a point ahead has another window",
+    5: "keeping the plan would mean to arrive too late",
+    6: "keeping the plan would mean to arrive early, and slower driving saves energy",
+    7: "keeping the plan would cost more energy than a new one",
+    8: "the plan could not be kept to any longer",
+}
+"""Why the coach made its reference anew, by the numbers of `ReplanCause` on the bus."""
+
+
+class NewPlan(NamedTuple):
+    """A plan that replaced another: when it was made (ns), and why as far as it is known."""
+
+    time_ns: int
+    cause: str
+
+
+def new_plans(recording: Recording, trip: DrivenCourse) -> tuple[NewPlan, ...]:
+    """The plans after the first of each leg, with what they were made for.
+
+    The node says no cause with a plan, so it is told from what it heard just before, else from how far the train was
+    from the plan that it replaced.
+    """
+    news = _news(recording)
+    moments = [at for at, _ in news]
+    found: list[NewPlan] = []
+    before: Any = None
+    for entry in recording.of(topics.PLAN):
+        plan = entry.message
+        if before is not None and plan.s_m and before.s_m and plan.s_m[-1] <= before.s_m[-1] + 1.0:
+            last = bisect_right(moments, plan.time_ns) - 1
+            fresh = last >= 0 and plan.time_ns - moments[last] <= NEWS_NS
+            found.append(NewPlan(int(plan.time_ns), news[last][1] if fresh else _off_plan(before, plan, trip)))
+        before = plan if plan.s_m else before
+    return tuple(found)
+
+
+def _news(recording: Recording) -> list[tuple[int, str]]:
+    """What the node was told that makes a new plan, by the time at which it was told."""
+    words = (
+        (topics.RESTRICTION, "restrictions were told or lifted"),
+        (topics.TARGET, "traffic management wants another time"),
+        (topics.JOURNEY, "a journey was told"),
+    )
+    return sorted((int(entry.message.time_ns), text) for topic, text in words for entry in recording.of(topic))
+
+
+def _off_plan(before: Any, plan: Any, trip: DrivenCourse) -> str:
+    """How the train stood to the plan before, where and when the new one was made."""
+    s_m = float(plan.s_m[0])
+    planned_mps = float(np.interp(s_m, before.s_m, before.speed_mps))
+    planned_s = float(np.interp(s_m, before.s_m, before.t_s))
+    faster_mps = float(plan.speed_mps[0]) - planned_mps
+    late_s = (plan.time_ns - before.time_ns) * NS - planned_s
+    parts = []
+    if abs(faster_mps) >= OFF_PLAN_MPS:
+        parts.append(f"{abs(kmh(faster_mps)):.1f} km/h {'above' if faster_mps > 0 else 'below'} the plan")
+    if abs(late_s) >= OFF_PLAN_S:
+        parts.append(f"{abs(late_s):.0f} s {'behind' if late_s > 0 else 'ahead of'} it")
+    return f"the train was {' and '.join(parts)}" if parts else "the plan was refreshed; the train had kept to it"
+
+
+def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """Every change of the advised mode, as the display showed it, with its cause: the plan goes on, a new plan, advice
+    given again. A driver who was shown no mode has the changes of the speed profile's.
+    """
+    plans = new_plans(recording, trip)
+    made = [one.time_ns for one in plans]
+    display = _display(recording)
+    before, since_ns, replanned_ns = Mode.NONE, 0, 0
+    for entry in recording.of(topics.ADVICE):
+        advice = entry.message
+        told = display.shown_mode(advice)
+        if told.mode is before or not trip.time_ns[0] <= advice.time_ns <= trip.time_ns[-1]:
+            continue
+        if told.mode is not Mode.NONE:
+            last = bisect_right(made, advice.time_ns) - 1
+            new = last >= 0 and made[last] > since_ns
+            cause = f"new plan: {plans[last].cause}" if new else "the plan goes on"
+            if advice.HasField("coach") and advice.coach.replan.time_ns > max(since_ns, replanned_ns):
+                cause = f"new plan: {REPLANS.get(advice.coach.replan.cause, 'there was none before')}"
+                replanned_ns = advice.coach.replan.time_ns
+            if before is Mode.NONE:
+                cause = "advice is given again" if since_ns else "the first advice"
+            yield _changed(advice, before, told, cause)
+        before, since_ns = told.mode, int(advice.time_ns)
+
+
+def _display(recording: Recording) -> Presenter:
+    """The presentation that the cab showed first; none where nothing was shown or recorded."""
+    numbers = (entry.message.presentation for entry in recording.of(topics.CAB))
+    first = next((int(one) for one in numbers if one), 0)
+    return presenter_of(shown_presentation(first) or Presentation.NONE)
+
+
+def _changed(advice: Any, before: Mode, told: ShownMode, cause: str) -> DriveEvent:
+    held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Mode.CRUISE else ""
+    why = f"{told.reason} ({cause})" if told.reason else cause
+    return DriveEvent(
+        time_ns=int(advice.time_ns),
+        kind=EventKind.ADVICE,
+        text=f"{mode_name(told.mode)}{held}: {why}",
+        s_m=float(advice.s_m),
+        facts={
+            "mode": mode_name(told.mode),
+            "mode_before": mode_name(before),
+            "cause": cause,
+            "reason": told.reason or str(advice.reason),
+            "advised_speed_mps": told.speed_mps,
+            "predicted_deviation_s": float(advice.predicted_deviation_s),
+        },
+    )
+
+
+def replan_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """Every plan that replaced another."""
+    for plan in new_plans(recording, trip):
+        s_m = float(trip.at(np.array([plan.time_ns]), trip.s_m)[0])
+        yield DriveEvent(
+            time_ns=plan.time_ns,
+            kind=EventKind.REPLAN,
+            text=f"new plan: {plan.cause}",
+            s_m=s_m,
+            facts={"cause": plan.cause},
+        )
+
+
+def withdrawal_events(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> Iterator[DriveEvent]:
+    """The times without advice, each with its cause and how long it lasted."""
+    causes = {
+        int(entry.message.time_ns): int(entry.message.cause)
+        for entry in recording.of(topics.ADVICE)
+        if entry.message.source == Source.NONE
+    }
+    for span in silent:
+        s_m = float(trip.at(np.array([span.start_ns]), trip.s_m)[0])
+        lasted_s = (span.end_ns - span.start_ns) * NS
+        unheard = span.text == NOT_HEARD
+        cause = "not-heard" if unheard else Cause(causes.get(span.start_ns, 0)).label
+        yield DriveEvent(
+            time_ns=span.start_ns,
+            end_ns=span.end_ns,
+            kind=EventKind.LAPSE if unheard else EventKind.WITHDRAWAL,
+            text=f"no advice for {lasted_s:.0f} s: {span.text}",
+            s_m=s_m,
+            facts={"cause": cause, "lasted_s": lasted_s, "reason": span.text},
+        )
+
+
+def place_text(s_m: float) -> str:
+    """A position as "km 12.3"; nothing for NaN."""
+    return "" if math.isnan(s_m) else f"km {s_m / KM:.2f}"
+
 
 DELAY_STEP_S: Final = 15.0
 """A delay that differs by this much (s) from the one told before is an event; smaller changes come all the time."""

@@ -1,11 +1,19 @@
-"""An event of a recorded drive, the kinds of events, and how a list of them is filtered."""
+"""An event of a recorded drive, the kinds of events, how a list is filtered, and which events are bookmarks."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
+
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import NS
+from sim.drive.events.notes import Note
+from sim.recording.course import DrivenCourse
 
 
 class EventKind(StrEnum):
@@ -88,3 +96,114 @@ class Filter:
             and (self.from_ns is None or one.last_ns >= self.from_ns)
             and (self.to_ns is None or one.time_ns <= self.to_ns)
         )
+
+
+AUTHOR: Final = "das-sim"
+"""The author of a bookmark that nobody made."""
+MUCH_OVER_KMH: Final = 3.0
+"""A train this much (km/h) above the limit was too fast by more than the error of a speedometer and of the sampling."""
+LONG_OVER_S: Final = 5.0
+"""A train that is above the limit for this long (s) did not only touch it."""
+LONG_SILENT_S: Final = 3.0
+"""A display shows advice for this long (s): a shorter silence is not seen."""
+LONG_AWAY_S: Final = 10.0
+"""Attention that is away for this long (s) is more than a look at something else."""
+LARGE_DEVIATION_S: Final = 60.0
+"""A train that is, or is expected to arrive, this much (s) from the timetable's time is told as a deviation."""
+
+
+def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
+    """The events in order of time; those that are bookmarks say so in `mark`."""
+    found = sorted(events, key=lambda one: one.time_ns)
+    # Advice is refused under way, and one refusal for each leg is enough: drivers who refuse do so more than once.
+    may_refuse = not any(one.kind is EventKind.DEPARTURE for one in found)
+    marked = []
+    for one in found:
+        if one.kind in (EventKind.DEPARTURE, EventKind.ARRIVAL):
+            may_refuse = one.kind is EventKind.DEPARTURE
+        mark = _mark(one)
+        if mark == REFUSED:
+            mark, may_refuse = (mark if may_refuse else ""), False
+        marked.append(replace(one, mark=mark) if mark else one)
+    return tuple(marked)
+
+
+REFUSED: Final = "advice not followed"
+
+
+def _mark(one: DriveEvent) -> str:
+    """Why an event is a bookmark; nothing where it is none."""
+    from sim.drivers.cab import AT_STOP_M  # imports the compiler, for which no help of a command should wait
+
+    lasted_s = (one.last_ns - one.time_ns) * NS
+    match one.kind:
+        case EventKind.MISSED_STOP:
+            return "stop missed"
+        case EventKind.ARRIVAL if one.facts["missed_m"] > AT_STOP_M:
+            return "beyond the stop"
+        case EventKind.STAND:
+            return "unplanned stop"
+        case EventKind.SIGNAL:
+            return "signal at danger"
+        case EventKind.OVERSPEED if one.facts["over_kmh"] >= MUCH_OVER_KMH or one.facts["lasted_s"] >= LONG_OVER_S:
+            return "too fast"
+        case EventKind.BEYOND_TRAIN if one.facts["over_kmh"] >= MUCH_OVER_KMH or one.facts["lasted_s"] >= LONG_OVER_S:
+            return "another train?"
+        case EventKind.WITHDRAWAL if lasted_s >= LONG_SILENT_S:
+            return "advice withdrawn"
+        case EventKind.LAPSE if lasted_s >= LONG_SILENT_S:
+            return "nothing heard"
+        case EventKind.DRIVER if one.facts.get("followed") is False:
+            return REFUSED
+        case EventKind.DRIVER if one.facts.get("away_s", 0.0) >= LONG_AWAY_S:
+            return "attention away"
+        case EventKind.DEVIATION:
+            return "a minute off the timetable"
+        case _:
+            return ""
+
+
+def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The first moment at which the train was, or would arrive, a minute from its time; nothing if there was none.
+
+    The operator says how late the train is, the node how late it expects to arrive.
+    """
+    told = recording.columns(topics.DELAY, "time_ns", "delay_s")
+    said = recording.columns(topics.ADVICE, "time_ns", "mode", "predicted_deviation_s")
+    expected = np.where(said["mode"] > 0, said["predicted_deviation_s"], 0.0)
+    firsts = [
+        (int(time_ns[at]), float(late_s[at]), words)
+        for time_ns, late_s, words in (
+            (told["time_ns"], told["delay_s"], "the operator says"),
+            (said["time_ns"], expected, "the next arrival is expected"),
+        )
+        for at in np.flatnonzero(np.abs(late_s) >= LARGE_DEVIATION_S)[:1]
+    ]
+    for time_ns, late_s, words in sorted(firsts)[:1]:
+        yield DriveEvent(
+            time_ns=time_ns,
+            kind=EventKind.DEVIATION,
+            text=f"{words} {abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}",
+            s_m=float(trip.at(np.array([time_ns]), trip.s_m)[0]),
+            facts={"deviation_s": late_s},
+        )
+
+
+def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
+    """All bookmarks in order of time: those that make themselves, and the notes of people."""
+    return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
+
+
+def as_notes(events: Sequence[DriveEvent]) -> tuple[Note, ...]:
+    """The bookmarks that make themselves, as notes: viewers show them as they show those of people."""
+    return tuple(
+        Note(
+            time_ns=one.time_ns,
+            end_ns=one.last_ns,
+            text=one.text,
+            tags=("automatic", one.mark),
+            author=AUTHOR,
+        )
+        for one in events
+        if one.mark
+    )

@@ -10,9 +10,9 @@ import numpy as np
 from das.advice.modes import Mode, mode_name
 from das.bus import topics
 from das.domain.units import KM, KMH, KN, kmh, kwh
-from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.attribution.causes import OVER_MPS
 from sim.drive.drive import Drive
-from sim.drive.events.bookmarks import bookmarks
+from sim.drive.events.event import bookmarks
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, MODES, Meaning
 from sim.review.light import INK, legend, light_figure, named, stops
 from sim.review.report.sentences import told_causes

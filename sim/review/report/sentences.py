@@ -13,12 +13,11 @@ import numpy as np
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.attribution.account import Account
-from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.attribution.rows import worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
-from sim.drive.events.advice_events import place_text
+from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import presenter_of

@@ -14,13 +14,11 @@ from das.bus.restrictions import meant
 from das.domain.levels import Level
 from das.domain.units import NS, kmh, kwh
 from sim.drive.attribution.account import OTHER_TRAIN, Account
-from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.judging import OVER_MPS
+from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.attribution.rows import seconds_by_cause
 from sim.drive.drive import Drive
-from sim.drive.events.advice_events import place_text
-from sim.drive.events.bookmarks import bookmarks
-from sim.drive.events.event import DriveEvent, EventKind, Filter
+from sim.drive.events.chronicle import place_text
+from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.recording.clock import minutes, spell
 from sim.review.report.sentences import compliance, shown_s, told_causes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,28 +11,28 @@ import numpy as np
 from das import __version__
 from das.bus.config import bus_folder
 from das.bus.topics import check_train_name
+from das.cab.heard import OrderedStop
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.units import NS
+from das.solver.front import Front
 from das.solver.section import Section
-from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import (
-    AboveOptimum,
-    EnergyBand,
-    SectionEnergy,
-    likely_band,
-    range_above,
-    why_not_comparable,
-)
+from sim.drive.above_optimum import AboveOptimum, EnergyBand, why_not_comparable
+from sim.drive.attribution.committed import section_of_leg
+from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
+from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, legs_of
+from sim.drive.attribution.inputs import DriveInputs
+from sim.drive.calls import calls_on_the_way, kept_calls
 from sim.options import speed_factor
+from sim.recording.course import DrivenCourse
 from sim.recording.inputs import input_files, sha256
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run
 from sim.trips.options import TripOptions
-from sim.trips.profile import to_profile
-from sim.trips.trip import DrivenSection, Trip, driven_sections, open_trip, trip_section
+from sim.trips.profile import DrivenRun, to_profile
+from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.processes.crew import Crew
 
 LONGEST_S = 86400.0
@@ -53,7 +53,8 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     section = trip_section(trip, of_trip)
     warm_up()
     front = solve_front(section)
-    timing = plan_timing(trip, options.arrival_s, options.delay_s)
+    legs = driven_legs(trip, trip.run)
+    timing = plan_timing(trip, legs, options.arrival_s, options.delay_s)
     crew = Crew(
         train=options.train,
         node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),
@@ -68,6 +69,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         crew=crew,
         trip=trip,
         front=front,
+        legs=legs,
         timing=timing,
         reference=front.trajectory((timing.arrival_ns - timing.departure_ns) * NS),
         driven=estimate_run(section, run.time_s, run.s_m, run.speed_mps),
@@ -77,16 +79,27 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     )
 
 
+def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
+    """The legs of a trip, cut and timed as those of every drive; the whole run where it does not stand at the stops."""
+    motion, matched = DrivenMotion.of_run(run), trip.matched
+    course = DrivenCourse(time_ns=motion.time_ns, s_m=motion.s_m, speed_mps=motion.speed_mps)
+    told = DrivenCourse(time_ns=matched.time_ns, s_m=matched.s_m, speed_mps=matched.speed_mps)
+    start, end = kept_calls([OrderedStop(one.name, one.position_m) for one in (trip.start, trip.end)], course, told)
+    if not trip.whole:
+        return (DrivenLeg(start=start, end=end, motion=motion),)
+    stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
+    return legs_of(trip.path, motion, [start, *calls_on_the_way(stood, course, told), end])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TripEnergies:
-    """The energy of a replayed trip beside that of the optimum with the same arrivals, section by section.
+    """The energy of a replayed trip beside that of the optimum with the same arrivals, leg by leg.
 
     `energy` is the range of the energy as driven, `above_range` that of the energy above the optimum by each unknown,
     None where trip and optimum cannot be compared.
     """
 
-    sections: tuple[DrivenSection, ...]
-    optima: tuple[Solution, ...]
+    legs: tuple[ComparedLeg, ...]
     above: AboveOptimum
     energy: EnergyRange
     above_range: EnergyRange | None
@@ -94,16 +107,17 @@ class TripEnergies:
 
 def trip_energies(job: ReplayJob) -> TripEnergies:
     """The energies of the trip of a replay."""
-    trip = job.trip
-    sections = driven_sections(trip, job.front)
-    optima = tuple(one.front.trajectory(one.trip_s) for one in sections)
-    driven_j = (job.driven.ledger.input,) if len(sections) == 1 else tuple(map(_driven_j, sections))
-    each = tuple(
-        SectionEnergy.of(one.start, one.end, one.trip_s, energy_j, best)
-        for one, energy_j, best in zip(sections, driven_j, optima, strict=True)
-    )
+    trip, section = job.trip, job.front.section
+    vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
+    inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
+
+    def front(leg: DrivenLeg) -> Front:
+        return solve_front(section_of_leg(inputs, leg)) if trip.whole else job.front
+
+    legs = tuple(ComparedLeg.of(leg, front(leg)) for leg in job.legs)
+    each = tuple(one.section_energy for one in legs)
     why_not = why_not_comparable(each, whole=trip.whole, direction_known=trip.direction_known)
-    found = None if why_not else range_above(sections)
+    found = None if why_not else range_above(legs, lambda jerk: driven_legs(trip, to_profile(trip.matched, 1.0, jerk)))
     above = AboveOptimum(
         sections=each,
         measured=False,
@@ -111,14 +125,7 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
         likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
         worst=None if found is None else EnergyBand(found.low_j, found.high_j),
     )
-    energy = energy_range(job.front.section, trip.matched)
-    return TripEnergies(sections=sections, optima=optima, above=above, energy=energy, above_range=found)
-
-
-def _driven_j(driven: DrivenSection) -> float:
-    """Energy of a section as driven (J)."""
-    run = to_profile(driven.matched)
-    return estimate_run(driven.front.section, run.time_s, run.s_m, run.speed_mps).ledger.input
+    return TripEnergies(legs=legs, above=above, energy=energy_range(section, trip.matched), above_range=found)
 
 
 def _check(options: ReplayOptions) -> None:

@@ -7,7 +7,7 @@ node is asked (Control) and its answer awaited, so nothing is lost at any speed 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ from das.domain.units import NS
 from das.estimate.fix import PositionFix, Quality
 from das.solver.front import Front
 from das.solver.solution import Solution
+from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.trips.estimate import DrivenEstimate
 from sim.trips.trip import Trip
 from sim.world.processes.crew import Crew
@@ -46,14 +47,15 @@ class ReplayTiming:
 class ReplayJob:
     """Everything that a replay needs, checked beforehand.
 
-    `crew` says how node and recorder are started. `front` and `reference` are all runs of the section and the one for
-    the timetable; `driven` is the energy of the trip as driven. `speed` is in times real time, None for as fast as it
-    goes. `delay_given`: the user said how late the trip departed. `files_kept` holds the folder of files that came out
-    of a recording for as long as the job lives.
+    `crew` says how node and recorder are started. `legs` are the trip from stand to stand. `front` and `reference` are
+    all runs of the section and the one for the timetable; `driven` is the energy of the trip as driven. `speed` is in
+    times real time, None for as fast as it goes. `delay_given`: the user said how late the trip departed. `files_kept`
+    holds the folder of files that came out of a recording for as long as the job lives.
     """
 
     crew: Crew
     trip: Trip
+    legs: tuple[DrivenLeg, ...]
     front: Front
     timing: ReplayTiming
     reference: Solution
@@ -61,6 +63,16 @@ class ReplayJob:
     delay_given: bool
     speed: float | None
     files_kept: object = None
+
+    @property
+    def departed_ns(self) -> int:
+        """When the train left its first stop (ns since 1970)."""
+        return int(self.legs[0].motion.time_ns[0])
+
+    @property
+    def arrived_ns(self) -> int:
+        """When the train came to a stand at its last stop (ns since 1970)."""
+        return int(self.legs[-1].motion.time_ns[-1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,15 +83,13 @@ class ReplayOutcome:
     replay_s: float
 
 
-def plan_timing(trip: Trip, arrival_s: float | None, delay_s: float | None) -> ReplayTiming:
+def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], arrival_s: float | None, delay_s: float | None) -> ReplayTiming:
     """The timetable of a trip that departed `delay_s` late, with the arrival `arrival_s` after the timetable's
     departure.
 
     What is not given comes from the recording's journey; without one there is no delay, and the arrival is the trip's.
     """
-    run = trip.run
-    departed_ns = run.start_time_ns
-    arrived_ns = departed_ns + round(float(run.time_s[-1]) / NS)
+    departed_ns, arrived_ns = int(legs[0].motion.time_ns[0]), int(legs[-1].motion.time_ns[-1])
     departure_ns, arrival_ns = departed_ns, arrived_ns
     if trip.journey is not None:
         departure_ns = trip.journey.stops[0].departure_ns or departure_ns
@@ -104,7 +114,7 @@ def replay(
 ) -> ReplayOutcome:
     """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails.
 
-    `closing` gives what is recorded at the end about the saving, for the last tick's time (ns).
+    `closing` gives what is recorded at the end about the energy above the optimum, for the last tick's time (ns).
     """
     with Lockstep(job.crew) as lockstep:
         lockstep.begin(_journey(job))
@@ -167,7 +177,7 @@ class _Feed:
         yield from self._delays()
         yield from self._truth()
         timing = self.job.timing
-        late_s = (self.job.trip.run.start_time_ns - timing.departure_ns) * NS
+        late_s = (self.job.departed_ns - timing.departure_ns) * NS
         text = f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late"
         # A trip tells of no temporary restrictions; the node must know that there are none.
         at_ns = timing.first_tick_ns

@@ -36,7 +36,7 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
     return {
         "from": trip.start.name,
         "to": trip.end.name,
-        "trip_time_s": float(trip.run.time_s[-1]),
+        "trip_time_s": (job.arrived_ns - job.departed_ns) * NS,
         "whole_section": trip.whole,
         "direction_known": trip.direction_known,
         "direction_note": None if trip.direction_known else direction_by_posts(trip),
@@ -48,7 +48,7 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
         "advices_withdrawn": traffic.advices_withdrawn,
         "advices_above_limit": traffic.above_limit,
         **_energies(job, energies),
-        **_timetable(job),
+        **_timetable(job, energies),
         **_messages(outcome),
         **_matching(trip),
         "file": str(job.crew.out),
@@ -60,15 +60,15 @@ def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
     energy, above, spread = found.energy, found.above, found.above_range
     likely, above_j = above.likely, above.above_j
     return {
-        "min_time_s": sum(one.least_time_s for one in found.optima),
+        "min_time_s": sum(one.optimum.least_time_s for one in found.legs),
         "energy_driven_kwh": kwh(above.driven_j),
         "energy_driven_low_kwh": kwh(energy.low_j),
         "energy_driven_high_kwh": kwh(energy.high_j),
         "energy_driven_unknowns": unknowns(energy),
         "energy_optimum_kwh": kwh(above.optimum_j),
-        "optimum_time_s": sum(one.time_s for one in found.optima),
-        "driving_time_s": sum(one.trip_s for one in found.sections),
-        "optimum_fit": str(Fit.LATE if above.too_fast else found.optima[0].fit),
+        "optimum_time_s": sum(one.optimum.time_s for one in found.legs),
+        "driving_time_s": sum(one.leg.trip_s for one in found.legs),
+        "optimum_fit": str(Fit.LATE if above.too_fast else found.legs[0].optimum.fit),
         "above_optimum_kwh": None if above_j is None else kwh(above_j),
         "above_optimum_ratio": above.ratio,
         "above_optimum_likely_low_kwh": None if likely is None else kwh(likely.low_j),
@@ -93,23 +93,23 @@ def _sections(found: TripEnergies) -> list[dict[str, Any]]:
             "trip_s": one.trip_s,
             "driven_kwh": kwh(one.driven_j),
             "optimum_kwh": kwh(one.optimum_j),
-            "optimum_fit": str(best.fit),
+            "optimum_fit": str(leg.optimum.fit),
         }
-        for one, best in zip(found.above.sections, found.optima, strict=True)
+        for one, leg in zip(found.above.sections, found.legs, strict=True)
     ]
 
 
-def _timetable(job: ReplayJob) -> dict[str, Any]:
+def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
     """The run for the arrival that the timetable wants, and how late the trip arrived."""
-    run = job.trip.run
-    left_s = (job.timing.arrival_ns - run.start_time_ns) * NS
-    wanted = job.front.trajectory(max(left_s, 1e-3))
+    left_s = (job.timing.arrival_ns - job.departed_ns) * NS
+    front = found.legs[0].front if len(found.legs) == 1 else job.front
+    wanted = front.trajectory(max(left_s, 1e-3))
     return {
         "timetable_time_left_s": left_s,
         "timetable_fit": str(wanted.fit),
         "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
         "timetable_energy_kwh": kwh(wanted.ledger.input),
-        "driven_late_s": float(run.time_s[-1]) - left_s,
+        "driven_late_s": (job.arrived_ns - job.timing.arrival_ns) * NS,
     }
 
 

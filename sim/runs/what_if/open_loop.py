@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,26 +18,17 @@ from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.node.building import CabPlan, plan_cab
+from sim.options import NodeSaid
 from sim.recording.inputs import sha256, vehicle_files
 from sim.recording.metadata import NODE_ARGUMENTS, WhatIfKind
 from sim.recording.writing import whole_recording
-from sim.runs.reproduce.comparison import COMPARED
-from sim.runs.reproduce.hearing import HeardAgain, Rehearing, of_the_process
-from sim.runs.reproduce.inputs import NodeGiven, by_bus_clock, node_given
-from sim.runs.reproduce.reproduce import BY_THE_WALL, EXTRACT, without_waiting
+from sim.runs.reproduce.hearing import HeardAgain, NodeGiven, Rehearing, by_bus_clock, node_given, of_the_process
+from sim.runs.reproduce.reproduce import BY_THE_WALL, COMPARED, EXTRACT, without_waiting
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 
 OWN_FILES = ("vehicle", "loss_map")
 """The attached files that another vehicle takes the place of."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NodeSaid:
-    """What a recording's node was started with, where the user says it, and where its tables are."""
-
-    node: str | None = None
-    tables: Path | None = None
 
 
 def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, progress: HeardAgain) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -111,3 +113,14 @@ def test_speeds_above_the_limit_and_signals_passed_are_found_in_positions() -> N
     found = violations_of(trip, limit_mps, [kept, passed])
     assert found == Violations(signals_passed=1, beyond_signal_m=40.0, over_limit_s=3.0, over_limit_mps=5.0)
     assert violations_of(trip, np.full(10, 20.0), []) == Violations()
+
+
+@pytest.mark.processes
+def test_events_and_notes_do_without_the_solver() -> None:
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom sim.cli.trips import bundled_recording\n"
+        "from sim.cli.review import events\nevents(bundled_recording(), as_json=True)\n"
+        "print([name for name in sys.modules if name.startswith('das.solver')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"

@@ -12,8 +12,8 @@ import typer
 from das.bus import das_pb2, topics
 from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
-from sim.cli.check import check
-from sim.cli.replay import bundled_recording
+from sim.cli.recordings import check
+from sim.cli.trips import bundled_recording
 from sim.recording.check import check_file
 from sim.recording.findings import CheckKind
 from tests.support.recordings import START_NS

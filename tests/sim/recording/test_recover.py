@@ -17,7 +17,7 @@ from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
-from sim.cli.recover import recover as recover_command
+from sim.cli.recordings import recover as recover_command
 from sim.recording.check import check_file
 from sim.recording.recover import recover
 from tests.support.recordings import START_NS, write_recording

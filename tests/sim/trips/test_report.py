@@ -17,12 +17,14 @@ from das.bus.topics import LOCATION
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.vehicle import BrakePolicy, Vehicle
+from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
-from sim.cli import trip as trip_command
-from sim.drive.above_optimum import likely_band, range_above
+from sim.cli import trips as trip_command
+from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
+from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.runs.replay import report as replay_report
-from sim.runs.replay.job import prepare, trip_energies
+from sim.runs.replay.job import driven_legs, prepare, trip_energies
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayOutcome
 from sim.trips.estimate import (
@@ -32,9 +34,10 @@ from sim.trips.estimate import (
     strongest_held_n,
 )
 from sim.trips.options import TripOptions
+from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
-from sim.trips.settings import ESTIMATE
-from sim.trips.trip import Trip, driven_sections
+from sim.trips.settings import ESTIMATE, SMOOTHING
+from sim.trips.trip import Trip
 from sim.world.processes.lockstep import Traffic
 from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
 from tests.support.made_line import north, posts_file, route
@@ -222,6 +225,21 @@ def hand_made(mass: float, resistance: float, wind_mps: float) -> Vehicle:
     return replace(make_train(resistance=(c0 + c2 * wind_mps**2, 2 * c2 * wind_mps, c2)), mass_kg=mass * 1e5)
 
 
+def above_in_all_cases(trip: Trip, front: Front, shortest_s: float | None = None) -> EnergyRange:
+    """The range above the optimum of a trip on one section; of one that took a shorter time where that is given (s)."""
+
+    def legs(jerk_psd_m2ps5: float) -> list[DrivenLeg]:
+        (leg,) = driven_legs(trip, to_profile(trip.matched, jerk_psd_m2ps5=jerk_psd_m2ps5))
+        if shortest_s is None:
+            return [leg]
+        ratio, time_ns = shortest_s / leg.trip_s, leg.motion.time_ns
+        faster_ns = time_ns[0] + np.rint(ratio * (time_ns - time_ns[0])).astype(np.int64)
+        return [replace(leg, motion=replace(leg.motion, time_ns=faster_ns))]
+
+    as_assumed = legs(SMOOTHING.jerk_psd_m2ps5)
+    return range_above([ComparedLeg.of(one, front) for one in as_assumed], legs)
+
+
 @pytest.mark.slow
 def test_the_range_above_the_optimum_is_that_of_all_trains_it_may_have_been(
     driven: tuple[Trip, Section, EnergyRange],
@@ -239,7 +257,7 @@ def test_the_range_above_the_optimum_is_that_of_all_trains_it_may_have_been(
         force = train.mass_kg * a + mass * more * C0_N + more * C2 * (v + wind) ** 2
         taken = np.maximum(force, 0.0) if brakes is FRICTION else force
         ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.ledger.input
-    found = range_above(driven_sections(trip, solve_front(section)))
+    found = above_in_all_cases(trip, solve_front(section))
     smoothing = next(u for u in found.unknowns if u.name.startswith("smoothing"))
     unsure_j = smoothing.high_j - smoothing.low_j
     scale_j = 0.01 * max(ends.values())
@@ -254,7 +272,7 @@ def test_the_range_above_the_optimum_is_that_of_all_trains_it_may_have_been(
 def test_trains_that_could_not_have_arrived_are_left_out(driven: tuple[Trip, Section, EnergyRange]) -> None:
     trip, section, _ = driven
     front = solve_front(section)
-    found = range_above([replace(driven_sections(trip, front)[0], trip_s=front.fastest().time_s + 0.2)])
+    found = above_in_all_cases(trip, front, shortest_s=front.fastest().time_s + 0.2)
     assert found.left_out > 0
     assert found.low_j <= found.estimate_j <= found.high_j
 
@@ -268,7 +286,7 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
     s, v = np.interp(t, best.t_s, best.s_m), np.interp(t, best.t_s, best.v_mps)
     points = [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)]
     trip = on_route(tmp_path, points, section.route, positions=True)
-    found = range_above(driven_sections(trip, front))
+    found = above_in_all_cases(trip, front)
     least_j = best.ledger(section.vehicle, section.loss).input
     assert abs(found.estimate_j) < 0.01 * least_j
     assert not replay_report.certainly_above(found, least_j)

@@ -16,11 +16,10 @@ from das.bus import topics
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.cli.replay import bundled_recording
-from sim.drive.export import writing
-from sim.drive.export.columns import UNITS
-from sim.drive.export.export import ExportSettings, FileFormat, export
-from sim.drive.export.joining import STEP_M
+from sim.cli.trips import bundled_recording
+from sim.drive.export import tables as writing
+from sim.drive.export.export import STEP_M, ExportSettings, FileFormat, export
+from sim.drive.export.tables import UNITS
 from tests.support.recordings import SECONDS, START_NS, at_ns, position_m, speed_mps, write_recording
 from tests.support.reference_recordings import FOLDER
 

@@ -20,11 +20,11 @@ from das.bus.recorder import RecordingFile
 from das.bus.topics import ADVICE, EVENT, PLAN, POSITION, STATUS
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
-from sim.cli.replay import bundled_recording
-from sim.cli.reproduce import reproduce as reproduce_command
-from sim.runs.reproduce.comparison import IGNORED, TOLERANCES, compare, tolerance
+from sim.cli.recordings import reproduce as reproduce_command
+from sim.cli.trips import bundled_recording
+from sim.options import NodeSaid
 from sim.runs.reproduce.hearing import Said
-from sim.runs.reproduce.reproduce import Reproduction, reproduce
+from sim.runs.reproduce.reproduce import IGNORED, TOLERANCES, Reproduction, compare, reproduce, tolerance
 from sim.world.scenario import bundled_scenarios
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER, REPLAY, names
@@ -201,7 +201,7 @@ def test_a_trip_without_a_node_cannot_be_reproduced() -> None:
 
 
 def test_the_exit_code_says_whether_it_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    reproduce_command(rewritten(tmp_path / "run.mcap", same))
+    reproduce_command(rewritten(tmp_path / "run.mcap", same), NodeSaid())
     assert "today's cab says the same" in capsys.readouterr().out
 
     def other(messages: list[RecordedMessage]) -> list[RecordedMessage]:
@@ -210,11 +210,11 @@ def test_the_exit_code_says_whether_it_is_the_same(tmp_path: Path, capsys: pytes
 
     path = rewritten(tmp_path / "other.mcap", other)
     with pytest.raises(typer.Exit) as ended:
-        reproduce_command(path)
+        reproduce_command(path, NodeSaid())
     assert ended.value.exit_code == 1
     assert "reason: recorded 'because', today 'ready for" in capsys.readouterr().out
     with pytest.raises(typer.Exit):
-        reproduce_command(path, as_json=True)
+        reproduce_command(path, NodeSaid(), as_json=True)
     found = json.loads(capsys.readouterr().out)
     assert found["same"] is False
     assert found["first"]["fields"][0]["field"] == "reason"

@@ -21,22 +21,22 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
-from sim.cli.replay import bundled_recording
+from sim.cli.trips import bundled_recording
+from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.attribution.inputs import inputs_of
-from sim.drive.attribution.shown import ShownAdvice
 from sim.drive.comparison.aligned import AlignedDrives
 from sim.drive.comparison.on_track import drives_on_track
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.options import NodeSaid
 from sim.recording.check import check_file
 from sim.recording.inputs import sha256
 from sim.recording.metadata import WhatIfKind
 from sim.runs.reproduce.reproduce import reproduce
-from sim.runs.what_if.anew import day_again, drive_again
+from sim.runs.what_if.anew import _window, attached_scenario, day_again, drive_again, scenario_of_drive
 from sim.runs.what_if.difference import changed
-from sim.runs.what_if.open_loop import NodeSaid, advise_otherwise
+from sim.runs.what_if.open_loop import advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
-from sim.runs.what_if.recorded_scenario import _window, attached_scenario, scenario_of_drive
 from sim.world.day import make_day
 from sim.world.disturbances import DepartureDelay
 from sim.world.over_bus import How, make_crew, run_over_bus

@@ -1,4 +1,4 @@
-"""The motion of a recorded drive between two stands, with the energy that was measured where it was."""
+"""A driven leg: its motion from stand to stand, and its energy as measured and by the planned train."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.losses import LossMap
 from das.domain.route import Route
+from das.domain.trajectory import Trajectory
 from das.domain.units import NS
-from sim.drive.calls import KeptCall
+from das.solver.section import Section
+from sim.drive.calls import KeptCall, knows_truth
+from sim.recording.course import Floats, Times
+from sim.trips.estimate import estimate_run
+from sim.trips.profile import DrivenRun
 from sim.trips.trip import recorded_trip
-
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 LEAST_WAY_M = 100.0
 """A way between two stands that is shorter than this (m) is no section: the train moved up."""
@@ -38,6 +41,12 @@ class DrivenMotion:
     speed_mps: Floats
     input_j: Floats | None = None
     friction_j: Floats | None = None
+
+    @classmethod
+    def of_run(cls, run: DrivenRun) -> DrivenMotion:
+        """The motion of a smoothed record, of which no energy was measured."""
+        return cls(time_ns=run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64), s_m=run.s_m,
+                   speed_mps=run.speed_mps)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,10 +91,10 @@ def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
     DasError where the recording has no positions that can be used.
     """
-    fields = ("time_ns", "s_m", "speed_mps", "energy_input_j", "friction_brake_j", "resistance_j")
+    fields = ("time_ns", "s_m", "speed_mps", "energy_input_j", "friction_brake_j")
     truth = recording.columns(topics.TRUTH, *fields)
     if len(truth["time_ns"]) > 1:
-        measured = bool(truth["resistance_j"].any())
+        measured = knows_truth(recording)
         return DrivenMotion(
             time_ns=truth["time_ns"],
             s_m=truth["s_m"],
@@ -93,10 +102,8 @@ def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
             input_j=truth["energy_input_j"] if measured else None,
             friction_j=truth["friction_brake_j"] if measured else None,
         )
-    run = recorded_trip(recording, line()).run
-    time_ns = run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64)
-    friction_j = _friction_j(recording, time_ns, run.speed_mps)
-    return DrivenMotion(time_ns=time_ns, s_m=run.s_m, speed_mps=run.speed_mps, friction_j=friction_j)
+    motion = DrivenMotion.of_run(recorded_trip(recording, line()).run)
+    return replace(motion, friction_j=_friction_j(recording, motion.time_ns, motion.speed_mps))
 
 
 def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floats | None:
@@ -136,3 +143,61 @@ def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
 def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
     arrays = {name: None if array is None else array[part] for name, array in vars(motion).items()}
     return DrivenMotion(**arrays)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegEnergies:
+    """Energies at the current collector up to every sample of a leg (J), arrays of shape (samples,), 0 at the start.
+
+    `ledger_j`: as measured; where nobody measured, `blended_j`. `blended_j`: the same motion with the planned train,
+    motors and friction brake sharing the braking as recorded. `motors_j`: likewise, the motors braking first.
+    `trajectory` is that last run; `index[i]` is the sample at its node i. `measured` tells whether `ledger_j` was.
+    """
+
+    ledger_j: Floats
+    blended_j: Floats
+    motors_j: Floats
+    trajectory: Trajectory
+    index: NDArray[np.intp]
+    measured: bool
+
+
+def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
+    """The energies of a driven leg by inverse dynamics, and as measured."""
+    motion = leg.motion
+    driven = estimate_run(section, leg.time_s, motion.s_m, motion.speed_mps)
+    nodes, index = np.arange(len(motion.s_m)), driven.index
+    motors_j = np.interp(nodes, index, driven.energy_input_j)
+    blended_j = motors_j
+    if motion.friction_j is not None:
+        extra_j = _blended_input_j(section, driven.trajectory, np.diff(motion.friction_j[index]))
+        blended_j = np.interp(nodes, index, np.concatenate(([0.0], np.cumsum(extra_j))))
+    measured = motion.input_j is not None
+    ledger_j = blended_j if motion.input_j is None else motion.input_j - motion.input_j[0]
+    return LegEnergies(
+        ledger_j=ledger_j,
+        blended_j=blended_j,
+        motors_j=motors_j,
+        trajectory=driven.trajectory,
+        index=index,
+        measured=measured,
+    )
+
+
+def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> Floats:
+    """Energy of each interval (J) where the friction brake took `friction_j` of it and the motors the rest.
+
+    The friction brake takes no more than the motion of the planned train asks of all brakes.
+    """
+    total_n = run.force_el_n + run.force_friction_n
+    friction_n = np.maximum(-friction_j / np.diff(run.s_m), np.minimum(total_n, 0.0))
+    electric_n, mean_mps = total_n - friction_n, run.mean_speed_mps()
+    if isinstance(section.loss, LossMap):
+        mean_mps = np.minimum(mean_mps, section.loss.speed_mps[-1])
+        low_n = np.interp(mean_mps, section.loss.speed_mps, section.loss.force_low_n)
+        high_n = np.interp(mean_mps, section.loss.speed_mps, section.loss.force_high_n)
+        loss_j = section.loss.loss_w(np.clip(electric_n, low_n, high_n), mean_mps) * run.interval_s()
+    else:
+        loss_j = section.loss.loss_w(electric_n, mean_mps) * run.interval_s()
+    gross_j = electric_n * np.diff(run.s_m) + loss_j
+    return np.where(gross_j > 0, gross_j, np.clip(run.supply, 0.0, 1.0) * gross_j)

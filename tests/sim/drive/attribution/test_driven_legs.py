@@ -9,7 +9,7 @@ import pytest
 
 from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
-from sim.drive.attribution.motion import _friction_j
+from sim.drive.attribution.driven_legs import _friction_j
 from sim.drive.drive import Drive
 from sim.drivers.perfect import PerfectDriver
 from sim.recording.course import DrivenCourse

@@ -9,7 +9,7 @@ from das.bus.recording import Recording, Stamped
 from das.bus.restrictions import encoded
 from das.cab.heard import ToldRestriction
 from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
-from sim.drive.attribution.knowledge import Epoch, epochs_of
+from sim.drive.attribution.committed import Epoch, epochs_of
 from tests.support.recordings import at_ns
 
 NOTHING = Epoch(-(2**63), frozenset())

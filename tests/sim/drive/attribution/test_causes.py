@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from das.advice.modes import Mode
-from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.judging import Judge, Moment
-from sim.drive.attribution.shown import Seen
+from sim.drive.attribution.causes import EnergyCause, Judge, Moment, Seen
 
 
 def departing(mode: Mode) -> EnergyCause:

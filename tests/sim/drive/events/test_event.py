@@ -11,9 +11,8 @@ from das.bus import das_pb2
 from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from sim.drive.drive import Drive
-from sim.drive.events.bookmarks import AUTHOR, as_notes, bookmarks, with_marks
 from sim.drive.events.chronicle import as_rows
-from sim.drive.events.event import DriveEvent, EventKind, Filter
+from sim.drive.events.event import AUTHOR, DriveEvent, EventKind, Filter, as_notes, bookmarks, with_marks
 from tests.support.recordings import Publish, at_ns, write_recording
 
 S = 1_000_000_000

@@ -1,0 +1,336 @@
+"""The commands that review recorded drives: events and notes, energy, comparison, report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from das.command_line.compiling import loading_solver
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption
+from das.command_line.outputs import check_outputs, check_picture, save_figure
+from das.command_line.printing import busy, paragraph, print_table, tell, visible
+from das.domain.errors import DasError
+from sim.cli.options import (
+    FromTimeOption,
+    PageOption,
+    PdfOption,
+    RecordingArgument,
+    ToTimeOption,
+    check_packages,
+    check_page,
+    tell_written,
+    write_page,
+)
+from sim.drive.events.event import DriveEvent, EventKind, Filter
+
+if TYPE_CHECKING:
+    from sim.drive.attribution.account import Account
+    from sim.drive.comparison.aligned import AlignedDrives
+    from sim.drive.drive import Drive
+
+
+def events(
+    file: RecordingArgument,
+    kind: Annotated[
+        list[EventKind] | None, typer.Option("--kind", help="Only events of this kind; may be given several times.")
+    ] = None,
+    search: Annotated[str, typer.Option("--search", metavar="TEXT", help="Only events whose text holds this.")] = "",
+    from_time: FromTimeOption = None,
+    to_time: ToTimeOption = None,
+    bookmarks: Annotated[
+        bool, typer.Option("--bookmarks", help="Only what a reviewer wants to see first, and the notes of people.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List what happened on a recorded drive, when, where and why, with the notes that people made."""
+    from sim.drive.drive import Drive
+    from sim.drive.events.chronicle import as_rows
+
+    with busy(f"reading {file} …"):
+        drive = Drive.read(file)
+    clock = drive.clock
+    wanted = Filter(
+        kinds=tuple(kind or ()),
+        text=search,
+        from_ns=None if from_time is None else clock.moment_ns(from_time),
+        to_ns=None if to_time is None else clock.moment_ns(to_time),
+        bookmarks=bookmarks,
+    )
+    found = wanted.choose(drive.events)
+    if as_json:
+        print(json.dumps({"recording": str(file), "zero_ns": clock.zero_ns, "events": as_rows(found, clock)}))
+        return
+    if not drive.recording.complete:
+        tell(f"{file}: this recording was cut off; these are the events before that")
+    if not found:
+        tell(f"no such events among {len(drive.events)}")
+        return
+    _print_events(found, drive)
+
+
+def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
+    from rich.table import Table
+
+    from sim.drive.events.chronicle import place_text
+
+    clock = drive.clock
+    table = Table()
+    for name in ("time", "UTC", "place", "kind"):
+        table.add_column(name, no_wrap=True)
+    table.add_column("bookmark")
+    table.add_column("what happened")
+    for one in found:
+        shown = (clock.shown(one.time_ns), clock.of_day(one.time_ns), place_text(one.s_m), str(one.kind))
+        table.add_row(*shown, one.mark, visible(one.text))
+    print_table(table, {"time": f"minutes and seconds since {clock.of_day(clock.zero_ns)} UTC, {clock.zero_is}"})
+
+
+def note(
+    file: RecordingArgument,
+    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What to remember.", show_default=False)] = "",
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="TIME", help="When: 12:34 on the drive's clock, or 08:16:34Z."),
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option("--until", metavar="TIME", help="End, for a note about a while [default: the same].")
+    ] = None,
+    tag: Annotated[
+        list[str] | None, typer.Option("--tag", metavar="WORD", help="A tag; may be given several times.")
+    ] = None,
+    author: Annotated[str, typer.Option("--author", metavar="NAME", help="Who makes the note.")] = "",
+    remove: Annotated[
+        int | None, typer.Option("--remove", metavar="NUMBER", help="Take the note of this number away.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Add a note to a recording, or list its notes; they are kept in FILE.notes.mcap beside it."""
+    from sim.drive.drive import Drive
+    from sim.drive.events.notes import Note, add_note, remove_note
+
+    if (text == "") is not (at is None):
+        example = 'das-sim note drive.mcap --at 12:34 "braked late"'
+        raise DasError(f"a note needs its text and --at, for example: {example}")
+    if remove is not None and text:
+        raise DasError("--remove: expected no text beside it")
+    drive = Drive.read(file)
+    if remove is not None:
+        remove_note(file, remove)
+    if at is not None:
+        start_ns, end_ns = _times(drive, at, until)
+        add_note(file, Note(time_ns=start_ns, end_ns=end_ns, text=text, tags=tuple(tag or ()), author=author))
+    _list_notes(file, drive, as_json)
+
+
+def _times(drive: Drive, at: str, until: str | None) -> tuple[int, int]:
+    """The first and last moment (ns) of a note; DasError where they are not of the drive."""
+    clock, trip = drive.clock, drive.course
+    start_ns = clock.moment_ns(at)
+    end_ns = start_ns if until is None else clock.moment_ns(until)
+    first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
+    if not first_ns <= start_ns <= last_ns:
+        raise DasError(f"--at {at}: expected a time of the drive, {clock.shown(first_ns)} to {clock.shown(last_ns)}")
+    if end_ns < start_ns:
+        raise DasError(f"--until {until}: expected a time after --at {at}")
+    return start_ns, end_ns
+
+
+def _list_notes(file: Path, drive: Drive, as_json: bool) -> None:
+    from sim.drive.events.notes import notes_path, read_notes
+
+    clock, kept = drive.clock, read_notes(file)
+    if as_json:
+        found = [
+            {
+                "number": number,
+                "time_s": clock.since_s(one.time_ns),
+                "end_s": clock.since_s(one.end_ns),
+                "text": one.text,
+                "tags": list(one.tags),
+                "author": one.author,
+            }
+            for number, one in enumerate(kept, start=1)
+        ]
+        print(json.dumps({"recording": str(file), "file": str(notes_path(file)), "notes": found}))
+        return
+    tell(f"{notes_path(file)}:" if kept else f"{file} has no notes yet")
+    for number, one in enumerate(kept, start=1):
+        tags = f" [{', '.join(one.tags)}]" if one.tags else ""
+        tell(f"{number}. {clock.shown(one.time_ns)} {one.text}{tags}")
+
+
+TOLD_KWH = 0.5
+"""What the times of a leg cost is told from this on (kWh)."""
+
+
+def energy(
+    file: RecordingArgument,
+    as_json: JsonOption = False,
+) -> None:
+    """Say where the energy of a recorded drive went, by cause and by place, against the optimum for the same times."""
+    with loading_solver():
+        from sim.drive.attribution.rows import as_dict
+        from sim.drive.drive import Drive
+
+    with busy(f"reading {file} and solving its sections …"):
+        account = Drive.read(file).known_account
+    if as_json:
+        print(json.dumps(as_dict(account)))
+        return
+    _print_causes(account)
+    _print_places(account)
+    if not account.measured:
+        tell("The energies are estimates by inverse dynamics from positions: nobody measured them.")
+
+
+def _print_causes(account: Account) -> None:
+    from rich.table import Table
+
+    from das.domain.units import kwh
+    from sim.drive.attribution.account import OTHER_TRAIN
+    from sim.drive.attribution.causes import EnergyCause
+
+    columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in account.legs]
+    table = Table(title="energy at the current collector, kWh", title_justify="left")
+    table.add_column("")
+    for name, _, _ in columns:
+        table.add_column(name, justify="right")
+    table.add_column("all", justify="right", no_wrap=True)
+    told = dict(account.by_cause)
+    if account.against_timetable is not None and account.timetable_j is not None:
+        due = [kwh(leg.timetable_j or 0.0) for _, _, leg in columns]
+        table.add_row("optimum for the timetable", *(f"{x:.1f}" for x in due), f"{kwh(account.timetable_j):.1f}")
+        for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
+            told[cause] = account.against_timetable[cause]
+            cells = (f"{kwh((leg.against_timetable or {}).get(cause, 0.0)):+.1f}" for _, _, leg in columns)
+            table.add_row(f"  {cause.label}", *cells, f"{kwh(told[cause]):+.1f}")
+        if account.other_train_j:
+            other = (f"{kwh(leg.other_train_j):+.1f}" for _, _, leg in columns)
+            table.add_row(f"  {OTHER_TRAIN}", *other, f"{kwh(account.other_train_j):+.1f}")
+    best = [kwh(leg.optimum_j) for _, _, leg in columns]
+    table.add_row("optimum for the same times", *(f"{x:.1f}" for x in best), f"{sum(best):.1f}")
+    for cause, energy_j in account.by_cause.items():
+        cells = (f"{kwh(parts.get(cause, 0.0)):+.1f}" for _, parts, _ in columns)
+        table.add_row(f"  {cause.label}", *cells, f"{kwh(energy_j):+.1f}")
+    driven = [kwh(leg.driven_j) for _, _, leg in columns]
+    table.add_row("as driven", *(f"{x:.1f}" for x in driven), f"{sum(driven):.1f}")
+    print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
+
+
+def _print_places(account: Account) -> None:
+    from das.domain.units import kwh
+    from sim.drive.attribution.rows import worst_places
+
+    worst = worst_places(account)
+    if worst:
+        told = "; ".join(
+            f"{one.where}: {kwh(one.more_j):.1f} kWh, {' and '.join(cause.label for cause in one.causes)}"
+            for one in worst
+        )
+        tell(f"most lost above the optimum: {told}")
+
+
+SHOWN = 8
+"""Stretches that the table shows: those where the drives part most."""
+
+
+def compare(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING…", help="Two or more recordings (.mcap) of drives on one line.")
+    ],
+    step: Annotated[
+        float, typer.Option("--step", metavar="METRES", help="Distance of the positions that are compared.")
+    ] = 10.0,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Table (.csv) to write: one row a position.")
+    ] = None,
+    plot: PlotOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare recorded drives at the same places: where and by how much their times and energies part."""
+    if len(files) < 2:
+        raise DasError("expected two recordings or more, of which the first is the one to compare with")
+    check_picture(plot)
+    check_outputs(out, plot, inputs=files, overwrite=overwrite)
+    from das.domain.files.writing import write_whole
+    from sim.drive.comparison.aligned import AlignedDrives
+    from sim.drive.comparison.on_track import drives_on_track
+    from sim.drive.comparison.rows import as_csv, as_dict
+
+    with busy("reading the recordings …"):
+        aligned = AlignedDrives.of(drives_on_track(files), step)
+    if out is not None:
+        write_whole(out, as_csv(aligned))
+    if plot is not None:
+        from sim.review.light import comparison_figure
+
+        save_figure(plot, comparison_figure(aligned))
+    if as_json:
+        print(json.dumps(as_dict(aligned)))
+        return
+    _print_comparison(aligned)
+    tell_written(out, plot)
+
+
+def _print_comparison(aligned: AlignedDrives) -> None:
+    from sim.drive.comparison.rows import sentences
+
+    for index in range(1, len(aligned.drives)):
+        for line in sentences(aligned, index):
+            paragraph(line)
+        _print_stretches(aligned, index)
+
+
+def _print_stretches(aligned: AlignedDrives, index: int) -> None:
+    """The stretches on which a drive parts most from the first; nothing where it does not."""
+    from rich.table import Table
+
+    from das.domain.units import kwh
+    from sim.drive.comparison.aligned import place
+
+    parted = [one for one in aligned.stretches(index) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005]
+    if not parted:
+        return
+    table = Table(title=f"where {aligned.drives[index].label} parts from the first", title_justify="left")
+    for name in ("from", "to", "time, s", "drawn, kWh", "lost, kWh"):
+        table.add_column(name, justify="right")
+    most = sorted(parted, key=lambda one: -abs(one.lost_j))[:SHOWN]
+    for one in sorted(most, key=lambda one: one.start_m):
+        numbers = (f"{one.time_s:+.1f}", f"{kwh(one.energy_j):+.2f}", f"{kwh(one.lost_j):+.2f}")
+        table.add_row(place(one.start_m), place(one.end_m), *numbers)
+    print_table(table, {"drawn": "at the current collector", "lost": "without what went into the train's speed"})
+
+
+def report(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORDING…", help="Recordings (.mcap); several drives of one line are compared as well."
+        ),
+    ],
+    out: PageOption = None,
+    pdf: PdfOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write one page about recorded drives: figures in words, pictures, where the energy went, and what happened."""
+    check_packages("view", "jinja2", "matplotlib")
+    check_page(out, pdf, files, overwrite=overwrite)
+    with loading_solver():
+        from sim.review.report.page import as_dict, compared, page, subject_of
+        from sim.review.report.sentences import paragraph as in_words
+
+    with busy("reading the recordings and solving their sections …"):
+        subjects = [subject_of(path) for path in files]
+        aligned, not_compared = compared(subjects)
+    write_page(lambda: page(subjects, aligned, not_compared), out, pdf)
+    if as_json:
+        print(json.dumps(as_dict(subjects, aligned, not_compared)))
+        return
+    for subject in subjects:
+        paragraph(f"{subject.drive.name}: {in_words(subject.drive)}")
+    tell_written(out, pdf)

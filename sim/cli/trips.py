@@ -1,0 +1,276 @@
+"""The commands about recorded trips: look at one, replay it, make one, or make a set of own files."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+import sys
+import tempfile
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from das.command_line.compiling import loading_solver
+from das.command_line.options import (
+    DEFAULT_TRAIN,
+    FromOption,
+    JsonOption,
+    OutRecording,
+    OutRecordingOption,
+    OverwriteOption,
+    PlotOption,
+    ReverseOption,
+    RouteOption,
+    SeedOption,
+    ToOption,
+    TrainOption,
+    VehicleOption,
+)
+from das.command_line.outputs import check_outputs, check_picture
+from das.command_line.printing import busy, tell
+from das.command_line.running import interrupt_on_termination
+from das.domain.errors import DasError
+from das.domain.files.writing import check_writable, write_folder_whole, write_whole
+from das.domain.units import NS, kwh
+from sim.cli.options import TripArgument, new_recording, removed_if_unused, tell_written
+from sim.progress import progress_bar
+from sim.recording.metadata import typed_command
+from sim.runs.replay.options import ReplayOptions
+from sim.trips.options import TripOptions
+
+if TYPE_CHECKING:
+    from sim.bundled.hurried import HurriedState
+    from sim.bundled.make_trip import TripPlan
+
+
+def trip(
+    file: TripArgument,
+    options: TripOptions,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", "--write", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
+    ] = None,
+    plot: PlotOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Look at a recorded trip: what was cleaned, how it fits the line, where it stood, its energy."""
+    check_picture(plot)
+    inputs = (file, options.route, options.vehicle, options.line, options.loss_map)
+    check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
+    with busy("reading the trip …"):
+        found, report = _look(file, options, out, plot)
+    if as_json:
+        print(json.dumps(found))
+        return
+    from sim.trips.report import print_description
+
+    print_description(found, report)
+    tell_written(out, plot)
+
+
+def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None) -> tuple[dict[str, Any], Any]:
+    """Read the trip and write what is asked for; its description and what was cleaned."""
+    from sim.trips.estimate import estimate_run
+    from sim.trips.report import describe, draw_trip, write_cleaned
+    from sim.trips.trip import open_trip, trip_section
+
+    with tempfile.TemporaryDirectory(prefix="das-trip-") as folder:
+        options, read = open_trip(file, options, Path(folder))
+        section = trip_section(read, options) if options.vehicle is not None else None
+        found = describe(read, section)
+        if out is not None:
+            write_cleaned(out, read)
+        if plot is not None:
+            run = read.run
+            driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps) if section is not None else None
+            draw_trip(plot, read, driven)
+    return found, read.matched.report.cleaning
+
+
+BUNDLED: Final = "zurich-zug-late.mcap"
+
+
+def replay(
+    trip: TripArgument,
+    options: ReplayOptions,
+    out: OutRecordingOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Replay a recorded trip: the advice node answers every second, and everything is recorded."""
+    if out is not None:
+        check_writable(out, overwrite=overwrite)
+        _replayed(trip, options, out, as_json)
+        return
+    reserved = new_recording("replay")
+    with removed_if_unused(reserved):
+        _replayed(trip, options, reserved, as_json)
+
+
+def _replayed(trip: Path, options: ReplayOptions, out: Path, as_json: bool) -> None:
+    """Replay a trip into a recording, and print the result."""
+    with loading_solver():
+        from das.cab.warm_up import warm_up
+        from sim.runs.replay.job import prepare, trip_energies
+        from sim.runs.replay.replay import replay as run_replay
+        from sim.runs.replay.report import print_result, result
+
+        warm_up()
+    with busy("reading the trip and solving its section …"):
+        job = prepare(trip, options, out, typed_command())
+    with busy("estimating the energy of the trip, and how well it is known …"):
+        energies = trip_energies(job)
+    interrupt_on_termination()
+    try:
+        with progress_bar(f"replaying {trip.name}", "starting node and recorder", "s") as progress:
+            outcome = run_replay(job, progress, energies.above.message)
+    except KeyboardInterrupt:
+        print(f"stopped; recorded so far: {out}", file=sys.stderr)
+        raise
+    found = result(job, outcome, energies)
+    if as_json:
+        print(json.dumps(found))
+    else:
+        print_result(found)
+
+
+def replay_bundled() -> None:
+    """Replay the recording that comes with the program."""
+    path = bundled_recording()
+    print(
+        f"replaying the bundled recording {BUNDLED}: a late train on an illustrative Zürich–Luzern route",
+        file=sys.stderr,
+    )
+    replay(path, ReplayOptions())
+
+
+def bundled_recording() -> Path:
+    """The recording that comes with the program: in an installed package, or in the checkout."""
+    package = Path(__file__).parents[1]
+    for path in (package / "bundled" / BUNDLED, package.parent / "recordings" / BUNDLED):
+        if path.is_file():
+            return path
+    raise DasError(f"{BUNDLED}: the bundled recording is missing from this installation")
+
+
+TIMETABLE_STEP_S: Final = 6.0
+"""Timetables are made in tenths of a minute."""
+
+
+def make_trip(
+    route: RouteOption,
+    vehicle: VehicleOption,
+    out: OutRecording,
+    overwrite: OverwriteOption = False,
+    from_stop: FromOption = None,
+    to_stop: ToOption = None,
+    reverse: ReverseOption = False,
+    delay_s: Annotated[float, typer.Option("--delay", metavar="S", help="How late the train leaves.", min=0)] = 0.0,
+    buffer_percent: Annotated[
+        float,
+        typer.Option("--buffer", metavar="%", help="Timetable: % above the least running time.", min=0, max=1000),
+    ] = 15.0,
+    departure: Annotated[
+        str, typer.Option(metavar="TIME", help="Timetable's departure, ISO 8601 UTC.")
+    ] = "2026-11-21T08:04:00",
+    seed: SeedOption = 1,
+    train: TrainOption = DEFAULT_TRAIN,
+) -> None:
+    """Make a recorded trip by simulation: a driver without advice, seen through a GPS receiver."""
+    check_writable(out, overwrite=overwrite)
+    with busy("driving the simulated train …"):
+        from das.bus.topics import check_train_name
+        from das.command_line.loading import load_route, load_vehicle
+        from das.domain.route import section_stops
+        from das.solver.section import build_section
+        from das.solver.solve import solve_front
+        from sim.bundled.make_trip import TripPlan, drive, write_trip
+
+        the_vehicle = load_vehicle(vehicle)
+        the_route = load_route(route).reversed() if reverse else load_route(route)
+        start, end = section_stops(the_route, from_stop, to_stop)
+        section = build_section(the_route, the_vehicle, start_m=start.position_m, end_m=end.position_m)
+        wanted_s = solve_front(section).fastest().time_s * (1 + buffer_percent / 100)
+        plan = TripPlan(
+            route=the_route,
+            vehicle=the_vehicle,
+            level=section.level,
+            start=start,
+            end=end,
+            reversed=reverse,
+            departure_ns=_utc_ns(departure),
+            running_time_s=math.ceil(wanted_s / TIMETABLE_STEP_S) * TIMETABLE_STEP_S,
+            delay_s=delay_s,
+            seed=seed,
+            train=check_train_name(train),
+        )
+        states = drive(plan)
+        write_trip(out, plan, states, typed_command())
+    _tell_trip(plan, states[-1], out)
+
+
+def _tell_trip(plan: TripPlan, last: HurriedState, out: Path) -> None:
+    """Tell how the trip went; `last` is its last state."""
+    took_s, due_s = last.time_s, plan.running_time_s
+    late_s = plan.delay_s + took_s - due_s
+    tell(f"{plan.start.name} – {plan.end.name}: {took_s:.0f} s, timetable {due_s:.0f} s, arrival {late_s:+.0f} s")
+    tell(f"energy of the simulated train {kwh(last.energy_input_j):.1f} kWh; written: {out}")
+
+
+def _utc_ns(text: str) -> int:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise DasError(f"--departure {text}: expected a time like 2026-11-21T08:04:00") from None
+    moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return round(moment.timestamp() / NS)
+
+
+def example(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to write: a new one, or an empty one.")],
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace files of the same names in a folder that is not empty.")
+    ] = False,
+    seed: SeedOption = 1,
+) -> None:
+    """Write a working set of own files, with the commands to run on them.
+
+    The set holds a route, a vehicle, a journey, a plan of tables, a scenario, a recorded trip, kilometre posts and a
+    README.txt. Route and vehicle are invented; the trip is simulated.
+    """
+    filled = _check_example(folder, overwrite)
+    with busy("driving the recorded trip …"):
+        from sim.bundled.example.making import example_files
+
+        content = example_files(seed)
+    if filled:
+        for name in content:
+            check_writable(folder / name, overwrite=True)
+        for name, data in content.items():
+            write_whole(folder / name, data)
+    else:
+        write_folder_whole(folder, content)
+    for name in sorted(content):
+        tell(f"written: {folder / name}")
+    tell(f"what to do with them: cd {shlex.quote(str(folder))} and read README.txt")
+
+
+def _check_example(folder: Path, overwrite: bool) -> bool:
+    """Whether there is something in the folder already; DasError where it cannot be written."""
+    if not folder.resolve().parent.is_dir():
+        raise DasError(f"{folder}: no such folder {folder.parent}")
+    if not folder.exists():
+        return False
+    if not folder.is_dir():
+        raise DasError(f"{folder}: is a file, expected a folder to write")
+    try:
+        filled = any(folder.iterdir())
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be read ({error.strerror})") from error
+    if filled and not overwrite:
+        raise DasError(f"{folder}: there are files in it already; choose a new folder, or say --overwrite")
+    return filled

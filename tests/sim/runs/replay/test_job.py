@@ -1,0 +1,166 @@
+"""A replayed trip is the same drive as its recording; one with stops on the way is compared leg by leg."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.bus import codec, das_pb2
+from das.bus.recording import Recording, Stamped
+from das.domain.route import Stop
+from das.domain.units import KMH
+from das.solver.section import build_section
+from das.solver.solve import solve_front
+from sim.cli.trips import bundled_recording
+from sim.drive.attribution.inputs import DriveInputs
+from sim.drive.drive import Drive
+from sim.runs.replay.job import TripEnergies, driven_legs, prepare, trip_energies
+from sim.runs.replay.options import ReplayOptions
+from sim.runs.replay.replay import ReplayJob, _Feed, _journey, plan_timing
+from sim.trips.estimate import estimate_run
+from sim.trips.options import TripOptions
+from sim.trips.reading import read_trip
+from sim.trips.trip import Trip, load_trip
+from sim.world.processes.crew import Crew
+from tests.support.dirt import Point, write
+from tests.support.making import flat, make_train
+
+LENGTH_M, MIDDLE_M, DWELL_S = 8000.0, 3000.0, 45
+FIRST_S, SECOND_S = 170.0, 260.0
+
+
+def job_of(trip: Trip) -> ReplayJob:
+    """The replay of a trip with the train that drove it, of which no process is started."""
+    front, run = solve_front(build_section(trip.route, make_train(resistance=(3000.0, 0.0, 12.0)))), trip.run
+    legs = driven_legs(trip, run)
+    timing = plan_timing(trip, legs, None, None)
+    crew = Crew(train="train-1", node_arguments=(), out=Path("x.mcap"), metadata={}, start_ns=timing.first_tick_ns)
+    driven = estimate_run(front.section, run.time_s, run.s_m, run.speed_mps)
+    return ReplayJob(
+        crew=crew, trip=trip, legs=legs, front=front, timing=timing, reference=front.fastest(), driven=driven,
+        delay_given=False, speed=None,
+    )  # fmt: skip
+
+
+def recorded(job: ReplayJob, energies: TripEnergies | None = None) -> Recording:
+    """What a replay records of the drive, without what its node says."""
+    messages = defaultdict(list)
+    for one in (codec.told(_journey(job)), *_Feed(job).until(2**62)):
+        messages[one.topic.name].append(Stamped(0, one.message))
+    if energies is not None:
+        messages["saving"] = [Stamped(0, energies.above.message(7))]
+    return Recording(
+        path=Path("replay.mcap"), train="train-1", trains=("train-1",), metadata={"run": {"kind": "replay"}},
+        messages={name: tuple(some) for name, some in messages.items()}, attachments=(), complete=True,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplayJob, TripEnergies, list[float]]:
+    """The optimum of both sections with a stand between them, as a record once a second; and its energies (J)."""
+    ends = flat(LENGTH_M, 120 * KMH)
+    first, last = ends.stops
+    route = replace(ends, stops=(first, Stop(name="M", position_m=MIDDLE_M), last))
+    train = make_train(resistance=(3000.0, 0.0, 12.0))
+    points: list[Point] = []
+    energies: list[float] = []
+    t0 = 0.0
+    for start_m, end_m, trip_s in ((0.0, MIDDLE_M, FIRST_S), (MIDDLE_M, LENGTH_M, SECOND_S)):
+        best = solve_front(build_section(route, train, start_m=start_m, end_m=end_m)).trajectory(trip_s)
+        run, t = best.trajectory, np.arange(0.0, trip_s + 1.0)
+        rows = zip(t, np.interp(t, run.t_s, run.s_m), np.interp(t, run.t_s, run.v_mps), strict=True)
+        points += [Point(t0 + float(a), float(b), float(c)) for a, b, c in rows]
+        points += [Point(t0 + trip_s + i, end_m, 0.0) for i in range(1, DWELL_S)]
+        energies.append(best.ledger.input)
+        t0 += trip_s + DWELL_S
+    path = write(tmp_path_factory.mktemp("trip"), points, on_route=True)
+    job = job_of(load_trip(path, read_trip(path), route, TripOptions()))
+    return job, trip_energies(job), energies
+
+
+def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(
+    driven: tuple[ReplayJob, TripEnergies, list[float]],
+) -> None:
+    job, found, energies = driven
+    assert [(one.start.name, one.end.name) for one in job.legs] == [
+        (job.trip.start.name, "M"),
+        ("M", job.trip.end.name),
+    ]
+    assert [one.trip_s for one in job.legs] == pytest.approx([FIRST_S, SECOND_S], abs=2.0)
+    above, likely = found.above_range, found.above.likely
+    assert above is not None
+    assert likely is not None
+    assert abs(above.estimate_j) < 0.015 * sum(energies)
+    assert above.low_j <= likely.low_j <= above.estimate_j <= likely.high_j <= above.high_j
+    through = job.front.trajectory(float(job.trip.run.time_s[-1])).ledger.input
+    assert through < 0.9 * sum(energies)  # the optimum that does not stop would have claimed a saving that nobody had
+
+
+def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(
+    driven: tuple[ReplayJob, TripEnergies, list[float]],
+) -> None:
+    above, spread = driven[1].above, driven[1].above_range
+    assert spread is not None
+    message = das_pb2.Saving.FromString(above.message(7).SerializeToString())
+    assert (message.time_ns, message.measured, message.comparable) == (7, False, True)
+    assert message.driven_j == pytest.approx(math.fsum(one.driven_j for one in message.sections))
+    assert message.optimum_j == pytest.approx(math.fsum(one.optimum_j for one in message.sections))
+    assert message.driven_j - message.optimum_j == pytest.approx(spread.estimate_j, abs=1.0)
+    assert message.worst_low_j <= message.likely_low_j <= message.likely_high_j <= message.worst_high_j
+    untold = replace(above, why_not="why", likely=None, worst=None).message(7)
+    assert not untold.comparable
+    assert math.isnan(untold.likely_low_j)
+
+
+def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(
+    driven: tuple[ReplayJob, TripEnergies, list[float]],
+) -> None:
+    """Its journey does not name the stop on the way, at which the trip stood; the energies are those that it said."""
+    job, found, _ = driven
+    section = job.front.section
+    given = DriveInputs(route=job.trip.route, vehicle=section.vehicle, level=section.level, source="test")
+    drive = Drive(source=recorded(job, found), given=given)
+    for ours, theirs in zip(job.legs, drive.legs, strict=True):
+        assert (ours.start.name, ours.end.name, ours.trip_s) == (theirs.start.name, theirs.end.name, theirs.trip_s)
+        np.testing.assert_array_equal(ours.motion.time_ns, theirs.motion.time_ns)
+        np.testing.assert_array_equal(ours.motion.s_m, theirs.motion.s_m)
+    assert drive.late_s == pytest.approx((job.arrived_ns - job.timing.arrival_ns) * 1e-9)
+    account, likely = drive.known_account, drive.likely
+    assert account.difference_j == pytest.approx(found.above.above_j)
+    assert likely is not None
+    assert (likely.low_j, likely.high_j) == found.above.likely
+
+
+def test_a_recorded_trip_and_its_replay_are_one_drive(tmp_path: Path) -> None:
+    """The bundled recording: it left 90 s late and drove for 1133 s, and its receiver tells so once a second."""
+    job = prepare(bundled_recording(), ReplayOptions(), tmp_path / "out.mcap", "test")
+    source, again = Drive.read(bundled_recording()), Drive(source=recorded(job))
+    for drive in (source, again):
+        assert drive.calls[0].departed_late_s == pytest.approx(90.0, abs=0.6)
+        assert drive.late_s == pytest.approx(-25.0, abs=0.6)
+    for leg in (*source.legs, *job.legs):
+        assert leg.trip_s == pytest.approx(1133.0, abs=0.6)
+    np.testing.assert_allclose(source.legs[0].motion.s_m, job.legs[0].motion.s_m)
+
+
+def test_a_trip_without_stops_on_the_way_is_one_leg(driven: tuple[ReplayJob, TripEnergies, list[float]]) -> None:
+    trip = driven[0].trip
+    other = replace(trip.route, stops=(trip.route.stops[0], trip.route.stops[-1]))
+    (only,) = driven_legs(replace(trip, route=other), trip.run)
+    assert only.trip_s == pytest.approx(FIRST_S + DWELL_S + SECOND_S, abs=2.0)
+
+
+def test_a_trip_that_does_not_stand_at_its_stops_is_one_leg_over_its_whole_run(
+    driven: tuple[ReplayJob, TripEnergies, list[float]],
+) -> None:
+    trip = driven[0].trip
+    part = replace(trip, matched=replace(trip.matched, ends=trip.matched.ends._replace(starts_standing=False)))
+    (only,) = driven_legs(part, trip.run)
+    assert only.trip_s == pytest.approx(float(trip.run.time_s[-1]))
+    found = trip_energies(replace(driven[0], trip=part, legs=(only,)))
+    assert (found.above.above_j, found.above_range) == (None, None)
