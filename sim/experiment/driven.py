@@ -11,15 +11,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from sim.drivers.cab import AdviceView, CabView, Driver
-from sim.drivers.diary import DriverEvent, kept_by
+from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.plant import kernels
 from sim.plant.kernels import Command
 from sim.plant.plant import PlantState
 from sim.world.day import Day
-from sim.world.hindsight import true_fronts
 from sim.world.loop import LOOK_S, TICK_S, Run
-from sim.world.outcome import DayOutcome
+from sim.world.outcome import DayOutcome, true_fronts
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 

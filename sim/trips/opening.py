@@ -12,7 +12,7 @@ from das.domain.files import load
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route
 from das.solver.section import Section, SectionOptions, build_section
-from sim.recording.attached import AttachedFiles
+from sim.recording.inputs import AttachedFiles
 from sim.trips.options import TripOptions
 from sim.trips.reading import Reading, RecordedJourney, read_trip, reading_of
 from sim.trips.trip import Trip, Whereabouts, load_trip

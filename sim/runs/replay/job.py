@@ -35,7 +35,7 @@ from sim.trips.options import TripOptions
 from sim.trips.profile import to_profile
 from sim.trips.sections import DrivenSection, driven_sections
 from sim.trips.trip import Trip
-from sim.world.processes.crew import Crew
+from sim.world.processes import Crew
 
 LONGEST_S = 86400.0
 """Running times and delays must be shorter than this (s): a day."""

@@ -15,6 +15,7 @@ from das.domain.units import KMH
 from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
 from sim.drivers.population import DEFAULT, Participant, load_population, participant_of
+from sim.drivers.screen import recorded_screen
 from sim.recording.inputs import sha256
 from sim.recording.metadata import WhatIfKind, typed_command
 from sim.runs.reproduce.hearing import HeardAgain
@@ -25,7 +26,6 @@ from sim.world.day import Day, make_day, with_disturbances
 from sim.world.disturbances import AnnouncedRestriction
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import Scenario
-from sim.world.screen_text import recorded_screen
 from sim.world.service import prepare_service
 
 TRUE_LEVEL: Final = "what_if_true_level"

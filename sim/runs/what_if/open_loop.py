@@ -21,7 +21,7 @@ from das.domain.errors import DasError
 from das.node.building import CabPlan, plan_cab
 from sim.recording.inputs import sha256, vehicle_files
 from sim.recording.metadata import NODE_ARGUMENTS, WhatIfKind
-from sim.recording.writing import whole_recording
+from sim.recording.opening import whole_recording
 from sim.runs.reproduce.comparison import COMPARED
 from sim.runs.reproduce.hearing import HeardAgain, Rehearing, of_the_process
 from sim.runs.reproduce.inputs import NodeGiven, by_bus_clock, node_given

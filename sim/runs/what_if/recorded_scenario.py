@@ -18,13 +18,12 @@ from das.domain.units import NS
 from das.node.options import NodeOptions
 from sim.drive.calls import KeptCall, calls_of
 from sim.drive.limits import told_lists
-from sim.recording.attached import put
 from sim.recording.course import DrivenCourse
-from sim.recording.inputs import sha256, vehicle_files
+from sim.recording.inputs import put, sha256, vehicle_files
 from sim.runs.reproduce.inputs import node_given
 from sim.runs.what_if.origin import Origin
+from sim.world.drawn import Truth
 from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario
-from sim.world.truth import Truth
 
 LEAST_DELAY_S: Final = 1.0
 """A departure that was late by less than this (s) was in time."""

@@ -21,7 +21,7 @@ import pytest
 from mcap.reader import make_reader
 
 from precompute.workers import Workers
-from sim.drivers.screen import ScreenSettings
+from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.experiment.design import Design, read_design
 from sim.experiment.factors import FACTORS
 from sim.experiment.files import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
@@ -29,7 +29,6 @@ from sim.experiment.jobs import Keep, TrialJob, jobs_of, make_trial
 from sim.experiment.running import run_study
 from sim.jobs.journal import Journal
 from sim.jobs.runner import attempted
-from sim.world.screen_text import screen_metadata
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim
 

@@ -13,7 +13,7 @@ from das.bus.recording import Recording, read_recording
 from das.domain.units import KM, KMH, KN, PERMILLE, kwh
 from sim.drive.attribution.inputs import inputs_of
 from sim.drive.drive import Drive
-from sim.recording.cutting import part_of
+from sim.recording.clock import part_of
 from sim.review.story import Story
 
 REFERENCE = Path(__file__).parents[3] / "recordings/references/clear-day.mcap"

@@ -38,7 +38,7 @@ from sim.trips.reading import read_trip
 from sim.trips.sections import driven_sections
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip, Whereabouts, load_trip
-from sim.world.processes.lockstep import Traffic
+from sim.world.lockstep import Traffic
 from tests.support.dirt import LENGTH_M, Point, Points, all_together, clean, dropouts, late_end, spikes, write
 from tests.support.made_line import north, posts_file, route
 from tests.support.making import das_sim, flat, in_a_process, make_train

@@ -10,7 +10,7 @@ import pytest
 from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
 from das.domain.files import writing
-from sim.recording.writing import whole_recording
+from sim.recording.opening import whole_recording
 
 
 def test_a_device_is_written_to(tmp_path: Path) -> None:
