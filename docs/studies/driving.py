@@ -21,8 +21,7 @@ from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import presenter_of
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Tick
-from sim.world.loop import Run, World
+from sim.world.loop import Run, Tick, World
 from sim.world.service import Service
 
 KEEPING: Final = KeepingSettings()

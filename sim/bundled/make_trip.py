@@ -19,7 +19,7 @@ from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix, Quality
 from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
-from sim.world.processes.messages import location
+from sim.world.lockstep import location
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08

@@ -88,7 +88,7 @@ def drive(
         from sim.drivers.knowledge import LineKnowledge
         from sim.drivers.population import participant_of, stream_of
         from sim.drivers.registry import make_driver
-        from sim.world.external.process import HEARD, answer_looks, warm_up
+        from sim.world.external import HEARD, answer_looks, warm_up
         from sim.world.scenario import load_scenario
         from sim.world.service import lay_out
 

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from das.bus.config import BusFolder
     from sim.drivers.cab import Driver
     from sim.world.day import Day
-    from sim.world.external.external import ExternalDriver
+    from sim.world.external import ExternalDriver
     from sim.world.loop import Run
     from sim.world.outcome import DayResult, RecordedFigures
     from sim.world.scenario import Scenario
@@ -257,7 +257,7 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
 
 def _external(day: Day, options: _Asked) -> ExternalDriver:
     """The driver that is a process of its own; says where it is waited for."""
-    from sim.world.external.external import ExternalDriver
+    from sim.world.external import ExternalDriver
 
     where = f"--bus {options.bus.path}" if options.bus is not None else f"--connect {options.driver_at}"
     scenario = shlex.quote(str(day.service.scenario.source))
@@ -281,8 +281,8 @@ class _Pace:
 
     def tick(self, done_m: float, all_m: float) -> None:
         """Take note of a driven second, and wait until it is over at the wanted speed."""
+        from sim.world.lockstep import sleep_until
         from sim.world.loop import TICK_S
-        from sim.world.processes.lockstep import sleep_until
 
         if self._ticks == 0:
             self._began = time.perf_counter()

@@ -244,7 +244,7 @@ def example(
     """
     filled = _check_example(folder, overwrite)
     with busy("driving the recorded trip …"):
-        from sim.bundled.example.making import example_files
+        from sim.bundled.example import example_files
 
         content = example_files(seed)
     if filled:

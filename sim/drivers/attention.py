@@ -1,17 +1,48 @@
-"""A human driver's attention: when he looks away, when he looks at the display, and what he decides about it."""
+"""A human driver's attention: when he looks away and at the display, what he decides, and the chances behind it."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from das.advice.modes import Mode
-from sim.drivers.cab import AdviceView, CabView
-from sim.drivers.chance import Chance, ReactionTimes
-from sim.drivers.diary import Diary
-from sim.drivers.human_settings import HEEDING
+from sim.drivers.cab import AdviceView, CabView, Diary
+from sim.drivers.handling import HEEDING
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import presenter_of
+
+
+class Chance:
+    """The streams of random numbers of one driver.
+
+    Every kind of chance has its own stream, so that changing one parameter does not reshuffle the others.
+    """
+
+    def __init__(self, seed: int, stream: int) -> None:
+        streams = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(7)
+        generators = [np.random.default_rng(one) for one in streams]
+        self.reactions, self.choices, self.looks, self.lapses, self.marks, self.speed, self.force = generators
+
+
+class ReactionTimes:
+    """A driver's reaction times, drawn from a lognormal distribution and noted in his diary."""
+
+    def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
+        self._human, self._random, self._diary = human, chance.reactions, diary
+
+    def draw(self, now_s: float, *, of_itself: float = 1.0) -> float:
+        """How long (s) the next reaction takes; to something that was announced it is a share `of_itself`."""
+        human = self._human
+        normal = float(self._random.standard_normal())
+        reaction_s = human.reaction_median_s * math.exp(human.reaction_log_sd * normal)
+        if of_itself < 1.0:
+            self._diary.note(now_s, "expected", of_itself)
+            reaction_s *= of_itself
+        self._diary.note(now_s, "reaction", reaction_s)
+        return reaction_s
+
 
 _KINDS: dict[int, str] = {
     Mode.FULL_TRACTION: "traction",

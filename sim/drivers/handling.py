@@ -1,20 +1,123 @@
-"""How a human driver holds a speed and brakes: the controller's setting that each of them asks for."""
+"""How a human driver holds a speed, brakes and moves the controller, with the settings that all of them share.
+
+What differs from driver to driver, and what a scenario can set, is in `parameters`.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from sim.drivers.cab import CabView, Efforts
-from sim.drivers.chance import Errors
-from sim.drivers.human_settings import HumanSettings
+from sim.drivers.cab import AT_STOP_M, CabView, Diary, Efforts
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Outlook
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.rule_settings import TRACKING
-from sim.drivers.tracking import RollOff
+from sim.drivers.tracking import TRACKING, RollOff
 from sim.plant.kernels import TrainNumbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class HumanSettings:
+    """Handling that all human drivers share. All values are assumptions, chosen so that the runs look like driving."""
+
+    gain_per_s: float = 0.1
+    """A driver corrects this share of a speed error per second."""
+    settled_ratio: float = 0.25
+    """A correction ends when the speed error is down to this share of the dead band."""
+    roll_mps: float = 2.0
+    """A driver does not brake until the train is this much (m/s) above the speed that he means to hold."""
+    released_ratio: float = 0.6
+    """The brakes stay applied while at least this share of the planned deceleration is still needed."""
+    settled_mps: float = 0.1
+    """Braking for a limit ends when the train is no more than this (m/s) above the limit."""
+    regained_s: float = 10.0
+    """A driver keeps the brakes applied on a descent where the train would gain the dead band again within this time
+    (s)."""
+    eased_s: float = 6.0
+    """A driver brakes a speed above a limit away within about this time (s)."""
+    nearest_m: float = 0.3
+    """Nearer to the mark than this (m), and beyond it, the driver brakes with the planned deceleration."""
+    missed_m: float = 0.5 * AT_STOP_M
+    """A driver takes a mark to be at most this (m) off. His braking adds to it, and further off than `AT_STOP_M` the
+    train would not count as being at its stop."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeedingSettings:
+    """What every human driver makes of limits and of what he is shown. All values are assumptions."""
+
+    warning_mps: float = 1.5
+    """The train warns its driver when it is this much (m/s) above the braking curve; the warning ends any lapse."""
+    watched_mps: float = 1.5
+    """Within this distance (m/s) of the highest allowed speed the driver minds that speed, whatever is advised."""
+    eased_off_s: float = 1.5
+    """A driver who accelerates to a speed eases off this much (s) before the train reaches it."""
+    expected_within_s: float = 5.0
+    """A change of the advice within this time (s) of when it was announced for is the one that was announced."""
+    made_good_s: float = 20.0
+    """A driver who is told that he is this much (s) late drives as fast as allowed, and this much early just in
+    time."""
+    least_effort_s: float = 4.0
+    """A driver does not begin an acceleration that would be over within this time (s), he holds the speed instead; nor
+    such a brake, he lets the train roll instead."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandSettings:
+    """How every human driver moves the controller. All values are assumptions."""
+
+    waits_s: float = 5.0
+    """A driver who has set the controller waits so long (s) to see what comes of it before he changes it a little. The
+    effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
+    waits_ratio: float = 0.3
+    """A change by this share of the controller's scale is not a little one: a step and a half of effort as it is
+    read."""
+    end_stop_ratio: float = 0.99
+    """An effort above this share of the controller's scale is set at the end of the scale, where the hand feels a
+    stop."""
+
+
+HEEDING: Final = HeedingSettings()
+HAND: Final = HandSettings()
+
+
+class Wander:
+    """An Ornstein–Uhlenbeck process with standard deviation 1 and a correlation time (s)."""
+
+    def __init__(self, correlation_s: float, random: np.random.Generator) -> None:
+        self._correlation_s, self._random = correlation_s, random
+        self.value = float(random.standard_normal())
+
+    def over(self, span_s: float) -> None:
+        """Let a time pass; the step is exact for any length."""
+        keep = math.exp(-span_s / self._correlation_s)
+        self.value = keep * self.value + math.sqrt(1.0 - keep * keep) * float(self._random.standard_normal())
+
+
+class Errors:
+    """How far a driver's speed and effort are off what he means, wandering slowly."""
+
+    def __init__(self, human: HumanParameters, speed: np.random.Generator, force: np.random.Generator) -> None:
+        self._human = human
+        self._speed, self._force = Wander(human.speed_error_s, speed), Wander(human.force_error_s, force)
+
+    def over(self, span_s: float) -> None:
+        """Let a time pass."""
+        self._speed.over(span_s)
+        self._force.over(span_s)
+
+    @property
+    def speed_mps(self) -> float:
+        """By how much the speed that he drives at is above the one that he means."""
+        return self._human.speed_error_mps * self._speed.value
+
+    @property
+    def force_ratio(self) -> float:
+        """What an effort that he sets is of the one that he means (1: exactly it; never below 0)."""
+        return max(1.0 + self._human.force_error_ratio * self._force.value, 0.0)
 
 
 class StopMark:
@@ -168,3 +271,63 @@ class Handling:
         rate = min(max(needed_mps2, 0.0), 2.0 * self._human.braking_mps2)
         force_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * rate
         return self.efforts.lever_ratio(force_n * self._errors.force_ratio)
+
+
+class Hand:
+    """The setting of the controller (−1 … 1), moved as fast as a hand moves it.
+
+    A driver who has set the controller waits to see what comes of it: small changes are made again only after a while,
+    unless they are urgent or he has something else to do (another `task`). Traction or brakes are given up without a
+    wait if they have lasted that long.
+    """
+
+    def __init__(self, human: HumanParameters, diary: Diary) -> None:
+        self._human, self._diary = human, diary
+        self.setting = 0.0
+        self._moving, self._notched_s, self._left_s, self._begun_s = False, -math.inf, -math.inf, -math.inf
+        self._task: object = None
+
+    @property
+    def reach_s(self) -> float:
+        """The time (s) it takes to get the controller back from traction."""
+        human = self._human
+        full_s = human.notches * human.notch_s if human.notches else 1.0 / human.lever_rate_per_s
+        return max(self.setting, 0.0) * full_s
+
+    def release(self) -> None:
+        """Put the controller to 0 at once: the train stands."""
+        self.setting, self._left_s, self._begun_s = 0.0, -math.inf, -math.inf
+
+    def move(self, wanted: float, now_s: float, span_s: float, *, task: object = None, urgent: bool = False) -> None:
+        """Move the controller towards a setting for a time (s)."""
+        before = self.setting
+        small = abs(wanted - before) < HAND.waits_ratio and abs(wanted) < 1.0 and not self._moving
+        since_s = self._begun_s if wanted * before <= 0 else self._left_s
+        if small and now_s < since_s + HAND.waits_s and task == self._task and not urgent:
+            return
+        self._task = task
+        self.setting = self._by_notches(wanted, now_s) if self._human.notches else self._by_percent(wanted, span_s)
+        moved = self.setting != before
+        if moved and not self._moving:
+            self._diary.note(now_s, "lever", wanted)
+        self._moving = moved and self.setting != wanted
+        self._left_s = now_s if moved else self._left_s
+        self._begun_s = now_s if moved and before * self.setting <= 0 else self._begun_s
+
+    def _by_notches(self, wanted: float, now_s: float) -> float:
+        """One notch at a time; each takes its time."""
+        human = self._human
+        notch, aim = round(self.setting * human.notches), round(wanted * human.notches)
+        if aim != notch and now_s - self._notched_s >= human.notch_s:
+            self._notched_s = now_s
+            notch += 1 if aim > notch else -1
+        return notch / human.notches
+
+    def _by_percent(self, wanted: float, span_s: float) -> float:
+        """Any setting, at the hand's rate; small changes are left undone."""
+        human, before = self._human, self.setting
+        small = abs(wanted - before) < human.lever_least_ratio and abs(wanted) not in (0.0, 1.0)
+        if small and not self._moving:
+            return before
+        step = min(abs(wanted - before), human.lever_rate_per_s * span_s)
+        return wanted if step == abs(wanted - before) else before + math.copysign(step, wanted - before)

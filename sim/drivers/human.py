@@ -5,19 +5,15 @@ from __future__ import annotations
 import math
 
 from das.advice.modes import Mode
-from sim.drivers.attention import DisplayReading, Lapses, advice_kind
-from sim.drivers.cab import AdviceView, CabView, Efforts
-from sim.drivers.chance import Chance, Errors, ReactionTimes
-from sim.drivers.diary import Diary, DriverEvent
-from sim.drivers.hand import Hand
-from sim.drivers.handling import Handling, StopMark
-from sim.drivers.human_settings import HAND, HEEDING, HumanSettings
+from sim.drivers.attention import Chance, DisplayReading, Lapses, ReactionTimes, advice_kind
+from sim.drivers.cab import AdviceView, CabView, Diary, DriverEvent, Efforts
+from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, HumanSettings, StopMark
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
-from sim.drivers.rule_settings import RULE
 from sim.drivers.rules import TimeRule
+from sim.drivers.tracking import RULE
 from sim.plant.plant import COAST, Command, lever
 
 BEGUN_RATIO = 0.5
@@ -90,7 +86,7 @@ class HumanDriver:
         self._diary = diary = Diary()
         chance = Chance(seed, stream)
         times = ReactionTimes(human, chance, diary)
-        self._errors = Errors(human, chance)
+        self._errors = Errors(human, chance.speed, chance.force)
         self._foresight = Foresight(line, Habit(braking_mps2=human.braking_mps2, below_mps=human.below_limit_mps))
         self._rule = TimeRule(RULE.judged_every_s)
         self._motion, self._departure = Motion(), Departure(times)

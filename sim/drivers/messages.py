@@ -13,8 +13,8 @@ from das.bus.restrictions import decoded, encoded
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from sim.drivers.cab import AdviceView, CabView, lever_ratio
-from sim.drivers.checked import checked
 from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.own_class import checked
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation
 from sim.plant.kernels import FORCE, LEVER, Command, demanded
 from sim.plant.plant import force, lever, speed

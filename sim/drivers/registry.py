@@ -8,8 +8,7 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.own_class import OwnDriver
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.perfect import PerfectDriver
-from sim.drivers.rules import FastDriver, RmsDriver, TimetableDriver
+from sim.drivers.rules import FastDriver, PerfectDriver, RmsDriver, TimetableDriver
 
 __all__ = ["DriverKind", "make_driver"]
 

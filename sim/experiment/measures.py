@@ -12,8 +12,7 @@ import numpy as np
 
 from das.domain.units import KMH, kwh
 from sim.drive.stability import REVERSAL_S
-from sim.drivers.cab import AdviceView
-from sim.drivers.diary import DriverEvent
+from sim.drivers.cab import AdviceView, DriverEvent
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.experiment.driving import Driven
 from sim.world.loop import TICK_S

@@ -22,8 +22,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.losses import Level
 from precompute.workers import source_sha256
-from sim.drivers.cab import Presentation
-from sim.drivers.diary import DriverEvent
+from sim.drivers.cab import DriverEvent, Presentation
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.own_class import driver_versions
 from sim.drivers.population import Participant

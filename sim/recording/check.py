@@ -20,8 +20,7 @@ from das.bus.topics import TOPICS
 from das.cab.outputs import NodeState
 from das.domain.units import NS
 from sim.recording.clock import DriveClock
-from sim.recording.findings import CheckFinding, CheckKind, find, is_session, to_recorder_s, versions
-from sim.recording.rates import Rate, rate_of
+from sim.recording.findings import CheckFinding, CheckKind, Rate, find, is_session, rate_of, to_recorder_s, versions
 
 HASH = "_sha256"
 """Keys of the metadata that hold the hash of an input file end so."""

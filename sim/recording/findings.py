@@ -1,20 +1,54 @@
-"""What is wrong with a recording, each with the time at which it was, found from the file alone."""
+"""What is wrong with a recording, each with the time at which it was, and how often its messages came."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.advice.modes import Mode
 from das.bus import topics
+from das.bus.recorder import message_time_ns
 from das.bus.recording import Recording
 from das.bus.topics import Topic
 from das.domain.units import NS
 from das.estimate.localisation_settings import STALE_AFTER_S
-from sim.recording.rates import Rate, rate_of, times_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rate:
+    """How many messages there are, in how many a second they came, the usual and the longest time between two (s)."""
+
+    messages: int
+    per_s: float
+    interval_s: float
+    longest_gap_s: float
+
+
+def times_of(recording: Recording, topic: Topic) -> NDArray[Any]:
+    """The times (ns) that the messages of a topic state, in the order recorded; where one states none, the log's."""
+    entries = recording.of(topic)
+    return np.array([message_time_ns(one.message) or one.log_time_ns for one in entries], dtype=np.int64)
+
+
+def rate_of(recording: Recording, topic: Topic) -> Rate | None:
+    """The rate of a topic; None where it has no messages."""
+    time_ns = np.sort(times_of(recording, topic))
+    if not len(time_ns):
+        return None
+    steps_s = np.diff(time_ns) * NS
+    span_s = float(time_ns[-1] - time_ns[0]) * NS
+    return Rate(
+        messages=len(time_ns),
+        per_s=len(steps_s) / span_s if span_s > 0 else float("nan"),
+        interval_s=float(np.median(steps_s)) if len(steps_s) else float("nan"),
+        longest_gap_s=float(steps_s.max()) if len(steps_s) else 0.0,
+    )
+
 
 LATE_AFTER_S = 1.0
 """An advice that is recorded later than this after its time has come late to the driver as well (s)."""

@@ -1,13 +1,25 @@
-"""The files that a run is made from, and their hashes."""
+"""The input files of a run, and those that a recording brings along, put where programs of today can read them.
+
+A recording is data: what it brings along is read, and what it only names is not opened. A bundled file of a name counts
+as ours, not as one that the recording names.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Callable, Collection, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, TypeVar
 
-from das.domain.files.load import locate_route, locate_vehicle
+from mcap import records
+
+from das.bus.contents import Contents
+from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.files.load import catalogue, locate_route, locate_vehicle
 from das.domain.files.reading import read_toml
+from das.domain.route import Route
+from das.domain.vehicle import Vehicle
 
 
 def sha256(path: Path) -> str:
@@ -35,3 +47,108 @@ def _loss_map_of(vehicle: Path) -> Path | None:
     levels = losses.values() if isinstance(losses, Mapping) else ()
     paths = (level.get("path") for level in levels if isinstance(level, Mapping))
     return next((vehicle.parent / path for path in paths if isinstance(path, str)), None)
+
+
+DEEP: Final = PurePosixPath("a/b/c/d")
+"""A vehicle may name its loss map in a folder above its own: the files are put this deep, so that it stays inside."""
+LOSS_MAP: Final = "loss_map"
+
+_Input = TypeVar("_Input", Route, Vehicle)
+
+
+class AttachedFiles:
+    """The attached files of a recording by what its metadata call them; each is written when it is asked for."""
+
+    def __init__(self, recording: Contents | Recording, folder: Path) -> None:
+        """`folder` is private; the files are put there under their bare names, each in a place of its own."""
+        files = recording.attachments if isinstance(recording, Contents) else recording.attached
+        self._path = recording.path
+        self._run = recording.metadata.get("run", {})
+        self._attached = {hashlib.sha256(one.data).hexdigest(): one for one in files}
+        self._folder = folder
+
+    def has(self, kind: str) -> bool:
+        """Whether the recording brings a file along: "route", "vehicle", "loss_map", "scenario", "true_vehicle" …"""
+        return self.sha256(kind) in self._attached
+
+    def sha256(self, kind: str) -> str:
+        """The hash of a file as the metadata have it; nothing where they do not name it."""
+        return self._run.get(f"{kind}_sha256", "")
+
+    def others(self, but: Collection[str] = ()) -> list[records.Attachment]:
+        """All attached files but those of some hashes (SHA-256), in the order of the recording."""
+        return [one for hashed, one in self._attached.items() if hashed not in but]
+
+    def place(self, kind: str) -> Path:
+        """Where a file is, written now; DasError where it cannot be written."""
+        return self._put(self.sha256(kind))
+
+    def place_vehicle(self, kind: str = "vehicle", loss_map: str = LOSS_MAP) -> Path:
+        """Where a vehicle is, with its own loss map where its file says that it is.
+
+        Raises DasError where the file cannot be written, and where it names a loss map outside the private folder.
+        """
+        return self._put(self.sha256(kind), loss_map)
+
+    def find(self, kind: str, identity: str, load: Callable[[Path], _Input]) -> tuple[_Input, str, str]:
+        """The route or vehicle (`kind`: "routes", "vehicles") of an identity, its name or path, and where it is from.
+
+        It is the attached file of that identity, else the bundled one. Raises DasError where there is neither.
+        """
+        bundled, tried = catalogue(kind).get(identity), []
+        for hashed, one in self._attached.items():
+            if PurePosixPath(one.name).suffix.lower() not in (".toml", ".json"):
+                continue
+            if bundled is not None and hashed == sha256(bundled):
+                break  # the bundled file has its loss map where the file says
+            try:
+                path = self._put(hashed, LOSS_MAP)
+                found = load(path)
+            except DasError as error:
+                tried.append(str(error))
+                continue
+            if found.id == identity:
+                return found, str(path), "from the recording"
+        if bundled is not None:
+            return load(bundled), identity, "bundled"
+        why = f" ({tried[-1]})" if tried else ""
+        raise DasError(f"{self._path}: its {kind[:-1]} {identity!r} is neither in it nor bundled{why}")
+
+    def _put(self, hashed: str, loss_map: str = "") -> Path:
+        """Write an attached file, and the loss maps that it names beside it."""
+        one, root = self._attached[hashed], self._folder / hashed
+        path = put(root / DEEP / Path(one.name).name, one.data)
+        for name in _maps_of(path):
+            target = (path.parent / name).resolve()
+            if not target.is_relative_to(root.resolve()):
+                raise DasError(f"{self._path}: its {path.name} names {name}, expected a file in the recording")
+            brought = self._attached.get(self.sha256(loss_map)) or self._of_name(target.name)
+            if brought is not None:
+                put(target, brought.data)
+        return path
+
+    def _of_name(self, name: str) -> records.Attachment | None:
+        return next((one for one in self._attached.values() if Path(one.name).name == name), None)
+
+
+def put(path: Path, content: bytes) -> Path:
+    """Write a file and the folders above it; DasError where it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise DasError(f"attached file {path.name!r}: cannot be written ({error})") from None
+    return path
+
+
+def _maps_of(path: Path) -> list[str]:
+    """The loss maps that a vehicle's file names; none of a file that is no TOML."""
+    return list(_paths_in(read_toml(path).data)) if path.suffix.lower() == ".toml" else []
+
+
+def _paths_in(table: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        if key == "path" and isinstance(value, str):
+            yield value
+        elif isinstance(value, Mapping):
+            yield from _paths_in(value)

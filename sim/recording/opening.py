@@ -1,12 +1,24 @@
-"""How every command opens a recording: what is damaged is left out and said, and no train is chosen in silence."""
+"""How every command opens a recording and writes one.
+
+What is damaged is left out and said, and no train is chosen in silence. A new file is in its place only when it is
+whole.
+"""
 
 from __future__ import annotations
 
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from das.bus.contents import Contents, read_contents
+from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, recording_of
 from das.command_line.printing import warn
+from das.domain.clocks import Clocks
+from das.domain.errors import DasError
+from das.domain.files.writing import refuse_link
 
 _warned: set[str] = set()
 """Warnings that this process has printed."""
@@ -35,3 +47,23 @@ def open_contents(path: Path) -> Contents:
 def forget_warnings() -> None:
     """Say again what was said before in this process."""
     _warned.clear()
+
+
+@contextmanager
+def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
+    """A recording to write to; at the end of the block it is at `out`, and if that fails nothing is.
+
+    `now_ns` is the time at which files are attached (ns since 1970). Raises DasError where it cannot be written.
+    """
+    refuse_link(out)
+    try:
+        with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:
+            beside = Path(folder) / out.name
+            file = RecordingFile(beside, Clocks(now_ns=lambda: now_ns))
+            try:
+                yield file
+            finally:
+                file.close()
+            os.replace(beside, out)
+    except OSError as error:
+        raise DasError(f"{out}: cannot be written ({error.strerror})") from error

@@ -17,7 +17,7 @@ from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KMH, NS
 from das.solver.section import Section, SectionOptions, build_section
-from sim.recording.attached import AttachedFiles
+from sim.recording.inputs import AttachedFiles
 from sim.trips.cleaning import find_gaps, in_order
 from sim.trips.findings import FindingKind, FindingLog
 from sim.trips.line import Line, read_kilometre_posts

@@ -13,7 +13,7 @@ from das.cab.orders import Post
 from das.cab.outputs import Output
 from das.cab.situation import Situation
 from das.cab.trains import Trains
-from sim.world.link import Tick, Told
+from sim.world.loop import Tick, Told
 from sim.world.service import Service
 
 TRAIN = "train"

@@ -26,9 +26,7 @@ from sim.world.disturbances import (
     Disturbance,
     SensorFault,
 )
-from sim.world.drawn import Drawn, key_of, read_quantity
-from sim.world.human import HumanRange, read_human
-from sim.world.truth import Truth, beside, read_truth
+from sim.world.drawn import Drawn, HumanRange, Truth, beside, key_of, read_human, read_quantity, read_truth
 
 SCHEMA_VERSION = 1
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

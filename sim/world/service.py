@@ -26,8 +26,8 @@ from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drivers.knowledge import LineKnowledge
 from sim.recording.inputs import input_files, vehicle_files
+from sim.world.drawn import Truth
 from sim.world.scenario import Scenario
-from sim.world.truth import Truth
 
 KEPT_BYTES = 300_000_000
 """Fronts that runs without a bus make on the way are kept up to this size in all (bytes)."""
@@ -58,7 +58,7 @@ class Service:
     line: LineKnowledge
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
-    """The fronts of the true train, by the conditions of a day (see `sim.world.hindsight`)."""
+    """The fronts of the true train, by the conditions of a day (see `sim.world.outcome`)."""
     braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)
     """Those of who brakes in a certain way, by the conditions of a day and the braking."""
 

@@ -16,8 +16,7 @@ from sim.drivers.cab import AT_STOP_M, Presentation
 from sim.drivers.registry import DriverKind
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Tick
-from sim.world.loop import World
+from sim.world.loop import Tick, World
 from sim.world.service import Service
 from tests.support.flat_days import FLAT, run_of, service_of, signal_at, standing_m, states_of
 

@@ -13,7 +13,7 @@ from das.bus.recording import read_recording
 from das.domain.units import NS
 from sim.drive.drive import Drive
 from sim.drive.events.event import EventKind
-from sim.drivers.diary import KINDS
+from sim.drivers.cab import KINDS
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import Batch, make_run

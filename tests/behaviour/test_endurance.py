@@ -19,9 +19,9 @@ from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, STATUS
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.world.day import make_day
-from sim.world.hindsight import fronts_of_braking
 from sim.world.in_process import InProcess
 from sim.world.loop import World
+from sim.world.outcome import fronts_of_braking
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
 from tests.das.node.test_node import START_NS, journey, node, status, until

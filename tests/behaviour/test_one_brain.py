@@ -24,10 +24,9 @@ from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Link, Tick, Told
-from sim.world.loop import World
+from sim.world.lockstep import Lockstep
+from sim.world.loop import Link, Tick, Told, World
 from sim.world.over_bus import How, OverBus, make_crew
-from sim.world.processes.lockstep import Lockstep
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import prepare_service
 

@@ -15,12 +15,11 @@ from das.domain.units import KMH
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import PlantState
+from sim.world.calls import Violations
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Tick
-from sim.world.loop import Run, World
-from sim.world.news import DayNews
-from sim.world.safety import Violations
+from sim.world.loop import Run, Tick, World
+from sim.world.surroundings import DayNews
 from tests.support.flat_days import service_of
 
 FROM_M, TO_M, SLOW_MPS = 2000.0, 4500.0, 40.0 * KMH

@@ -36,8 +36,7 @@ from sim.world.disturbances import (
     TrainAhead,
 )
 from sim.world.in_process import InProcess
-from sim.world.link import Tick, Told
-from sim.world.loop import Run, World
+from sim.world.loop import Run, Tick, Told, World
 from sim.world.outcome import outcome
 from sim.world.scenario import Drawn, bundled_scenarios, load_scenario
 from sim.world.service import Service

@@ -41,8 +41,8 @@ from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
+from sim.world.lockstep import Traffic
 from sim.world.loop import World
-from sim.world.processes.lockstep import Traffic
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
 from tests.support.making import das_sim, in_a_process

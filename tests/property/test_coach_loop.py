@@ -23,8 +23,7 @@ from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Shown
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Tick
-from sim.world.loop import Run, World
+from sim.world.loop import Run, Tick, World
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service
 

@@ -18,10 +18,9 @@ from sim.drivers.messages import CabLook, cab_message
 from sim.plant.plant import Command, speed
 from sim.world.day import Day
 from sim.world.in_process import TRAIN, InProcess
-from sim.world.link import Tick, Told
-from sim.world.loop import BEFORE_S, World
+from sim.world.lockstep import happened
+from sim.world.loop import BEFORE_S, Tick, Told, World
 from sim.world.over_bus import _truth
-from sim.world.processes.messages import happened
 
 
 class KeptInProcess(InProcess):

@@ -16,7 +16,7 @@ from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from sim.recording.attached import AttachedFiles
+from sim.recording.inputs import AttachedFiles
 from sim.recording.metadata import NODE_ARGUMENTS
 
 

@@ -17,8 +17,7 @@ from das.domain.units import KM, NS, PERCENT, kmh
 from sim.drive.calls import NEAR_M, STANDING_MPS, KeptCall, arrival_ns, departure_ns, stands
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.limits import SpanAbove, spans_above
-from sim.drivers.cab import AT_STOP_M
-from sim.drivers.diary import KINDS
+from sim.drivers.cab import AT_STOP_M, KINDS
 from sim.recording.course import DrivenCourse, Floats
 
 LEVER_RATIO: Final = 0.03

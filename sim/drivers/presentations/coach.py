@@ -12,8 +12,7 @@ from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh_mps
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, ShownMode, SpeedIs, known_mode
-from sim.drivers.rule_settings import FOLLOWING, RULE
-from sim.drivers.tracking import hold, needed_braking_mps2
+from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
 from sim.plant.kernels import TrainNumbers, electric_effort
 from sim.plant.plant import COAST, Command, force
 

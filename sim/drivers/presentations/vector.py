@@ -8,11 +8,10 @@ from typing import Any, Final
 
 from das.advice.modes import Mode
 from sim.drivers.cab import AdviceView, CabView, lever_ratio
-from sim.drivers.human_settings import HAND
+from sim.drivers.handling import HAND
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, Presenter
-from sim.drivers.rule_settings import FOLLOWING, RULE, TRACKING
-from sim.drivers.tracking import hold, needed_braking_mps2
+from sim.drivers.tracking import FOLLOWING, RULE, TRACKING, hold, needed_braking_mps2
 from sim.plant.kernels import TrainNumbers, electric_effort
 from sim.plant.plant import Command, force, speed
 

@@ -33,7 +33,7 @@ from sim.trips.estimate import EnergyRange, energy_range, estimate_run
 from sim.trips.options import TripOptions
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
-from sim.world.processes.crew import Crew
+from sim.world.processes import Crew
 
 LONGEST_S = 86400.0
 """Running times and delays must be shorter than this (s): a day."""

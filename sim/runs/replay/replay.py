@@ -25,9 +25,8 @@ from das.solver.solution import Solution
 from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.trips.estimate import DrivenEstimate
 from sim.trips.trip import Trip
-from sim.world.processes.crew import Crew
-from sim.world.processes.lockstep import Lockstep, Traffic, sleep_until
-from sim.world.processes.messages import happened, location
+from sim.world.lockstep import Lockstep, Traffic, happened, location, sleep_until
+from sim.world.processes import Crew
 
 TICK_S = 1.0
 DELAY_EVERY_S = 10.0

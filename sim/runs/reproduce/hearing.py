@@ -22,8 +22,8 @@ from das.command_line.application import single_command
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.node.options import AdviceGiven, BusPlace, ClockKind, LineServed, NodeOptions, TrainServed
-from sim.recording.attached import AttachedFiles
 from sim.recording.check import restarts_of
+from sim.recording.inputs import AttachedFiles
 from sim.recording.metadata import NODE_ARGUMENTS
 
 FILES: Final = {"--route": "route", "--vehicle": "vehicle", "--loss-map": "loss_map"}

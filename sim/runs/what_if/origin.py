@@ -13,8 +13,7 @@ from das.bus import topics
 from das.bus.contents import Contents, RecordedMessage
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
-from sim.recording.attached import AttachedFiles
-from sim.recording.inputs import sha256
+from sim.recording.inputs import AttachedFiles, sha256
 from sim.recording.metadata import WHAT_IF, WhatIfKind
 from sim.recording.opening import open_contents
 from sim.runs.what_if.otherwise import KEPT, Otherwise

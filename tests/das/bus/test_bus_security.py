@@ -23,8 +23,8 @@ from das.bus.session import Bus, free_ports
 from das.bus.tls import LISTENERS, write_bus_folder
 from das.bus.topics import ADVICE, EFFORT, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS, Topic
 from das.cab.heard import JourneyHeard
-from sim.world.processes.crew import Crew
-from sim.world.processes.lockstep import Lockstep
+from sim.world.lockstep import Lockstep
+from sim.world.processes import Crew
 
 pytestmark = pytest.mark.processes
 TRAIN = "T1"

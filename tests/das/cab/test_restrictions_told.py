@@ -14,7 +14,7 @@ from das.cab.cab import CabSettings
 from das.cab.heard import PositionHeard, RestrictionsHeard
 from das.estimate.fix import PositionFix
 from sim.world.in_process import InProcess
-from sim.world.link import Tick
+from sim.world.loop import Tick
 from tests.das.node.test_node import journey as journey_of_now
 from tests.das.node.test_node import node, status, until
 from tests.support.driven_node import START_NS, DrivenNode, S, journey, restrictions

@@ -27,7 +27,7 @@ from das.cab.trains import Trains
 from das.domain.errors import DasError
 from das.node.clock import WallClock
 from das.node.node import Node
-from sim.world.processes.process import Process
+from sim.world.processes import Process
 from tests.das.node.test_node import until
 from tests.support.driven_node import FRONTS, ROUTE, START_NS, TRAIN, VEHICLE, S, Sink, journey
 from tests.support.hand_clock import HandClock

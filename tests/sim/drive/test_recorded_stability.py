@@ -19,8 +19,7 @@ from sim.drivers.registry import DriverKind
 from sim.review.words import summary
 from sim.world.day import make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Told
-from sim.world.loop import Run, World
+from sim.world.loop import Run, Told, World
 from sim.world.over_bus import OverBus
 from tests.support.flat_days import service_of
 

@@ -17,8 +17,8 @@ from sim.drivers.cab import AdviceView, CabView, Driver, Efforts, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.perfect import PerfectDriver
 from sim.drivers.presentations.presenter import Shown, present
+from sim.drivers.rules import PerfectDriver
 from sim.plant.kernels import electric_effort
 from sim.plant.plant import COAST
 

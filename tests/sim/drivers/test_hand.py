@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sim.drivers.diary import Diary
-from sim.drivers.hand import Hand
-from sim.drivers.human_settings import HAND
+from sim.drivers.cab import Diary
+from sim.drivers.handling import HAND, Hand
 from sim.drivers.parameters import HumanParameters
 
 LOOK_S = 0.2

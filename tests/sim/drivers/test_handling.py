@@ -9,9 +9,8 @@ import pytest
 
 from das.advice.modes import Mode
 from sim.drivers.cab import AdviceView, Presentation
-from sim.drivers.handling import SpeedHold
+from sim.drivers.handling import HumanSettings, SpeedHold
 from sim.drivers.human import HumanDriver
-from sim.drivers.human_settings import HumanSettings
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.parameters import HumanParameters
 from sim.plant.plant import COAST, Command, PlantState

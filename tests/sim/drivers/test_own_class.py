@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from das.domain.errors import DasError
-from sim.drivers.checked import checked
 from sim.drivers.kinds import EXTERNAL, DriverKind, OwnClass, named_driver
+from sim.drivers.own_class import checked
 from sim.plant.kernels import Command
 from sim.plant.plant import force, lever, speed
 from tests.support.flat_days import FLAT

@@ -18,13 +18,12 @@ import pytest
 from mcap.reader import make_reader
 
 from precompute.workers import Workers
-from sim.drivers.screen import ScreenSettings
+from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.experiment.design import Design, read_design
 from sim.experiment.factors import FACTORS
 from sim.experiment.plan import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.experiment.running import Keep, TrialJob, jobs_of, make_trial, run_study
 from sim.jobs.runner import Journal, attempted
-from sim.world.screen_text import screen_metadata
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim
 

@@ -38,7 +38,7 @@ from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
-from sim.world.processes.lockstep import Traffic
+from sim.world.lockstep import Traffic
 from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
 from tests.support.made_line import north, posts_file, route
 from tests.support.making import das_sim, flat, in_a_process, make_train

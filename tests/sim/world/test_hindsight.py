@@ -11,10 +11,9 @@ from das.domain.losses import Level
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
 from sim.world.day import make_day
-from sim.world.hindsight import true_fronts
 from sim.world.in_process import InProcess
 from sim.world.loop import World
-from sim.world.outcome import DayOutcome, outcome
+from sim.world.outcome import DayOutcome, outcome, true_fronts
 from sim.world.scenario import read_scenario
 from sim.world.service import Service, prepare_service
 

@@ -7,8 +7,7 @@ import math
 import pytest
 
 from das.domain.errors import DasError
-from sim.drivers.screen import ScreenSettings
-from sim.world.screen_text import recorded_screen, screen_metadata
+from sim.drivers.screen import ScreenSettings, recorded_screen, screen_metadata
 
 
 @pytest.mark.parametrize(

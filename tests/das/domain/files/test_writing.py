@@ -15,7 +15,7 @@ from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
 from das.domain.files import writing
 from das.domain.files.writing import LOCK, FolderTakenError, folder_held
-from sim.recording.writing import whole_recording
+from sim.recording.opening import whole_recording
 from tests.support.making import REPOSITORY, das_precompute
 
 

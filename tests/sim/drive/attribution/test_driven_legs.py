@@ -11,7 +11,7 @@ from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
 from sim.drive.attribution.driven_legs import _friction_j
 from sim.drive.drive import Drive
-from sim.drivers.perfect import PerfectDriver
+from sim.drivers.rules import PerfectDriver
 from sim.recording.course import DrivenCourse
 from sim.review.series import series
 from sim.world.day import make_day

@@ -19,7 +19,7 @@ from das.domain.errors import DasError
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.cab import Driver
-from sim.drivers.perfect import PerfectDriver
+from sim.drivers.rules import PerfectDriver
 from sim.recording.check import check_contents, check_file
 from sim.review.report import tables
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of, write_pdf

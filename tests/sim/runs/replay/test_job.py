@@ -26,7 +26,7 @@ from sim.trips.estimate import estimate_run
 from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, load_trip
-from sim.world.processes.crew import Crew
+from sim.world.processes import Crew
 from tests.support.dirt import Point, write
 from tests.support.making import flat, make_train
 

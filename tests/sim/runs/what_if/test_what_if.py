@@ -42,7 +42,7 @@ from sim.world.disturbances import DepartureDelay
 from sim.world.over_bus import How, make_crew, run_over_bus
 from sim.world.scenario import read_scenario
 from sim.world.service import lay_out, prepare_service, scenario_files
-from tests.sim.world.test_truth import write_map
+from tests.sim.world.test_drawn import write_map
 from tests.support.flat_days import FLAT
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER

@@ -21,8 +21,7 @@ from sim.jobs.batch import Batch, make_run
 from sim.jobs.runner import attempted
 from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
-from sim.world.link import Told
-from sim.world.loop import World
+from sim.world.loop import Told, World
 from sim.world.outcome import outcome
 from sim.world.scenario import read_scenario
 from sim.world.service import lay_out, scenario_files

@@ -25,12 +25,11 @@ from sim.drivers.kinds import EXTERNAL, DriverKind
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.plant import COAST, force, lever, speed
 from sim.world.day import Day, make_day
-from sim.world.external.dead_man import SILENT_S, DeadMan
-from sim.world.external.external import ExternalDriver
+from sim.world.external import SILENT_S, DeadMan, ExternalDriver
 from sim.world.in_process import InProcess
+from sim.world.lockstep import Answers
 from sim.world.loop import World
 from sim.world.over_bus import How, Recorded, make_crew, run_over_bus
-from sim.world.processes.answers import Answers
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim
 
@@ -196,7 +195,7 @@ def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
 def test_a_driver_that_is_gone_ends_the_run_with_its_recording(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sim.world.external.external.GIVEN_UP_S", 1.0)
+    monkeypatch.setattr("sim.world.external.GIVEN_UP_S", 1.0)
     day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
     with process(folder, "silent.py", place, "400", "99999"), pytest.raises(DasError) as raised:
         driven(day, place, tmp_path / "g.mcap", Presentation.NONE)

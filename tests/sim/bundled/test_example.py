@@ -17,7 +17,7 @@ from das.command_line.entry import EXIT_INTERRUPTED
 from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
-from sim.bundled.example.making import KEPT, example_files
+from sim.bundled.example import KEPT, example_files
 from sim.trips.findings import FindingKind
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.options import TripOptions

@@ -12,7 +12,7 @@ from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from sim.drive.limits import Violations
 from sim.plant.kernels import PlantState
-from sim.world.safety import Watch
+from sim.world.calls import Watch
 from tests.support.flat_days import run_of, signal_at
 from tests.support.making import das_sim
 

@@ -13,19 +13,91 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 from mcap.reader import make_reader
 
 from das.advice.modes import Mode
 from das.bus import codec
-from das.bus.topics import ADVICE, RESTRICTION, TARGET, Topic
+from das.bus.topics import ADVICE, CONTROLS, RECORDER, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.heard import Heard, JourneyHeard
 from das.cab.outputs import NodeState
 from das.domain.errors import DasError
-from sim.world.processes.answers import Answers
-from sim.world.processes.crew import Crew, Stations
+from sim.world.processes import Crew, Stations
+
+
+def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> LocationFix:
+    """A place of the train on the map."""
+    fix = LocationFix(latitude=latitude_deg, longitude=longitude_deg, frame_id="train")
+    fix.timestamp.FromNanoseconds(time_ns)
+    return fix
+
+
+def happened(time_ns: int, text: str, level: Any = Log.INFO) -> Log:
+    """Something for people to read."""
+    log = Log(level=level, message=text, name="das-sim")
+    log.timestamp.FromNanoseconds(time_ns)
+    return log
+
+
+class Written(NamedTuple):
+    """How far the recorder has got: the last tick and the last advice it wrote, and the node's state in the file."""
+
+    tick: int = 0
+    advice_tick: int = 0
+    node_state: int = NodeState.STARTING
+
+
+class Answers:
+    """Keeps the last word of node, recorder and external driver."""
+
+    def __init__(self) -> None:
+        self.node_state: int = NodeState.STARTING
+        """The state that the node said last."""
+        self.reason = ""
+        """Why the node is in that state, in its words."""
+        self.written = Written()
+        """How far the recorder has got."""
+        self.advice: Any | None = None
+        """The last advice (the bus's message); None before the first."""
+        self.controls: Any | None = None
+        """What an external driver answered last (the bus's message); None before it said anything."""
+        self.driver = ""
+        """The session of the external driver who is heeded: the first one heard; empty: whoever is heard next."""
+        self.other_drivers = 0
+        """How many messages of other sessions that would drive as well were left out."""
+
+    def take(self, topic: Topic, message: Any | None, source: str = "") -> None:
+        """Take note of a message of a session (`source`); None, one that cannot be read, is left out."""
+        if message is None:
+            return
+        if topic is ADVICE:
+            self.advice = message
+        elif topic is CONTROLS:
+            self._take_controls(message, source)
+        elif topic is STATUS:
+            self.node_state, self.reason = message.state, message.reason
+        elif topic is RECORDER:
+            self.written = Written(message.tick, message.advice_tick, message.node_state)
+
+    def _take_controls(self, message: Any, source: str) -> None:
+        self.driver = self.driver or source
+        if source == self.driver:
+            self.controls = message
+        else:
+            self.other_drivers += 1
+
+    def advised(self, tick: int) -> bool:
+        """Whether the node has answered a tick."""
+        return self.advice is not None and self.advice.tick == tick
+
+    def answered(self, look: int) -> bool:
+        """Whether an external driver has answered a look."""
+        return self.controls is not None and self.controls.look == look
+
 
 START_TIMEOUT_S = 120.0
 """The node compiles its solver the first time on a machine."""

@@ -11,8 +11,8 @@ from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from das.domain.levels import Level
-from sim.recording.attached import AttachedFiles
-from tests.sim.world.test_truth import write_map
+from sim.recording.inputs import AttachedFiles
+from tests.sim.world.test_drawn import write_map
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER
 

@@ -1,4 +1,7 @@
-"""A driver that is a process of its own, as the simulator sees it: every look is asked over the bus and answered."""
+"""A driver that is a process of its own: it is shown the cab over the bus and sets the controller.
+
+Every look is asked over the bus and answered. A driver who is silent is braked for.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,51 @@ from typing import Any, Final
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from das.bus.topics import CAB, LOG
+from das.bus import das_pb2
+from das.bus.session import Bus
+from das.bus.topics import CAB, CONTROL, CONTROLS, LOG
 from das.domain.errors import DasError
-from sim.drivers.cab import CabView
-from sim.drivers.messages import CabLook, cab_message, command_of
+from sim.drivers.cab import CabView, Driver
+from sim.drivers.kinds import DriverKind
+from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
+from sim.drivers.registry import make_driver
 from sim.plant.plant import COAST, Command, lever
 from sim.world.day import Day
-from sim.world.external.dead_man import SILENT_S, DeadMan
-from sim.world.processes.lockstep import Lockstep
-from sim.world.processes.messages import happened
+from sim.world.lockstep import Lockstep, happened
+
+SILENT_S: Final = 2.0
+"""A driver who has not answered for this long (s) is taken to be gone."""
+
+
+class DeadMan:
+    """Watches whether a driver answers. The brake is applied after `SILENT_S` of silence.
+
+    It is released when the driver answers again and the train stands: a train is not set free in the middle of braking.
+    """
+
+    def __init__(self) -> None:
+        self.silent_s = 0.0
+        """Time (s) without an answer, since the last one."""
+        self.braking = False
+        """Whether the brake is applied."""
+
+    def answered(self, *, standing: bool) -> str | None:
+        """Take note of an answer; returns what happened, where something did."""
+        self.silent_s = 0.0
+        if not self.braking or not standing:
+            return None
+        self.braking = False
+        return "the external driver answers again: the dead-man brake is released"
+
+    def silent(self, span_s: float) -> str | None:
+        """Take note of a time (s) without an answer; returns what happened, where something did."""
+        self.silent_s += span_s
+        if self.braking or self.silent_s < SILENT_S - 1e-9:
+            return None
+        self.braking = True
+        return f"the external driver has been silent for {SILENT_S:.0f} s: the dead-man brake is applied"
+
 
 LOOK_S: Final = 0.2
 """A driver is asked this often, as every simulated driver is."""
@@ -111,3 +150,52 @@ class ExternalDriver:
             return None
         self._heard_look = controls.look
         return controls
+
+
+HEARD = (CAB, CONTROL)
+"""Topics that such a process must hear."""
+CALLED_EVERY_S: Final = 0.2
+"""Until the run begins, the process says this often that it is there."""
+LOST_S: Final = 60.0
+"""A run that says nothing for this long (s) is taken to be gone."""
+
+
+def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: None) -> int:
+    """Drive a run: answer every look until the run is over. Returns how many looks there were.
+
+    `begun` is called at the first look. Raises DasError where the run falls silent.
+    """
+    looks, heard_s = 0, time.monotonic()
+    _say_it_is_there(bus)
+    while True:
+        received = bus.receive(CALLED_EVERY_S)
+        if received is None:
+            if not looks:
+                _say_it_is_there(bus)
+            elif time.monotonic() - heard_s > LOST_S:
+                raise DasError(f"nothing has been heard of the run for {LOST_S:.0f} s, after {looks} looks")
+            continue
+        heard_s, message = time.monotonic(), received.message
+        if message is None:
+            continue
+        if received.topic is CONTROL and message.command == das_pb2.Control.COMMAND_FINISH:
+            return looks
+        if received.topic is CAB and message.look:
+            if not looks:
+                begun()
+            looks += 1
+            bus.publish(CONTROLS, controls_message(message.look, driver.command(cab_view(message))))
+
+
+def warm_up(line: LineKnowledge) -> None:
+    """Load the compiled code that drivers use, before the first look asks for an answer within 2 s."""
+    s_m = float(line.limits_mps.start_m[0])
+    cab = CabView(
+        time_s=0.0, s_m=s_m, speed_mps=10.0, limit_mps=20.0, stop_m=s_m + 5000.0, departure_s=-10.0, arrival_s=300.0
+    )
+    for kind in (DriverKind.HUMAN, DriverKind.PERFECT):
+        make_driver(kind, line).command(cab)
+
+
+def _say_it_is_there(bus: Bus) -> None:
+    bus.publish(CONTROLS, das_pb2.Controls())

@@ -1,1 +1,0 @@
-"""A working set of own files: what `das-sim example` writes."""

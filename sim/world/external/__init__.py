@@ -1,1 +1,0 @@
-"""Drivers outside of the simulator: a process of its own that is shown the cab over the bus and sets the controller."""

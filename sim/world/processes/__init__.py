@@ -1,1 +1,0 @@
-"""The node and the recorder as processes, in lockstep with a simulation."""
