@@ -110,7 +110,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         for process in processes.values():
             stack.callback(process.wait)
             stack.callback(process.kill)
-        yield Site(folder, foreign, simulator, cab, said, out, processes)
+        made = Site(folder, foreign, simulator, cab, said, out, processes)
+        # Whichever test is the first one: both are there.
+        made.until(simulator, lambda r: r.topic is RECORDER)
+        made.until(simulator, lambda r: r.topic is STATUS and r.message.state == das_pb2.Status.STATE_ADVISING)
+        yield made
 
 
 def attacker(path: Path, **tls: Any) -> zenoh.Config:
