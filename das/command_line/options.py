@@ -69,15 +69,6 @@ StrictOption = Annotated[
 TrainOption = Annotated[
     str, typer.Option("--train", metavar="NAME", help="Name of the train: the second part of every key on the bus.")
 ]
-ListenOption = Annotated[
-    str | None,
-    typer.Option(
-        "--listen",
-        metavar="ENDPOINT",
-        help="Own endpoint on this machine, like tcp/127.0.0.1:7447.",
-        show_default=False,
-    ),
-]
 ConnectOption = Annotated[
     list[str] | None,
     typer.Option("--connect", metavar="ENDPOINT", help="Endpoint of another process; may be given several times."),

@@ -1,4 +1,4 @@
-"""Runs of an experiment: the table, what is not driven again, failed trials, the data folder, and a cluster."""
+"""Runs of an experiment: the table, what a kill leaves, failed trials, the data folder, and a cluster."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
+import sys
+import time
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -98,6 +101,27 @@ def test_what_is_finished_is_not_driven_again_and_the_bytes_are_the_same(place: 
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["made"] == 0
     assert (study / TRIALS_TABLE).read_bytes() == before
+
+
+@pytest.mark.more
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: Path) -> None:
+    folder = place / "killed"
+    words = ["experiment", "run", "small.toml", "-o", "killed", "--workers", "1"]
+    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    child = subprocess.Popen(
+        [sys.executable, "-m", "sim.cli", *words], cwd=place, env={**os.environ, "PYTHONPATH": paths},
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    journal = folder / "finished.jsonl"
+    deadline = time.monotonic() + 240
+    while time.monotonic() < deadline and not (journal.exists() and journal.read_bytes().count(b"\n") >= 2):
+        time.sleep(0.05)
+    child.send_signal(signal.SIGKILL)
+    child.communicate(timeout=60)
+    done = das_sim(*words, "--json", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert 0 < json.loads(done.stdout)["made"] <= 4
+    assert (folder / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
 
 
 @pytest.mark.more
