@@ -107,10 +107,15 @@ def in_time(
 def _after_brake(
     following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState
 ) -> tuple[Instruction, ...]:
-    """What follows a brake does so when its speed is reached; another brake where the train may be further ahead."""
+    """What follows a brake does so when its speed is reached; another brake where the train may be further ahead.
+
+    A brake that leads to no lower speed has begun already: the train was too fast for it to wait.
+    """
     if not following:
         return following
     first = following[0]
+    if first.mode in BRAKES and first.speed_mps > now.speed_mps - SAME_MPS:
+        return _after_brake(following[1:], now, brakes, state)
     if first.mode in BRAKES:
         sooner_s = state.ahead_m / max(state.v_mps, 1.0)
         way_m, in_s = max(first.way_m - state.ahead_m, 0.0), max(first.in_s - sooner_s, 0.0)

@@ -54,6 +54,8 @@ class BrakeShowingSettings:
     """A driver who has braked so hard that this share of the planned deceleration is enough is told to let it roll,"""
     again_ratio: float = 0.95
     """and to brake again when this share of it is needed."""
+    rolls_above_mps: float = 8.0 * KMH
+    """A train this near to the speed that it brakes to is not told to roll: it comes down to it while he answers."""
     last_mps: float = 3.0
     """A train that is slower than this before its stop is not told to roll any more,"""
     short_ratio: float = 0.1
@@ -105,6 +107,10 @@ class LimitShowingSettings:
     closes_in_s: float = 4.0
     """The force of an instruction that leads to a speed brings the train there in this time: longer than an advice
     is valid, so that a driver who sets the force exactly does not pass the speed."""
+    rolls_back_in_s: float = 60.0
+    """A train above the speed to hold is told to coast back to it where that takes no longer than this,"""
+    brakes_back_in_s: float = 10.0
+    """and else to brake with the motors, so that it has the speed after this time if they are strong enough."""
     coasts_in_s: float = 5.0
     """A train above the limit is told to coast where it comes down to it in this time."""
 
@@ -121,7 +127,7 @@ class ShowingSettings:
     2 km/h below a limit, and wanders by as much, is left to himself."""
     worth_accelerating_s: float = 30.0
     """A train is not told to accelerate back to the speed to hold when the next instruction is nearer than this."""
-    above_mps: float = 4.0 * KMH
+    above_mps: float = 5.0 * KMH
     """A train faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0
     """An instruction stands for at least this long. Brakes, their release, and a lower limit do not wait."""

@@ -38,8 +38,9 @@ ROUNDED_MPS = 0.5 * KMH
 """A display in whole km/h shows a speed that is above what is allowed by less than this as one that is not."""
 LONG_S = 3600.0
 """A creeping train has no forecast: it takes so long at most."""
-ROLLS, CREEPS = -1, -2
-"""A train that has braked early rolls on, or holds a low speed because it would stand short of its mark."""
+ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
+"""A train that has braked early rolls on, or holds a low speed because it would stand short of its mark; one that is
+above the speed to hold, and would not roll down to it, brakes."""
 
 
 class ShownNow(NamedTuple):
@@ -213,15 +214,25 @@ class Showing:
         elif self._back == 0 and away < 0 and self._left_s < settings.worth_accelerating_s:
             pass  # What comes next is near: to accelerate now would soon be braked away.
         elif self._back == 0 and abs(away) > (settings.above_mps if away > 0 else settings.below_mps):
-            self._back = -1 if away > 0 else 1
-            self._share = schedule.back_share
+            self._back, self._share = (1, schedule.back_share) if away < 0 else self._slows_back(state, away)
         elif (self._back > 0 and away >= -settings.reached_mps) or (self._back < 0 and away <= SAME_MPS):
             self._back = 0
         if self._back > 0:
             return traction(self._share, target)
+        if self._back == BRAKES_BACK:
+            assert self._brakes is not None
+            return self._brakes.back_to(target, self._share)
         if self._back < 0:
             return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
         return Instruction(mode=Mode.CRUISE, speed_mps=target)
+
+    def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
+        """How a train comes down to the speed to hold, and with what effort: it rolls where that is soon enough."""
+        assert self._brakes is not None
+        ahead, limit = self._brakes.ahead, self._settings.limit
+        if -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
+            return ROLLS, 0.0
+        return BRAKES_BACK, min(ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps), 1.0)
 
     def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
         """Brake with one effort to the speed; a driver who has braked early lets the train roll until it is due."""
@@ -236,7 +247,11 @@ class Showing:
         else:
             eased = 1.0 if slows else self._eased_ratio(schedule, number, state, target)
         stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
-        may_roll = v_mps > target + settings.above_mps if slows else v_mps >= settings.brake.last_mps or stands_short
+        may_roll = (
+            v_mps > target + settings.brake.rolls_above_mps
+            if slows
+            else v_mps >= settings.brake.last_mps or stands_short
+        )
         has_begun = state.s_m >= schedule.begin_m(number)
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
             self._back = ROLLS

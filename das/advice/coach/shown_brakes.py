@@ -177,6 +177,11 @@ class ShownBrakes:
         planned = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
         return NeededBrake(max(needed, planned), target, end_m)
 
+    def back_to(self, target_mps: float, effort: float) -> Instruction:
+        """The brake that leads back to a speed to hold."""
+        self._exact_effort = effort
+        return brake_of(max(self._stepped(effort), self._settings.effort.step_ratio), target_mps)
+
     def brake_at(self, s_m: float, speeds_mps: NDArray[np.float64]) -> Instruction | None:
         """The brake that limits and the stop ask for at a place ahead, of a train with speeds at the nodes ahead."""
         nodes_m = self.ahead.section.node_m[-len(speeds_mps) :]
@@ -197,8 +202,8 @@ class ShownBrakes:
             less = needed.effort < kept * (1.0 - settings.less_ratio)
             ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
             shown = shown if less and not ends_soon else kept
-        elif kept is not None:
-            shown = max(shown, self._grown(needed, kept, state))
+        elif kept is not None or slows:
+            shown = max(shown, self._grown(needed, kept or 0.0, state))
         self._efforts[needed.at_m] = shown
         largest = self.ahead.largest(v_mps)
         self._exact_effort = min(needed.effort, largest)
@@ -231,7 +236,9 @@ class ShownBrakes:
             return self._stepped(kept + settings.at_mark_more_ratio)
         from_m = min(state.braked_m + state.v_mps * settings.answered_in_s, needed.at_m)
         answered = self.ahead.effort_to(from_m, state.v_mps, needed.at_m, needed.target_mps)
-        return self._stepped(min(answered, settings.grown_ratio * needed.effort, 1.0))
+        slows = needed.target_mps > SAME_MPS
+        most = math.inf if slows and needed.effort > 1.0 else 1.0
+        return self._stepped(min(answered, settings.grown_ratio * needed.effort, most))
 
     def _ends(self, needed: NeededBrake, v_mps: float) -> bool:
         """Whether a train has nearly come down to the speed of a brake that is no stop."""

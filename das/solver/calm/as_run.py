@@ -26,6 +26,13 @@ SAME_MPS = 0.5
 SAME_SHARE = 0.15
 """Two efforts, one after the other, that differ by less than this share of the largest are one."""
 
+WAITS_S = 15.0
+"""Another effort waits for a limit to rise, if it does within this time (s)."""
+BRIEF_S = 30.0
+"""An acceleration that a brake follows within this time (s)"""
+GAINS_S = 1.0
+"""must gain at least so much (s) over holding the speed."""
+
 
 def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
     """The phases with the speeds that their run reaches and holds.
@@ -37,6 +44,7 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
     """
     said = _with_coasting(_with_accelerations(phases, run, back_share), run)
     said = _with_limits_held(_without_vain_traction(said, run), run, back_share)
+    said = _without_brief_traction(_with_effort_at_limit(said, run), run)
     for k, (one, end) in enumerate(zip(said, ends_of(said, run), strict=True)):
         if one.kind in (NotchKind.HOLD, NotchKind.TRACTION):
             least_mps = float(run.speeds_mps[one.begin : end + 1].min())
@@ -107,6 +115,36 @@ def _without_vain_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
             waits = np.max(np.flatnonzero(met & slow & soon), initial=0)
             begin += int(waits) if run.lasts_s(begin + int(waits), end) >= HELD_S else 0
         found.append(one._replace(begin=begin))
+    return found
+
+
+def _with_effort_at_limit(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
+    """The phases, where another effort to a speed that is not allowed yet begins where it is: one change, not two."""
+    found = phases[:1]
+    for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
+        begin = one.begin
+        if one.kind is found[-1].kind is NotchKind.TRACTION:
+            stretch = slice(begin, end)
+            waits = run.envelope_mps[stretch] < run.envelope_mps[begin] + NEAR_MPS
+            waits &= run.envelope_mps[stretch] < one.target_mps - FASTER_MPS
+            risen = begin + int(np.argmin(waits))
+            if not waits.all() and run.lasts_s(begin, risen) < WAITS_S and run.lasts_s(risen, end) >= HELD_S:
+                begin = risen
+        found.append(one._replace(begin=begin))
+    return found
+
+
+def _without_brief_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
+    """The phases without an acceleration, from a speed to hold, that a brake soon follows and that gains no time."""
+    found = phases[:1]
+    for k, (one, end) in list(enumerate(zip(phases, ends_of(phases, run), strict=True)))[1:]:
+        braked = k + 1 < len(phases) and phases[k + 1].kind in BRAKES
+        lasts_s, speeds = run.lasts_s(one.begin, end), run.speeds_mps
+        if one.kind is NotchKind.TRACTION and found[-1].kind is NotchKind.HOLD and braked and lasts_s < BRIEF_S:
+            held_s = (run.node_m[end] - run.node_m[one.begin]) / max(float(speeds[one.begin]), 1.0)
+            if held_s - lasts_s < GAINS_S:
+                continue
+        found.append(one)
     return found
 
 

@@ -11,12 +11,13 @@ from das.advice.modes import Mode, departure_mode
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh_mps
 from sim.drivers.knowledge import Outlook
-from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, ShownMode, SpeedIs, known_mode
+from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownMode, SpeedIs, known_mode
 from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
 from sim.plant.kernels import TrainNumbers, electric_effort
 from sim.plant.plant import COAST, Command, force
 
 TRACTION: Final = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+BRAKES: Final = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
 
 
 class CoachPresenter(Presenter):
@@ -60,12 +61,20 @@ class CoachPresenter(Presenter):
     def speed_is(self, mode: int) -> SpeedIs:
         return SpeedIs.TO_HAVE if mode == Mode.CRUISE else SpeedIs.TO_REACH
 
+    def read(self, view: AdviceView) -> Shown:
+        return super().read(view)._replace(effort=None if math.isnan(view.lever_ratio) else _effort_steps(view))
+
     def item(self, view: AdviceView) -> tuple[int, ...]:
-        effort = round(view.lever_ratio / EFFORT_STEP_RATIO) if view.mode != Mode.CRUISE else 0
-        return (view.mode, round(view.speed_mps / KMH), effort)
+        return (view.mode, round(view.speed_mps / KMH), _effort_steps(view) if view.mode != Mode.CRUISE else 0)
 
     def follower(self) -> CoachFollower:
         return CoachFollower()
+
+
+def _effort_steps(view: AdviceView) -> int:
+    """The effort as it is read, in steps: who is told to accelerate or to brake does so with one step at least."""
+    steps = round(view.lever_ratio / EFFORT_STEP_RATIO)
+    return steps or int(view.mode in TRACTION) - int(view.mode in BRAKES)
 
 
 def _lever_ratio(coach: Any, speed_mps: float, train: TrainNumbers) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from das.advice.braking import NeededBrake
+from das.advice.coach.announcing import Announcing, Foreseen, in_time
 from das.advice.coach.coaching import Replan
 from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
@@ -132,8 +133,45 @@ def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: S
     slow = [TOP_MPS + by * KMH for by in (0.0, -5.5, -3.0, -2.2, -1.0, -3.0)]
     assert display.modes(slow, 2000.0) == [Mode.CRUISE, *[Mode.REDUCED_TRACTION] * 3, Mode.CRUISE, Mode.CRUISE]
     display.showing.forget()
-    fast = [TOP_MPS + by * KMH for by in (0.0, 4.5, 3.0, 1.5, 0.5, 3.0)]
+    fast = [TOP_MPS + by * KMH for by in (0.0, 5.5, 3.0, 1.5, 0.5, 3.0)]
     assert display.modes(fast, 2000.0) == [Mode.CRUISE, *[Mode.COAST] * 3, Mode.CRUISE, Mode.CRUISE]
+
+
+def test_a_train_that_would_not_roll_down_to_the_speed_to_hold_brakes_to_it(display: Shown) -> None:
+    """12 km/h above it on the flat: rolling would take minutes. The brake stands until the speed is reached."""
+    display.at(0.0, 2000.0, TOP_MPS)
+    found = [display.at(10.0 + i, 2000.0, TOP_MPS + by * KMH).now for i, by in enumerate((12.0, 7.0, 3.0, 0.5))]
+    assert [one.mode for one in found] == [*[Mode.REDUCED_BRAKE] * 3, Mode.CRUISE]
+    assert {one.speed_mps for one in found} == {TOP_MPS}
+    assert len({one.effort_ratio for one in found[:3]}) == 1
+    here, v_mps = section(), TOP_MPS + 12.0 * KMH
+    braked_n = -found[0].effort_ratio * float(electric_limit(v_mps, here.train)) + here.resistance_n(2000.0, v_mps)
+    slowed_mps2 = 12.0 * KMH / SETTINGS.limit.brakes_back_in_s
+    assert braked_n == pytest.approx(here.train.inertial_mass_kg * slowed_mps2, rel=0.1)
+    display.showing.forget()
+    assert display.at(0.0, 2000.0, TOP_MPS + 25.0 * KMH).now == brake_of(1.0, TOP_MPS), "no friction"
+
+
+def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) -> None:
+    """A train above the run brakes already where the schedule's brake to the same speed is still to come."""
+    node_m = section().node_m
+    first, end = (int(np.searchsorted(node_m, at)) for at in (3300.0, 3700.0))
+    phases = (
+        Phase(NotchKind.HOLD, 0.0, 0, TOP_MPS),
+        Phase(NotchKind.BRAKE, 0.4, first, 20.0),
+        Phase(NotchKind.COAST, 0.0, end, 20.0),
+    )
+    raw = Schedule(
+        section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
+    )
+    schedule = raw.settled(0.0, 0.0)[0]
+    brakes, state = ShownBrakes(schedule.section, SETTINGS), TrainState(0, 3200.0, 30.0)
+    announced = Announcing(SETTINGS.ahead).following(schedule, 0, state.s_m, [3.0, 20.0])
+    assert [one.mode for one in announced] == [Mode.REDUCED_BRAKE, Mode.COAST]
+    foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), as_shown=True)
+    for speed_mps, modes in ((20.0, [Mode.COAST]), (25.0, [Mode.REDUCED_BRAKE, Mode.COAST])):
+        following = in_time(announced, brake_of(1.0, speed_mps), brakes, state, foreseen)
+        assert [one.mode for one in following] == modes
 
 
 def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(display: Shown) -> None:
@@ -298,7 +336,7 @@ def test_the_force_of_the_reference_brakes_along_the_curve_and_is_else_that_of_w
 
 
 def test_the_settings_are_those_that_this_file_counts_with() -> None:
-    assert (SETTINGS.least_shown_s, SETTINGS.above_mps, SETTINGS.below_mps) == (8.0, 4 * KMH, 5 * KMH)
+    assert (SETTINGS.least_shown_s, SETTINGS.above_mps, SETTINGS.below_mps) == (8.0, 5 * KMH, 5 * KMH)
     assert DEFAULT.showing == SETTINGS
 
 

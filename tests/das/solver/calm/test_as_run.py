@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from das.solver.calm.as_run import phases_as_run
+from das.solver.calm.as_run import phases_as_run, speeds_as_held
 from das.solver.calm.notches import NotchKind
 from das.solver.calm.phases import Phase
 from das.solver.calm.run_at_nodes import RunAtNodes
@@ -154,6 +154,29 @@ def test_an_acceleration_that_a_limit_ends_at_once_begins_where_the_limit_ends()
     kinds = np.array([int(one.kind) for one in said])
     found = phases_as_run(said, kinds, RunAtNodes.of(speeds, envelope, short_m), 0.6)
     assert [one.begin for one in found] == [0, 3, 6]
+
+
+def test_another_effort_waits_for_the_limit_of_its_speed() -> None:
+    """One change where the limit rises, not one before it; where it rises too late, or at once, it stays as it is."""
+    speeds = np.array([5.0, 10, 14, 17, 19, 20, 22, 24, 25, 25, 25])
+    said = [Phase(TRACTION, 1.0, 0, 25.0), Phase(TRACTION, 0.6, 3, 25.0), Phase(HOLD, 0.0, 8, 25.0)]
+
+    def begins(rises: int) -> list[int]:
+        envelope = np.where(np.arange(11) < rises, 20.0, 30.0)
+        run = RunAtNodes.of(np.minimum(speeds, envelope), envelope, np.full(10, 100.0))
+        return [one.begin for one in speeds_as_held(said, run, 0.6)][:2]
+
+    assert [begins(rises) for rises in (1, 3, 5)] == [[0, 3], [0, 3], [0, 5]]
+    late = RunAtNodes.of(np.minimum(speeds, 20.0), np.full(11, 20.0), np.full(10, 100.0))
+    assert speeds_as_held(said, late, 0.6)[1].begin == 3
+
+
+@pytest.mark.parametrize(("step_m", "kept"), [(60.0, False), (500.0, True)])
+def test_an_acceleration_before_a_brake_is_left_out_where_it_gains_no_second(step_m: float, *, kept: bool) -> None:
+    speeds = np.array([20.0, 20, 20, 21, 22, 23, 20, 17, 14, 14, 14])
+    said = [Phase(HOLD, 0.0, 0, 20.0), Phase(TRACTION, 1.0, 2, 23.0), Phase(BRAKE, 0.0, 5, 14.0)]
+    run = RunAtNodes.of(speeds, np.full(11, 30.0), np.full(10, step_m))
+    assert (TRACTION in [one.kind for one in speeds_as_held(said, run, 0.6)]) is kept
 
 
 def test_speeds_that_no_driver_tells_apart_are_one() -> None:
