@@ -61,8 +61,9 @@ MUTANTS = [
         ("effort stands far from the mark", "left_m > AT_MARK_M", "left_m > 10.0 * AT_MARK_M"),
         ("effort stands beyond the mark", "return -settings.beyond_mark_m <= left_m", "return -5.0 * settings.beyond_mark_m <= left_m"),
         ("a brake grows for who answers at once", "state.v_mps * settings.answered_in_s", "state.v_mps * 0.0 * settings.answered_in_s"),
-        ("a brake grows without end", "min(answered, settings.grown_ratio * needed.effort, 1.0)", "min(answered, 1.0)"),
-        ("friction before it is needed", "settings.grown_ratio * needed.effort, 1.0))", "settings.grown_ratio * needed.effort))"),
+        ("a brake grows without end", "min(answered, settings.grown_ratio * needed.effort, most)", "min(answered, most)"),
+        ("friction before it is needed", "most = math.inf if slows and needed.effort > 1.0 else 1.0", "most = math.inf"),
+        ("a brake begins for who answers at once", "elif kept is not None or slows:", "elif kept is not None:"),
         ("a brake ends above its speed", "(needed.target_mps + SAME_MPS) ** 2", "(needed.target_mps + 3.0 * SAME_MPS) ** 2"),
         ("a limit releases a brake to a stop", "min(needed.target_mps, wanted.speed_mps) if wanted.mode in BRAKES", "needed.target_mps if wanted.mode in BRAKES"),
         ("more effort waits", "needed.effort <= kept * (1.0 + SAME_EFFORT)", "needed.effort <= kept * 1.5"),
@@ -77,6 +78,7 @@ MUTANTS = [
     *_of(
         "das/advice/coach/announcing.py",
         BRAKES,
+        ("a brake that has begun is announced", "first.speed_mps > now.speed_mps - SAME_MPS:", "first.speed_mps > 9.0 * now.speed_mps:"),
         ("named: aim without the cap of the curve", "return float(min(one.target_mps, highest))", "return float(one.target_mps)"),
         ("a brake that follows is announced late", "begins_m, brake, after = min(begins_m, before_m), following[0]", "begins_m, brake, after = before_m, following[0]"),
     ),
@@ -86,6 +88,8 @@ MUTANTS = [
         ("coasting above its end stands", "ends_mps) if shown.mode is Mode.COAST else", "place.limit_mps) if shown.mode is Mode.COAST else"),
         ("harder brakes wait", "braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)", "braked = less and too_fast"),
         ("brakes are shown late", "soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)", "soon_m = state.s_m - state.v_mps * leads.get(after.kind, 0.0)"),
+        ("rolls back where it never slows", "* limit.rolls_back_in_s >= away_mps:", "* limit.rolls_back_in_s >= -9.0:"),
+        ("rolls on just above its speed", "target + settings.brake.rolls_above_mps", "target + 0.0 * settings.brake.rolls_above_mps"),
     ),
     *_of(
         "das/advice/braking.py",
@@ -202,6 +206,8 @@ MUTANTS = [
         CALM,
         ("brakes by limits are not seen", "met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)", "met = np.isfinite(speeds) & (speeds > envelope + 1.0)"),
         ("early brakes begin late", "later_m = (squares[met] - squares[end]) * m_per_square - (node_m[end] - node_m[met])", "later_m = 0.0 * m_per_square"),
+        ("another effort does not wait", "run.lasts_s(begin, risen) < WAITS_S", "run.lasts_s(begin, risen) < 0.0"),
+        ("accelerates just before a brake", "if held_s - lasts_s < GAINS_S:", "if held_s - lasts_s < 0.0:"),
     ),
 ]  # fmt: skip
 
