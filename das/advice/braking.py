@@ -108,8 +108,8 @@ class BrakingAhead:
         reached = int(np.argmax(below)) if below.any() else len(below) - 1
         return max(float(nodes[first + reached - 1]), s_m)
 
-    def rolling_mps(self, s_m: float, v_mps: float) -> Floats:
-        """The speeds at all nodes ahead of a train in a state that coasts."""
+    def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:
+        """The speeds at all nodes ahead of a train in a state that coasts, or brakes with a force (N, > 0)."""
         section, here = self.section, self._interval(s_m)
         train, speeds = section.train, np.full(len(section.node_m) - here - 1, v_mps)
         step_m = section.step_m[here:].copy()
@@ -117,7 +117,7 @@ class BrakingAhead:
         for _ in range(2):  # First with the running resistance of now, then with that of the speeds found so.
             per_w_n = train.c2_n_per_mps2 + section.tunnel_n_per_mps2[here:]
             running_n = train.c0_n + train.c1_n_per_mps * speeds + per_w_n * speeds**2
-            lost_j = np.cumsum((running_n + section.constant_n[here:]) * step_m)
+            lost_j = np.cumsum((running_n + section.constant_n[here:] + braked_n) * step_m)
             speeds = np.sqrt(np.maximum(v_mps**2 - 2.0 * lost_j / train.inertial_mass_kg, 0.0))
         return speeds
 

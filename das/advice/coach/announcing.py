@@ -75,18 +75,22 @@ class Foreseen(NamedTuple):
 
 
 def in_time(
-    following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState, foreseen: Foreseen
-) -> tuple[Instruction, ...]:
-    """The next changes, with a brake in time for a driver who reaches the speed that is shown now.
+    following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState, foreseen: Foreseen,
+    *, freely: bool = False,
+) -> tuple[Instruction, ...]:  # fmt: skip
+    """The next changes, with a brake in time for a driver who does what is shown now.
 
-    The forecast may stay below this speed, on a hill, and brake later; or a driver who may still roll brakes later than
-    the schedule, which knows of no brake to come.
+    The forecast may stay below the speed that is shown, on a hill, and brake later; or a driver who may still roll
+    brakes later than the schedule, which knows of no brake to come; or one who brakes `freely`, without a limit that
+    asks for it, comes down less soon than the schedule does.
     """
-    if now.mode in BRAKES:
+    if now.mode in BRAKES and not freely:
         return _after_brake(following, now, brakes, state)
     ahead, v_mps, from_m = brakes.ahead, state.v_mps, state.s_m + now.way_m
     speeds_mps = ahead.rolling_mps(from_m, v_mps)
-    if now.mode is not Mode.COAST:
+    if now.mode in BRAKES:
+        speeds_mps = brakes.slowing_mps(now, state, from_m)
+    elif now.mode is not Mode.COAST:
         speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     before_m = state.s_m + following[0].way_m if following else math.inf

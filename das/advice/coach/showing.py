@@ -143,7 +143,8 @@ class Showing:
         schedule = self._schedule
         begins_s = [foreseen.time_s(schedule.begin_m(k)) for k in range(number + 1, number + 2 + FOLLOWING)]
         following = self._announcing.following(schedule, number, state.s_m, begins_s)
-        following = in_time(following, now, self._brakes, state, foreseen)
+        freely = foreseen.as_shown and (self._back == BRAKES_BACK or schedule.brakes_by_effort(number))
+        following = in_time(following, now, self._brakes, state, foreseen, freely=freely)
         brakes = now.mode in BRAKES and schedule.phases[number].kind is NotchKind.BRAKE
         if brakes and end_m < schedule.begin_m(number + 1):
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])

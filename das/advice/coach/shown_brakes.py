@@ -75,6 +75,11 @@ class ShownBrakes:
         time_s = max(state.v_mps - now.speed_mps, 0.0) / max(self._rate_mps2(-now.effort_ratio, state), LEAST_MPS2)
         return time_s, 0.5 * (state.v_mps + now.speed_mps) * time_s
 
+    def slowing_mps(self, now: Instruction, state: TrainState, from_m: float) -> NDArray[np.float64]:
+        """The speeds at all nodes ahead of a train that brakes from a place on to a speed, and holds that."""
+        braked_n = -self.ahead.force_n(-now.effort_ratio, state.s_m, state.v_mps)
+        return np.maximum(self.ahead.rolling_mps(from_m, state.v_mps, braked_n), now.speed_mps)
+
     def _rate_mps2(self, effort: float, state: TrainState) -> float:
         """The deceleration (m/s²) of a train in a state that brakes with an effort."""
         ahead, v_mps = self.ahead, state.v_mps
