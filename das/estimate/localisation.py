@@ -49,6 +49,10 @@ class _Noticed:
         self.steps = ClockSteps(settings.steps)
 
 
+SPEED_DOUBTED_S = 0.5
+"""Where clocks differ by more than this (s), a train that slows down may still have the speed of its last fix."""
+
+
 class Localisation:
     """Estimates where one train is: give it each fix with `take`, and ask for the estimate with `at`."""
 
@@ -119,9 +123,11 @@ class Localisation:
         x = self._track
         if x is None:
             return self._counted(now_ns, self._problem or NOTHING_HEARD)
-        age_s = (now_ns - self._time_ns) * NS
+        age_s, fixed_mps = (now_ns - self._time_ns) * NS, x.v
         if not self._noticed.standstill.stands:
             x = self._motion.carried_on(x, min(max(age_s, 0.0), self._settings.restart.silence_s))
+        if self._clock.doubt_s > SPEED_DOUBTED_S:
+            x = x._replace(v=max(x.v, fixed_mps))
         x = x._replace(ss=x.ss + (x.v * self._clock.doubt_s) ** 2)
         found = self._estimate(now_ns, x, self._noticed.usability.judge(x, age_s, self._problem))
         if self._noticed.usability.is_ahead(age_s):

@@ -397,6 +397,20 @@ def test_a_small_skew_is_not_extrapolated_backwards() -> None:
     assert replace(localisation.at(ns(78.0)), time_ns=0) == replace(localisation.at(ns(80.0)), time_ns=0)
 
 
+@pytest.mark.parametrize(("off_s", "slowed"), [(0.2, True), (2.5, False)])
+def test_a_train_that_slows_down_has_its_last_speed_still_where_the_clocks_differ(
+    off_s: float, *, slowed: bool
+) -> None:
+    """Positions heard late, or a clock that is behind: nobody knows whether the train has slowed down since."""
+    localisation = Localisation(TRAIN)
+    for fix in fixes(140.0, from_s=100.0):
+        localisation.take(fix)
+        found = localisation.at(fix.time_ns + round(off_s / NS))
+    fixed_mps = truth(140.0)[1]
+    expected_mps = fixed_mps - 0.75 * off_s if slowed else fixed_mps
+    assert found.speed_mps == pytest.approx(expected_mps, abs=0.15)
+
+
 # --- garbage -----------------------------------------------------------------------------------------------------
 
 NUMBERS = st.one_of(
