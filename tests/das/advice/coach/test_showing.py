@@ -518,8 +518,9 @@ def test_the_effort_stands_in_the_last_metres_while_the_train_stands_near_the_ma
         return display.at(second, end_m - left_m, math.sqrt(2.0 * share * rate * left_m)).now.effort_ratio
 
     far = effort(-20.0, 60.0, 1.0)
-    kept_mps2 = rate * far / brake_of(effort_needed(60.0, rate), 0.0).effort_ratio
-    assert effort(-19.0, 60.0, 1.03 * kept_mps2 / rate) < far, "2 m beyond the mark, seen from 60 m before it"
+    state = TrainState(0, end_m - 60.0, math.sqrt(2.0 * rate * 60.0))
+    beyond = 62.5 / ShownBrakes(section(), SETTINGS).lasts(brake_of(-far, 0.0), state)[1]
+    assert effort(-19.0, 60.0, beyond) < far, "2.5 m beyond the mark, seen from 60 m before it"
     display.showing.forget()
     first = effort(0.0, 30.0, 1.0)
     assert [effort(3.0, 9.0, share) for share in (0.9, 1.1, 1.2)] == [first] * 3, "the driver sees the mark"
@@ -554,8 +555,24 @@ def test_who_is_braked_already_is_told_no_higher_speed_by_a_limit_that_asks_for_
     assert brakes.safe(brake_of(0.05, 0.0), state, v_mps).speed_mps == 0.0
 
 
+def test_a_brake_to_a_lower_speed_begins_as_strong_as_a_late_answer_needs() -> None:
+    """A driver who answers after 4 s is shown no more later; a brake to a stop, which is long, begins as it is due."""
+    brakes, end_m, v_mps = ShownBrakes(section(), SETTINGS), section().end_m, 75 * KMH
+    state = TrainState(ns(0), end_m - 3300.0, v_mps)
+    found = []
+    for at_m, target_mps in ((end_m - 3000.0, 60 * KMH), (end_m - 2500.0, 0.0)):
+        needed, answered = (
+            brakes.ahead.effort_to(state.s_m + late_s * v_mps, v_mps, at_m, target_mps)
+            for late_s in (0.0, SETTINGS.effort.answered_in_s)
+        )
+        assert needed < answered < SETTINGS.effort.grown_ratio * needed
+        first = -brakes.shown(NeededBrake(needed, target_mps, at_m), state).effort_ratio
+        found.append((first >= needed, first >= answered))
+    assert found == [(True, True), (True, False)]
+
+
 def test_a_brake_that_ends_hardly_above_its_speed_does_not_grow() -> None:
-    """A train that ends 0.25 m/s above its speed is shown no more effort in the last metres; at 1 m/s above it is."""
+    """A train that ends 0.25 m/s above its speed is shown no more effort in the last metres; at 0.8 m/s above it is."""
     brakes, end_m = ShownBrakes(section(), SETTINGS), section().end_m
     at_m, target_mps = end_m - 2000.0, 60 * KMH
     from_m, v_mps = at_m - 100.0, 75 * KMH
@@ -563,7 +580,7 @@ def test_a_brake_that_ends_hardly_above_its_speed_does_not_grow() -> None:
     first = brakes.shown(NeededBrake(needed, target_mps, at_m), TrainState(ns(0), from_m, v_mps)).effort_ratio
     slowed_mps2 = brakes.lasts(brake_of(-first, 0.0), TrainState(ns(5), at_m - 40.0, target_mps))
     near_mps = math.sqrt((target_mps + 0.25) ** 2 + 2.0 * target_mps / slowed_mps2[0] * 40.0)
-    near, far_above = (TrainState(ns(5), at_m - 40.0, near_mps + more) for more in (0.0, 0.8))
+    near, far_above = (TrainState(ns(5), at_m - 40.0, near_mps + more) for more in (0.0, 0.5))
     asked = brakes.ahead.effort_to(near.s_m, near.v_mps, at_m, target_mps)
     assert asked > -first
     assert brakes.shown(NeededBrake(asked, target_mps, at_m), near).effort_ratio == first
