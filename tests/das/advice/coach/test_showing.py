@@ -549,10 +549,31 @@ def test_a_brake_that_must_grow_asks_for_friction_only_where_the_motors_are_not_
 
 def test_who_is_braked_already_is_told_no_higher_speed_by_a_limit_that_asks_for_more() -> None:
     """A brake to a standstill that must be stronger for a limit on its way stays a brake to a standstill."""
-    brakes, end_m = ShownBrakes(section(), SETTINGS), section().end_m
-    v_mps = 0.95 * float(np.interp(end_m - 300.0, section().node_m, section().envelope_mps))
-    state = TrainState(ns(0), end_m - 300.0, v_mps)
-    assert brakes.safe(brake_of(0.05, 0.0), state, v_mps).speed_mps == 0.0
+    here = section_of(BUNDLED[1])
+    brakes = ShownBrakes(here, SETTINGS)
+    falls = np.flatnonzero(np.diff(here.envelope_mps) < -0.05)
+    state = next(
+        TrainState(ns(0), float(here.node_m[k]), float(here.envelope_mps[k]))
+        for k in falls
+        if 1.0 < brakes.ahead.needed(float(here.node_m[k]), float(here.envelope_mps[k])).target_mps < math.inf
+    )
+    needed = brakes.ahead.needed(state.s_m, state.v_mps)
+    found = brakes.safe(brake_of(0.05, 0.0), state, state.v_mps)
+    assert (found.speed_mps, -found.effort_ratio >= needed.effort) == (0.0, True)
+    assert brakes.safe(brake_of(0.05, 40.0), state, state.v_mps).speed_mps == needed.target_mps
+
+
+def test_a_brake_that_has_not_begun_needs_more_by_the_build_up(display: Shown) -> None:
+    """Half of the build-up is driven unbraked; a brake that is shown already has it behind it."""
+    schedule, begin_m = display.schedule, display.schedule.begin_m(3)
+    braking, state = schedule.section.braking, TrainState(ns(0), begin_m, schedule.speed_at(begin_m))
+    assert braking is not None
+    brakes = ShownBrakes(schedule.section, SETTINGS)
+    new = brakes.needed(schedule, 3, state, 0.0, brakes=False)
+    later_m = begin_m + 0.5 * braking.build_up_s * state.v_mps
+    assert new.effort == brakes.ahead.effort_to(later_m, state.v_mps, section().end_m, 0.0)
+    brakes.shown(new, state)
+    assert brakes.needed(schedule, 3, state, 0.0, brakes=True).effort < new.effort
 
 
 def test_a_brake_to_a_lower_speed_begins_as_strong_as_a_late_answer_needs() -> None:
