@@ -47,8 +47,9 @@ class WhatIfAsked:
         list[str] | None,
         typer.Option(
             "--restriction",
-            metavar="KM-KM:KM/H",
-            help="One more temporary restriction, known from the beginning; may be given several times.",
+            metavar="KM-KM:KM/H[@HH:MM-HH:MM]",
+            help="One more temporary restriction, known from the beginning, with a window (UTC) if it has one; may be "
+            "given several times.",
         ),
     ] = None
     without_restrictions: Annotated[
@@ -63,13 +64,12 @@ class WhatIfAsked:
         ),
     ] = None
 
-    @property
-    def otherwise(self) -> Otherwise:
-        """The same checked; DasError for a restriction that cannot be meant."""
+    def otherwise(self, departure_ns: int = 0) -> Otherwise:
+        """The same checked, on the day of a departure (ns since 1970); DasError for a restriction that nobody means."""
         return Otherwise(
             cab=self.cab,
             driven=self.driven,
-            restrictions=tuple(map(read_restriction, self.restriction or ())),
+            restrictions=tuple(read_restriction(one, departure_ns) for one in self.restriction or ()),
             without_restrictions=self.without_restrictions,
         )
 
@@ -91,7 +91,7 @@ def what_if(
     What is not said stays as it was. With nothing otherwise, the new recording holds the same messages.
     """
     check_outputs(out, inputs=(file,), overwrite=overwrite)
-    new = asked.otherwise
+    asked.otherwise()  # Before anything is read or solved.
     interrupt_on_termination()
     with loading_solver():
         from sim.runs.what_if.difference import changed
@@ -100,6 +100,7 @@ def what_if(
     with tempfile.TemporaryDirectory(prefix="das-what-if-") as folder:
         with busy(f"reading {file} …"):
             origin = Origin.read(file, of_train, Path(folder))
+        new = asked.otherwise(origin.journey.stops[0].departure_ns)
         origin.check_on_the_way(new)
         kind = _kind(origin, new, asked.anew)
         with _place(file, out) as written:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Annotated, Any, Final
 
 import typer
@@ -24,7 +24,9 @@ KEPT_OF_CAB: Final = frozenset({"load", "planning_brake", "below_limit"})
 """The changes of the cab that a what-if keeps in its metadata; its train and the losses are in the attached files."""
 SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
 """Range of the limits that can be asked for."""
-_RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)")
+MINUTE_NS: Final = 60 * 10**9
+DAY_NS: Final = 24 * 60 * MINUTE_NS
+_RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)(?:@(\d\d):(\d\d)-(\d\d):(\d\d))?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,17 +161,36 @@ class Otherwise:
 
 
 def _described(one: Restriction) -> str:
-    return f"restriction to {kmh(one.limit_mps):g} km/h, km {one.start_m / KM:g} to {one.end_m / KM:g}"
+    return (
+        f"restriction to {kmh(one.limit_mps):g} km/h, km {one.start_m / KM:g} to {one.end_m / KM:g}{one.window_words()}"
+    )
 
 
-def read_restriction(text: str) -> Restriction:
-    """The restriction that a text like "12.5-14:80" names: from km to km, and km/h; DasError for any other text."""
+def read_restriction(text: str, departure_ns: int = 0) -> Restriction:
+    """The restriction that a text names: "12.5-14:80" (km, km/h), or "12.5-14:80@08:10-08:25" with a window of UTC.
+
+    The window is that of the day of a departure (ns since 1970). Raises DasError for any other text.
+    """
     found = _RESTRICTION.fullmatch(text.strip())
     if found is None:
-        raise DasError(f"--restriction {text}: expected km-km:km/h, for example 12.5-14:80")
-    start_km, end_km, limit_kmh = map(float, found.groups())
+        raise DasError(f"--restriction {text}: expected km-km:km/h, for example 12.5-14:80 or 12.5-14:80@08:10-08:25")
+    start_km, end_km, limit_kmh = map(float, found.groups()[:3])
     if not start_km < end_km:
         raise DasError(f"--restriction {text}: expected an end behind the start")
     if not SLOWEST_KMH <= limit_kmh <= FASTEST_KMH:
         raise DasError(f"--restriction {text}: expected a limit of {SLOWEST_KMH:g} to {FASTEST_KMH:g} km/h")
-    return Restriction(start_km * KM, end_km * KM, limit_kmh * KMH)
+    one = Restriction(start_km * KM, end_km * KM, limit_kmh * KMH)
+    if found.group(4) is None:
+        return one
+    from_hour, from_min, until_hour, until_min = map(int, found.groups()[3:])
+    if max(from_hour, until_hour) > 23 or max(from_min, until_min) > 59:
+        raise DasError(f"--restriction {text}: expected clock times from 00:00 to 23:59")
+    midnight_ns = departure_ns - departure_ns % DAY_NS
+    from_ns, until_ns = (
+        midnight_ns + (60 * h + m) * MINUTE_NS for h, m in ((from_hour, from_min), (until_hour, until_min))
+    )
+    if until_ns <= from_ns:
+        until_ns += DAY_NS  # Over midnight.
+    if until_ns <= departure_ns:
+        from_ns, until_ns = from_ns + DAY_NS, until_ns + DAY_NS
+    return replace(one, valid_from_ns=from_ns, valid_until_ns=until_ns)
