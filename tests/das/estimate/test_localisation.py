@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from das.advice import wording
 from das.domain.files.load import load_vehicle
 from das.domain.units import NS
-from das.estimate.estimate import Estimate
+from das.estimate.estimate import Estimate, Problem
 from das.estimate.fix import PositionFix, Quality, deviations
 from das.estimate.localisation import Localisation
 from das.estimate.localisation_settings import DEFAULT, OVERSPEED_RATIO, STALE_AFTER_S
-from das.estimate.problems import Problem
 from das.estimate.track_filter import WANDER_S
 from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, heard, ns, truth
 
