@@ -214,7 +214,7 @@ class Localisation:
     def _begin(self, fix: PositionFix) -> None:
         """Begin the state with what this fix says, and nothing else."""
         state = self._motion.begin(fix)
-        self._standstill = Standstill(self._settings.standstill)
+        self._noticed.standstill = Standstill(self._settings.standstill)
         self._noticed.standstill.notice(fix, deviations(fix, self._settings.sensors).speed_mps, state.v)
         self._accept(fix, state, begins=True)
 

@@ -326,6 +326,24 @@ def test_a_standing_train_stays_where_it_is_while_fixes_wander(speed_noise_mps: 
     assert np.mean(np.array(speeds) < 0.3) > 0.98
 
 
+@pytest.mark.parametrize(
+    ("s_m", "seconds"),
+    [(1_000.0, [10.0 + DEFAULT.restart.silence_s]), (9_000.0, [10.0, 11.0, 12.0, 13.0])],
+    ids=["after a silence", "where rejected fixes agree"],
+)
+def test_an_estimate_that_begins_anew_knows_of_no_standstill(s_m: float, seconds: list[float]) -> None:
+    """Nothing is left of the train that stood: the first slow fix alone may be noise."""
+    localisation = Localisation(TRAIN)
+    for second in range(10):
+        localisation.take(at(second, 1_000.0, 0.0))
+    assert localisation.moment == (1_000.0, True)
+    for second in seconds:
+        localisation.take(at(second, s_m, 0.0))
+    assert localisation.moment == (s_m, False)
+    localisation.take(at(seconds[-1] + DEFAULT.standstill.stands_after_s, s_m, 0.0))
+    assert localisation.moment == (s_m, True)
+
+
 @pytest.mark.parametrize(("sd_mps", "within_s"), [(0.05, 1.0), (0.2, 1.0), (0.3, 2.0)])
 def test_setting_off_is_noticed_at_once(sd_mps: float, within_s: float) -> None:
     localisation = Localisation(TRAIN)
