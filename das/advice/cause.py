@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from das.estimate.problems import Problem, ProblemKind
+from das.estimate.estimate import Problem, ProblemKind
 
 
 class Cause(IntEnum):

@@ -7,7 +7,7 @@ from typing import Final
 from das.advice.cause import Cause, Withdrawal
 from das.advice.passing import PassingTarget
 from das.domain.units import KM, KMH, NS
-from das.estimate.problems import Problem, ProblemKind
+from das.estimate.estimate import Problem, ProblemKind
 
 RESTRICTIONS_UNTOLD: Final = (
     "no list of restrictions has been heard yet (a site that has none says so: das-node --no-restrictions)"

@@ -18,7 +18,7 @@ from das.domain.conditions import Conditions
 from das.domain.losses import Level
 from das.domain.restriction import Restriction
 from das.domain.units import KM, NS
-from das.estimate.problems import Problem
+from das.estimate.estimate import Problem
 from das.estimate.ratios import ForceDoubt
 
 MOST_NAMED = 3

@@ -10,13 +10,12 @@ from das.cab.outputs import Estimated
 from das.domain.conditions import Conditions
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration import Calibrator
+from das.estimate.calibration import Calibrator, Recalibration
 from das.estimate.calibration_settings import DEFAULT
-from das.estimate.clock_difference import ClockDifference
+from das.estimate.clocks import ClockDifference
 from das.estimate.fix import Quality
 from das.estimate.localisation_settings import DEFAULT as LOCALISATION
 from das.estimate.ratios import Estimates, ForceDoubt
-from das.estimate.recalibration import Recalibration
 
 CLOCK = LOCALISATION.clock
 SAID_EVERY_S = 10.0

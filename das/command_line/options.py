@@ -6,8 +6,9 @@ text, the option itself defaults to None.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -15,6 +16,10 @@ from das.domain.levels import Level
 
 DEFAULT_TRAIN: Final = "train-1"
 """Name of the train on the bus where the user gives none."""
+NODE_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+"""Where a node listens that is not told otherwise."""
+RECORDER_ENDPOINT: Final = "tcp/127.0.0.1:7449"
+"""Where a recorder listens that is not told otherwise; das-node tls-init gives it the same port."""
 
 _ROUTE = "bundled route, TOML file or TTOBench track (JSON)"
 _VEHICLE = "bundled vehicle, TOML file or TTOBench train (JSON)"
@@ -86,9 +91,32 @@ BusFolderOption = Annotated[
 InsecureBusOption = Annotated[
     bool, typer.Option("--insecure-bus", help="Let --bus open the bus to the network without mutual TLS.")
 ]
+WithParentOption = Annotated[
+    int | None,
+    typer.Option("--with-parent", metavar="PID", help="End with the process of this id, which started it."),
+]
 TablesOption = Annotated[
     Path | None, typer.Option("--tables", metavar="DIR", help="Folder of tables made by das-precompute build.")
 ]
+
+
+def listen_option(default: str) -> Any:
+    """The option that says where a process listens; `default` is its endpoint where the user gives none."""
+    return typer.Option(
+        "--listen", metavar="ENDPOINT", help=f"Own endpoint on this machine [default: {default}].", show_default=False
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusPlace:
+    """Where a process speaks and hears. Each process says by a `listen` of its own which endpoint it takes."""
+
+    train: TrainOption = DEFAULT_TRAIN
+    listen: str | None = None
+    connect: ConnectOption = None
+    bus: BusFileOption = None
+    insecure_bus: InsecureBusOption = False
+
 
 # --- what comes out -----------------------------------------------------------------------------------------------
 

@@ -7,16 +7,16 @@ row of a least-squares problem for two ratios of the planned train's mass and re
 
 from __future__ import annotations
 
+from das.domain.conditions import Conditions
 from das.domain.formulary import adhesion_coefficient
 from das.domain.route import Route
+from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration_settings import DEFAULT, CalibrationSettings
-from das.estimate.checked_learner import CheckedLearner
+from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ReplanSettings
 from das.estimate.effort import Effort
-from das.estimate.pairing import Pairing
-from das.estimate.ratios import Estimates
+from das.estimate.ratios import CheckedLearner, Estimates
 from das.estimate.standstill import STANDSTILL_MPS
-from das.estimate.window import LineIntegral, Sample
+from das.estimate.window import LineIntegral, Pairing, Sample
 
 
 class Calibrator:
@@ -118,3 +118,29 @@ class Calibrator:
         driven_n, all_n = self._vehicle.adhesive_force_n, self._vehicle.braked_adhesive_force_n
         electric_n = sample.force_n - sample.friction_n
         return abs(electric_n) > carried_ratio * driven_n or abs(sample.force_n) > carried_ratio * all_n
+
+
+class Recalibration:
+    """Holds the conditions that the plan is made with, and says when the estimates call for others."""
+
+    def __init__(self, conditions: Conditions | None = None, settings: ReplanSettings = DEFAULT.replan) -> None:
+        self._planned = self.conditions = conditions or Conditions()
+        """The conditions that the plan is made with."""
+        self._settings = settings
+        self._changed_ns: int | None = None
+
+    def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
+        """Return other conditions to plan with from now on; None where those of the plan are near enough.
+
+        The conditions change at most once in `every_s` of the settings, except that doubted forces bring back those of
+        the start at once.
+        """
+        if estimates.doubt is not None and self.conditions != self._planned:
+            self.conditions = self._planned
+            return self.conditions
+        if not estimates.differs(self.conditions, self._settings):
+            return None
+        if self._changed_ns is not None and abs(now_ns - self._changed_ns) * NS < self._settings.every_s:
+            return None
+        self.conditions, self._changed_ns = estimates.applied(self.conditions), now_ns
+        return self.conditions

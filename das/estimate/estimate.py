@@ -1,11 +1,59 @@
-"""The estimate of where the train is and how fast it runs, with its uncertainty."""
+"""The estimate of where the train is and how fast it runs, with its uncertainty, and what can be wrong with it.
+
+Problems are data: the words for people are made in `das.advice.wording`.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
 
-from das.estimate.problems import Problem, ProblemKind
+
+class ProblemKind(StrEnum):
+    """Why a fix was rejected, or why the estimated position cannot be used; and what the value of the problem is."""
+
+    NO_POSITION = "no-position"
+    """No position of the train has been heard. There is no value."""
+    MARKED_UNUSABLE = "marked-unusable"
+    """The sender itself marked the fix as unusable. There is no value."""
+    NOT_A_NUMBER = "not-a-number"
+    """The fix states a position or speed that is infinite, or it states none. There is no value."""
+    SPEED_IMPOSSIBLE = "speed-impossible"
+    """The train cannot have the speed of the fix. The value is that speed (m/s)."""
+    POSITION_IMPOSSIBLE = "position-impossible"
+    """No line has the position of the fix. The value is that position (m)."""
+    TOO_UNCERTAIN = "too-uncertain"
+    """The fix states too large a standard deviation of its position to be of use. The value is that deviation (m)."""
+    UNCERTAINTY_IMPOSSIBLE = "uncertainty-impossible"
+    """The fix states a negative or absurdly large standard deviation. The value is that deviation (m or m/s)."""
+    SPEED_JUMPED = "speed-jumped"
+    """The measured speed is too far from the expected one. The value is by how much it is higher (m/s)."""
+    JUMPED = "jumped"
+    """The measured position is too far ahead of the expected one. The value is by how much (m)."""
+    JUMPED_BACK = "jumped-back"
+    """The measured position is too far behind the expected one. The value is by how much (m)."""
+    FROZEN = "frozen"
+    """The receiver repeats a position although the train moves. The value is that position (m)."""
+    STALE = "stale"
+    """The last accepted fix is too old. The value is its age (s)."""
+    RARE = "rare"
+    """Fixes come too rarely. The value is the shorter of the last two times between fixes (s)."""
+    AHEAD_OF_CLOCK = "ahead-of-clock"
+    """The last accepted fix is ahead of the clock. The value is by how much (s)."""
+    POSITION_UNCERTAIN = "position-uncertain"
+    """The estimated position is too uncertain. The value is its standard deviation (m)."""
+    SPEED_UNCERTAIN = "speed-uncertain"
+    """The estimated speed is too uncertain. The value is its standard deviation (m/s)."""
+
+
+class Problem(NamedTuple):
+    """A kind of problem and the value that belongs to it, in SI units; NaN where the kind has none."""
+
+    kind: ProblemKind
+    value: float = math.nan
+
 
 NOTHING_HEARD = Problem(ProblemKind.NO_POSITION)
 

@@ -11,19 +11,59 @@ from dataclasses import dataclass, replace
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.clock_difference import ClockDifference
-from das.estimate.clock_steps import ClockSteps
-from das.estimate.doubts import Doubts
-from das.estimate.estimate import NOTHING_HEARD, Estimate
+from das.estimate.clocks import ClockDifference, ClockSteps
+from das.estimate.estimate import NOTHING_HEARD, Estimate, Problem, ProblemKind
 from das.estimate.fix import PositionFix, deviations
-from das.estimate.frozen import FrozenReceiver
-from das.estimate.localisation_settings import DEFAULT, LocalisationSettings
-from das.estimate.plausibility import impossible, surprise
-from das.estimate.problems import Problem
-from das.estimate.standstill import Standstill
-from das.estimate.track_filter import Track
-from das.estimate.train_motion import TrainMotion
-from das.estimate.usability import Usability
+from das.estimate.localisation_settings import DEFAULT, LocalisationSettings, UseSettings
+from das.estimate.plausibility import Doubts, impossible, surprise
+from das.estimate.standstill import FrozenReceiver, Standstill
+from das.estimate.track_filter import Track, TrainMotion
+
+
+class Usability:
+    """Judges whether a state is usable, with memory: advice must not come and go with every fix."""
+
+    def __init__(self, settings: UseSettings) -> None:
+        self._settings = settings
+        self._intervals_s = (0.0, 0.0)
+        self._stale, self._vague = False, False
+
+    def accept(self, interval_s: float) -> None:
+        """Take note of an accepted fix, a time after the one before (s)."""
+        self._intervals_s = (self._intervals_s[1], interval_s)
+
+    def is_ahead(self, age_s: float) -> bool:
+        """Whether a state of this age is further ahead of the clock than clocks differ."""
+        return age_s < -self._settings.stale_after_s
+
+    def judge(self, x: Track, age_s: float, rejection: Problem | None) -> Problem | None:
+        """Return why a state cannot be used, or None.
+
+        `age_s` is the age of its last fix, and `rejection` says why fixes that are newer were rejected. A state that
+        was stale is used again when fixes come often enough; one that was too uncertain, when it is well below the
+        limits.
+        """
+        tuning = self._settings
+        rare = self._stale and min(self._intervals_s) > tuning.stale_after_s
+        self._stale = age_s > tuning.stale_after_s or rare
+        ratio = tuning.recovered_ratio if self._vague else 1.0
+        position_sd_m, speed_sd_mps = math.sqrt(x.ss), math.sqrt(x.vv)
+        place_vague = position_sd_m > ratio * tuning.largest_position_sd_m
+        speed_vague = speed_sd_mps > ratio * tuning.largest_speed_sd_mps
+        self._vague = place_vague or speed_vague
+        if self.is_ahead(age_s):
+            return Problem(ProblemKind.AHEAD_OF_CLOCK, -age_s)
+        if self._stale:
+            return rejection or self._too_old(age_s)
+        if place_vague:
+            return Problem(ProblemKind.POSITION_UNCERTAIN, position_sd_m)
+        return Problem(ProblemKind.SPEED_UNCERTAIN, speed_sd_mps) if speed_vague else None
+
+    def _too_old(self, age_s: float) -> Problem:
+        """Return the problem of a stale state: its last fix is too old, or its fixes come too rarely."""
+        if age_s > self._settings.stale_after_s:
+            return Problem(ProblemKind.STALE, age_s)
+        return Problem(ProblemKind.RARE, min(self._intervals_s))
 
 
 @dataclass(kw_only=True)
@@ -180,7 +220,7 @@ class Localisation:
     def _begin(self, fix: PositionFix) -> None:
         """Begin the state with what this fix says, and nothing else."""
         state = self._motion.begin(fix)
-        self._standstill = Standstill(self._settings.standstill)
+        self._noticed.standstill = Standstill(self._settings.standstill)
         self._noticed.standstill.notice(fix, deviations(fix, self._settings.sensors).speed_mps, state.v)
         self._accept(fix, state, begins=True)
 

@@ -1,15 +1,17 @@
-"""Whether a fix can be true: by itself, after what is expected, and after another fix."""
+"""Whether a fix can be true: by itself, after what is expected, and after another fix.
+
+Rejected fixes are collected as well: enough of them that agree with each other show that the estimate was wrong.
+"""
 
 from __future__ import annotations
 
 import math
 
 from das.domain.units import NS
-from das.estimate import track_filter
+from das.estimate.estimate import Problem, ProblemKind
 from das.estimate.fix import PositionFix, Quality, deviations
 from das.estimate.localisation_settings import Deviations, GateSettings, LocalisationSettings, PossibleSettings
-from das.estimate.problems import Problem, ProblemKind
-from das.estimate.track_filter import Track
+from das.estimate.track_filter import Track, position_variance
 
 
 def impossible(fix: PositionFix, settings: PossibleSettings, *, fastest_mps: float, has_state: bool) -> Problem | None:
@@ -56,7 +58,7 @@ def surprise(
 
 def _gate_m(x: Track, sds: Deviations, gate: GateSettings) -> float:
     """Return how far (m) a measured position may lie off the position of a state."""
-    return max(gate.sds * math.sqrt(track_filter.position_variance(x) + sds.position_m**2), gate.least_m)
+    return max(gate.sds * math.sqrt(position_variance(x) + sds.position_m**2), gate.least_m)
 
 
 def follows(before: PositionFix, fix: PositionFix, settings: LocalisationSettings, fastest_mps: float) -> bool:
@@ -70,3 +72,44 @@ def follows(before: PositionFix, fix: PositionFix, settings: LocalisationSetting
     gate, position_sd_m = settings.gate, deviations(fix, settings.sensors).position_m
     slack_m = max(gate.sds * position_sd_m, gate.least_m) + settings.motion.hard_mps2 * span_s**2
     return min(speeds) * span_s - slack_m <= way_m <= max(speeds) * span_s + slack_m
+
+
+class Doubts:
+    """Collects rejected fixes in a row that agree with each other, and says when there are enough to begin anew."""
+
+    def __init__(self, settings: LocalisationSettings, fastest_mps: float) -> None:
+        self._settings, self._fastest_mps = settings, fastest_mps
+        self._first: PositionFix | None = None
+        self._last: PositionFix | None = None
+        self._count = 0
+
+    def outlast(self, time_ns: int) -> bool:
+        """Whether there are rejected fixes that are not yet too old at a time."""
+        last = self._last
+        return last is not None and (time_ns - last.time_ns) * NS <= self._settings.restart.silence_s
+
+    def add(self, fix: PositionFix) -> bool:
+        """Add a rejected fix; return whether the estimate has to begin anew with it.
+
+        A fix that does not agree with the first and the last collected one replaces them all. A fix that is not newer
+        than the last one changes nothing.
+        """
+        first, last = self._first, self._last
+        if first is None or last is None:
+            first, self._count = fix, 0
+        elif fix.time_ns <= last.time_ns:
+            return False
+        elif not (self._follow(last, fix) and self._follow(first, fix)):
+            first, self._count = fix, 0
+        self._first, self._last = first, fix
+        self._count += 1
+        enough = self._settings.restart
+        return self._count >= enough.fixes and (fix.time_ns - first.time_ns) * NS >= enough.span_s
+
+    def clear(self) -> None:
+        """Forget all rejected fixes, because a fix was accepted."""
+        self._first = self._last = None
+        self._count = 0
+
+    def _follow(self, before: PositionFix, fix: PositionFix) -> bool:
+        return follows(before, fix, self._settings, self._fastest_mps)

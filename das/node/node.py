@@ -1,18 +1,129 @@
-"""The node: wiring between the bus, a clock and the cab. Every decision is the cab's."""
+"""The node: wiring between the bus, a clock and the cab. Every decision is the cab's.
+
+The clock is the wall's, or the one of a simulation that is heard on the bus.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any, Protocol
 
 from das.bus import codec
 from das.bus.received import Received
 from das.bus.session import Bus
-from das.bus.topics import STATUS
+from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, STATUS, TARGET
 from das.cab.cab import Cab
 from das.cab.heard import ClockSet, Kind, NodeSeen, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Severity, Status
 from das.command_line.printing import say
-from das.node.clock import Clock
+from das.domain.clocks import WALL, Clocks
+from das.domain.units import NS
+
+LEAST_STEP_S = 0.05
+"""A wall clock that differs from the seconds that never jump by less than this was not set, but read a little later."""
+
+
+class Clock(Protocol):
+    """What a node asks of its clock."""
+
+    is_wall: bool
+    """Whether the node advises by real time, without being asked."""
+
+    def now_ns(self) -> int:
+        """The time (ns since 1970) for what is said; 0 before it is known."""
+
+    def judged_at_ns(self) -> int:
+        """The time (ns since 1970) by which messages are judged; 0 before it is known."""
+
+    def set_by_s(self) -> float:
+        """By how much the clock was set since this was last asked (s; < 0: back; 0: not, or nobody can tell)."""
+
+    def note(self, received: Received) -> None:
+        """Take note of a message that has been taken."""
+
+    def due(self) -> Any | None:
+        """The Control message that is to be answered now."""
+
+
+class WallClock:
+    """Real time, or another clock that is injected."""
+
+    is_wall = True
+
+    def __init__(self, clocks: Clocks = WALL) -> None:
+        self.now_ns = self.judged_at_ns = clocks.now_ns
+        self._seconds = clocks.seconds
+        self._began_s = self._ahead_s()
+
+    def _ahead_s(self) -> float:
+        """The time of day less the seconds that never jump (s)."""
+        return self.now_ns() * NS - self._seconds()
+
+    def set_by_s(self) -> float:
+        """By how much somebody set the clock since this was last asked, told by the seconds that never jump."""
+        step_s = self._ahead_s() - self._began_s
+        if abs(step_s) < LEAST_STEP_S:
+            return 0.0
+        self._began_s += step_s
+        return step_s
+
+    def note(self, received: Received) -> None:
+        """Messages do not move this clock."""
+
+    def due(self) -> None:
+        """Nobody asks for advice by this clock."""
+
+
+class BusClock:
+    """The clock of a replay or simulation: a Control message tells the time, and asks for one advice.
+
+    It is answered as soon as all restrictions and targets are heard that were sent before it. Journeys do not tell the
+    time by which messages are judged: theirs may be of long before.
+    """
+
+    is_wall = False
+
+    def __init__(self) -> None:
+        self._now_ns = self._control_ns = 0
+        self._heard_ns = {RESTRICTION.name: 0, TARGET.name: 0}
+        self._held: Any | None = None
+
+    def now_ns(self) -> int:
+        """The last time heard on the bus (ns since 1970; 0 before the first)."""
+        return self._now_ns
+
+    def judged_at_ns(self) -> int:
+        """The time of the last Control message answered (ns since 1970; 0 before the first)."""
+        return self._control_ns
+
+    def set_by_s(self) -> float:
+        """Nobody can tell whether a clock that is heard was set."""
+        return 0.0
+
+    def note(self, received: Received) -> None:
+        """Take note of a message: a Control is held until it can be answered."""
+        topic, message = received.topic, received.message
+        if message is None:
+            return
+        if topic is CONTROL:
+            self._held = message
+        elif topic is JOURNEY:
+            self._now_ns = max(self._now_ns, message.time_ns)
+        elif topic.name in self._heard_ns:
+            self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
+
+    def due(self) -> Any | None:
+        """The Control message that can be answered now; from now on its time is the clock's."""
+        control = self._held
+        if control is None:
+            return None
+        wanted = {RESTRICTION.name: control.restrictions_ns, TARGET.name: control.targets_ns}
+        if any(self._heard_ns[name] < time_ns for name, time_ns in wanted.items()):
+            return None
+        self._held = None
+        self._now_ns = self._control_ns = control.time_ns
+        return control
+
 
 CAUGHT_UP = 1_000
 """At most so many messages are taken at the start, before a section is prepared."""

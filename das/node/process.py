@@ -9,7 +9,6 @@ import contextlib
 import ctypes
 import sys
 import time
-from dataclasses import dataclass
 
 from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
@@ -17,45 +16,35 @@ from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.outputs import NodeState
 from das.cab.warm_up import warm_up, warm_up_tables
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
+from das.command_line.options import NODE_ENDPOINT
 from das.command_line.printing import say
 from das.command_line.running import StopFlag, interrupt_on_termination
 from das.node.building import plan_cab
-from das.node.clock import BusClock, Clock, WallClock
-from das.node.node import Node
-from das.node.options import OWN_ENDPOINT, AdviceGiven, ClockKind, NodeOptions
+from das.node.command import AdviceGiven, ClockKind, NodeOptions
+from das.node.node import BusClock, Clock, Node, WallClock
 
-
-@dataclass(frozen=True, kw_only=True)
-class LoopSettings:
-    """How often the loop looks up."""
-
-    look_s: float = 0.1
-    """The loop looks up at least this often."""
-    search_look_s: float = 0.005
-    """The loop looks up this often while a front is being looked for."""
-    least_gap_s: float = 0.05
-    """However fast the world changes, advice out of turn comes no faster than this."""
-    waiting_said_every_s: float = 1.0
-    """A node that waits for a journey by the clock of the bus says so this often."""
-
-
-DEFAULT = LoopSettings()
+LOOK_S = 0.1
+"""The loop looks up at least this often."""
+SEARCH_LOOK_S = 0.005
+"""The loop looks up this often while a front is being looked for."""
+LEAST_GAP_S = 0.05
+"""However fast the world changes, advice out of turn comes no faster than this."""
+WAITING_SAID_EVERY_S = 1.0
+"""A node that waits for a journey by the clock of the bus says so this often."""
 SWITCH_S = 0.0005
 """The thread that looks for a front hands over to the one that advises so often."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
 """Of glibc's mallopt: blocks from this size on are mapped, and unmapped when freed."""
 
 
-def run(
-    node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float, settings: LoopSettings = DEFAULT
-) -> None:
+def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) -> None:
     """Answer until told to stop. By the wall clock advice comes once a period, and when the world changes."""
     due, last, said = time.monotonic() + period_s, 0.0, 0.0
     by_wall = node.clock.is_wall
     while not stop.stopped and not node.finished:
-        longest_s = settings.search_look_s if node.cab.urgent or node.cab.searching else settings.look_s
-        wait_s = min(max(due - time.monotonic(), 0.0), longest_s) if by_wall else settings.look_s
+        longest_s = SEARCH_LOOK_S if node.cab.urgent or node.cab.searching else LOOK_S
+        wait_s = min(max(due - time.monotonic(), 0.0), longest_s) if by_wall else LOOK_S
         received = node.bus.receive(wait_s, skip_outdated=True)
         node.look_around()
         if received is not None:
@@ -63,12 +52,12 @@ def run(
         for text in refusals.take() if refusals else ():
             node.event(text)
         now = time.monotonic()
-        if by_wall and (now >= due or (node.cab.urgent and now - last >= settings.least_gap_s)):
+        if by_wall and (now >= due or (node.cab.urgent and now - last >= LEAST_GAP_S)):
             node.tick(node.clock.now_ns())
             last = now
             if now >= due:
                 due = max(due + period_s, now)
-        elif not by_wall and not node.cab.has_journey and now - said > settings.waiting_said_every_s:
+        elif not by_wall and not node.cab.has_journey and now - said > WAITING_SAID_EVERY_S:
             node.status(NodeState.WAITING, "waiting for a journey")
             said = now
 
@@ -85,7 +74,7 @@ def serve(options: NodeOptions) -> None:
     """Run a node until it is told to stop. Raises DasError for anything that cannot be used."""
     place, advice = options.place, options.advice
     file = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
-    listen = None if file else check_endpoint(place.listen or OWN_ENDPOINT)
+    listen = None if file else check_endpoint(place.listen or NODE_ENDPOINT)
     prepare_process()
     interrupt_on_termination()
     plan = plan_cab(options)

@@ -10,38 +10,15 @@ from typing import Annotated
 import typer
 
 from das.command_line.application import single_command
-from das.command_line.options import (
-    DEFAULT_TRAIN,
-    BusFileOption,
-    ConnectOption,
-    InsecureBusOption,
-    TrainOption,
-)
+from das.command_line.options import RECORDER_ENDPOINT, BusPlace, WithParentOption, listen_option
 from das.command_line.running import run_command
-
-OWN_ENDPOINT = "tcp/127.0.0.1:7449"
-"""Where the recorder listens; das-node tls-init gives it the same port."""
-NODE_ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where a node listens that is not told otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class BusHeard:
+class RecorderPlace(BusPlace):
     """Where the recorder hears."""
 
-    train: TrainOption = DEFAULT_TRAIN
-    listen: Annotated[
-        str | None,
-        typer.Option(
-            "--listen",
-            metavar="ENDPOINT",
-            help=f"Own endpoint on this machine [default: {OWN_ENDPOINT}].",
-            show_default=False,
-        ),
-    ] = None
-    connect: ConnectOption = None
-    bus: BusFileOption = None
-    insecure_bus: InsecureBusOption = False
+    listen: Annotated[str | None, listen_option(RECORDER_ENDPOINT)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +49,7 @@ class FileMade:
 class RecorderOptions:
     """All of it."""
 
-    place: BusHeard
+    place: RecorderPlace
     made: FileMade
     start_ns: Annotated[
         int | None,
@@ -82,10 +59,7 @@ class RecorderOptions:
             help="The run's clock before its first Control message, ns since 1970 [default: the time of day].",
         ),
     ] = None
-    with_parent: Annotated[
-        int | None,
-        typer.Option("--with-parent", metavar="PID", help="End with the process of this id, which started it."),
-    ] = None
+    with_parent: WithParentOption = None
 
 
 EXAMPLES = (

@@ -13,11 +13,12 @@ from das.bus.refusals import Refusals
 from das.bus.scanning import begun
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import RECORDED, RECORDER
+from das.command_line.options import NODE_ENDPOINT, RECORDER_ENDPOINT
 from das.command_line.printing import say
 from das.command_line.running import StopFlag
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from das.recorder.command import NODE_ENDPOINT, OWN_ENDPOINT, FileMade, RecorderOptions
+from das.recorder.command import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
 """Messages that may wait while the disk is slow; beyond that the oldest are lost, and counted."""
@@ -38,7 +39,7 @@ def record(options: RecorderOptions) -> None:
 def _bus(options: RecorderOptions) -> Bus:
     place = options.place
     file: BusFile | None = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
-    listen = None if file else check_endpoint(place.listen or OWN_ENDPOINT)
+    listen = None if file else check_endpoint(place.listen or RECORDER_ENDPOINT)
     connect = [check_endpoint(one) for one in place.connect or ([] if file or place.listen else [NODE_ENDPOINT])]
     if file is not None:
         Refusals().listen()

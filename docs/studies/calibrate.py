@@ -26,8 +26,7 @@ from rich.table import Table
 from scipy import optimize
 
 from das.command_line.application import single_command
-from das.command_line.compiling import loading_solver
-from das.command_line.loading import load_vehicle
+from das.command_line.loading import load_vehicle, loading_solver
 from das.command_line.options import JsonOption, OutFolderOption, OverwriteOption
 from das.command_line.printing import busy, error_console, print_table, tell
 from das.command_line.running import run_app

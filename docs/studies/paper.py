@@ -11,10 +11,9 @@ from typing import Annotated, Any, Final
 import typer
 
 from das.command_line.application import single_command
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.options import JsonOption, OutFolder
-from das.command_line.printing import paragraph, tell
-from das.command_line.progress import shown
+from das.command_line.printing import paragraph, shown, tell
 from das.command_line.running import run_app
 from das.domain.errors import DasError
 from das.solver.warm_up import warm_up

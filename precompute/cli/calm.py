@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy
 from das.domain.errors import DasError

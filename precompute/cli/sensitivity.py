@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.outputs import offscreen_pyplot
-from das.command_line.printing import busy, tell
-from das.command_line.progress import shown
+from das.command_line.printing import busy, shown, tell
 from precompute.cli.options import Pose, TableFiles, TripTime
 
 if TYPE_CHECKING:

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.outputs import check_outputs
-from das.command_line.printing import busy
-from das.command_line.progress import progress_bar
+from das.command_line.printing import busy, progress_bar
 from das.domain.errors import DasError
 from precompute.baselines.strategy import Strategy
 from precompute.cli.options import (

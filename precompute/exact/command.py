@@ -14,8 +14,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from das.command_line.printing import paragraph, print_table, tell
-from das.command_line.progress import progress_bar
+from das.command_line.printing import paragraph, print_table, progress_bar, tell
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.options import (
     DEFAULT_TRAIN,
     BusFolderOption,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.outputs import check_outputs, check_picture
 from das.command_line.printing import busy, paragraph, print_table, tell, typed

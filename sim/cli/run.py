@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.options import (
     DEFAULT_TRAIN,
     BusFolderOption,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 from das.command_line.options import (
     DEFAULT_TRAIN,
     FromOption,

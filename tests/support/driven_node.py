@@ -16,8 +16,7 @@ from das.cab.orders import Post
 from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.files.load import load_route, load_vehicle
-from das.node.clock import BusClock
-from das.node.node import Node
+from das.node.node import BusClock, Node
 
 TRAIN = "T1"
 START_NS = 1_800_000_000_000_000_000

@@ -21,7 +21,7 @@ from das.cab.outputs import NodeState, Output
 from das.command_line.application import single_command
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
-from das.node.options import AdviceGiven, BusPlace, ClockKind, LineServed, NodeOptions, TrainServed
+from das.node.command import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
 from sim.recording.check import restarts_of
 from sim.recording.inputs import AttachedFiles
 from sim.recording.metadata import NODE_ARGUMENTS
@@ -45,7 +45,7 @@ class NodeGiven:
         """The same as options; raises DasError where they are none of this version's node."""
         kept: list[NodeOptions] = []
 
-        def keep(line: LineServed, driven: TrainServed, place: BusPlace, advice: AdviceGiven) -> None:
+        def keep(line: LineServed, driven: TrainServed, place: NodePlace, advice: AdviceGiven) -> None:
             kept.append(NodeOptions(line=line, driven=driven, place=place, advice=advice))
 
         try:

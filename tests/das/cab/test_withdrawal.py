@@ -10,8 +10,7 @@ import pytest
 from das.advice import wording
 from das.advice.cause import OF_PROBLEM, Cause
 from das.cab.withdrawal import LegFacts, Trust, decide
-from das.estimate.estimate import Estimate
-from das.estimate.problems import Problem, ProblemKind
+from das.estimate.estimate import Estimate, Problem, ProblemKind
 from tests.support.making import REPOSITORY
 
 HERE = Estimate(time_ns=100, fix_time_ns=100, s_m=500.0, speed_mps=10.0, problem=None)

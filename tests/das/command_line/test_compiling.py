@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.compiling import COMPILING, LOADING
+from das.command_line.loading import COMPILING, LOADING
 
 PROGRAM = """
 import sys
-from das.command_line.compiling import loading_solver
+from das.command_line.loading import loading_solver
 with loading_solver():
     import numpy as np
     from kernel import twice

@@ -20,12 +20,10 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Route, Tunnel, Zone
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.belief import Belief
-from das.estimate.calibration import Calibrator
+from das.estimate.calibration import Calibrator, Recalibration
 from das.estimate.calibration_settings import DEFAULT
 from das.estimate.effort import Effort
-from das.estimate.ratios import Estimates
-from das.estimate.recalibration import Recalibration
+from das.estimate.ratios import Belief, Estimates
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import COAST, Patch, Plant, PlantState, force

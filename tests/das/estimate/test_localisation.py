@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from das.advice import wording
 from das.domain.files.load import load_vehicle
 from das.domain.units import NS
-from das.estimate.estimate import Estimate
+from das.estimate.estimate import Estimate, Problem
 from das.estimate.fix import PositionFix, Quality, deviations
 from das.estimate.localisation import Localisation
 from das.estimate.localisation_settings import DEFAULT, OVERSPEED_RATIO, STALE_AFTER_S
-from das.estimate.problems import Problem
 from das.estimate.track_filter import WANDER_S
 from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, heard, ns, truth
 
@@ -325,6 +324,24 @@ def test_a_standing_train_stays_where_it_is_while_fixes_wander(speed_noise_mps: 
     # The fixes wander over 30 m and more; a speed that looks like setting off lets a new one have its say.
     assert np.ptp(places) < (8.0 if speed_noise_mps else 1e-9)
     assert np.mean(np.array(speeds) < 0.3) > 0.98
+
+
+@pytest.mark.parametrize(
+    ("s_m", "seconds"),
+    [(1_000.0, [10.0 + DEFAULT.restart.silence_s]), (9_000.0, [10.0, 11.0, 12.0, 13.0])],
+    ids=["after a silence", "where rejected fixes agree"],
+)
+def test_an_estimate_that_begins_anew_knows_of_no_standstill(s_m: float, seconds: list[float]) -> None:
+    """Nothing is left of the train that stood: the first slow fix alone may be noise."""
+    localisation = Localisation(TRAIN)
+    for second in range(10):
+        localisation.take(at(second, 1_000.0, 0.0))
+    assert localisation.moment == (1_000.0, True)
+    for second in seconds:
+        localisation.take(at(second, s_m, 0.0))
+    assert localisation.moment == (s_m, False)
+    localisation.take(at(seconds[-1] + DEFAULT.standstill.stands_after_s, s_m, 0.0))
+    assert localisation.moment == (s_m, True)
 
 
 @pytest.mark.parametrize(("sd_mps", "within_s"), [(0.05, 1.0), (0.2, 1.0), (0.3, 2.0)])

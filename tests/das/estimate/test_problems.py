@@ -8,7 +8,7 @@ import pytest
 
 from das.advice import wording
 from das.advice.cause import OF_PROBLEM, Cause, Withdrawal
-from das.estimate.problems import Problem, ProblemKind
+from das.estimate.estimate import Problem, ProblemKind
 
 WITHOUT_A_FIGURE = {ProblemKind.NO_POSITION, ProblemKind.MARKED_UNUSABLE, ProblemKind.NOT_A_NUMBER}
 POSITION_CAUSES = {

@@ -6,8 +6,7 @@ from das.bus import das_pb2
 from das.bus.topics import EVENT, JOURNEY, POSITION, RESTRICTION
 from das.domain.clocks import Clocks
 from das.domain.units import NS
-from das.node.clock import BusClock, WallClock
-from das.node.node import Node
+from das.node.node import BusClock, Node, WallClock
 from tests.support.driven_node import START_NS, DrivenNode, S, journey
 
 

@@ -9,7 +9,7 @@ import pytest
 from das.advice.cause import Cause
 from das.bus import das_pb2
 from das.bus.topics import POSITION
-from das.estimate.clock_difference import ClockDifference
+from das.estimate.clocks import ClockDifference
 from das.estimate.localisation_settings import DEFAULT
 from tests.support.driven_node import START_NS, DrivenNode, S
 

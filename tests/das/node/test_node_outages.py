@@ -25,8 +25,7 @@ from das.cab.orders import Post
 from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.errors import DasError
-from das.node.clock import WallClock
-from das.node.node import Node
+from das.node.node import Node, WallClock
 from sim.world.processes import Process
 from tests.das.node.test_node import until
 from tests.support.driven_node import FRONTS, ROUTE, START_NS, TRAIN, VEHICLE, S, Sink, journey
